@@ -1,0 +1,463 @@
+"""Design: what we believe about the drive. Frozen parts, read from and written to TOML without loss."""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from pmsm_ctrl.errors import DesignError, nearest
+from pmsm_ctrl.files import write_text
+from pmsm_ctrl.units import DATASHEET, psi_f_from, torque_constant
+
+__all__ = [
+    "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Design", "Drive", "EffectEntry", "Load", "LogMap",
+    "Loops", "Motor", "PositionLoop", "Sensor", "SpeedLoop",
+]  # fmt: skip
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0, lt=1)]
+
+
+def _convert_datasheet(data: dict[str, Any], part: str) -> dict[str, Any]:
+    """Replace datasheet names by SI fields; two names for one field are an error."""
+    fields = (Motor if part == "motor" else Drive).model_fields
+    out: dict[str, Any] = {}
+    origin: dict[str, str] = {}
+    for key, value in data.items():
+        sheet = DATASHEET.get(key)
+        targets = {key: value}
+        if sheet is not None:
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"{key} must be a number ({sheet.meaning}), not {value!r}")
+            pole_pairs = data.get("p")
+            if sheet.per_pole_pair and (not isinstance(pole_pairs, int) or pole_pairs < 1):
+                raise ValueError(f"{key} needs the pole pairs p, an integer of at least 1")
+            si = sheet.to_si(value, pole_pairs or 1)
+            targets = {"L_d": si, "L_q": si} if sheet.field == "L" else {sheet.field: si}
+        for name, converted in targets.items():
+            if name in origin:
+                raise ValueError(f"{key} and {origin[name]} both determine {name}; keep one")
+            if sheet is not None and name not in fields:
+                raise ValueError(f"{key} does not belong in [{part}]")
+            origin[name] = key
+            out[name] = converted
+    return out
+
+
+class Part(BaseModel):
+    """A frozen part of a design; an unknown field is an error, and so is a text where a number belongs."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Motor(Part):
+    """The machine. Either its electrical data are known, or only its torque constant `K_t` (a plain axis).
+
+    Datasheet names of `pmsm_ctrl.units.DATASHEET` (``J_kg_cm2``, ``K_t_rms``, ``L_line_to_line_mH``, ...) are
+    accepted in place of the SI fields and converted once, here.
+    """
+
+    J: Positive = Field(description="rotor inertia, kg m^2 (moving mass in kg for a linear axis)")
+    p: int | None = Field(default=None, ge=1, description="pole pairs")
+    psi_f: Positive | None = Field(default=None, description="permanent-magnet flux linkage, Wb")
+    R: Positive | None = Field(default=None, description="phase resistance, Ohm")
+    L_d: Positive | None = Field(default=None, description="direct-axis inductance, H")
+    L_q: Positive | None = Field(default=None, description="quadrature-axis inductance, H")
+    K_t: Positive | None = Field(
+        default=None, description="torque per unit of the drive signal where no electrical data are known"
+    )
+    tolerance: dict[str, Fraction] = Field(
+        default_factory=lambda: {"J": 0.15, "psi_f": 0.07, "R": 0.15, "L_d": 0.2, "L_q": 0.2},
+        description="relative datasheet tolerance of each parameter",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_datasheet(cls, data: Any) -> Any:
+        return _convert_datasheet(data, "motor") if isinstance(data, dict) else data
+
+    @model_validator(mode="after")
+    def _complete(self) -> Motor:
+        electrical = {name: getattr(self, name) for name in ("p", "psi_f", "R", "L_d", "L_q")}
+        missing = [name for name, value in electrical.items() if value is None]
+        if len(missing) == len(electrical) and self.K_t is None:
+            raise ValueError("give p, psi_f (or K_t_peak, K_e_...), R, L_d and L_q, or K_t alone for a plain axis")
+        if missing and len(missing) < len(electrical):
+            raise ValueError(f"electrical data incomplete: {', '.join(missing)} missing")
+        if not missing and self.K_t is not None:
+            raise ValueError("K_t follows from p and psi_f; name it K_t_peak or K_t_rms to derive psi_f from it")
+        return self
+
+    @property
+    def electrical(self) -> bool:
+        """Whether resistance, inductances, flux and pole pairs are known."""
+        return self.R is not None
+
+    @property
+    def torque_constant(self) -> float:
+        """K_t in N m per ampere peak: 1.5 p psi_f, or the plain axis' constant."""
+        if self.p is not None and self.psi_f is not None:
+            return torque_constant(self.p, self.psi_f)
+        assert self.K_t is not None  # guaranteed by _complete
+        return self.K_t
+
+
+class Load(Part):
+    """What hangs on the motor."""
+
+    J: NonNegative = Field(default=0.0, description="load inertia at the load's own shaft, kg m^2")
+    gear: Positive = Field(default=1.0, description="motor turns per load turn")
+
+
+class Drive(Part):
+    """Power stage and sampling of the drive."""
+
+    u_dc: Positive = Field(default=560.0, description="dc-link voltage, V")
+    i_max: Positive = Field(default=math.inf, description="current limit, A peak", allow_inf_nan=True)
+    f_control: Positive = Field(default=16000.0, description="current control rate = PWM rate, Hz")
+    speed_divider: int = Field(default=4, ge=1, description="current periods per speed and position period")
+    delay_periods: int = Field(default=1, ge=0, le=1, description="computation delay in control periods")
+    plant_steps: int = Field(default=1, ge=1, le=64, description="integration steps per control period")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_datasheet(cls, data: Any) -> Any:
+        return _convert_datasheet(data, "drive") if isinstance(data, dict) else data
+
+
+class Sensor(Part):
+    """What the drive sees and what it records."""
+
+    encoder_counts: int = Field(default=0, ge=0, description="counts per turn (per metre, linear); 0 = ideal")
+    current_noise: NonNegative = Field(default=0.0, description="noise of the measured i_d and i_q, A rms")
+    speed_filter: NonNegative = Field(default=0.0, description="time constant of the speed filter, s")
+    log_divider: int = Field(default=16, ge=1, description="control periods per logged sample")
+
+
+class CurrentLoop(Part):
+    """PI current controller: u = K_p (e + 1/T_n integral of e), the same in both axes or per axis."""
+
+    K_p: Positive = Field(description="proportional gain, V/A")
+    T_n: Positive = Field(description="reset time, s")
+    K_p_d: Positive | None = Field(default=None, description="d-axis gain where it differs, V/A")
+    T_n_d: Positive | None = Field(default=None, description="d-axis reset time where it differs, s")
+
+
+class SpeedLoop(Part):
+    """PI speed controller with reference filter: i_q = K_p (e + 1/T_n integral of e)."""
+
+    K_p: NonNegative = Field(description="proportional gain, A/(rad/s)")
+    T_n: Positive = Field(description="reset time, s")
+    reference_filter: NonNegative = Field(default=0.0, description="time constant of the reference filter, s")
+
+
+class PositionLoop(Part):
+    """Proportional position controller with feedforward: omega = K_v e + k_v omega_ref; i_q += k_a J alpha_ref/K_t."""
+
+    K_v: NonNegative = Field(description="position gain, 1/s")
+    velocity_feedforward: NonNegative = Field(default=1.0, description="share of the reference speed fed forward")
+    acceleration_feedforward: NonNegative = Field(default=0.0, description="share of J alpha_ref fed forward")
+
+
+class Loops(Part):
+    """The cascade."""
+
+    current: CurrentLoop
+    speed: SpeedLoop
+    position: PositionLoop = PositionLoop(K_v=0.0)
+
+
+class Assumed(Part):
+    """What the controller and the evaluation believe where that differs from the motor itself."""
+
+    K_t: Positive | None = Field(default=None, description="torque constant known to the controller, N m/A peak")
+    R: Positive | None = None
+    L_d: Positive | None = None
+    L_q: Positive | None = None
+    J: Positive | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_datasheet(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "K_t_rms" not in data:
+            return data
+        changed = dict(data)
+        changed["K_t"] = changed.pop("K_t_rms") / math.sqrt(2.0)
+        return changed
+
+
+class EffectEntry(Part):
+    """One effect of the catalogue with its parameters; `pmsm_ctrl.effects` knows what they mean."""
+
+    id: str
+    parameters: dict[str, Finite] = Field(default_factory=dict)
+    stderr: dict[str, NonNegative] = Field(default_factory=dict, description="standard errors, where fitted")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _flat(cls, data: Any) -> Any:
+        # In TOML the parameters stand beside the id: id = "coulomb", F_c = 0.02
+        if not isinstance(data, dict) or "parameters" in data:
+            return data
+        rest = {key: value for key, value in data.items() if key not in ("id", "stderr")}
+        return {key: data[key] for key in ("id", "stderr") if key in data} | {"parameters": rest}
+
+
+class Compensation(Part):
+    """Feedforward friction compensation."""
+
+    source: Literal["reference", "measured", "adaptive"] = "reference"
+    gain: NonNegative = Field(default=0.0, description="share of the modelled friction that is fed forward")
+    smoothing: NonNegative = Field(default=0.0, description="speed over which the sign is smoothed, rad/s")
+    effects: tuple[str, ...] = Field(default=("coulomb", "viscous"), description="effects that are compensated")
+
+
+class Acceptance(Part):
+    """One line of the acceptance: in this scenario this metric must not exceed this limit."""
+
+    scenario: str
+    metric: str
+    limit: Finite
+
+
+class LogMap(Part):
+    """How the columns of a foreign file become channels."""
+
+    channels: dict[str, str] = Field(default_factory=dict, description="channel = 'column [unit]' or 'column'")
+    scale: dict[str, Finite] = Field(default_factory=dict, description="factor applied to a channel after units")
+    separator: str | None = None
+    decimal: Literal[".", ","] | None = None
+
+
+class Design(Part):
+    """What we believe about the drive.
+
+    Every part is frozen; `model_copy`, `with_effect` and `without_effect` return changed copies.
+    """
+
+    name: str = "axis"
+    motion: Literal["rotary", "linear"] = Field(default="rotary", description="linear: theta in m, J in kg, T in N")
+    motor: Motor
+    load: Load = Load()
+    drive: Drive = Drive()
+    sensor: Sensor = Sensor()
+    assumed: Assumed = Assumed()
+    loops: Loops | None = None
+    effects: tuple[EffectEntry, ...] = ()
+    compensation: Compensation = Compensation()
+    acceptance: tuple[Acceptance, ...] = ()
+    scenarios: dict[str, dict[str, Finite]] = Field(
+        default_factory=dict, description="parameters of named scenarios: [scenarios.sweep] speed_max = 200.0"
+    )
+    log: LogMap = LogMap()
+    source: str = Field(default="", exclude=True, repr=False, description="file the design was read from")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Design) and self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def J(self) -> float:
+        """Total inertia at the motor shaft: J_motor + J_load / gear^2."""
+        return self.motor.J + self.load.J / self.load.gear**2
+
+    @property
+    def K_t(self) -> float:
+        """The plant's torque constant, N m/A peak."""
+        return self.motor.torque_constant
+
+    @property
+    def K_t_assumed(self) -> float:
+        """The torque constant that the controller and the evaluation use, N m/A peak."""
+        return self.assumed.K_t if self.assumed.K_t is not None else self.K_t
+
+    def parameters(self, effect: str) -> dict[str, float]:
+        """Return the parameters of the first effect with this id; empty when the design has none."""
+        for entry in self.effects:
+            if entry.id == effect:
+                return dict(entry.parameters)
+        return {}
+
+    def with_effect(
+        self, effect: str, parameters: dict[str, float] | None = None, stderr: dict[str, float] | None = None
+    ) -> Design:
+        """Return a copy with the effect added, or its parameters replaced if it is there already."""
+        entry = EffectEntry(id=effect, parameters=dict(parameters or {}), stderr=dict(stderr or {}))
+        return self.replace_effects((*(e for e in self.effects if e.id != effect), entry))
+
+    def add_effect(self, effect: str, parameters: dict[str, float], stderr: dict[str, float] | None = None) -> Design:
+        """Return a copy with one more instance of the effect (a second cogging order, say)."""
+        entry = EffectEntry(id=effect, parameters=dict(parameters), stderr=dict(stderr or {}))
+        return self.replace_effects((*self.effects, entry))
+
+    def without_effect(self, effect: str) -> Design:
+        """Return a copy without any instance of the effect."""
+        return self.replace_effects(tuple(e for e in self.effects if e.id != effect))
+
+    def replace_effects(self, effects: tuple[EffectEntry, ...]) -> Design:
+        """Return a copy with exactly these effects."""
+        return self.model_copy(update={"effects": effects})
+
+    def with_parameters(self, **values: float) -> Design:
+        """Return a copy with SI motor parameters changed (`J`, `psi_f`, `R`, `L_d`, `L_q`, `K_t`).
+
+        `J` is the total inertia at the motor shaft; the change is taken by the rotor's share.
+        """
+        changed = dict(values)
+        if "J" in changed:
+            changed["J"] -= self.load.J / self.load.gear**2
+        if "K_t" in changed and self.motor.p is not None:
+            changed["psi_f"] = psi_f_from(changed.pop("K_t"), self.motor.p)
+        return self.replace(motor=changed)
+
+    def replace(self, **parts: dict[str, Any]) -> Design:
+        """Return a validated copy with fields of parts changed: ``design.replace(sensor={"current_noise": 0})``.
+
+        Raises
+        ------
+        DesignError
+            When a part, a field or a value is not valid.
+        """
+        data = self.to_dict()
+        for part, fields in parts.items():
+            if part not in type(self).model_fields:
+                raise DesignError(f"no part '{part}' in a design{nearest(part, type(self).model_fields)}")
+            if isinstance(fields, dict) and isinstance(data.get(part, {}), dict):
+                data[part] = data.get(part, {}) | fields
+            else:
+                data[part] = fields
+        return Design.from_dict(data, source=self.source)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the design as plain SI values, fit for TOML; defaults are left out."""
+        data = self.model_dump(mode="python", exclude_none=True, exclude_defaults=True)
+        data["motor"] = self.motor.model_dump(exclude_none=True)
+        if self.effects:
+            data["effects"] = [
+                {"id": e.id, **e.parameters} | ({"stderr": dict(e.stderr)} if e.stderr else {}) for e in self.effects
+            ]
+        if self.acceptance:
+            data["acceptance"] = [a.model_dump() for a in self.acceptance]
+        return _plain(data)
+
+    def to_toml(self) -> str:
+        """Return the design as TOML text."""
+        return tomli_w.dumps(self.to_dict())
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write the design as TOML, atomically."""
+        return write_text(path, self.to_toml())
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any], source: str = "") -> Design:
+        """Build a design from plain values.
+
+        Raises
+        ------
+        DesignError
+            Naming the file, the field, what was found and what would have been accepted.
+        """
+        try:
+            return cls.model_validate(_lists_to_tuples(data) | {"source": source})
+        except ValidationError as error:
+            raise DesignError(_explain(error, data, source)) from None
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Design:
+        """Read a design from a TOML file.
+
+        Raises
+        ------
+        DesignError
+            When the file is missing, is not TOML, or has a field that is wrong.
+        """
+        try:
+            text = Path(path).read_bytes().decode("utf-8")
+            data = tomllib.loads(text)
+        except FileNotFoundError:
+            raise DesignError(f"{path}: no such file; a design in TOML was expected") from None
+        except OSError as error:
+            raise DesignError(f"{path}: cannot be read ({error.strerror})") from None
+        except UnicodeDecodeError as error:
+            raise DesignError(f"{path}: not UTF-8 text at byte {error.start}; a design in TOML was expected") from None
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise DesignError(f"{path}: not valid TOML: {error}") from None
+        if not data:
+            raise DesignError(f"{path}: empty; a design needs at least a [motor] table")
+        return cls.from_dict(data, source=str(path))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items() if item not in ({}, ())}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value
+
+
+def _lists_to_tuples(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _lists_to_tuples(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return tuple(_lists_to_tuples(item) for item in value)
+    return value
+
+
+def _explain(error: ValidationError, data: dict[str, Any], source: str) -> str:
+    """Turn pydantic's first complaint into one line: where, what was found, what would have been accepted."""
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"]) or "design"
+    found = first.get("input")
+    where = f"{source}: {place}" if source else place
+    kind = first["type"]
+    if kind == "extra_forbidden":
+        known = _known_fields(first["loc"][:-1])
+        return f"{where}: unknown field{nearest(str(first['loc'][-1]), known)} (known: {', '.join(sorted(known))})"
+    if kind == "missing":
+        return f"{where}: missing; {_accepted(first['loc'])}"
+    if kind == "value_error":
+        return f"{where}: {first['msg'].removeprefix('Value error, ')}"
+    shown = repr(found) if len(repr(found)) < 60 else f"a {type(found).__name__}"
+    message = first["msg"][0].lower() + first["msg"][1:]
+    return f"{where}: found {shown}, but {message.replace('input ', 'it ')}; {_accepted(first['loc'])}"
+
+
+def _walk(loc: tuple[int | str, ...]) -> Any:
+    """Follow a location through the model fields; None where it leaves them."""
+    model: Any = Design
+    for part in loc:
+        if isinstance(part, int):
+            continue
+        field = getattr(model, "model_fields", {}).get(part)
+        if field is None:
+            return None
+        inner = [arg for arg in (field.annotation, *getattr(field.annotation, "__args__", ())) if hasattr(arg, "model_fields")]
+        model = inner[0] if inner else field
+    return model
+
+
+def _known_fields(loc: tuple[int | str, ...]) -> list[str]:
+    model = _walk(loc)
+    fields = [name for name in getattr(model, "model_fields", {}) if name != "source"]
+    if model in (Motor, Drive):
+        fields += [key for key, sheet in DATASHEET.items() if sheet.field in (*fields, "L") and (model is Motor or sheet.field == "i_max")]
+    return fields
+
+
+def _accepted(loc: tuple[int | str, ...]) -> str:
+    field = _walk(loc)
+    description = getattr(field, "description", None)
+    if description:
+        return f"accepted: {description}"
+    if hasattr(field, "model_fields"):
+        return f"accepted: a table with {', '.join(n for n in field.model_fields if n != 'source')}"
+    return "see the README for the fields of a design"

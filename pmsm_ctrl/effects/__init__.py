@@ -1,0 +1,7 @@
+"""Physical effects, one file each, and the catalogue that lists them."""
+
+from pmsm_ctrl.effects.base import SIGNALS, Effect, Parameter
+from pmsm_ctrl.effects.catalogue import CATALOGUE, bound_effects, lookup, with_own
+from pmsm_ctrl.kernels import kernel
+
+__all__ = ["CATALOGUE", "SIGNALS", "Effect", "Parameter", "bound_effects", "kernel", "lookup", "with_own"]

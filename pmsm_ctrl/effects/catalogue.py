@@ -1,0 +1,75 @@
+"""The catalogue: one line an effect. A user's own effect is passed beside it and needs no line here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import coulomb, constant_load, viscous
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.errors import DesignError, RequestError, nearest
+
+__all__ = ["CATALOGUE", "bound_effects", "lookup", "with_own"]
+
+CATALOGUE: Mapping[str, Effect] = {
+    module.effect.id: module.effect
+    for module in (
+        coulomb,
+        viscous,
+        constant_load,
+    )
+}
+
+
+def with_own(own: Iterable[Effect] = ()) -> dict[str, Effect]:
+    """Return the catalogue with a user's own effects added.
+
+    Raises
+    ------
+    RequestError
+        When an own effect takes an id that is in use.
+    """
+    effects = dict(CATALOGUE)
+    for effect in own:
+        if effect.id in effects:
+            raise RequestError(f"own effect '{effect.id}': this id is in the catalogue already; choose another")
+        effects[effect.id] = effect
+    return effects
+
+
+def lookup(identifier: str, own: Iterable[Effect] = ()) -> Effect:
+    """Return one effect by id.
+
+    Raises
+    ------
+    RequestError
+        For an unknown id, naming the nearest.
+    """
+    effects = with_own(own)
+    if identifier not in effects:
+        raise RequestError(
+            f"unknown effect '{identifier}'{nearest(identifier, effects)} (known: {', '.join(effects)})"
+        )
+    return effects[identifier]
+
+
+def bound_effects(design: Design, own: Iterable[Effect] = ()) -> list[tuple[Effect, dict[str, float]]]:
+    """Return the design's effects with all their parameter values, checked against their bounds.
+
+    Raises
+    ------
+    DesignError
+        For an unknown effect or parameter, or a value outside its bounds.
+    """
+    effects = with_own(own)
+    where = f"{design.source}: " if design.source else ""
+    bound = []
+    for entry in design.effects:
+        if entry.id not in effects:
+            raise DesignError(
+                f"{where}effects: unknown effect '{entry.id}'{nearest(entry.id, effects)} "
+                f"(known: {', '.join(effects)})"
+            )
+        effect = effects[entry.id]
+        bound.append((effect, effect.values(entry, where)))
+    return bound

@@ -1,0 +1,34 @@
+"""The one short tree of errors. Each message says what is wrong, where, and what would have been accepted."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = ["DesignError", "LogError", "PmsmCtrlError", "RequestError", "SimulationError", "nearest"]
+
+
+class PmsmCtrlError(Exception):
+    """Base of every error the package raises on purpose; the command line shows it as one line."""
+
+
+class DesignError(PmsmCtrlError):
+    """A design file or a design object is wrong."""
+
+
+class LogError(PmsmCtrlError):
+    """A measured or simulated log is wrong or cannot answer the question."""
+
+
+class RequestError(PmsmCtrlError):
+    """A call asks for something that does not exist or cannot be done."""
+
+
+class SimulationError(PmsmCtrlError):
+    """A simulation left the finite numbers; the message says where, when and why."""
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the closest known word, or an empty string."""
+    match = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f"; did you mean '{match[0]}'?" if match else ""

@@ -1,0 +1,51 @@
+"""Compiled code: floats and arrays in SI, no objects, no I/O.
+
+`kernel` is the only way to compile here. numba's options are not part of its cache key and a callee takes
+over `fastmath` and `error_model` from whoever compiles it first, so one dictionary serves everywhere.
+numba's disk cache does not notice a change in another file either: the cache folder is keyed on a hash of
+all sources of the package, so that a changed effect can never meet a stale kernel.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+__all__ = ["OPTIONS", "cache_folder", "kernel", "source_hash"]
+
+# Contraction only: it gives the fused multiply-add (1.6 x) and keeps NaN, infinity and signed zero exact.
+OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True, "cache": True}
+
+
+def source_hash() -> str:
+    """Return a hash over every source file of the package and the versions that compile it."""
+    digest = hashlib.sha256(f"{numba.__version__}".encode())
+    root = Path(__file__).resolve().parent.parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def cache_folder() -> Path:
+    """Return the folder that holds compiled kernels of exactly these sources.
+
+    ``PMSM_CTRL_CACHE`` names another place than ``~/.cache/pmsm_ctrl``.
+    """
+    base = os.environ.get("PMSM_CTRL_CACHE")
+    root = Path(base) if base else Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "pmsm_ctrl"
+    return root / source_hash()
+
+
+if not os.environ.get("NUMBA_CACHE_DIR"):
+    numba.config.CACHE_DIR = str(cache_folder())
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a scalar or array function with the options that every kernel shares."""
+    return numba.njit(**OPTIONS)(function)

@@ -1,0 +1,209 @@
+"""Log: what was measured, or simulated. Channels with units on one time base."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pmsm_ctrl.errors import LogError, nearest
+from pmsm_ctrl.files import atomic_path
+
+__all__ = ["CHANNELS", "Log", "Provenance", "Segment"]
+
+Array = NDArray[np.float64]
+
+# channel -> (unit on a rotary axis, unit on a linear axis, meaning)
+CHANNELS: dict[str, tuple[str, str, str]] = {
+    "t": ("s", "s", "time"),
+    "theta_ref": ("rad", "m", "reference position"),
+    "omega_ref": ("rad/s", "m/s", "reference speed"),
+    "alpha_ref": ("rad/s^2", "m/s^2", "reference acceleration"),
+    "theta": ("rad", "m", "position"),
+    "omega": ("rad/s", "m/s", "speed"),
+    "theta_load": ("rad", "m", "position behind the transmission, at the motor's scale"),
+    "i_d": ("A", "A", "direct-axis current, peak scaling"),
+    "i_q": ("A", "A", "quadrature-axis current, peak scaling"),
+    "i_d_ref": ("A", "A", "reference of i_d"),
+    "i_q_ref": ("A", "A", "reference of i_q"),
+    "u_d": ("V", "V", "direct-axis voltage command"),
+    "u_q": ("V", "V", "quadrature-axis voltage command"),
+    "u_dc": ("V", "V", "dc-link voltage"),
+    "torque": ("N m", "N", "drive torque (force), K_t i_q or measured"),
+    "T_load": ("N m", "N", "external load torque (force)"),
+    "temperature": ("degC", "degC", "temperature"),
+    # truths that only a simulation can log
+    "omega_true": ("rad/s", "m/s", "true speed"),
+    "theta_true": ("rad", "m", "true position"),
+}
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A named stretch of a log, samples ``start <= k < stop``."""
+
+    name: str
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a log comes from and what was understood on the way in."""
+
+    file: str = ""
+    sha256: str = ""
+    importer: str = ""
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """Channels with SI units on one time base.
+
+    Parameters
+    ----------
+    channels : mapping of str to array, shape (n,)
+        Must hold ``t`` in s, strictly increasing. Names and units are those of `CHANNELS`.
+    motion : {"rotary", "linear"}
+        Decides the units (rad and N m, or m and N).
+    segments, provenance
+        Named stretches; where the log comes from.
+
+    Raises
+    ------
+    LogError
+        For an unknown channel, unequal lengths, a value that is not finite, or time that does not increase.
+    """
+
+    channels: Mapping[str, Array]
+    motion: str = "rotary"
+    segments: tuple[Segment, ...] = ()
+    provenance: Provenance = field(default_factory=Provenance)
+
+    def __post_init__(self) -> None:
+        frozen: dict[str, Array] = {}
+        for name, values in self.channels.items():
+            if name not in CHANNELS:
+                raise LogError(f"unknown channel '{name}'{nearest(name, CHANNELS)} (known: {', '.join(CHANNELS)})")
+            array = np.array(values, dtype=np.float64)
+            array.setflags(write=False)
+            frozen[name] = array
+        object.__setattr__(self, "channels", MappingProxyType(frozen))
+        _check(frozen, self.provenance.file)
+
+    # -- access ---------------------------------------------------------------------------------------------
+
+    def __getitem__(self, name: str) -> Array:
+        try:
+            return self.channels[name]
+        except KeyError:
+            raise LogError(f"{self._label}no channel '{name}' (present: {', '.join(self.channels)})") from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def _label(self) -> str:
+        return f"{self.provenance.file}: " if self.provenance.file else ""
+
+    @property
+    def t(self) -> Array:
+        """Time in s, shape (n,)."""
+        return self.channels["t"]
+
+    @property
+    def period(self) -> float:
+        """Median sampling period in s."""
+        return float(np.median(np.diff(self.t))) if len(self) > 1 else float("nan")
+
+    @property
+    def rate(self) -> float:
+        """Median sampling rate in Hz."""
+        return 1.0 / self.period
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample in s."""
+        return float(self.t[-1] - self.t[0])
+
+    def unit(self, name: str) -> str:
+        """SI unit of a channel on this kind of axis."""
+        return CHANNELS[name][1 if self.motion == "linear" else 0]
+
+    # -- changed copies --------------------------------------------------------------------------------------
+
+    def with_channels(self, **channels: ArrayLike) -> Log:
+        """Return a copy with channels added or replaced."""
+        added = {name: np.asarray(values, dtype=np.float64) for name, values in channels.items()}
+        return replace(self, channels={**self.channels, **added})
+
+    def between(self, start: float, stop: float) -> Log:
+        """Return the samples with ``start <= t < stop`` (s).
+
+        Raises
+        ------
+        LogError
+            When no sample lies there.
+        """
+        first, last = np.searchsorted(self.t, [start, stop])
+        if last <= first:
+            raise LogError(f"{self._label}no sample between {start:g} s and {stop:g} s")
+        return self.slice(int(first), int(last))
+
+    def slice(self, start: int, stop: int) -> Log:
+        """Return samples ``start <= k < stop`` with the segments that fall inside."""
+        kept = tuple(
+            Segment(s.name, max(s.start, start) - start, min(s.stop, stop) - start)
+            for s in self.segments
+            if s.start < stop and s.stop > start
+        )
+        return replace(self, channels={n: c[start:stop] for n, c in self.channels.items()}, segments=kept)
+
+    # -- file ------------------------------------------------------------------------------------------------
+
+    def write_csv(self, path: str | os.PathLike[str]) -> Path:
+        """Write the canonical CSV: one header row ``name [unit]``, then numbers that read back bit for bit."""
+        names = list(self.channels)
+        header = ",".join(f"{name} [{self.unit(name)}]" for name in names)
+        columns = [self.channels[name] for name in names]
+        with atomic_path(path) as temporary, open(temporary, "w", encoding="utf-8", newline="\n") as stream:
+            stream.write(header + "\n")
+            step = 65536
+            for start in range(0, len(self), step):
+                block = zip(*(column[start : start + step].tolist() for column in columns), strict=True)
+                stream.write("".join(",".join(map(repr, row)) + "\n" for row in block))
+        return Path(path)
+
+
+def _check(channels: Mapping[str, Array], file: str) -> None:
+    where = f"{file}: " if file else ""
+    if "t" not in channels:
+        raise LogError(f"{where}no time channel 't' (found: {', '.join(channels) or 'nothing'})")
+    t = channels["t"]
+    if t.ndim != 1 or t.size == 0:
+        raise LogError(f"{where}the log is empty; at least one sample was expected")
+    for name, values in channels.items():
+        if values.shape != t.shape:
+            raise LogError(f"{where}channel '{name}' has shape {values.shape}, but t has {t.shape}")
+        finite = np.isfinite(values)
+        if not finite.all():
+            row = int(np.argmin(finite))
+            raise LogError(f"{where}channel '{name}', sample {row}: {values[row]} found; a finite number was expected")
+    step = np.diff(t)
+    if t.size > 1 and not (step > 0).all():
+        row = int(np.argmin(step > 0))
+        what = "the same time stamp twice" if step[row] == 0 else "time runs backwards"
+        raise LogError(f"{where}sample {row + 1}: {what} (t = {t[row + 1]:.9g} s after {t[row]:.9g} s)")

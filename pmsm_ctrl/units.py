@@ -1,0 +1,111 @@
+"""Units at the edges: everything inside the package is SI, and this file is where it becomes so.
+
+Two tables live here. `UNITS` maps the spelling of a unit in a file to its SI unit and factor.
+`DATASHEET` maps the name of a datasheet value, which carries its unit and its convention,
+to the SI field it determines.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from pmsm_ctrl.errors import RequestError, nearest
+
+__all__ = ["DATASHEET", "UNITS", "DatasheetValue", "psi_f_from", "torque_constant", "unit_factor"]
+
+RPM = 2.0 * math.pi / 60.0
+KRPM = 1000.0 * RPM
+DEGREE = math.pi / 180.0
+
+# spelling -> (SI unit, factor): value_SI = factor * value
+UNITS: dict[str, tuple[str, float]] = {
+    "s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "µs": ("s", 1e-6), "ns": ("s", 1e-9), "min": ("s", 60.0),
+    "rad": ("rad", 1.0), "deg": ("rad", DEGREE), "°": ("rad", DEGREE), "rev": ("rad", 2 * math.pi),
+    "rad/s": ("rad/s", 1.0), "rpm": ("rad/s", RPM), "1/min": ("rad/s", RPM), "min-1": ("rad/s", RPM),
+    "deg/s": ("rad/s", DEGREE), "rev/s": ("rad/s", 2 * math.pi),
+    "rad/s^2": ("rad/s^2", 1.0),
+    "A": ("A", 1.0), "mA": ("A", 1e-3), "A rms": ("A", math.sqrt(2.0)),
+    "V": ("V", 1.0), "mV": ("V", 1e-3),
+    "N m": ("N m", 1.0), "Nm": ("N m", 1.0), "mN m": ("N m", 1e-3), "mNm": ("N m", 1e-3), "N*m": ("N m", 1.0),
+    "m": ("m", 1.0), "mm": ("m", 1e-3), "um": ("m", 1e-6), "µm": ("m", 1e-6),
+    "m/s": ("m/s", 1.0), "mm/s": ("m/s", 1e-3), "mm/min": ("m/s", 1e-3 / 60.0), "m/min": ("m/s", 1.0 / 60.0),
+    "m/s^2": ("m/s^2", 1.0),
+    "N": ("N", 1.0), "kN": ("N", 1e3),
+    "degC": ("degC", 1.0), "°C": ("degC", 1.0),
+    "1": ("1", 1.0), "-": ("1", 1.0), "%": ("1", 0.01),
+}  # fmt: skip
+
+
+def unit_factor(unit: str) -> tuple[str, float]:
+    """Return the SI unit and the factor for a unit's spelling.
+
+    Raises
+    ------
+    RequestError
+        For a unit that is not known; the message lists what is.
+    """
+    try:
+        return UNITS[unit.strip()]
+    except KeyError:
+        known = ", ".join(sorted(UNITS))
+        raise RequestError(f"unknown unit [{unit}]{nearest(unit, UNITS)} (known: {known})") from None
+
+
+def torque_constant(p: int, psi_f: float) -> float:
+    """Torque constant K_t = 3/2 p psi_f in N m per ampere peak (amplitude-invariant dq scaling)."""
+    return 1.5 * p * psi_f
+
+
+def psi_f_from(K_t: float, p: int) -> float:
+    """Permanent-magnet flux linkage in Wb from the torque constant in N m per ampere peak."""
+    return K_t / (1.5 * p)
+
+
+@dataclass(frozen=True)
+class DatasheetValue:
+    """How one datasheet number becomes an SI field: ``field = factor * value`` (``/ p`` where flux needs it)."""
+
+    field: str
+    factor: float
+    meaning: str
+    per_pole_pair: bool = False
+
+    def to_si(self, value: float, p: int) -> float:
+        """Return the SI value; `p` is the number of pole pairs."""
+        return self.factor * value / (p if self.per_pole_pair else 1)
+
+
+# K_t in N m per A rms is sqrt(2) larger than per A peak, and psi_f = K_t,peak / (1.5 p).
+# An EMF constant is a voltage amplitude per mechanical speed: psi_f = E_phase,peak / (p omega).
+_FLUX_FROM_KT = 1.0 / 1.5
+_LINE = 1.0 / math.sqrt(3.0)
+_RMS = math.sqrt(2.0)
+
+
+def _emf(convention: float, speed: float, meaning: str) -> DatasheetValue:
+    return DatasheetValue("psi_f", convention / speed, meaning, per_pole_pair=True)
+
+
+DATASHEET: dict[str, DatasheetValue] = {
+    "K_t_peak": DatasheetValue("psi_f", _FLUX_FROM_KT, "N m per A peak", per_pole_pair=True),
+    "K_t_rms": DatasheetValue("psi_f", _FLUX_FROM_KT / _RMS, "N m per A rms", per_pole_pair=True),
+    "K_e_phase_peak_per_rad_s": _emf(1.0, 1.0, "V peak, phase, per rad/s mechanical"),
+    "K_e_phase_rms_per_rad_s": _emf(_RMS, 1.0, "V rms, phase, per rad/s mechanical"),
+    "K_e_line_peak_per_rad_s": _emf(_LINE, 1.0, "V peak, line-to-line, per rad/s mechanical"),
+    "K_e_line_rms_per_rad_s": _emf(_RMS * _LINE, 1.0, "V rms, line-to-line, per rad/s mechanical"),
+    "K_e_phase_peak_per_krpm": _emf(1.0, KRPM, "V peak, phase, per 1000 rpm"),
+    "K_e_phase_rms_per_krpm": _emf(_RMS, KRPM, "V rms, phase, per 1000 rpm"),
+    "K_e_line_peak_per_krpm": _emf(_LINE, KRPM, "V peak, line-to-line, per 1000 rpm"),
+    "K_e_line_rms_per_krpm": _emf(_RMS * _LINE, KRPM, "V rms, line-to-line, per 1000 rpm"),
+    "J_kg_cm2": DatasheetValue("J", 1e-4, "kg cm^2"),
+    "J_g_cm2": DatasheetValue("J", 1e-7, "g cm^2"),
+    "R_line_to_line": DatasheetValue("R", 0.5, "Ohm between two terminals (star equivalent)"),
+    "L_d_mH": DatasheetValue("L_d", 1e-3, "mH, phase"),
+    "L_q_mH": DatasheetValue("L_q", 1e-3, "mH, phase"),
+    "L_mH": DatasheetValue("L", 1e-3, "mH, phase, both axes"),
+    "L_line_to_line_mH": DatasheetValue("L", 0.5e-3, "mH between two terminals, both axes"),
+    "L_d_line_to_line_mH": DatasheetValue("L_d", 0.5e-3, "mH between two terminals, d axis aligned"),
+    "L_q_line_to_line_mH": DatasheetValue("L_q", 0.5e-3, "mH between two terminals, q axis aligned"),
+    "i_max_rms": DatasheetValue("i_max", _RMS, "A rms"),
+}
