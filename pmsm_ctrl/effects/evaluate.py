@@ -1,0 +1,169 @@
+"""An effect's scalar term over whole arrays: the regression reads the very function the simulation runs."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pmsm_ctrl.effects.base import SIGNALS, Effect
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.files import write_text
+from pmsm_ctrl.kernels import OPTIONS, cache_folder
+
+__all__ = ["column", "columns"]
+
+Array = NDArray[np.float64]
+
+# One compiled loop per term and process. The key is the term itself, not the id: a user may change an own
+# effect and keep its name.
+_LOOPS: dict[Any, Callable[..., Any]] = {}
+
+
+def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping[str, float]) -> Array:
+    """Evaluate an effect's term over arrays.
+
+    Parameters
+    ----------
+    effect : Effect
+        Of the catalogue, or a user's own.
+    signals : mapping of str to array of shape (n,) or float
+        SI signals by the names of `pmsm_ctrl.effects.SIGNALS`; those the term does not read are ignored.
+    parameters : mapping of str to float
+        A value for every parameter that the term reads.
+
+    Returns
+    -------
+    array, shape (n,), or (2, n) for a voltage term
+        The term in the unit of the balance it enters. A call with scalars alone returns n = 1.
+
+    Raises
+    ------
+    RequestError
+        When a signal or a parameter is missing, or the lengths differ.
+    """
+    arrays = _broadcast(effect, signals)
+    values = []
+    for name in effect.arguments:
+        if name in SIGNALS:
+            continue
+        if name not in parameters:
+            raise RequestError(
+                f"effect '{effect.id}': no value for parameter '{name}' (given: {_list(parameters)})"
+            )
+        values.append(float(parameters[name]))
+    loop = _LOOPS.get(effect.term)
+    if loop is None:
+        loop = _LOOPS[effect.term] = _compile(effect)
+    width = 2 if effect.enters == "voltage" else 1
+    n = arrays[0].size if arrays else _length(signals)
+    out = np.empty((width, n))
+    loop(out, *arrays, *values)
+    return out if width == 2 else out[0]
+
+
+def columns(
+    effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping[str, float]
+) -> tuple[dict[str, Array], Array]:
+    """Split an effect's term into one column per linear parameter and the part that is none of theirs.
+
+    ``term(parameters) = sum(parameters[s] * columns[s]) + rest`` with the nonlinear parameters held. A linear
+    parameter's column is the term with that parameter 1 and the other linear ones 0, less the rest, so the
+    physics is still written only in the term.
+
+    Returns
+    -------
+    columns : dict of symbol to array, shape (n,) or (2, n)
+    rest : array of the same shape
+        The whole term where the effect has no linear parameter; zero for a homogeneous one.
+    """
+    off = {**parameters, **{p.symbol: 0.0 for p in effect.linear}}
+    rest = column(effect, signals, off)
+    parts = {p.symbol: column(effect, signals, {**off, p.symbol: 1.0}) - rest for p in effect.linear}
+    return parts, rest
+
+
+def _list(names: Mapping[str, Any]) -> str:
+    return ", ".join(names) or "none"
+
+
+def _length(signals: Mapping[str, ArrayLike]) -> int:
+    """Length of the longest signal: a constant term has to be as long as the log it belongs to."""
+    return max((np.size(np.asarray(value)) for value in signals.values()), default=1)
+
+
+def _broadcast(effect: Effect, signals: Mapping[str, ArrayLike]) -> list[Array]:
+    wanted = []
+    n = _length(signals)
+    for name in effect.signals:
+        if name not in signals:
+            raise RequestError(
+                f"effect '{effect.id}': its term reads '{name}', which is not there ({_list(signals)})"
+            )
+        values = np.asarray(signals[name], dtype=np.float64)
+        if values.ndim > 1 or values.size not in (1, n):
+            raise RequestError(
+                f"effect '{effect.id}': signal '{name}' has shape {values.shape}, others have ({n},)"
+            )
+        wanted.append(np.ascontiguousarray(np.broadcast_to(values.reshape(-1), (n,))))
+    return wanted
+
+
+def _source(effect: Effect) -> str:
+    """Source of the loop over the term's arguments, signals first."""
+    given = [*effect.signals, *(name for name in effect.arguments if name not in SIGNALS)]
+    call = ", ".join(f"{name}[k]" if name in SIGNALS else name for name in effect.arguments)
+    target = "out[0, k], out[1, k]" if effect.enters == "voltage" else "out[0, k]"
+    return (
+        f"def loop(out, {', '.join(given)}):\n"
+        f"    for k in range(out.shape[1]):\n"
+        f"        {target} = term({call})\n"
+    )
+
+
+def _compile(effect: Effect) -> Callable[..., Any]:
+    if not hasattr(effect.term, "py_func"):
+        return _plain_loop(effect)  # an own term in plain Python, perhaps not compilable at all
+    array = numba.types.Array(numba.types.float64, 1, "C", readonly=True)
+    scalars = [numba.types.float64] * (len(effect.arguments) - len(effect.signals))
+    signature = numba.types.void(numba.float64[:, ::1], *([array] * len(effect.signals)), *scalars)
+    module = effect.py_term.__module__
+    if (
+        module.startswith("pmsm_ctrl.effects.")
+        and getattr(sys.modules.get(module), "term", None) is effect.term
+    ):
+        return numba.njit(signature, **OPTIONS)(_filed_loop(effect, module))
+    # An own effect may change between two runs without numba noticing, so its loop is never kept on disk.
+    scope: dict[str, Any] = {"term": effect.term}
+    exec(_source(effect), scope)
+    return numba.njit(signature, **{**OPTIONS, "cache": False})(scope["loop"])
+
+
+def _filed_loop(effect: Effect, module: str) -> Callable[..., Any]:
+    """Load the loop from a file in the cache folder, where numba can keep what it compiles.
+
+    The folder's name holds the hash of all sources, so a changed term never meets an old loop.
+    """
+    name = f"column_{module.rpartition('.')[2]}"
+    path = cache_folder() / f"{name}.py"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, f"from {module} import term\n\n\n{_source(effect)}")
+    spec = importlib.util.spec_from_file_location(f"_pmsm_ctrl_{name}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    loaded = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = loaded
+    spec.loader.exec_module(loaded)
+    return loaded.loop
+
+
+def _plain_loop(effect: Effect) -> Callable[..., Any]:
+    scope: dict[str, Any] = {"term": effect.term}
+    exec(_source(effect), scope)
+    return scope["loop"]
