@@ -43,7 +43,7 @@ class Parameter:
     linear: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Effect:
     """One physical effect.
 

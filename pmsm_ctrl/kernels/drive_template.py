@@ -1,0 +1,225 @@
+"""The sampled drive: PMSM, inverter, encoder and cascade controller. A template that `simulate.compose` completes.
+
+It is ordinary Python with marks: a comment ``# <name>`` stands where the active effects bring lines, and at the
+end of a line it stands for the line that they replace. Without effects the marks do nothing and what is left is
+the bare drive, so an effect that is off costs nothing. Every name an effect's lines may use is a local here.
+
+The held voltage is fixed to the stator for one control period while the rotor turns on; the plant sees it
+through the angle between the two, which is small, hence the polynomial.
+"""
+
+# ruff: noqa: F821, F841
+# mypy: ignore-errors
+
+from math import isfinite
+
+from pmsm_ctrl.kernels import kernel
+from pmsm_ctrl.kernels.balance import torque_em, voltage_d, voltage_q
+from pmsm_ctrl.kernels.rotation import cos_small, hexagon_scale, quantise, sin_small
+
+# <imports>
+
+
+@kernel
+def shaft_torque(i_d, i_q, omega, theta, t, direction, T_load, machine, effects):
+    """Torque left to accelerate the shaft in N m."""
+    R, L_d, L_q, p, psi_f, J = machine
+    # <parameters>
+    torque = torque_em(p, psi_f, L_d, L_q, i_d, i_q)
+    opposing = T_load
+    # <torque>
+    return torque - opposing
+
+
+@kernel
+def derivative(y, t, direction, held, machine, effects):
+    """Time derivatives of the states; with dry friction, direction 0 holds the shaft."""
+    i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]
+    u_d_held, u_q_held, angle_held, T_load = held
+    R, L_d, L_q, p, psi_f, J = machine
+    # <parameters>
+    # <states>
+    angle = angle_held - p * theta
+    c, s = cos_small(angle), sin_small(angle)
+    u_d = c * u_d_held - s * u_q_held
+    u_q = s * u_d_held + c * u_q_held
+    # <voltage>
+    di_d = (u_d - voltage_d(R, L_d, L_q, p, i_d, i_q, 0.0, omega)) / L_d
+    di_q = (u_q - voltage_q(R, L_d, L_q, p, psi_f, i_d, i_q, 0.0, omega)) / L_q
+    domega = shaft_torque(i_d, i_q, omega, theta, t, direction, T_load, machine, effects) / J
+    # <mechanics>
+    # <hold>
+    return di_d, di_q, domega, omega  # <rates>
+
+
+@kernel
+def advance(y, h, k):
+    """Return y + h k for the tuple of states."""
+    return y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2], y[3] + h * k[3]  # <advance>
+
+
+@kernel
+def runge_kutta(y, t, h, direction, held, machine, effects):
+    """One classical Runge-Kutta step with the direction of dry friction held."""
+    a = derivative(y, t, direction, held, machine, effects)
+    b = derivative(advance(y, 0.5 * h, a), t + 0.5 * h, direction, held, machine, effects)
+    c = derivative(advance(y, 0.5 * h, b), t + 0.5 * h, direction, held, machine, effects)
+    d = derivative(advance(y, h, c), t + h, direction, held, machine, effects)
+    y = advance(y, h / 6.0, a)
+    y = advance(y, h / 3.0, b)
+    y = advance(y, h / 3.0, c)
+    return advance(y, h / 6.0, d)
+
+
+@kernel
+def impending(y, t, held, machine, effects):
+    """Direction in which a shaft at rest starts to move: 1, -1, or 0 while friction holds it."""
+    if shaft_torque(y[0], y[1], 0.0, y[3], t, 1.0, held[3], machine, effects) > 0.0:  # <impending forward>
+        return 1.0
+    if shaft_torque(y[0], y[1], 0.0, y[3], t, -1.0, held[3], machine, effects) < 0.0:  # <impending backward>
+        return -1.0
+    return 0.0
+
+
+@kernel
+def step_dry(y, t, h, held, machine, effects):
+    """One plant step with set-valued friction: where the speed meets zero the step is split, and rest is exact."""
+    done = 0.0
+    trial = h
+    landing = False
+    for _ in range(8):
+        if y[2] > 0.0:
+            direction = 1.0
+        elif y[2] < 0.0:
+            direction = -1.0
+        else:
+            direction = impending(y, t + done, held, machine, effects)
+        new = runge_kutta(y, t + done, trial, direction, held, machine, effects)
+        if landing:
+            new = (new[0], new[1], 0.0, new[3])  # <landed>
+        elif direction * new[2] < 0.0:
+            if y[2] == 0.0:
+                # The push that started this step reverses inside it: rest until the next one.
+                new = runge_kutta(y, t + done, trial, 0.0, held, machine, effects)
+            else:
+                trial *= y[2] / (y[2] - new[2])
+                landing = True
+                continue
+        y = new
+        done += trial
+        if done >= h * (1.0 - 1e-12):
+            break
+        trial = h - done
+        landing = False
+    return y
+
+
+@kernel
+def step_smooth(y, t, h, held, machine, effects):
+    """One plant step without dry friction."""
+    return runge_kutta(y, t, h, 0.0, held, machine, effects)
+
+
+@kernel
+def run(n, k, states, plant, controller, effects, inputs, out, noise):
+    """Run `n` control periods from tick `k`; fill `out` with logged rows and leave the state in `states`.
+
+    Returns the rows written, or ``-1 - tick`` when a state stops being finite.
+    """
+    machine = plant[0], plant[1], plant[2], plant[3], plant[4], plant[5]
+    R, L_d, L_q, p, psi_f, J = machine
+    u_dc, T, counts, current_noise = plant[6], plant[7], plant[8], plant[9]
+    steps, divider, log_divider, delay = int(plant[10]), int(plant[11]), int(plant[12]), int(plant[13])
+    K_c_d, b_c_d, K_c_q, b_c_q = controller[0], controller[1], controller[2], controller[3]
+    K_s, b_s, a_speed, a_ref = controller[4], controller[5], controller[6], controller[7]
+    K_v, k_omega, k_alpha, i_max = controller[8], controller[9], controller[10], controller[11]
+    L_d_hat, L_q_hat, psi_hat = controller[12], controller[13], controller[14]
+    # <run parameters>
+    y = (states[0], states[1], states[2], states[3])  # <load states>
+    I_d, I_q, I_s = states[4], states[5], states[6]
+    theta_last, omega_hat, i_q_ref, i_d_ref = states[7], states[8], states[9], states[10]
+    u_d_next, u_q_next, angle_next, omega_filtered = states[11], states[12], states[13], states[14]
+    # <memory load>
+    h = T / steps
+    T_s = T * divider
+    row = 0
+    tick_0 = k // divider
+    for _ in range(n):
+        t = k * T
+        i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]
+        T_load = inputs[(k // divider) - tick_0, 5]
+        # <measure angle>
+        theta_m = quantise(theta, counts)  # <encoder>
+        # The controller lives in the frame of the angle it measures.
+        angle = p * (theta - theta_m)
+        c, s = cos_small(angle), sin_small(angle)
+        i_d_m = c * i_d - s * i_q
+        i_q_m = s * i_d + c * i_q
+        # <measure current>
+        if current_noise > 0.0:
+            i_d_m += current_noise * noise.standard_normal()
+            i_q_m += current_noise * noise.standard_normal()
+
+        if k % divider == 0:
+            j = k // divider - tick_0
+            omega_hat += a_speed * ((theta_m - theta_last) / T_s - omega_hat)
+            theta_last = theta_m
+            omega_filtered += a_ref * (k_omega * inputs[j, 1] - omega_filtered)
+            omega_ref = omega_filtered
+            if K_v > 0.0:
+                omega_ref += K_v * (inputs[j, 0] - theta_m)
+            e = omega_ref - omega_hat
+            wanted = K_s * e + I_s + k_alpha * inputs[j, 2] + inputs[j, 3]
+            # <compensation>
+            i_q_ref = min(max(wanted, -i_max), i_max)
+            # What the limit takes away is fed back, so that the integrator never winds up.
+            I_s += b_s * (K_s * e + i_q_ref - wanted)
+            i_d_ref = inputs[j, 4]
+
+        # Current control: PI, decoupling and EMF feedforward, inside the voltage hexagon.
+        e_d = i_d_ref - i_d_m
+        e_q = i_q_ref - i_q_m
+        u_d = K_c_d * e_d + I_d - p * omega_hat * L_q_hat * i_q_m
+        u_q = K_c_q * e_q + I_q + p * omega_hat * (L_d_hat * i_d_m + psi_hat)
+        angle_command = p * (theta_m + (delay + 0.5) * T * omega_hat)
+        scale = hexagon_scale(u_d, u_q, angle_command, u_dc)
+        I_d += b_c_d * (K_c_d * e_d + (scale - 1.0) * u_d)
+        I_q += b_c_q * (K_c_q * e_q + (scale - 1.0) * u_q)
+        u_d *= scale
+        u_q *= scale
+
+        if k % log_divider == 0:
+            if not (isfinite(omega) and isfinite(i_d) and isfinite(i_q)):
+                return -1 - k
+            out[row, 0] = t
+            out[row, 1] = theta_m
+            out[row, 2] = omega_hat
+            out[row, 3] = i_d_m
+            out[row, 4] = i_q_m
+            out[row, 5] = i_d_ref
+            out[row, 6] = i_q_ref
+            out[row, 7] = u_d
+            out[row, 8] = u_q
+            out[row, 9] = inputs[k // divider - tick_0, 1]
+            out[row, 10] = inputs[k // divider - tick_0, 0]
+            out[row, 11] = T_load
+            out[row, 12] = theta
+            out[row, 13] = omega
+            # <log>
+            row += 1
+
+        if delay == 1:
+            held = (u_d_next, u_q_next, angle_next, T_load)
+            u_d_next, u_q_next, angle_next = u_d, u_q, angle_command
+        else:
+            held = (u_d, u_q, angle_command, T_load)
+        for m in range(steps):
+            y = step_smooth(y, t + m * h, h, held, machine, effects)  # <step>
+        k += 1
+
+    states[0], states[1], states[2], states[3] = y[0], y[1], y[2], y[3]  # <store states>
+    states[4], states[5], states[6] = I_d, I_q, I_s
+    states[7], states[8], states[9], states[10] = theta_last, omega_hat, i_q_ref, i_d_ref
+    states[11], states[12], states[13], states[14] = u_d_next, u_q_next, angle_next, omega_filtered
+    # <memory store>
+    return row

@@ -1,0 +1,137 @@
+"""Two parameter objects that must not be confused: what is true of the plant, and what the controller believes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import DesignError
+from pmsm_ctrl.units import psi_f_from
+
+__all__ = ["Controller", "Plant"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The true machine, inverter and sensors, SI units."""
+
+    R: float
+    L_d: float
+    L_q: float
+    p: int
+    psi_f: float
+    J: float
+    u_dc: float
+    period: float
+    counts: float
+    current_noise: float
+    steps: int
+    speed_divider: int
+    log_divider: int
+    delay: int
+
+    @classmethod
+    def of(cls, design: Design) -> Plant:
+        """Read the plant from a design.
+
+        Raises
+        ------
+        DesignError
+            When the motor's electrical data are not known.
+        """
+        motor = design.motor
+        if motor.R is None or motor.L_d is None or motor.L_q is None or motor.p is None or motor.psi_f is None:
+            raise DesignError(
+                f"{design.source or design.name}: motor: the drive is simulated from p, psi_f, R, L_d and L_q; "
+                "this design knows only K_t"
+            )
+        return cls(
+            motor.R, motor.L_d, motor.L_q, motor.p, motor.psi_f, design.J, design.drive.u_dc,
+            1.0 / design.drive.f_control, float(design.sensor.encoder_counts), design.sensor.current_noise,
+            design.drive.plant_steps, design.drive.speed_divider, design.sensor.log_divider,
+            design.drive.delay_periods,
+        )  # fmt: skip
+
+    def array(self) -> Array:
+        """Return the numbers in the kernel's order."""
+        return np.array([
+            self.R, self.L_d, self.L_q, self.p, self.psi_f, self.J, self.u_dc, self.period, self.counts,
+            self.current_noise, self.steps, self.speed_divider, self.log_divider, self.delay,
+        ], dtype=np.float64)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Controller:
+    """The sampled cascade as it runs in the drive: gains per tick and the model it uses for decoupling.
+
+    Discretisation: forward Euler of the integrators, exact (zero-order hold) first-order filters.
+    """
+
+    current_gain: tuple[float, float]
+    current_integral: tuple[float, float]
+    speed_gain: float
+    speed_integral: float
+    speed_filter: float
+    reference_filter: float
+    position_gain: float
+    velocity_feedforward: float
+    acceleration_feedforward: float
+    i_max: float
+    L_d: float
+    L_q: float
+    psi_f: float
+
+    @classmethod
+    def of(cls, design: Design, control: str = "speed") -> Controller:
+        """Read the controller from a design; `control` switches outer loops off ("speed", "current").
+
+        Raises
+        ------
+        DesignError
+            When the design has no loops or the motor's electrical data are not known.
+        """
+        loops, motor, assumed = design.loops, design.motor, design.assumed
+        if loops is None:
+            raise DesignError(f"{design.source or design.name}: loops: missing; `pmsm-ctrl tune` finds them")
+        if motor.p is None or motor.L_d is None or motor.L_q is None:
+            raise DesignError(f"{design.source or design.name}: motor: electrical data missing for the current loop")
+        T = 1.0 / design.drive.f_control
+        T_s = T * design.drive.speed_divider
+        current, speed, position = loops.current, loops.speed, loops.position
+        K_d, T_d = current.K_p_d or current.K_p, current.T_n_d or current.T_n
+        inertia = assumed.J or design.J
+        in_position = control == "position"
+        return cls(
+            current_gain=(K_d, current.K_p),
+            current_integral=(T / T_d, T / current.T_n),
+            speed_gain=0.0 if control == "current" else speed.K_p,
+            speed_integral=0.0 if control == "current" else T_s / speed.T_n,
+            speed_filter=_smoothing(T_s, design.sensor.speed_filter),
+            reference_filter=_smoothing(T_s, speed.reference_filter),
+            position_gain=position.K_v if in_position else 0.0,
+            velocity_feedforward=position.velocity_feedforward if in_position else 1.0,
+            acceleration_feedforward=position.acceleration_feedforward * inertia / design.K_t_assumed,
+            i_max=design.drive.i_max,
+            L_d=assumed.L_d or motor.L_d,
+            L_q=assumed.L_q or motor.L_q,
+            psi_f=psi_f_from(design.K_t_assumed, motor.p),
+        )
+
+    def array(self) -> Array:
+        """Return the numbers in the kernel's order."""
+        return np.array([
+            self.current_gain[0], self.current_integral[0], self.current_gain[1], self.current_integral[1],
+            self.speed_gain, self.speed_integral, self.speed_filter, self.reference_filter, self.position_gain,
+            self.velocity_feedforward, self.acceleration_feedforward, self.i_max, self.L_d, self.L_q, self.psi_f,
+        ], dtype=np.float64)  # fmt: skip
+
+
+def _smoothing(period: float, time_constant: float) -> float:
+    """Gain of the exact first-order filter x += a (u - x) for one period."""
+    return 1.0 if time_constant == 0.0 else -math.expm1(-period / time_constant)
