@@ -1,1 +1,51 @@
-"""placeholder"""
+"""Control design, friction identification and model diagnosis for permanent-magnet synchronous servo drives.
+
+Two nouns, `Design` and `Log`, and one plain function per verb. Nothing is imported before it is used.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.design import Design
+    from pmsm_ctrl.log import Log
+
+# public name -> the module that holds it; frozen by tests/unit/test_public_api.py
+_EXPORTS = {
+    "Design": "pmsm_ctrl.design",
+    "Log": "pmsm_ctrl.log",
+}
+
+__version__ = "0.1.0"
+__all__ = ["Design", "Log"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _EXPORTS:
+        from pmsm_ctrl.errors import nearest
+
+        raise AttributeError(f"module 'pmsm_ctrl' has no attribute '{name}'{nearest(name, _EXPORTS)}")
+    value = getattr(import_module(_EXPORTS[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_EXPORTS})
+
+
+class _Package(ModuleType):
+    """A package in which importing the module `pmsm_ctrl.simulate` does not hide the verb `simulate`."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        # The import system binds each submodule here. A verb shares its module's name and must win,
+        # as it would with an eager `from pmsm_ctrl.simulate import simulate`.
+        if not (name in _EXPORTS and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

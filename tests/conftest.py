@@ -1,0 +1,80 @@
+"""Options and fixtures for all tests."""
+
+from __future__ import annotations
+
+import os
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--slow", action="store_true", default=False, help="also run the tests that take minutes"
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--slow"):
+        return
+    skip = pytest.mark.skip(reason="takes minutes; run with --slow")
+    for item in items:
+        if "slow" in item.keywords:
+            item.add_marker(skip)
+
+
+def data_folder() -> Path:
+    """Where measured data is looked for: PMSM_CTRL_DATA, else ../shared/data beside the project."""
+    named = os.environ.get("PMSM_CTRL_DATA")
+    return Path(named) if named else ROOT.parent / "shared" / "data"
+
+
+class MeasuredData:
+    """Finds measured files; a missing one skips the test, saying what is missing and where it was sought."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __call__(self, relative: str) -> Path:
+        path = self.folder / relative
+        if not path.is_file():
+            pytest.skip(
+                f"MEASURED DATA ABSENT: {path} (set PMSM_CTRL_DATA to the folder that holds {relative})"
+            )
+        return path
+
+
+@pytest.fixture(scope="session")
+def measured() -> MeasuredData:
+    """Return a function from a relative name (emps/DATA_EMPS.mat) to a path; skips loudly if absent."""
+    return MeasuredData(data_folder())
+
+
+@pytest.fixture(scope="session")
+def project_root() -> Path:
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def designs() -> Path:
+    """Return the folder of the committed designs."""
+    return ROOT / "designs"
+
+
+@pytest.fixture(autouse=True)
+def _fixed_seeds() -> None:
+    """Give every test the same state of the global generators, whatever ran before it."""
+    random.seed(20240501)
+    np.random.seed(20240501)  # noqa: NPY002 - libraries under test may still use the legacy generator
+
+
+@pytest.fixture(params=[1, 2, 3])
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    """Return generators of several fixed seeds, one test run each."""
+    return np.random.default_rng(request.param)

@@ -1,0 +1,62 @@
+"""The public names are frozen: a change here is a change for every user."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+import pmsm_ctrl
+
+PUBLIC = [
+    "Design",
+    "Log",
+]
+
+
+def test_public_names_are_frozen() -> None:
+    assert sorted(pmsm_ctrl.__all__) == sorted(PUBLIC)
+    assert set(PUBLIC) <= set(dir(pmsm_ctrl))
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_public_name_resolves_and_is_documented(name: str) -> None:
+    value = getattr(pmsm_ctrl, name)
+    assert inspect.getdoc(value)
+    assert value.__name__ == name
+    if inspect.isfunction(value):
+        hidden = [p for p in inspect.signature(value).parameters.values() if p.kind is p.VAR_KEYWORD]
+        assert not hidden, "**kwargs would swallow a typo"
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_parameter_of_a_verb_is_in_its_docstring(name: str) -> None:
+    value = getattr(pmsm_ctrl, name)
+    if not inspect.isfunction(value):
+        pytest.skip("not a verb")
+    text = inspect.getdoc(value) or ""
+    missing = [p for p in inspect.signature(value).parameters if p not in text]
+    assert not missing, f"{name}: {missing} not described"
+
+
+@pytest.mark.parametrize("name", [n for n in PUBLIC if n[0].islower()])
+def test_verb_wins_over_the_module_of_the_same_name(name: str) -> None:
+    code = f"import pmsm_ctrl.{name}, pmsm_ctrl; assert callable(pmsm_ctrl.{name}), pmsm_ctrl.{name}"
+    module = f"pmsm_ctrl.{name}"
+    if importlib.util.find_spec(module) is None:
+        pytest.skip("no module of this name")
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_unknown_name_suggests_the_nearest() -> None:
+    with pytest.raises(AttributeError, match="did you mean 'Design'"):
+        _ = pmsm_ctrl.Desing
+
+
+def test_version_matches_the_distribution() -> None:
+    from importlib.metadata import version
+
+    assert pmsm_ctrl.__version__ == version("pmsm-ctrl")
