@@ -1,0 +1,126 @@
+"""Readers of measured logs: one file per format, each of which only reads.
+
+The format is found from the content, never from the name alone. Nothing in a file is ever executed, and no
+pickle is read. What had to be guessed stands in ``log.provenance.notes``; what looks wrong in
+``log.provenance.warnings``.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError, PmsmCtrlError
+from pmsm_ctrl.files import sha256
+from pmsm_ctrl.importers.build import channels_of
+from pmsm_ctrl.importers.mapping import assign
+from pmsm_ctrl.importers.plausibility import check
+from pmsm_ctrl.importers.table import Table
+from pmsm_ctrl.log import Log, Provenance
+
+__all__ = ["check", "open_table", "read_log"]
+
+_REFUSED = {
+    b"PK\x03\x04": "a zip archive or Excel workbook; save the sheet as CSV",
+    b"\x93NUMPY": "a NumPy array without channel names; save it as CSV or MAT",
+    b"\x1f\x8b": "gzip-compressed; unpack it first",
+    b"\x80\x04\x95": "a Python pickle, which is never read",
+    b"\x80\x05\x95": "a Python pickle, which is never read",
+}
+
+
+def read_log(
+    path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None
+) -> Log:
+    """Read a measured or simulated log.
+
+    Parameters
+    ----------
+    path
+        CSV and other text, MAT (v4 to v7.3), MDF4, TDMS or Parquet; found from the content.
+    design
+        Its [log] table maps foreign columns to channels; its motion decides between rotary and linear units.
+    mapping
+        Channel to column, ``{"omega": "speed [rpm]"}``; goes before the design's table. ``"#3 [rpm]"`` is the
+        third column.
+
+    Returns
+    -------
+    Log
+        In SI units, with notes and warnings in its provenance.
+
+    Raises
+    ------
+    LogError
+        One line with file and place for whatever is wrong.
+    """
+    target, file = _existing(path)
+    digest: list[str] = []
+    hashing = threading.Thread(target=lambda: digest.append(sha256(target)), daemon=True)
+    hashing.start()
+    table = open_table(target, design)
+    assignment = assign(table, design, mapping)
+    try:
+        channels, notes = channels_of(table, assignment)
+    except MemoryError:
+        raise LogError(f"{file}: does not fit into memory") from None
+    hashing.join()
+    provenance = Provenance(
+        file, digest[0] if digest else "", table.format, (*table.notes, *assignment.notes, *notes)
+    )
+    log = Log(channels, motion=assignment.motion, provenance=provenance)
+    return replace(log, provenance=replace(provenance, warnings=check(log, design)))
+
+
+def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Table:
+    """Open a file and understand its columns without reading all numbers.
+
+    Raises
+    ------
+    LogError
+        When the file is missing, empty, damaged or of no known format.
+    """
+    target, file = _existing(path)
+    with open(target, "rb") as stream:
+        head = stream.read(1024)
+    if not head:
+        raise LogError(
+            f"{file}: empty; a log with time, position or speed, and current or torque was expected"
+        )
+    for magic, what in _REFUSED.items():
+        if head.startswith(magic):
+            raise LogError(f"{file}: {what} (accepted: CSV and other text, MAT, MDF4, TDMS, Parquet)")
+    if head.startswith(b"\x89HDF") or head[512:516] == b"\x89HDF":
+        from pmsm_ctrl.importers.mat import open_hdf5
+
+        return open_hdf5(target, file)
+    if head.startswith(b"MATLAB 5.0") or target.suffix.lower() == ".mat":
+        from pmsm_ctrl.importers.mat import open_mat
+
+        return open_mat(target, file)
+    from pmsm_ctrl.importers.text import open_text
+
+    settings = design.log if design is not None else None
+    return open_text(
+        target, file, settings.separator if settings else None, settings.decimal if settings else None
+    )
+
+
+def _existing(path: str | os.PathLike[str]) -> tuple[Path, str]:
+    try:
+        target, file = Path(path), os.fspath(path)
+        if target.is_dir():
+            raise LogError(f"{file}: is a folder; a log file was expected")
+        if not target.exists():
+            raise LogError(f"{file}: no such file; a log was expected")
+        with open(target, "rb"):
+            return target, str(file)
+    except PmsmCtrlError:
+        raise
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise LogError(f"{path}: cannot be read ({reason})") from None

@@ -1,0 +1,136 @@
+"""From an opened table and an assignment to a `Log`: numbers loaded, converted, checked and put on one time base."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.mapping import Assignment, Source
+from pmsm_ctrl.importers.table import Array, Table
+
+__all__ = ["channels_of"]
+
+
+def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Load the assigned columns; return SI channels on one time base and notes on what had to be done for it.
+
+    Raises
+    ------
+    LogError
+        With the place for a value that is not finite and for time that does not increase.
+    """
+    from pmsm_ctrl.importers.rasters import on_one_raster
+
+    sources = assignment.sources
+    columns = [source.column for source in sources]
+    times = _time_columns(table, assignment)
+    loaded = dict(zip([*columns, *times.values()], table.load([*columns, *times.values()]), strict=True))
+    rasters: dict[int, Array] = {}
+    notes: list[str] = []
+    for group, index in times.items():
+        gain = _time_gain(table, assignment, index)
+        rasters[group] = check_time(table, index, loaded[index], gain)
+    channels: dict[int, dict[str, Array]] = {group: {} for group in times}
+    for source in sources:
+        if source.channel == "t":
+            continue
+        group = table.columns[source.column].group
+        channels[group][source.channel] = convert(table, source, loaded[source.column])
+    result, resampled = on_one_raster(rasters, channels)
+    unwrapped = _unwrap(result) if assignment.motion == "rotary" else []
+    return result, (*notes, *resampled, *unwrapped)
+
+
+def _time_columns(table: Table, assignment: Assignment) -> dict[int, int]:
+    """The time column of every group that carries a channel."""
+    mapped = assignment.source("t")
+    out: dict[int, int] = {}
+    for source in assignment.sources:
+        group = table.columns[source.column].group
+        if group in out:
+            continue
+        if mapped is not None and table.columns[mapped.column].group == group:
+            out[group] = mapped.column
+            continue
+        own = next((i for i, c in enumerate(table.columns) if c.group == group and c.is_time), None)
+        if own is None:
+            column = table.columns[source.column]
+            raise LogError(
+                f"{table.file}: column '{column.header or column.name}' has no time column of its own"
+            )
+        out[group] = own
+    return out
+
+
+def _time_gain(table: Table, assignment: Assignment, index: int) -> float:
+    from pmsm_ctrl.importers.names import unit_spelling
+    from pmsm_ctrl.units import UNITS
+
+    mapped = assignment.source("t")
+    if mapped is not None and mapped.column == index:
+        return mapped.gain
+    si, factor = UNITS.get(unit_spelling(table.columns[index].unit), ("s", 1.0))
+    if si != "s":
+        raise LogError(
+            f"{table.file}: time column '{table.columns[index].header}' has unit [{table.columns[index].unit}]; s was expected"
+        )
+    return factor
+
+
+def convert(table: Table, source: Source, values: Array) -> Array:
+    """Return SI values; the first that is not finite is an error with its place."""
+    if not math.isfinite(source.gain) or source.gain == 0.0:
+        raise LogError(
+            f"{table.file}: channel '{source.channel}': factor {source.gain}; a finite number other than 0 was expected"
+        )
+    with np.errstate(over="ignore"):
+        result = values * source.gain if source.gain != 1.0 else values
+    finite = np.isfinite(result)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        found = "empty or not a number" if np.isnan(values[row]) else f"{values[row]:g}"
+        raise LogError(
+            f"{table.file}: {table.locate(source.column, row)}: {found}; a finite number was expected"
+        )
+    return result
+
+
+def check_time(table: Table, index: int, values: Array, gain: float) -> Array:
+    """Return time in s; time that is not finite or does not increase is an error with its place."""
+    if values.size == 0:
+        raise LogError(f"{table.file}: no rows of numbers; at least one was expected")
+    if table.columns[index].unit in ("", "s") and gain == 1.0:
+        t = values
+    else:
+        t = values * gain
+    finite = np.isfinite(t)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise LogError(
+            f"{table.file}: {table.locate(index, row)}: {values[row]:g} found; a time was expected"
+        )
+    step = np.diff(t)
+    if t.size > 1 and not (step > 0).all():
+        row = int(np.argmin(step > 0)) + 1
+        what = "the same time stamp twice" if step[row - 1] == 0 else "time runs backwards"
+        raise LogError(
+            f"{table.file}: {table.locate(index, row)}: {what} ({values[row]:.9g} after {values[row - 1]:.9g})"
+        )
+    return t
+
+
+def _unwrap(channels: dict[str, Array]) -> list[str]:
+    """Unwrap an angle that stays within one turn and jumps by one turn."""
+    notes = []
+    for name in ("theta", "theta_ref", "theta_load"):
+        if name not in channels or channels[name].size < 2:
+            continue
+        theta = channels[name]
+        turn = 2.0 * np.pi
+        jumps = int(np.count_nonzero(np.abs(np.diff(theta)) > 0.75 * turn))
+        if jumps and np.ptp(theta) <= 1.01 * turn:
+            channels[name] = np.unwrap(theta)
+            notes.append(f"{name} wraps at one turn ({jumps} times); unwrapped")
+    return notes

@@ -1,0 +1,329 @@
+"""How a text file is laid out: encoding, separator, decimal mark, header, units, first line of numbers.
+
+Everything here looks only at the beginning of the file.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.names import is_unit, split_header
+from pmsm_ctrl.log import CHANNELS
+
+__all__ = [
+    "SAMPLE",
+    "Layout",
+    "decode_sample",
+    "encoding_of",
+    "is_number",
+    "pieces",
+    "separator_name",
+    "sniff",
+    "split_line",
+]
+
+SAMPLE = 1 << 18  # bytes that are looked at
+SEPARATORS = (";", "\t", ",", "|", " ")
+_NUMBER = re.compile(
+    r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$|\s*[+-]?(nan|inf|infinity)\s*$", re.IGNORECASE
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a text file is laid out.
+
+    Parameters
+    ----------
+    first_line : int
+        Line number of the first row of numbers, counted from 1.
+    width : int
+        Cells per row.
+    text_columns : tuple of int
+        Columns that hold no numbers at all.
+    ragged : bool
+        Whether rows may end early because channels have unequal lengths.
+    """
+
+    encoding: str
+    separator: str
+    decimal: str
+    header: tuple[str, ...]
+    units: tuple[str, ...]
+    first_line: int
+    width: int
+    text_columns: tuple[int, ...] = ()
+    ragged: bool = False
+    preamble: tuple[str, ...] = field(default=(), repr=False)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def accepts_comma(self) -> bool:
+        """Whether a comma inside a cell can only be a decimal mark."""
+        return self.separator != "," or self.decimal == ","
+
+
+def separator_name(separator: str) -> str:
+    """Return a separator in words."""
+    return {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "blanks"}.get(
+        separator, repr(separator)
+    )
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell holds one number, with a decimal point or a decimal comma."""
+    return _NUMBER.match(cell.strip().strip('"')) is not None
+
+
+def encoding_of(head: bytes, file: str) -> str:
+    """Return the encoding of a text that begins with `head`.
+
+    Raises
+    ------
+    LogError
+        When the bytes are not text.
+    """
+    for mark, name in (
+        (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if head.startswith(mark):
+            return name
+    if b"\0" in head:
+        for offset, name in ((1, "utf-16-le"), (0, "utf-16-be")):
+            half = head[offset::2]
+            if half and half.count(0) > 0.9 * len(half):
+                return name
+    junk = next((i for i, byte in enumerate(head) if byte < 32 and byte not in b"\t\r\n\f\x1a"), None)
+    if junk is not None:
+        raise LogError(
+            f"{file}: byte {junk} is 0x{head[junk]:02x}: neither text nor a known format "
+            "(accepted: CSV and other text, MAT, MDF4, TDMS, Parquet)"
+        )
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+        return "utf-8"
+    except UnicodeDecodeError:
+        return "latin-1"
+
+
+def pieces(path: str | Path, encoding: str, size: int = 1 << 25) -> Iterator[bytes]:
+    """Yield the file in pieces that end at line ends, in an encoding whose digits and separators are ASCII."""
+    with open(path, "rb") as stream:
+        stream.seek(3 if encoding == "utf-8-sig" else 0)
+        decoder = codecs.getincrementaldecoder(encoding)("replace") if encoding.startswith("utf-16") else None
+        bare_returns: bool | None = None
+        rest = b""
+        while block := stream.read(size):
+            if decoder is not None:
+                block = decoder.decode(block).encode("utf-8")
+            if bare_returns is None:
+                bare_returns = b"\r" in block and b"\n" not in block
+            if bare_returns:
+                block = block.replace(b"\r", b"\n")
+            cut = block.rfind(b"\n") + 1
+            if not cut:
+                rest += block
+                continue
+            yield rest + block[:cut] if rest else block[:cut]
+            rest = block[cut:]
+        if rest:
+            yield rest
+
+
+def decode_sample(path: str | Path, file: str) -> tuple[list[str], str, bool]:
+    """Return the first lines of a text file, its encoding, and whether that is the whole file."""
+    with open(path, "rb") as stream:
+        head = stream.read(SAMPLE)
+        whole = not stream.read(1)
+    encoding = encoding_of(head, file)
+    first = next(pieces(path, encoding, SAMPLE), b"")
+    text = first.decode(
+        "utf-8" if encoding.startswith("utf-16") else encoding.replace("-sig", ""), errors="replace"
+    )
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return (lines if whole else lines[:-1]), encoding, whole
+
+
+def split_line(line: str, separator: str) -> list[str]:
+    """Split one line into cells without the blanks around them; quoted cells may hold the separator."""
+    if separator == " ":
+        return line.split()
+    if '"' in line:
+        try:
+            return [
+                cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+            ]
+        except (csv.Error, StopIteration):
+            pass
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def _trimmed(cells: list[str]) -> list[str]:
+    while cells and not cells[-1]:
+        cells = cells[:-1]
+    return cells
+
+
+def _score(lines: list[str], separator: str) -> tuple[float, int]:
+    """Return (numeric cells per line in the second half of the sample, most common number of cells)."""
+    rows = [split_line(line, separator) for line in lines]
+    width = Counter(len(row) for row in rows).most_common(1)[0][0]
+    if width < 2:
+        return 0.0, width
+    fitting = [row for row in rows if len(row) == width]
+    numeric = sum(is_number(cell) for row in fitting for cell in row)
+    # cells that are no number and not empty speak against a separator
+    text = sum(bool(cell) and not is_number(cell) for row in fitting for cell in row)
+    return (numeric - text) / len(rows), width
+
+
+def sniff(path: str | Path, file: str, separator: str | None = None, decimal: str | None = None) -> Layout:
+    """Find the layout of a text file; a separator or decimal mark that is given is not questioned.
+
+    Raises
+    ------
+    LogError
+        When the file is empty, has a header only, or no lines of numbers can be found.
+    """
+    lines, encoding, _ = decode_sample(path, file)
+    if not any(line.strip() for line in lines):
+        raise LogError(f"{file}: empty; a header line and rows of numbers were expected")
+    filled = [line for line in lines if line.strip()]
+    tail = filled[len(filled) // 2 :][:400] if len(filled) > 3 else filled[-1:]
+    candidates = SEPARATORS if separator is None else (separator,)
+    scores = {candidate: _score(tail, candidate) for candidate in candidates}
+    best = max(candidates, key=lambda candidate: scores[candidate][0])
+    if scores[best][0] <= 0 or scores[best][1] < 2:
+        best = next((s for s in candidates if len(split_line(filled[0], s)) > 1), best)
+    layout = _place_header(lines, best, encoding, file)
+    return replace(layout, decimal=decimal or _decimal(lines[layout.first_line - 1 :], layout))
+
+
+def _place_header(lines: list[str], separator: str, encoding: str, file: str) -> Layout:
+    rows = [split_line(line, separator) for line in lines]
+    widths = Counter(len(row) for row in rows if sum(map(is_number, row)) >= 2 and len(row) > 1)
+    if not widths:
+        count = sum(1 for row in rows if any(row))
+        raise LogError(
+            f"{file}: line 1: no row of numbers below it ({count} line{'s' if count > 1 else ''} of text found); "
+            "a header line and rows of numbers were expected"
+        )
+    width = widths.most_common(1)[0][0]
+    text_columns = _text_columns(rows, width)
+    first = next(i for i, row in enumerate(rows) if _is_data(row, width, text_columns))
+    above = _above(rows, first, width)
+    _refuse_text_above(rows, first, above, separator, file)
+    header, units, header_row = above
+    notes = [] if header else ["no header line found; columns are #1, #2, ..."]
+    if text_columns:
+        names = ", ".join(f"'{header[i]}'" if i < len(header) else f"#{i + 1}" for i in text_columns)
+        notes.append(f"text columns left out: {names}")
+    preamble = tuple(line.strip() for line in lines[: max(header_row, 0)] if line.strip())
+    if preamble:
+        notes.append(f"{len(preamble)} line{'s' if len(preamble) > 1 else ''} above the header not used")
+    names = tuple(header) if header else tuple(f"#{i + 1}" for i in range(width))
+    return Layout(
+        encoding,
+        separator,
+        ".",
+        names,
+        tuple(units),
+        first + 1,
+        width,
+        text_columns,
+        False,
+        preamble,
+        tuple(notes),
+    )
+
+
+def _text_columns(rows: list[list[str]], width: int) -> tuple[int, ...]:
+    """Columns without a single number in the rows that are mostly numbers."""
+    fitting = [row for row in rows if len(row) == width and sum(map(is_number, row)) >= 2]
+    return tuple(
+        c for c in range(width)
+        if not any(is_number(row[c]) for row in fitting) and all(row[c] for row in fitting[-3:])
+    )  # fmt: skip
+
+
+def _is_data(row: list[str], width: int, text_columns: tuple[int, ...]) -> bool:
+    cells = [cell for i, cell in enumerate(row) if i not in text_columns]
+    return len(row) == width and any(cells) and all(not cell or is_number(cell) for cell in cells)
+
+
+def _is_header(row: list[str], width: int) -> bool:
+    cells = _trimmed(row)
+    return width - 1 <= len(cells) <= width and all(cells) and not any(map(is_number, cells))
+
+
+def _is_units(row: list[str], width: int) -> bool:
+    cells = [cell.strip("[]()").strip() for cell in row]
+    return (
+        len(row) <= width and any(cells) and all(not cell or cell == "-" or is_unit(cell) for cell in cells)
+    )
+
+
+def _above(rows: list[list[str]], first: int, width: int) -> tuple[list[str], list[str], int]:
+    """Return header cells, units cells and the header's row index (-1: none) above the first row of numbers."""
+    filled = [i for i in range(first) if any(rows[i])]
+    if (
+        filled
+        and _is_units(rows[filled[-1]], width)
+        and len(filled) > 1
+        and _is_header(rows[filled[-2]], width)
+    ):
+        return (
+            _trimmed(rows[filled[-2]]),
+            [cell.strip("[]()").strip() for cell in rows[filled[-1]]],
+            filled[-2],
+        )
+    if filled and _is_header(rows[filled[-1]], width):
+        return _trimmed(rows[filled[-1]]), [], filled[-1]
+    return [], [], -1
+
+
+def _refuse_text_above(
+    rows: list[list[str]], first: int, above: tuple[list[str], list[str], int], separator: str, file: str
+) -> None:
+    """Refuse rows between a header and the first good row of numbers: they are data with a bad cell."""
+    top = next((i for i, row in enumerate(rows[:first]) if _looks_canonical(row)), None)
+    if top is None:
+        filled = [i for i in range(first) if any(rows[i])]
+        heads = [i for i in filled if _is_header(rows[i], len(rows[first]))]
+        top = heads[-1] if heads and not above[0] else None
+    if top is None or (above[0] and top == above[2]):
+        return
+    for i in range(top + 1, first):
+        row = rows[i]
+        column = next((c for c, cell in enumerate(row) if cell and not is_number(cell)), None)
+        if len(row) == len(rows[first]) and column is not None:
+            name = split_header(rows[top][column])[0] if column < len(rows[top]) else f"#{column + 1}"
+            raise LogError(
+                f"{file}: line {i + 1}, column {column + 1} ('{name}'): '{row[column][:40]}' found; a number was expected"
+            )
+        if any(row):
+            raise LogError(f"{file}: line {i + 1}: {len(row)} cells found; {len(rows[first])} were expected")
+
+
+def _looks_canonical(row: list[str]) -> bool:
+    return len(row) > 1 and all(
+        re.fullmatch(r"(\w+) \[[^\]]+\]", cell) and cell.split(" ")[0] in CHANNELS for cell in row
+    )
+
+
+def _decimal(lines: list[str], layout: Layout) -> str:
+    if layout.separator == ",":
+        quoted = sum(cell.count(",") for line in lines[:200] for cell in split_line(line, ","))
+        return "," if quoted else "."
+    cells = [cell for line in lines[:400] for cell in split_line(line, layout.separator) if is_number(cell)]
+    commas, points = (sum(mark in cell for cell in cells) for mark in ",.")
+    return "," if commas > points else "."

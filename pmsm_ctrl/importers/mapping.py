@@ -1,0 +1,238 @@
+"""From a file's columns to the channels of a log: mapped, canonical, or guessed with the guess stated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError, nearest
+from pmsm_ctrl.importers.names import guess_channel, split_header, unit_spelling
+from pmsm_ctrl.importers.table import Column, Table
+from pmsm_ctrl.log import CHANNELS
+from pmsm_ctrl.units import UNITS
+
+__all__ = ["Assignment", "Source", "assign"]
+
+# at least one channel of each line makes a log
+REQUIRED = (("t",), ("theta", "omega"), ("i_q", "torque"))
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where one channel comes from: ``SI value = factor * scale * column``."""
+
+    channel: str
+    column: int
+    unit: str
+    factor: float
+    scale: float = 1.0
+    how: str = "canonical"  # "mapped", "canonical" or "guessed"
+    assumed_unit: bool = False
+
+    @property
+    def gain(self) -> float:
+        """The factor from the file's number to SI."""
+        return self.factor * self.scale
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Which column becomes which channel, on which kind of axis, and what was guessed on the way."""
+
+    sources: tuple[Source, ...]
+    motion: str
+    notes: tuple[str, ...]
+
+    def source(self, channel: str) -> Source | None:
+        """Return the source of a channel, or None."""
+        return next((source for source in self.sources if source.channel == channel), None)
+
+
+def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | None) -> Assignment:
+    """Assign columns to channels.
+
+    `mapping` has the last word, then the design's [log] table, then canonical names; only without a table are
+    the remaining columns guessed from their names. A file whose every column is canonical needs no table.
+
+    Raises
+    ------
+    LogError
+        For a channel or column that does not exist, a unit that is unknown or of the wrong kind, a channel
+        that is missing.
+    """
+    where = f"{table.file}: "
+    notes: list[str] = []
+    canonical = all(column.name in CHANNELS and column.unit for column in table.columns)
+    wanted: dict[str, str] = {}
+    if design is not None and design.log.channels:
+        if canonical:
+            notes.append("canonical header: the design's [log] table was not needed")
+        else:
+            wanted |= design.log.channels
+    wanted |= dict(mapping or {})
+    for channel in wanted:
+        if channel not in CHANNELS:
+            raise LogError(
+                f"{where}[log] maps unknown channel '{channel}'{nearest(channel, CHANNELS)} (known: {', '.join(CHANNELS)})"
+            )
+    scales = dict(design.log.scale) if design is not None and not canonical else {}
+    chosen = {channel: (*_find(table, channel, spec), "mapped") for channel, spec in wanted.items()}
+    table_complete = design is not None and bool(design.log.channels)
+    for channel, index, how in _unmapped(table, chosen, guess=not table_complete):
+        chosen[channel] = (index, "", how)
+    motion = _motion(table, design, chosen, scales)
+    sources = tuple(
+        _source(table, channel, index, unit, how, scales.get(channel), motion)
+        for channel, (index, unit, how) in chosen.items()
+    )
+    _require(table, sources)
+    notes += _notes(table, sources)
+    ordered = tuple(sorted(sources, key=lambda source: list(CHANNELS).index(source.channel)))
+    return Assignment(ordered, motion, tuple(notes))
+
+
+def _find(table: Table, channel: str, spec: str) -> tuple[int, str]:
+    """Return (column index, stated unit) of a mapping such as 'speed [rpm]', 'speed' or '#3 [rpm]'."""
+    name, unit = split_header(spec)
+    if name.startswith("#") and name[1:].isdigit():
+        index = int(name[1:]) - 1
+        if not 0 <= index < len(table.columns):
+            raise LogError(
+                f"{table.file}: [log] {channel} = '{spec}': the file has {len(table.columns)} columns"
+            )
+        return index, unit
+    tests = (
+        lambda c: c.header == spec,
+        lambda c: c.header == name or c.name == spec,
+        lambda c: c.name == name and (not unit or not c.unit or unit_spelling(c.unit) == unit_spelling(unit)),
+        lambda c: c.name == name,
+        lambda c: c.name.casefold() == name.casefold() or c.header.casefold() == name.casefold(),
+    )
+    for test in tests:
+        found = [i for i, column in enumerate(table.columns) if test(column)]
+        if len(found) > 1 and channel != "t":
+            places = " or ".join(f"#{i + 1}" for i in found[:4])
+            raise LogError(
+                f"{table.file}: column '{name}' appears {len(found)} times; name it by its number: {places}"
+            )
+        if found:
+            return found[0], unit
+    known = [column.name for column in table.columns]
+    raise LogError(
+        f"{table.file}: no column '{name}' for channel '{channel}'{nearest(name, known)} (found: {_shown(table.columns)})"
+    )
+
+
+def _shown(columns: tuple[Column, ...]) -> str:
+    names = [column.header or column.name for column in columns]
+    return ", ".join(names[:20]) + (f", ... {len(names)} in all" if len(names) > 20 else "")
+
+
+def _unmapped(
+    table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: bool
+) -> list[tuple[str, int, str]]:
+    """Channels for columns that no mapping names: exact names first, then guesses; an ambiguous guess is none."""
+    used = {index for index, _, _ in chosen.values()}
+    free = [(i, c) for i, c in enumerate(table.columns) if i not in used]
+    found: dict[str, tuple[int, str]] = {}
+    for i, column in free:
+        if column.name in CHANNELS and column.name not in chosen and column.name not in found:
+            found[column.name] = (i, "canonical" if column.unit else "guessed")
+    if guess:
+        for i, column in free:
+            channel = "t" if column.is_time else guess_channel(column.name)
+            if (
+                channel is not None
+                and channel not in chosen
+                and channel not in found
+                and _plausible(column, channel)
+            ):
+                found[channel] = (i, "guessed")
+    return [(channel, i, how) for channel, (i, how) in found.items()]
+
+
+def _plausible(column: Column, channel: str) -> bool:
+    """Whether the stated unit, if known, fits the channel on some kind of axis."""
+    si = UNITS.get(unit_spelling(column.unit), ("", 0.0))[0]
+    return not si or si in CHANNELS[channel][:2] or si == "1"
+
+
+def _motion(
+    table: Table,
+    design: Design | None,
+    chosen: Mapping[str, tuple[int, str, str]],
+    scales: Mapping[str, float],
+) -> str:
+    """The design says which kind of axis it is; without one the units of position and speed do."""
+    if design is not None:
+        return design.motion
+    for channel in ("theta", "omega", "theta_ref", "omega_ref"):
+        if channel in chosen and channel not in scales:
+            index, unit, _ = chosen[channel]
+            si = UNITS.get(unit_spelling(unit or table.columns[index].unit), ("", 0.0))[0]
+            if si in ("m", "m/s"):
+                return "linear"
+    return "rotary"
+
+
+def _source(
+    table: Table, channel: str, index: int, stated: str, how: str, scale: float | None, motion: str
+) -> Source:
+    column = table.columns[index]
+    target = CHANNELS[channel][1 if motion == "linear" else 0]
+    spelled = stated or column.unit
+    unit = unit_spelling(spelled) if spelled else target
+    place = f"{table.file}: column {index + 1} ('{column.header or column.name}')"
+    if unit not in UNITS:
+        if scale is not None:
+            return Source(channel, index, spelled, 1.0, scale, how)
+        accepted = ", ".join(known for known, (si, _) in UNITS.items() if si == target)
+        raise LogError(
+            f"{place}: unknown unit [{spelled}] for '{channel}'{nearest(spelled, UNITS)} (accepted: {accepted})"
+        )
+    si, factor = UNITS[unit]
+    if si != target and scale is None:
+        accepted = ", ".join(known for known, (known_si, _) in UNITS.items() if known_si == target)
+        hint = (
+            '; is the axis linear? then the design says motion = "linear"' if si in ("m", "m/s", "N") else ""
+        )
+        raise LogError(
+            f"{place}: unit [{spelled}] does not fit '{channel}' in {target} "
+            f"(accepted: {accepted}; or a factor in [log.scale]){hint}"
+        )
+    return Source(channel, index, unit, factor, 1.0 if scale is None else scale, how, not spelled)
+
+
+def _require(table: Table, sources: tuple[Source, ...]) -> None:
+    present = {source.channel for source in sources}
+    for group in REQUIRED:
+        if "t" in group and any(column.is_time for column in table.columns):
+            continue
+        if not present.intersection(group):
+            wanted = " or ".join(f"'{name}'" for name in group)
+            raise LogError(
+                f"{table.file}: no channel {wanted}; found the columns {_shown(table.columns)} "
+                f"(name one in [log.channels] or as {group[-1]} = 'column [unit]')"
+            )
+
+
+def _notes(table: Table, sources: tuple[Source, ...]) -> list[str]:
+    notes = []
+    for source in sources:
+        column = table.columns[source.column]
+        shown = column.header or column.name
+        if source.how != "canonical" or source.assumed_unit or source.gain != 1.0:
+            unit = f"[{source.unit}]" + (", unit assumed" if source.assumed_unit else "")
+            factor = f", factor {source.gain:.9g}" if source.gain != 1.0 else ""
+            notes.append(f"{source.channel} {source.how} from '{shown}' {unit}{factor}")
+    used = {source.column for source in sources}
+    ignored = [
+        c.header or c.name
+        for i, c in enumerate(table.columns)
+        if i not in used and not c.is_time and (c.header or c.name)
+    ]
+    if ignored:
+        more = f", ... {len(ignored)} in all" if len(ignored) > 12 else ""
+        notes.append(f"not used: {', '.join(ignored[:12])}{more}")
+    return notes

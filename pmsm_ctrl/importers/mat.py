@@ -1,0 +1,131 @@
+"""MAT files, v4 to v7 by scipy and v7.3 (HDF5) by h5py. Only numeric arrays are read; nothing is executed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.names import split_header
+from pmsm_ctrl.importers.table import Array, Column, Table
+
+__all__ = ["open_hdf5", "open_mat"]
+
+
+def open_mat(path: Path, file: str) -> Table:
+    """Open a MAT file of version 4 to 7.
+
+    Raises
+    ------
+    LogError
+        When the file is damaged or holds no numeric vectors.
+    """
+    import warnings
+
+    import scipy.io
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            content = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
+    except MemoryError:
+        raise LogError(f"{file}: damaged MAT file (an array claims more memory than there is)") from None
+    except Exception as error:  # scipy raises whatever the damaged bytes lead to
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise LogError(f"{file}: damaged or unsupported MAT file ({reason[:120]})") from None
+    content = {name: value for name, value in content.items() if not name.startswith("__")}
+    return _table(file, "MATLAB v5", _numeric(content))
+
+
+def open_hdf5(path: Path, file: str) -> Table:
+    """Open a MAT file of version 7.3, or any HDF5 file whose datasets are vectors.
+
+    Raises
+    ------
+    LogError
+        When h5py is not installed, the file is damaged, or it holds no numeric vectors.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise LogError(f"{file}: MATLAB v7.3 (HDF5) needs h5py: pip install 'pmsm-ctrl[matlab73]'") from None
+    found: dict[str, Any] = {}
+    try:
+        with h5py.File(path, "r") as content:
+
+            def visit(name: str, item: Any) -> None:
+                # names under #refs# are cells that other variables point to
+                if isinstance(item, h5py.Dataset) and not name.startswith("#") and item.dtype.kind in "fiub":
+                    found[name.replace("/", ".")] = item[()]
+
+            content.visititems(visit)
+    except Exception as error:  # h5py raises whatever the damaged bytes lead to
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise LogError(f"{file}: damaged HDF5 file ({reason[:120]})") from None
+    return _table(file, "MATLAB v7.3", _numeric(found))
+
+
+def _numeric(content: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str, Array | str]:
+    """Flatten structs to dotted names; what is no numeric array becomes its description."""
+    out: dict[str, Array | str] = {}
+    for name, value in content.items():
+        array = np.asarray(value) if not hasattr(value, "toarray") else np.empty((2, 2), dtype=object)
+        full = f"{prefix}{name}"
+        if array.dtype.names and array.size == 1 and depth < 4:
+            record = array.reshape(-1)[0]
+            out |= _numeric({field: record[field] for field in array.dtype.names}, f"{full}.", depth + 1)
+        elif array.dtype.kind in "fiub" and array.dtype.names is None:
+            out[full] = np.asarray(array, dtype=np.float64)
+        else:
+            out[full] = "not numeric"
+    return out
+
+
+def _table(file: str, kind: str, content: dict[str, Array | str]) -> Table:
+    vectors: list[tuple[str, Array]] = []
+    scalars: list[str] = []
+    left: list[str] = []
+    for name, value in content.items():
+        if isinstance(value, str):
+            left.append(name)
+        elif value.size == 1:
+            scalars.append(f"{name} = {value.reshape(-1)[0]:.9g}")
+        elif value.size == max(value.shape):
+            vectors.append((name, value.reshape(-1)))
+        elif value.ndim == 2 and min(value.shape) <= 64 and value.size:
+            tall = value if value.shape[0] >= value.shape[1] else value.T
+            vectors += [(f"{name}.{i + 1}", tall[:, i]) for i in range(tall.shape[1])]
+        else:
+            left.append(name)
+    if not vectors:
+        raise LogError(
+            f"{file}: no numeric vectors in this MAT file (found: {', '.join(content) or 'nothing'})"
+        )
+    return _grouped(file, kind, vectors, scalars, left)
+
+
+def _grouped(
+    file: str, kind: str, vectors: list[tuple[str, Array]], scalars: list[str], left: list[str]
+) -> Table:
+    notes = []
+    if scalars:
+        notes.append(f"scalars not used: {', '.join(scalars[:12])}")
+    if left:
+        notes.append(f"variables that are no vectors not used: {', '.join(left[:12])}")
+    # vectors of one length share one time base
+    lengths = list(dict.fromkeys(values.size for _, values in vectors))
+    columns = []
+    for name, values in vectors:
+        short, unit = split_header(name)
+        columns.append(Column(name=short, unit=unit, header=name, group=lengths.index(values.size)))
+
+    def load(indices: Sequence[int]) -> list[Array]:
+        return [vectors[i][1] for i in indices]
+
+    def locate(column: int, sample: int) -> str:
+        return f"variable '{vectors[column][0]}', sample {sample + 1}"
+
+    return Table(file, kind, tuple(columns), load, locate, tuple(notes))

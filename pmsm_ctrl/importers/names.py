@@ -1,0 +1,118 @@
+"""Names and units as drives and loggers spell them."""
+
+from __future__ import annotations
+
+import re
+
+from pmsm_ctrl.log import CHANNELS
+from pmsm_ctrl.units import UNITS
+
+__all__ = ["guess_channel", "is_unit", "split_header", "unit_spelling"]
+
+# spelling in files -> spelling of pmsm_ctrl.units
+_SPELLINGS = {
+    "sec": "s", "seconds": "s", "sek": "s", "second": "s", "msec": "ms", "usec": "us", "μs": "us",
+    "u/min": "rpm", "1/min": "rpm", "min^-1": "rpm", "min⁻¹": "rpm", "r/min": "rpm", "rev/min": "rpm", "umdr/min": "rpm",
+    "degree": "deg", "degrees": "deg", "grad": "deg", "º": "deg", "°/s": "deg/s", "º/s": "deg/s", "degree/s": "deg/s",
+    "turn": "rev", "turns": "rev", "umdr": "rev", "revs": "rev", "u/s": "rev/s",
+    "rad s^-1": "rad/s", "rad·s⁻¹": "rad/s", "rad/sec": "rad/s", "radians": "rad", "rad/s²": "rad/s^2", "rad/s2": "rad/s^2",
+    "arms": "A rms", "a_rms": "A rms", "a(rms)": "A rms", "aeff": "A rms", "a eff": "A rms", "apk": "A", "a peak": "A",
+    "amp": "A", "ampere": "A", "amps": "A", "volt": "V", "volts": "V",
+    "n·m": "N m", "n.m": "N m", "n-m": "N m", "newton": "N", "m/s²": "m/s^2", "m/s2": "m/s^2",
+    "celsius": "degC", "c": "degC", "℃": "degC", "meter": "m", "metre": "m", "none": "1",
+}  # fmt: skip
+_FOLDED = {unit.casefold(): unit for unit in UNITS if unit not in ("mN m", "mNm")}
+
+# what a column may be called, without case, blanks and punctuation -> channel
+_NAMES: dict[str, tuple[str, ...]] = {
+    "t": ("time", "zeit", "timestamp", "zeitstempel", "seconds", "sec", "timesec", "elapsedtime", "tempo", "temps"),
+    "theta": ("position", "pos", "angle", "winkel", "phi", "actpos", "actualposition", "positionactual", "positionactualvalue",
+              "posact", "posactual", "istposition", "positionistwert", "lageistwert", "mechanicalangle", "rotorposition",
+              "measuredposition", "positionmeasured", "encoderposition", "positionmeas", "posmeas", "actposition"),
+    "theta_ref": ("positionreference", "referenceposition", "positionref", "posref", "positionsetpoint", "setpos", "posset",
+                  "setposition", "positiondemand", "positiondemandvalue", "targetposition", "commandposition", "positioncommand",
+                  "lagesollwert", "sollposition", "positionsollwert", "thetades", "desiredposition"),
+    "omega": ("velocity", "vel", "speed", "actvelo", "actvel", "actvelocity", "actualvelocity", "velocityactual", "velact",
+              "velocityactualvalue", "actualspeed", "speedactual", "speedactualvalue", "actspeed", "drehzahl", "istdrehzahl",
+              "drehzahlistwert", "geschwindigkeit", "istgeschwindigkeit", "rotorspeed", "motorspeed", "measuredvelocity",
+              "velocitymeasured", "speedmeas", "nact", "nist", "angularvelocity", "velmeas"),
+    "omega_ref": ("referencevelocity", "velocityreference", "velocityref", "velref", "speedref", "speedreference",
+                  "referencespeed", "setvelo", "setvel", "setvelocity", "velocitysetpoint", "speedsetpoint", "setspeed",
+                  "targetvelocity", "targetspeed", "velocitydemand", "velocitydemandvalue", "commandvelocity", "velocitycommand",
+                  "speedcommand", "drehzahlsollwert", "solldrehzahl", "sollgeschwindigkeit", "nset", "nsoll", "desiredvelocity"),
+    "alpha_ref": ("referenceacceleration", "accelerationreference", "accelerationsetpoint", "setacc", "setacceleration",
+                  "sollbeschleunigung"),
+    "i_q": ("iq", "iqmeas", "iqact", "iqactual", "currentq", "qcurrent", "quadraturecurrent", "isq", "currentiq",
+            "momentenstrom", "querstrom", "qaxiscurrent", "measurediq", "torqueproducingcurrent", "torquegeneratingcurrent"),
+    "i_d": ("id", "idmeas", "idact", "idactual", "currentd", "dcurrent", "directcurrent", "isd", "currentid", "daxiscurrent",
+            "feldstrom", "laengsstrom"),
+    "i_q_ref": ("iqset", "iqsetpoint", "iqreference", "iqcommand", "iqsoll", "referenceiq", "iqtarget", "desirediq"),
+    "i_d_ref": ("idset", "idsetpoint", "idreference", "idcommand", "idsoll", "referenceid", "idtarget"),
+    "u_q": ("uq", "vq", "voltageq", "qvoltage", "usq", "qaxisvoltage"),
+    "u_d": ("ud", "vd", "voltaged", "dvoltage", "usd", "daxisvoltage"),
+    "u_dc": ("udc", "vdc", "dclinkvoltage", "dcbusvoltage", "busvoltage", "zwischenkreisspannung", "dcvoltage", "dclink"),
+    "torque": ("torque", "tau", "acttorque", "actualtorque", "torqueactual", "torqueactualvalue", "drehmoment", "drehmomentistwert",
+               "istmoment", "istdrehmoment", "motortorque", "measuredtorque", "momentistwert", "force", "kraft", "torqueact"),
+    "T_load": ("tload", "loadtorque", "lastmoment", "externaltorque"),
+    "temperature": ("temperature", "temp", "temperatur", "motortemperature", "motortemp", "motortemperatur", "windingtemperature"),
+}  # fmt: skip
+
+
+def _folded(name: str) -> str:
+    return re.sub(r"[\W_]+", "", name.casefold())
+
+
+_LOOKUP = {alias: channel for channel, aliases in _NAMES.items() for alias in aliases}
+_LOOKUP |= {_folded(channel): channel for channel in CHANNELS if channel not in ("omega_true", "theta_true")}
+
+
+def unit_spelling(unit: str) -> str:
+    """Return the package's spelling of a unit as a file writes it; an unknown unit comes back as it is."""
+    text = unit.strip().strip("[]()").strip()
+    if text in UNITS:
+        return text
+    return _SPELLINGS.get(text.casefold()) or _FOLDED.get(text.casefold(), text)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit this package knows, in any spelling."""
+    return unit_spelling(text) in UNITS
+
+
+# A bracket at the end is a unit unless it holds an index; other forms count only when the unit is known.
+_BRACKETED = re.compile(r"^(.*?)\s*\[([^\[\]]*)\]\s*$")
+_PARENTHESES = re.compile(r"^(.*?)\s*\(([^()]*(?:\([^()]*\))?[^()]*)\)\s*$")
+_SUFFIX = re.compile(r"^(.+?)[_ ](rpm|ms|us|ns|deg|rad|nm|ma|mv|mm|um|rad_s|deg_s|degc)$", re.IGNORECASE)
+_SUFFIX_UNITS = {"rad_s": "rad/s", "deg_s": "deg/s"}
+
+
+def split_header(cell: str) -> tuple[str, str]:
+    """Split a header cell such as ``speed [rpm]``, ``speed (rpm)``, ``n / min-1`` or ``speed_rpm`` into name and unit."""
+    text = cell.strip().strip('"').strip()
+    if (match := _BRACKETED.match(text)) and not match[2].strip().isdigit():
+        return match[1].strip(), match[2].strip()
+    if (match := _PARENTHESES.match(text)) and match[1] and is_unit(match[2]):
+        return match[1].strip(), match[2].strip()
+    name, slash, unit = text.partition("/")
+    if (
+        slash
+        and name.strip()
+        and not is_unit(text)
+        and (unit.strip() in UNITS or unit.strip().casefold() in _SPELLINGS)
+    ):
+        return name.strip(), unit.strip()
+    if text not in CHANNELS and (match := _SUFFIX.match(text)):
+        return match[1].strip(), _SUFFIX_UNITS.get(match[2].lower(), match[2])
+    return text, ""
+
+
+def guess_channel(name: str) -> str | None:
+    """Return the channel that a column of this name most likely is, or None.
+
+    The last part of a dotted or slashed path is tried as well, so ``MAIN.Axis.ActVelo`` is found.
+    """
+    for candidate in (name, re.split(r"[./\\:|]", name.strip())[-1]):
+        channel = _LOOKUP.get(_folded(candidate))
+        if channel is not None:
+            return channel
+    return None

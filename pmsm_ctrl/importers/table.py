@@ -1,0 +1,67 @@
+"""What every format reader hands over: named columns with units, loaded when asked for.
+
+A reader knows a file's bytes and nothing of drives; `pmsm_ctrl.importers.mapping` knows channels and nothing of bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Array", "Column", "Table"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a file.
+
+    Parameters
+    ----------
+    name, unit : str
+        As spelled in the file; the unit is empty where the file states none.
+    header : str
+        The whole header cell, which a mapping may quote.
+    group : int
+        Columns of one group share one time base.
+    is_time : bool
+        Whether the format itself says that this is the time of its group.
+    """
+
+    name: str
+    unit: str = ""
+    header: str = ""
+    group: int = 0
+    is_time: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """A file that was opened and understood, but whose numbers are not read yet.
+
+    Parameters
+    ----------
+    load : callable
+        Takes column indices and returns one array per index, shape (n,); columns of one group are equally long.
+    locate : callable
+        Takes (column index, sample) and returns the place in words a reader of the file understands.
+    facts : dict
+        What was understood of the layout (separator, decimal mark, encoding, ...), for the import report.
+    """
+
+    file: str
+    format: str
+    columns: tuple[Column, ...]
+    load: Callable[[Sequence[int]], list[Array]]
+    locate: Callable[[int, int], str]
+    notes: tuple[str, ...] = ()
+    facts: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """The groups in order of appearance."""
+        return tuple(dict.fromkeys(column.group for column in self.columns))
