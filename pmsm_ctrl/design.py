@@ -440,7 +440,11 @@ def _walk(loc: tuple[int | str, ...]) -> Any:
         field = getattr(model, "model_fields", {}).get(part)
         if field is None:
             return None
-        inner = [arg for arg in (field.annotation, *getattr(field.annotation, "__args__", ())) if hasattr(arg, "model_fields")]
+        inner = [
+            arg
+            for arg in (field.annotation, *getattr(field.annotation, "__args__", ()))
+            if hasattr(arg, "model_fields")
+        ]
         model = inner[0] if inner else field
     return model
 
@@ -449,7 +453,11 @@ def _known_fields(loc: tuple[int | str, ...]) -> list[str]:
     model = _walk(loc)
     fields = [name for name in getattr(model, "model_fields", {}) if name != "source"]
     if model in (Motor, Drive):
-        fields += [key for key, sheet in DATASHEET.items() if sheet.field in (*fields, "L") and (model is Motor or sheet.field == "i_max")]
+        fields += [
+            key
+            for key, sheet in DATASHEET.items()
+            if sheet.field in (*fields, "L") and (model is Motor or sheet.field == "i_max")
+        ]
     return fields
 
 

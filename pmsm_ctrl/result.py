@@ -71,7 +71,11 @@ def jsonable(value: Any) -> Any:
     """Turn numpy values, estimates, tuples and NaN into what JSON can hold (NaN and infinity become None)."""
     if isinstance(value, Estimate):
         nominal = {} if value.nominal is None else {"nominal": jsonable(value.nominal)}
-        return {"value": jsonable(value.value), "unit": value.unit, "stderr": jsonable(value.stderr)} | nominal
+        return {
+            "value": jsonable(value.value),
+            "unit": value.unit,
+            "stderr": jsonable(value.stderr),
+        } | nominal
     if isinstance(value, Mapping):
         return {str(key): jsonable(item) for key, item in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

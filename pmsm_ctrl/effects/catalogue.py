@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import coulomb, constant_load, viscous
+from pmsm_ctrl.effects import constant_load, coulomb, viscous
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 
@@ -47,9 +47,7 @@ def lookup(identifier: str, own: Iterable[Effect] = ()) -> Effect:
     """
     effects = with_own(own)
     if identifier not in effects:
-        raise RequestError(
-            f"unknown effect '{identifier}'{nearest(identifier, effects)} (known: {', '.join(effects)})"
-        )
+        raise RequestError(f"unknown effect '{identifier}'{nearest(identifier, effects)} (known: {', '.join(effects)})")
     return effects[identifier]
 
 
@@ -67,8 +65,7 @@ def bound_effects(design: Design, own: Iterable[Effect] = ()) -> list[tuple[Effe
     for entry in design.effects:
         if entry.id not in effects:
             raise DesignError(
-                f"{where}effects: unknown effect '{entry.id}'{nearest(entry.id, effects)} "
-                f"(known: {', '.join(effects)})"
+                f"{where}effects: unknown effect '{entry.id}'{nearest(entry.id, effects)} (known: {', '.join(effects)})"
             )
         effect = effects[entry.id]
         bound.append((effect, effect.values(entry, where)))

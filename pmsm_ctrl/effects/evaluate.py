@@ -53,9 +53,7 @@ def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping
         if name in SIGNALS:
             continue
         if name not in parameters:
-            raise RequestError(
-                f"effect '{effect.id}': no value for parameter '{name}' (given: {_list(parameters)})"
-            )
+            raise RequestError(f"effect '{effect.id}': no value for parameter '{name}' (given: {_list(parameters)})")
         values.append(float(parameters[name]))
     loop = _LOOPS.get(effect.term)
     if loop is None:
@@ -102,14 +100,10 @@ def _broadcast(effect: Effect, signals: Mapping[str, ArrayLike]) -> list[Array]:
     n = _length(signals)
     for name in effect.signals:
         if name not in signals:
-            raise RequestError(
-                f"effect '{effect.id}': its term reads '{name}', which is not there ({_list(signals)})"
-            )
+            raise RequestError(f"effect '{effect.id}': its term reads '{name}', which is not there ({_list(signals)})")
         values = np.asarray(signals[name], dtype=np.float64)
         if values.ndim > 1 or values.size not in (1, n):
-            raise RequestError(
-                f"effect '{effect.id}': signal '{name}' has shape {values.shape}, others have ({n},)"
-            )
+            raise RequestError(f"effect '{effect.id}': signal '{name}' has shape {values.shape}, others have ({n},)")
         wanted.append(np.ascontiguousarray(np.broadcast_to(values.reshape(-1), (n,))))
     return wanted
 
@@ -119,11 +113,7 @@ def _source(effect: Effect) -> str:
     given = [*effect.signals, *(name for name in effect.arguments if name not in SIGNALS)]
     call = ", ".join(f"{name}[k]" if name in SIGNALS else name for name in effect.arguments)
     target = "out[0, k], out[1, k]" if effect.enters == "voltage" else "out[0, k]"
-    return (
-        f"def loop(out, {', '.join(given)}):\n"
-        f"    for k in range(out.shape[1]):\n"
-        f"        {target} = term({call})\n"
-    )
+    return f"def loop(out, {', '.join(given)}):\n    for k in range(out.shape[1]):\n        {target} = term({call})\n"
 
 
 def _compile(effect: Effect) -> Callable[..., Any]:
@@ -133,10 +123,7 @@ def _compile(effect: Effect) -> Callable[..., Any]:
     scalars = [numba.types.float64] * (len(effect.arguments) - len(effect.signals))
     signature = numba.types.void(numba.float64[:, ::1], *([array] * len(effect.signals)), *scalars)
     module = effect.py_term.__module__
-    if (
-        module.startswith("pmsm_ctrl.effects.")
-        and getattr(sys.modules.get(module), "term", None) is effect.term
-    ):
+    if module.startswith("pmsm_ctrl.effects.") and getattr(sys.modules.get(module), "term", None) is effect.term:
         return numba.njit(signature, **OPTIONS)(_filed_loop(effect, module))
     # An own effect may change between two runs without numba noticing, so its loop is never kept on disk.
     scope: dict[str, Any] = {"term": effect.term}

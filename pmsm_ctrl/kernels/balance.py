@@ -12,16 +12,22 @@ __all__ = ["torque_em", "voltage_d", "voltage_q"]
 
 
 @kernel
-def voltage_d(
-    R: float, L_d: float, L_q: float, p: float, i_d: float, i_q: float, di_d: float, omega: float
-) -> float:
+def voltage_d(R: float, L_d: float, L_q: float, p: float, i_d: float, i_q: float, di_d: float, omega: float) -> float:
     """u_d = R i_d + L_d di_d/dt - p omega L_q i_q in V."""
     return R * i_d + L_d * di_d - p * omega * L_q * i_q
 
 
 @kernel
 def voltage_q(
-    R: float, L_d: float, L_q: float, p: float, psi_f: float, i_d: float, i_q: float, di_q: float, omega: float
+    R: float,
+    L_d: float,
+    L_q: float,
+    p: float,
+    psi_f: float,
+    i_d: float,
+    i_q: float,
+    di_q: float,
+    omega: float,
 ) -> float:
     """u_q = R i_q + L_q di_q/dt + p omega (L_d i_d + psi_f) in V."""
     return R * i_q + L_q * di_q + p * omega * (L_d * i_d + psi_f)

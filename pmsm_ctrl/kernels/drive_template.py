@@ -8,7 +8,6 @@ The held voltage is fixed to the stator for one control period while the rotor t
 through the angle between the two, which is small, hence the polynomial.
 """
 
-# ruff: noqa: F821, F841
 # mypy: ignore-errors
 
 from math import isfinite

@@ -85,7 +85,8 @@ def _compiled(text: str, effects: tuple[Effect, ...]) -> ModuleType:
         folder.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
     spec = importlib.util.spec_from_file_location(f"pmsm_ctrl_generated_{name}", path)
-    assert spec is not None and spec.loader is not None  # the file was just written
+    assert spec is not None  # the file was just written
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     module.__dict__.update({f"e{k}_term": effect.term for k, effect in enumerate(effects)})
@@ -98,12 +99,10 @@ def _plain(text: str, effects: tuple[Effect, ...]) -> ModuleType:
     from pmsm_ctrl.kernels import balance, rotation
 
     module = ModuleType("drive_twin")
-    module.__dict__.update({f"e{k}_term": effect.py_term for k, effect in enumerate(effects)})
-    exec(compile(text, "drive_twin", "exec"), module.__dict__)  # the package's own text, not a user's
-    for name, value in list(module.__dict__.items()):
-        if hasattr(value, "py_func"):
-            module.__dict__[name] = value.py_func
+    # The same text with `kernel` doing nothing; it is the package's own, not a user's.
+    text = text.replace("from pmsm_ctrl.kernels import kernel\n", "kernel = lambda function: function\n")
+    exec(compile(text, "drive_twin", "exec"), module.__dict__)
     for library in (balance, rotation):
-        for name in library.__all__:
-            module.__dict__[name] = getattr(library, name).py_func
+        module.__dict__.update({name: getattr(library, name).py_func for name in library.__all__})
+    module.__dict__.update({f"e{k}_term": effect.py_term for k, effect in enumerate(effects)})
     return module

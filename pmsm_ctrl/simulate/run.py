@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from pmsm_ctrl.simulate.scenarios import scenario as named_scenario
 
 __all__ = ["simulate"]
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 # Columns of a logged row, in the kernel's order.
 LOGGED = (

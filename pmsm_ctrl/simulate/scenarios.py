@@ -6,7 +6,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from pmsm_ctrl.errors import RequestError, nearest
 
 __all__ = ["INPUTS", "SCENARIOS", "Scenario", "scenario"]
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 # What a scenario may prescribe, in the kernel's order; what it leaves out is zero.
 INPUTS: tuple[str, ...] = ("theta_ref", "omega_ref", "alpha_ref", "i_q_add", "i_d_ref", "T_load")
@@ -94,7 +94,7 @@ def scenario(name: str, design: Design | None = None, **parameters: float) -> Sc
     if name not in SCENARIOS:
         raise RequestError(f"unknown scenario '{name}'{nearest(name, SCENARIOS)} (known: {', '.join(SCENARIOS)})")
     maker = SCENARIOS[name]
-    known = [p for p in inspect.signature(maker).parameters]
+    known = list(inspect.signature(maker).parameters)
     values = dict(design.scenarios.get(name, {})) if design is not None else {}
     values |= parameters
     for key in values:
