@@ -414,7 +414,9 @@ def _lists_to_tuples(value: Any) -> Any:
 
 def _explain(error: ValidationError, data: dict[str, Any], source: str) -> str:
     """Turn pydantic's first complaint into one line: where, what was found, what would have been accepted."""
-    first = error.errors()[0]
+    complaints = error.errors()
+    # A mistyped name comes first: it explains the name that is missing.
+    first = next((c for c in complaints if c["type"] == "extra_forbidden"), complaints[0])
     place = ".".join(str(part) for part in first["loc"]) or "design"
     found = first.get("input")
     where = f"{source}: {place}" if source else place

@@ -1,0 +1,266 @@
+"""Generic tests over the catalogue: whoever adds an effect is tested here without adding a line."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design, EffectEntry
+from pmsm_ctrl.effects import CATALOGUE, SIGNALS, Effect, Parameter, bound_effects, kernel, lookup, with_own
+from pmsm_ctrl.errors import DesignError, RequestError
+
+# The ids the project has agreed on, built or not yet: look-alikes may name any of them.
+AGREED = {
+    "coulomb", "viscous", "stribeck", "presliding", "viscous_asymmetry", "constant_load", "viscous_power",
+    "quadratic_drag", "load_dependent_friction", "position_dependent_friction", "thermal_drift", "unbalance",
+    "cogging", "torque_ripple", "torque_saturation", "iron_loss", "compliance", "backlash", "dead_time",
+    "inductance_saturation", "current_offset", "current_gain", "encoder_eccentricity", "delay",
+}  # fmt: skip
+# Wrong parameters are not effects, but an effect may look like one.
+PARAMETERS = {"J", "psi_f", "R", "L_d", "L_q", "K_t"}
+
+MOTOR = {"J": 9e-5, "R": 19.0, "L_d": 0.049, "L_q": 0.049, "p": 4, "psi_f": 0.172}
+EFFECTS = [pytest.param(effect, id=effect.id) for effect in CATALOGUE.values()]
+each_effect = pytest.mark.parametrize("effect", EFFECTS)
+
+
+def draw(parameter: Parameter, rng: np.random.Generator) -> float:
+    """Draw a value inside the bounds; half-open ranges get a spread of magnitudes."""
+    low, high = parameter.lower, parameter.upper
+    if math.isfinite(low) and math.isfinite(high):
+        return float(rng.uniform(low, high))
+    size = float(10.0 ** rng.uniform(-3, 1))
+    if math.isfinite(low):
+        return low + size
+    if math.isfinite(high):
+        return high - size
+    return size * float(rng.choice([-1.0, 1.0]))
+
+
+def parameters_of(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
+    return {p.symbol: draw(p, rng) for p in effect.parameters}
+
+
+def signals_of(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
+    omega = float(rng.uniform(-200, 200))
+    values = {
+        "omega": omega, "direction": float(np.sign(omega)), "theta": float(rng.uniform(-50, 50)),
+        "i_d": float(rng.uniform(-3, 3)), "i_q": float(rng.uniform(-3, 3)), "torque": float(rng.uniform(-3, 3)),
+        "t": float(rng.uniform(0, 60)), "p": 4.0,
+    }  # fmt: skip
+    missing = set(SIGNALS) - set(values)
+    assert not missing, f"new signals {missing}: draw them here too"
+    return {name: values[name] for name in effect.signals}
+
+
+def call(function: object, effect: Effect, values: dict[str, float]) -> np.ndarray:
+    """Call a term with named values; voltage terms give two numbers, the others one."""
+    out = function(*(values[name] for name in effect.arguments))  # type: ignore[operator]
+    return np.atleast_1d(np.asarray(out, dtype=float))
+
+
+def test_catalogue_is_keyed_by_id_in_agreed_words() -> None:
+    assert CATALOGUE
+    assert all(key == effect.id for key, effect in CATALOGUE.items())
+    assert set(CATALOGUE) <= AGREED
+
+
+@each_effect
+def test_compiled_term_equals_the_readable_one(effect: Effect, rng: np.random.Generator) -> None:
+    for _ in range(50):
+        values = parameters_of(effect, rng) | signals_of(effect, rng)
+        compiled, plain = call(effect.term, effect, values), call(effect.py_term, effect, values)
+        # Contraction to fused multiply-add may change the last bits, nothing else may.
+        np.testing.assert_allclose(compiled, plain, rtol=1e-12, atol=1e-12 * max(1.0, np.abs(plain).max()))
+
+
+@each_effect
+def test_everything_a_reader_needs_is_stated(effect: Effect) -> None:
+    for text in (effect.title, effect.equation, effect.source, effect.needs, effect.validated):
+        assert text.strip()
+    assert effect.enters in ("torque", "voltage", "measurement")
+    for parameter in effect.parameters:
+        assert parameter.unit.strip(), f"{parameter.symbol} has no unit (write 1 for a pure number)"
+        assert parameter.description.strip()
+        assert parameter.lower <= parameter.start <= parameter.upper
+        assert parameter.lower < parameter.upper
+    symbols = [p.symbol for p in effect.parameters]
+    assert len(set(symbols)) == len(symbols)
+    assert not set(symbols) & {*SIGNALS, "id", "stderr", "parameters"}
+
+
+@each_effect
+def test_every_parameter_is_used_by_the_term(effect: Effect) -> None:
+    if not effect.arguments:
+        pytest.skip("this effect acts through the structure of the plant, not through a term")
+    assert {p.symbol for p in effect.parameters} <= set(effect.arguments)
+
+
+@each_effect
+def test_equation_can_be_typeset_and_names_its_parameters(effect: Effect) -> None:
+    from matplotlib.mathtext import MathTextParser
+
+    MathTextParser("path").parse(f"${effect.equation}$")
+    flat = effect.equation.replace("{", "").replace("}", "").replace("\\", "").replace(" ", "").replace(",", "")
+    missing = [p.symbol for p in effect.parameters if p.symbol.replace(",", "") not in flat]
+    assert not missing, f"{effect.equation} does not show {missing}"
+
+
+@each_effect
+def test_linear_parameters_enter_linearly(effect: Effect, rng: np.random.Generator) -> None:
+    if not effect.linear:
+        pytest.skip("no linear parameter")
+    fixed = {p.symbol: draw(p, rng) for p in effect.searched}
+    for _ in range(20):
+        signals = signals_of(effect, rng)
+        x = {p.symbol: draw(p, rng) for p in effect.linear}
+        y = {p.symbol: draw(p, rng) for p in effect.linear}
+        both = {s: 2.0 * x[s] - 3.0 * y[s] for s in x}
+        at = [call(effect.py_term, effect, fixed | signals | values) for values in (both, x, y)]
+        scale = max(float(np.abs(part).max()) for part in at)
+        np.testing.assert_allclose(at[0], 2.0 * at[1] - 3.0 * at[2], rtol=0, atol=1e-12 * max(scale, 1e-300) * 10)
+
+
+@each_effect
+def test_zero_linear_parameters_switch_the_effect_off_exactly(effect: Effect, rng: np.random.Generator) -> None:
+    if not effect.linear:
+        pytest.skip("no linear parameter")
+    zero = {p.symbol: 0.0 for p in effect.linear}
+    for _ in range(20):
+        values = {p.symbol: draw(p, rng) for p in effect.searched} | zero | signals_of(effect, rng)
+        assert (call(effect.term, effect, values) == 0.0).all()
+
+
+@each_effect
+def test_dry_friction_dissipates(effect: Effect, rng: np.random.Generator) -> None:
+    if not (effect.dry and effect.enters == "torque"):
+        pytest.skip("not a dry friction term")
+    for _ in range(200):
+        values = parameters_of(effect, rng) | signals_of(effect, rng)
+        power = call(effect.term, effect, values)[0] * values["direction"]
+        assert power >= 0.0, f"friction drives the axis at {values}"
+
+
+@each_effect
+def test_dry_friction_at_standstill_follows_the_impending_motion(effect: Effect, rng: np.random.Generator) -> None:
+    if not (effect.dry and effect.enters == "torque"):
+        pytest.skip("not a dry friction term")
+    values = parameters_of(effect, rng) | signals_of(effect, rng)
+    if "omega" in values:
+        values["omega"] = 0.0
+    for direction in (-1.0, 1.0):
+        assert call(effect.term, effect, values | {"direction": direction})[0] * direction >= 0.0
+    assert call(effect.term, effect, values | {"direction": 0.0})[0] == 0.0
+
+
+@each_effect
+def test_design_with_this_effect_survives_toml(effect: Effect, rng: np.random.Generator, tmp_path: Path) -> None:
+    values = parameters_of(effect, rng)
+    stderr = {symbol: abs(value) / 7 for symbol, value in values.items()}
+    design = Design.from_dict({"motor": MOTOR}).with_effect(effect.id, values, stderr)
+    again = Design.read(design.write(tmp_path / "design.toml"))
+    assert again == design
+    assert bound_effects(again) == [(effect, values)]
+    assert again.effects[0].stderr == stderr
+
+
+@each_effect
+def test_left_out_parameters_take_their_start_values(effect: Effect) -> None:
+    assert effect.values(EffectEntry(id=effect.id)) == {p.symbol: p.start for p in effect.parameters}
+
+
+@each_effect
+def test_unknown_parameter_is_refused_with_file_and_field(effect: Effect, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    symbol = effect.parameters[0].symbol
+    Design.from_dict({"motor": MOTOR}).with_effect(effect.id, {f"{symbol}x": 1.0}).write(path)
+    with pytest.raises(DesignError) as caught:
+        bound_effects(Design.read(path))
+    message = str(caught.value)
+    assert f"{path}: effects.{effect.id}.{symbol}x" in message
+    assert f"known: {', '.join(p.symbol for p in effect.parameters)}" in message
+    assert "\n" not in message
+
+
+@each_effect
+def test_value_out_of_bounds_is_refused_with_file_and_field(effect: Effect, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    for parameter in effect.parameters:
+        for bound, beyond in ((parameter.lower, -1.0), (parameter.upper, 1.0)):
+            if not math.isfinite(bound):
+                continue
+            value = bound + beyond * max(1.0, abs(bound))
+            Design.from_dict({"motor": MOTOR}).with_effect(effect.id, {parameter.symbol: value}).write(path)
+            with pytest.raises(DesignError) as caught:
+                bound_effects(Design.read(path))
+            message = str(caught.value)
+            assert f"{path}: effects.{effect.id}.{parameter.symbol}" in message
+            assert f"{value:g}" in message
+            assert parameter.unit in message
+
+
+@each_effect
+def test_look_alikes_are_known_and_say_why(effect: Effect) -> None:
+    for other, why in effect.look_alikes.items():
+        assert other in AGREED | PARAMETERS, f"unknown look-alike '{other}'"
+        assert other != effect.id
+        assert len(why) > 10
+
+
+@each_effect
+def test_own_effect_must_not_take_a_used_id(effect: Effect) -> None:
+    with pytest.raises(RequestError, match=effect.id):
+        with_own([effect])
+
+
+def _own_effect(identifier: str = "magnet_brake") -> Effect:
+    @kernel
+    def term(omega: float, k: float) -> float:
+        return k * omega
+
+    return Effect(
+        id=identifier, title="Brake", equation=r"k\,\omega", source="none", enters="torque",
+        parameters=(Parameter("k", "N m s/rad", 0.0, 0.0, 1.0, "brake", linear=True),), term=term, needs="motion",
+    )  # fmt: skip
+
+
+def test_own_effect_works_beside_the_catalogue() -> None:
+    own = _own_effect()
+    assert lookup("magnet_brake", [own]) is own
+    design = Design.from_dict({"motor": MOTOR}).with_effect("magnet_brake", {"k": 0.5})
+    assert bound_effects(design, [own]) == [(own, {"k": 0.5})]
+    assert own.term(3.0, 0.5) == 1.5
+    with pytest.raises(DesignError, match="magnet_brake"):
+        bound_effects(design)
+
+
+def test_unknown_effect_names_the_nearest() -> None:
+    with pytest.raises(RequestError, match="did you mean 'coulomb'"):
+        lookup("coulom")
+    with pytest.raises(DesignError, match="did you mean 'coulomb'"):
+        bound_effects(Design.from_dict({"motor": MOTOR}).with_effect("coulom"))
+
+
+def test_term_with_an_unknown_argument_is_refused() -> None:
+    def term(speed: float) -> float:
+        return speed
+
+    with pytest.raises(DesignError, match="speed"):
+        Effect(id="x", title="x", equation="x", source="x", enters="torque", parameters=(), term=term, needs="x")
+
+
+# Spot checks against numbers worked out by hand, so that the generic tests above cannot all agree on a wrong sign.
+@pytest.mark.parametrize(
+    ("identifier", "values", "expected"),
+    [
+        ("coulomb", {"direction": -1.0, "F_c": 0.0213}, -0.0213),
+        ("viscous", {"omega": 200.0, "F_v": 0.000168}, 0.0336),
+        ("constant_load", {"T_0": -3.16}, -3.16),
+    ],
+)
+def test_terms_give_the_numbers_of_the_paper(identifier: str, values: dict[str, float], expected: float) -> None:
+    effect = CATALOGUE[identifier]
+    assert call(effect.term, effect, values)[0] == pytest.approx(expected, rel=1e-15)
