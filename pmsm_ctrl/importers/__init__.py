@@ -69,9 +69,7 @@ def read_log(
     except MemoryError:
         raise LogError(f"{file}: does not fit into memory") from None
     hashing.join()
-    provenance = Provenance(
-        file, digest[0] if digest else "", table.format, (*table.notes, *assignment.notes, *notes)
-    )
+    provenance = Provenance(file, digest[0] if digest else "", table.format, (*table.notes, *assignment.notes, *notes))
     log = Log(channels, motion=assignment.motion, provenance=provenance)
     return replace(log, provenance=replace(provenance, warnings=check(log, design)))
 
@@ -88,9 +86,7 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Ta
     with open(target, "rb") as stream:
         head = stream.read(1024)
     if not head:
-        raise LogError(
-            f"{file}: empty; a log with time, position or speed, and current or torque was expected"
-        )
+        raise LogError(f"{file}: empty; a log with time, position or speed, and current or torque was expected")
     for magic, what in _REFUSED.items():
         if head.startswith(magic):
             raise LogError(f"{file}: {what} (accepted: CSV and other text, MAT, MDF4, TDMS, Parquet)")
@@ -105,9 +101,7 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Ta
     from pmsm_ctrl.importers.text import open_text
 
     settings = design.log if design is not None else None
-    return open_text(
-        target, file, settings.separator if settings else None, settings.decimal if settings else None
-    )
+    return open_text(target, file, settings.separator if settings else None, settings.decimal if settings else None)
 
 
 def _existing(path: str | os.PathLike[str]) -> tuple[Path, str]:

@@ -1,4 +1,4 @@
-"""From an opened table and an assignment to a `Log`: numbers loaded, converted, checked and put on one time base."""
+"""From an opened table and an assignment to channels: loaded, converted, checked, on one time base."""
 
 from __future__ import annotations
 
@@ -57,9 +57,7 @@ def _time_columns(table: Table, assignment: Assignment) -> dict[int, int]:
         own = next((i for i, c in enumerate(table.columns) if c.group == group and c.is_time), None)
         if own is None:
             column = table.columns[source.column]
-            raise LogError(
-                f"{table.file}: column '{column.header or column.name}' has no time column of its own"
-            )
+            raise LogError(f"{table.file}: column '{column.header or column.name}' has no time column of its own")
         out[group] = own
     return out
 
@@ -73,27 +71,23 @@ def _time_gain(table: Table, assignment: Assignment, index: int) -> float:
         return mapped.gain
     si, factor = UNITS.get(unit_spelling(table.columns[index].unit), ("s", 1.0))
     if si != "s":
-        raise LogError(
-            f"{table.file}: time column '{table.columns[index].header}' has unit [{table.columns[index].unit}]; s was expected"
-        )
+        column = table.columns[index]
+        raise LogError(f"{table.file}: time column '{column.header}' has unit [{column.unit}]; s was expected")
     return factor
 
 
 def convert(table: Table, source: Source, values: Array) -> Array:
     """Return SI values; the first that is not finite is an error with its place."""
     if not math.isfinite(source.gain) or source.gain == 0.0:
-        raise LogError(
-            f"{table.file}: channel '{source.channel}': factor {source.gain}; a finite number other than 0 was expected"
-        )
+        what = f"channel '{source.channel}': factor {source.gain}"
+        raise LogError(f"{table.file}: {what}; a finite number other than 0 was expected")
     with np.errstate(over="ignore"):
         result = values * source.gain if source.gain != 1.0 else values
     finite = np.isfinite(result)
     if not finite.all():
         row = int(np.argmin(finite))
         found = "empty or not a number" if np.isnan(values[row]) else f"{values[row]:g}"
-        raise LogError(
-            f"{table.file}: {table.locate(source.column, row)}: {found}; a finite number was expected"
-        )
+        raise LogError(f"{table.file}: {table.locate(source.column, row)}: {found}; a finite number was expected")
     return result
 
 
@@ -101,23 +95,17 @@ def check_time(table: Table, index: int, values: Array, gain: float) -> Array:
     """Return time in s; time that is not finite or does not increase is an error with its place."""
     if values.size == 0:
         raise LogError(f"{table.file}: no rows of numbers; at least one was expected")
-    if table.columns[index].unit in ("", "s") and gain == 1.0:
-        t = values
-    else:
-        t = values * gain
+    t = values if gain == 1.0 else values * gain
     finite = np.isfinite(t)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise LogError(
-            f"{table.file}: {table.locate(index, row)}: {values[row]:g} found; a time was expected"
-        )
+        raise LogError(f"{table.file}: {table.locate(index, row)}: {values[row]:g} found; a time was expected")
     step = np.diff(t)
     if t.size > 1 and not (step > 0).all():
         row = int(np.argmin(step > 0)) + 1
         what = "the same time stamp twice" if step[row - 1] == 0 else "time runs backwards"
-        raise LogError(
-            f"{table.file}: {table.locate(index, row)}: {what} ({values[row]:.9g} after {values[row - 1]:.9g})"
-        )
+        place = table.locate(index, row)
+        raise LogError(f"{table.file}: {place}: {what} ({values[row]:.9g} after {values[row - 1]:.9g})")
     return t
 
 

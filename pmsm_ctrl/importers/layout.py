@@ -31,9 +31,7 @@ __all__ = [
 
 SAMPLE = 1 << 18  # bytes that are looked at
 SEPARATORS = (";", "\t", ",", "|", " ")
-_NUMBER = re.compile(
-    r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$|\s*[+-]?(nan|inf|infinity)\s*$", re.IGNORECASE
-)
+_NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$|\s*[+-]?(nan|inf|infinity)\s*$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -72,9 +70,7 @@ class Layout:
 
 def separator_name(separator: str) -> str:
     """Return a separator in words."""
-    return {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "blanks"}.get(
-        separator, repr(separator)
-    )
+    return {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar", " ": "blanks"}.get(separator, repr(separator))
 
 
 def is_number(cell: str) -> bool:
@@ -116,7 +112,7 @@ def encoding_of(head: bytes, file: str) -> str:
 
 
 def pieces(path: str | Path, encoding: str, size: int = 1 << 25) -> Iterator[bytes]:
-    """Yield the file in pieces that end at line ends, in an encoding whose digits and separators are ASCII."""
+    """Yield the file in pieces that end at line ends, with digits and separators in ASCII."""
     with open(path, "rb") as stream:
         stream.seek(3 if encoding == "utf-8-sig" else 0)
         decoder = codecs.getincrementaldecoder(encoding)("replace") if encoding.startswith("utf-16") else None
@@ -146,9 +142,7 @@ def decode_sample(path: str | Path, file: str) -> tuple[list[str], str, bool]:
         whole = not stream.read(1)
     encoding = encoding_of(head, file)
     first = next(pieces(path, encoding, SAMPLE), b"")
-    text = first.decode(
-        "utf-8" if encoding.startswith("utf-16") else encoding.replace("-sig", ""), errors="replace"
-    )
+    text = first.decode("utf-8" if encoding.startswith("utf-16") else encoding.replace("-sig", ""), errors="replace")
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     return (lines if whole else lines[:-1]), encoding, whole
 
@@ -159,9 +153,7 @@ def split_line(line: str, separator: str) -> list[str]:
         return line.split()
     if '"' in line:
         try:
-            return [
-                cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-            ]
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
         except (csv.Error, StopIteration):
             pass
     return [cell.strip() for cell in line.split(separator)]
@@ -214,7 +206,7 @@ def _place_header(lines: list[str], separator: str, encoding: str, file: str) ->
     if not widths:
         count = sum(1 for row in rows if any(row))
         raise LogError(
-            f"{file}: line 1: no row of numbers below it ({count} line{'s' if count > 1 else ''} of text found); "
+            f"{file}: line 1: no row of numbers below it (lines of text: {count}); "
             "a header line and rows of numbers were expected"
         )
     width = widths.most_common(1)[0][0]
@@ -230,12 +222,12 @@ def _place_header(lines: list[str], separator: str, encoding: str, file: str) ->
     preamble = tuple(line.strip() for line in lines[: max(header_row, 0)] if line.strip())
     if preamble:
         notes.append(f"{len(preamble)} line{'s' if len(preamble) > 1 else ''} above the header not used")
-    names = tuple(header) if header else tuple(f"#{i + 1}" for i in range(width))
+    cells = tuple(header) if header else tuple(f"#{i + 1}" for i in range(width))
     return Layout(
         encoding,
         separator,
         ".",
-        names,
+        cells,
         tuple(units),
         first + 1,
         width,
@@ -267,20 +259,13 @@ def _is_header(row: list[str], width: int) -> bool:
 
 def _is_units(row: list[str], width: int) -> bool:
     cells = [cell.strip("[]()").strip() for cell in row]
-    return (
-        len(row) <= width and any(cells) and all(not cell or cell == "-" or is_unit(cell) for cell in cells)
-    )
+    return len(row) <= width and any(cells) and all(not cell or cell == "-" or is_unit(cell) for cell in cells)
 
 
 def _above(rows: list[list[str]], first: int, width: int) -> tuple[list[str], list[str], int]:
-    """Return header cells, units cells and the header's row index (-1: none) above the first row of numbers."""
+    """Return header cells, units cells and the header's row index, -1 where there is none."""
     filled = [i for i in range(first) if any(rows[i])]
-    if (
-        filled
-        and _is_units(rows[filled[-1]], width)
-        and len(filled) > 1
-        and _is_header(rows[filled[-2]], width)
-    ):
+    if filled and _is_units(rows[filled[-1]], width) and len(filled) > 1 and _is_header(rows[filled[-2]], width):
         return (
             _trimmed(rows[filled[-2]]),
             [cell.strip("[]()").strip() for cell in rows[filled[-1]]],
@@ -307,9 +292,8 @@ def _refuse_text_above(
         column = next((c for c, cell in enumerate(row) if cell and not is_number(cell)), None)
         if len(row) == len(rows[first]) and column is not None:
             name = split_header(rows[top][column])[0] if column < len(rows[top]) else f"#{column + 1}"
-            raise LogError(
-                f"{file}: line {i + 1}, column {column + 1} ('{name}'): '{row[column][:40]}' found; a number was expected"
-            )
+            place = f"line {i + 1}, column {column + 1} ('{name}')"
+            raise LogError(f"{file}: {place}: '{row[column][:40]}' found; a number was expected")
         if any(row):
             raise LogError(f"{file}: line {i + 1}: {len(row)} cells found; {len(rows[first])} were expected")
 

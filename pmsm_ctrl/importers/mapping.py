@@ -61,7 +61,6 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
         For a channel or column that does not exist, a unit that is unknown or of the wrong kind, a channel
         that is missing.
     """
-    where = f"{table.file}: "
     notes: list[str] = []
     canonical = all(column.name in CHANNELS and column.unit for column in table.columns)
     wanted: dict[str, str] = {}
@@ -73,9 +72,8 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
     wanted |= dict(mapping or {})
     for channel in wanted:
         if channel not in CHANNELS:
-            raise LogError(
-                f"{where}[log] maps unknown channel '{channel}'{nearest(channel, CHANNELS)} (known: {', '.join(CHANNELS)})"
-            )
+            near, known = nearest(channel, CHANNELS), ", ".join(CHANNELS)
+            raise LogError(f"{table.file}: [log] maps unknown channel '{channel}'{near} (known: {known})")
     scales = dict(design.log.scale) if design is not None and not canonical else {}
     chosen = {channel: (*_find(table, channel, spec), "mapped") for channel, spec in wanted.items()}
     table_complete = design is not None and bool(design.log.channels)
@@ -98,9 +96,7 @@ def _find(table: Table, channel: str, spec: str) -> tuple[int, str]:
     if name.startswith("#") and name[1:].isdigit():
         index = int(name[1:]) - 1
         if not 0 <= index < len(table.columns):
-            raise LogError(
-                f"{table.file}: [log] {channel} = '{spec}': the file has {len(table.columns)} columns"
-            )
+            raise LogError(f"{table.file}: [log] {channel} = '{spec}': the file has {len(table.columns)} columns")
         return index, unit
     tests = (
         lambda c: c.header == spec,
@@ -113,15 +109,12 @@ def _find(table: Table, channel: str, spec: str) -> tuple[int, str]:
         found = [i for i, column in enumerate(table.columns) if test(column)]
         if len(found) > 1 and channel != "t":
             places = " or ".join(f"#{i + 1}" for i in found[:4])
-            raise LogError(
-                f"{table.file}: column '{name}' appears {len(found)} times; name it by its number: {places}"
-            )
+            raise LogError(f"{table.file}: column '{name}' appears {len(found)} times; name it by its number: {places}")
         if found:
             return found[0], unit
     known = [column.name for column in table.columns]
-    raise LogError(
-        f"{table.file}: no column '{name}' for channel '{channel}'{nearest(name, known)} (found: {_shown(table.columns)})"
-    )
+    what = f"no column '{name}' for channel '{channel}'{nearest(name, known)}"
+    raise LogError(f"{table.file}: {what} (found: {_shown(table.columns)})")
 
 
 def _shown(columns: tuple[Column, ...]) -> str:
@@ -129,10 +122,8 @@ def _shown(columns: tuple[Column, ...]) -> str:
     return ", ".join(names[:20]) + (f", ... {len(names)} in all" if len(names) > 20 else "")
 
 
-def _unmapped(
-    table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: bool
-) -> list[tuple[str, int, str]]:
-    """Channels for columns that no mapping names: exact names first, then guesses; an ambiguous guess is none."""
+def _unmapped(table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: bool) -> list[tuple[str, int, str]]:
+    """Channels for columns that no mapping names: exact names first, then guesses."""
     used = {index for index, _, _ in chosen.values()}
     free = [(i, c) for i, c in enumerate(table.columns) if i not in used]
     found: dict[str, tuple[int, str]] = {}
@@ -142,12 +133,7 @@ def _unmapped(
     if guess:
         for i, column in free:
             channel = "t" if column.is_time else guess_channel(column.name)
-            if (
-                channel is not None
-                and channel not in chosen
-                and channel not in found
-                and _plausible(column, channel)
-            ):
+            if channel is not None and channel not in chosen and channel not in found and _plausible(column, channel):
                 found[channel] = (i, "guessed")
     return [(channel, i, how) for channel, (i, how) in found.items()]
 
@@ -176,9 +162,7 @@ def _motion(
     return "rotary"
 
 
-def _source(
-    table: Table, channel: str, index: int, stated: str, how: str, scale: float | None, motion: str
-) -> Source:
+def _source(table: Table, channel: str, index: int, stated: str, how: str, scale: float | None, motion: str) -> Source:
     column = table.columns[index]
     target = CHANNELS[channel][1 if motion == "linear" else 0]
     spelled = stated or column.unit
@@ -188,15 +172,12 @@ def _source(
         if scale is not None:
             return Source(channel, index, spelled, 1.0, scale, how)
         accepted = ", ".join(known for known, (si, _) in UNITS.items() if si == target)
-        raise LogError(
-            f"{place}: unknown unit [{spelled}] for '{channel}'{nearest(spelled, UNITS)} (accepted: {accepted})"
-        )
+        near = nearest(spelled, UNITS)
+        raise LogError(f"{place}: unknown unit [{spelled}] for '{channel}'{near} (accepted: {accepted})")
     si, factor = UNITS[unit]
     if si != target and scale is None:
         accepted = ", ".join(known for known, (known_si, _) in UNITS.items() if known_si == target)
-        hint = (
-            '; is the axis linear? then the design says motion = "linear"' if si in ("m", "m/s", "N") else ""
-        )
+        hint = '; is the axis linear? then the design says motion = "linear"' if si in ("m", "m/s", "N") else ""
         raise LogError(
             f"{place}: unit [{spelled}] does not fit '{channel}' in {target} "
             f"(accepted: {accepted}; or a factor in [log.scale]){hint}"

@@ -101,15 +101,11 @@ def _table(file: str, kind: str, content: dict[str, Array | str]) -> Table:
         else:
             left.append(name)
     if not vectors:
-        raise LogError(
-            f"{file}: no numeric vectors in this MAT file (found: {', '.join(content) or 'nothing'})"
-        )
+        raise LogError(f"{file}: no numeric vectors in this MAT file (found: {', '.join(content) or 'nothing'})")
     return _grouped(file, kind, vectors, scalars, left)
 
 
-def _grouped(
-    file: str, kind: str, vectors: list[tuple[str, Array]], scalars: list[str], left: list[str]
-) -> Table:
+def _grouped(file: str, kind: str, vectors: list[tuple[str, Array]], scalars: list[str], left: list[str]) -> Table:
     notes = []
     if scalars:
         notes.append(f"scalars not used: {', '.join(scalars[:12])}")

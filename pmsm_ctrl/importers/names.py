@@ -9,60 +9,93 @@ from pmsm_ctrl.units import UNITS
 
 __all__ = ["guess_channel", "is_unit", "split_header", "unit_spelling"]
 
-# spelling in files -> spelling of pmsm_ctrl.units
+# spelling in files, without case -> spelling of pmsm_ctrl.units
 _SPELLINGS = {
     "sec": "s", "seconds": "s", "sek": "s", "second": "s", "msec": "ms", "usec": "us", "μs": "us",
-    "u/min": "rpm", "1/min": "rpm", "min^-1": "rpm", "min⁻¹": "rpm", "r/min": "rpm", "rev/min": "rpm", "umdr/min": "rpm",
-    "degree": "deg", "degrees": "deg", "grad": "deg", "º": "deg", "°/s": "deg/s", "º/s": "deg/s", "degree/s": "deg/s",
-    "turn": "rev", "turns": "rev", "umdr": "rev", "revs": "rev", "u/s": "rev/s",
-    "rad s^-1": "rad/s", "rad·s⁻¹": "rad/s", "rad/sec": "rad/s", "radians": "rad", "rad/s²": "rad/s^2", "rad/s2": "rad/s^2",
-    "arms": "A rms", "a_rms": "A rms", "a(rms)": "A rms", "aeff": "A rms", "a eff": "A rms", "apk": "A", "a peak": "A",
-    "amp": "A", "ampere": "A", "amps": "A", "volt": "V", "volts": "V",
-    "n·m": "N m", "n.m": "N m", "n-m": "N m", "newton": "N", "m/s²": "m/s^2", "m/s2": "m/s^2",
-    "celsius": "degC", "c": "degC", "℃": "degC", "meter": "m", "metre": "m", "none": "1",
+    "u/min": "rpm", "min^-1": "rpm", "min⁻¹": "rpm", "r/min": "rpm", "rev/min": "rpm",
+    "umdr/min": "rpm", "degree": "deg", "degrees": "deg", "grad": "deg", "º": "deg", "°/s": "deg/s",
+    "º/s": "deg/s", "degree/s": "deg/s", "turn": "rev", "turns": "rev", "umdr": "rev", "revs": "rev",
+    "u/s": "rev/s", "rad s^-1": "rad/s", "rad·s⁻¹": "rad/s", "rad/sec": "rad/s", "radians": "rad",
+    "rad/s²": "rad/s^2", "rad/s2": "rad/s^2", "arms": "A rms", "a_rms": "A rms", "a(rms)": "A rms",
+    "aeff": "A rms", "a eff": "A rms", "apk": "A", "a peak": "A", "amp": "A", "ampere": "A",
+    "amps": "A", "volt": "V", "volts": "V", "n·m": "N m", "n.m": "N m", "n-m": "N m", "newton": "N",
+    "m/s²": "m/s^2", "m/s2": "m/s^2", "celsius": "degC", "c": "degC", "℃": "degC", "meter": "m",
+    "metre": "m", "none": "1",
 }  # fmt: skip
 _FOLDED = {unit.casefold(): unit for unit in UNITS if unit not in ("mN m", "mNm")}
 
 # what a column may be called, without case, blanks and punctuation -> channel
-_NAMES: dict[str, tuple[str, ...]] = {
-    "t": ("time", "zeit", "timestamp", "zeitstempel", "seconds", "sec", "timesec", "elapsedtime", "tempo", "temps"),
-    "theta": ("position", "pos", "angle", "winkel", "phi", "actpos", "actualposition", "positionactual", "positionactualvalue",
-              "posact", "posactual", "istposition", "positionistwert", "lageistwert", "mechanicalangle", "rotorposition",
-              "measuredposition", "positionmeasured", "encoderposition", "positionmeas", "posmeas", "actposition"),
-    "theta_ref": ("positionreference", "referenceposition", "positionref", "posref", "positionsetpoint", "setpos", "posset",
-                  "setposition", "positiondemand", "positiondemandvalue", "targetposition", "commandposition", "positioncommand",
-                  "lagesollwert", "sollposition", "positionsollwert", "thetades", "desiredposition"),
-    "omega": ("velocity", "vel", "speed", "actvelo", "actvel", "actvelocity", "actualvelocity", "velocityactual", "velact",
-              "velocityactualvalue", "actualspeed", "speedactual", "speedactualvalue", "actspeed", "drehzahl", "istdrehzahl",
-              "drehzahlistwert", "geschwindigkeit", "istgeschwindigkeit", "rotorspeed", "motorspeed", "measuredvelocity",
-              "velocitymeasured", "speedmeas", "nact", "nist", "angularvelocity", "velmeas"),
-    "omega_ref": ("referencevelocity", "velocityreference", "velocityref", "velref", "speedref", "speedreference",
-                  "referencespeed", "setvelo", "setvel", "setvelocity", "velocitysetpoint", "speedsetpoint", "setspeed",
-                  "targetvelocity", "targetspeed", "velocitydemand", "velocitydemandvalue", "commandvelocity", "velocitycommand",
-                  "speedcommand", "drehzahlsollwert", "solldrehzahl", "sollgeschwindigkeit", "nset", "nsoll", "desiredvelocity"),
-    "alpha_ref": ("referenceacceleration", "accelerationreference", "accelerationsetpoint", "setacc", "setacceleration",
-                  "sollbeschleunigung"),
-    "i_q": ("iq", "iqmeas", "iqact", "iqactual", "currentq", "qcurrent", "quadraturecurrent", "isq", "currentiq",
-            "momentenstrom", "querstrom", "qaxiscurrent", "measurediq", "torqueproducingcurrent", "torquegeneratingcurrent"),
-    "i_d": ("id", "idmeas", "idact", "idactual", "currentd", "dcurrent", "directcurrent", "isd", "currentid", "daxiscurrent",
-            "feldstrom", "laengsstrom"),
-    "i_q_ref": ("iqset", "iqsetpoint", "iqreference", "iqcommand", "iqsoll", "referenceiq", "iqtarget", "desirediq"),
-    "i_d_ref": ("idset", "idsetpoint", "idreference", "idcommand", "idsoll", "referenceid", "idtarget"),
-    "u_q": ("uq", "vq", "voltageq", "qvoltage", "usq", "qaxisvoltage"),
-    "u_d": ("ud", "vd", "voltaged", "dvoltage", "usd", "daxisvoltage"),
-    "u_dc": ("udc", "vdc", "dclinkvoltage", "dcbusvoltage", "busvoltage", "zwischenkreisspannung", "dcvoltage", "dclink"),
-    "torque": ("torque", "tau", "acttorque", "actualtorque", "torqueactual", "torqueactualvalue", "drehmoment", "drehmomentistwert",
-               "istmoment", "istdrehmoment", "motortorque", "measuredtorque", "momentistwert", "force", "kraft", "torqueact"),
-    "T_load": ("tload", "loadtorque", "lastmoment", "externaltorque"),
-    "temperature": ("temperature", "temp", "temperatur", "motortemperature", "motortemp", "motortemperatur", "windingtemperature"),
-}  # fmt: skip
+_NAMES: dict[str, str] = {
+    "t": """
+        time zeit timestamp zeitstempel seconds sec timesec elapsedtime tempo temps
+    """,
+    "theta": """
+        position pos angle winkel phi actpos actualposition positionactual positionactualvalue posact
+        posactual istposition positionistwert lageistwert mechanicalangle rotorposition measuredposition
+        positionmeasured encoderposition positionmeas posmeas actposition
+    """,
+    "theta_ref": """
+        positionreference referenceposition positionref posref positionsetpoint setpos posset setposition
+        positiondemand positiondemandvalue targetposition commandposition positioncommand lagesollwert
+        sollposition positionsollwert thetades desiredposition
+    """,
+    "omega": """
+        velocity vel speed actvelo actvel actvelocity actualvelocity velocityactual velact
+        velocityactualvalue actualspeed speedactual speedactualvalue actspeed drehzahl istdrehzahl
+        drehzahlistwert geschwindigkeit istgeschwindigkeit rotorspeed motorspeed measuredvelocity
+        velocitymeasured speedmeas nact nist angularvelocity velmeas
+    """,
+    "omega_ref": """
+        referencevelocity velocityreference velocityref velref speedref speedreference referencespeed
+        setvelo setvel setvelocity velocitysetpoint speedsetpoint setspeed targetvelocity targetspeed
+        velocitydemand velocitydemandvalue commandvelocity velocitycommand speedcommand drehzahlsollwert
+        solldrehzahl sollgeschwindigkeit nset nsoll desiredvelocity
+    """,
+    "alpha_ref": """
+        referenceacceleration accelerationreference accelerationsetpoint setacc setacceleration
+        sollbeschleunigung
+    """,
+    "i_q": """
+        iq iqmeas iqact iqactual currentq qcurrent quadraturecurrent isq currentiq momentenstrom querstrom
+        qaxiscurrent measurediq torqueproducingcurrent torquegeneratingcurrent
+    """,
+    "i_d": """
+        id idmeas idact idactual currentd dcurrent directcurrent isd currentid daxiscurrent feldstrom
+        laengsstrom
+    """,
+    "i_q_ref": """
+        iqset iqsetpoint iqreference iqcommand iqsoll referenceiq iqtarget desirediq
+    """,
+    "i_d_ref": """
+        idset idsetpoint idreference idcommand idsoll referenceid idtarget
+    """,
+    "u_q": """
+        uq vq voltageq qvoltage usq qaxisvoltage
+    """,
+    "u_d": """
+        ud vd voltaged dvoltage usd daxisvoltage
+    """,
+    "u_dc": """
+        udc vdc dclinkvoltage dcbusvoltage busvoltage zwischenkreisspannung dcvoltage dclink
+    """,
+    "torque": """
+        torque tau acttorque actualtorque torqueactual torqueactualvalue drehmoment drehmomentistwert
+        istmoment istdrehmoment motortorque measuredtorque momentistwert force kraft torqueact
+    """,
+    "T_load": """
+        tload loadtorque lastmoment externaltorque
+    """,
+    "temperature": """
+        temperature temp temperatur motortemperature motortemp motortemperatur windingtemperature
+    """,
+}
 
 
 def _folded(name: str) -> str:
     return re.sub(r"[\W_]+", "", name.casefold())
 
 
-_LOOKUP = {alias: channel for channel, aliases in _NAMES.items() for alias in aliases}
+_LOOKUP = {alias: channel for channel, aliases in _NAMES.items() for alias in aliases.split()}
 _LOOKUP |= {_folded(channel): channel for channel in CHANNELS if channel not in ("omega_true", "theta_true")}
 
 
@@ -87,7 +120,7 @@ _SUFFIX_UNITS = {"rad_s": "rad/s", "deg_s": "deg/s"}
 
 
 def split_header(cell: str) -> tuple[str, str]:
-    """Split a header cell such as ``speed [rpm]``, ``speed (rpm)``, ``n / min-1`` or ``speed_rpm`` into name and unit."""
+    """Split ``speed [rpm]``, ``speed (rpm)``, ``n / min-1`` or ``speed_rpm`` into name and unit."""
     text = cell.strip().strip('"').strip()
     if (match := _BRACKETED.match(text)) and not match[2].strip().isdigit():
         return match[1].strip(), match[2].strip()

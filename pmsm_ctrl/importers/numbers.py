@@ -43,9 +43,8 @@ def row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[in
     large = os.path.getsize(path) >= KERNEL_FROM
     wanted = [c for c in columns if c not in layout.text_columns]
     if len(wanted) != len(columns):
-        raise LogError(
-            f"{file}: column {next(c for c in columns if c in layout.text_columns) + 1} holds text, not numbers"
-        )
+        text = next(c for c in columns if c in layout.text_columns)
+        raise LogError(f"{file}: column {text + 1} ('{layout.header[text]}') holds text; numbers were expected")
     if not large:
         for piece, line in _data_pieces(path, layout):
             rows, ended = parse_rows(piece, file, layout, line)
@@ -119,10 +118,7 @@ def parse_rows(piece: bytes, file: str, layout: Layout, first_line: int) -> tupl
             rows.append([float(cell) if cell else np.nan for cell in cells])
         except ValueError:
             rows.append(
-                [
-                    np.nan if c in skipped else _cell(cell, file, layout, number, c)
-                    for c, cell in enumerate(cells)
-                ]
+                [np.nan if c in skipped else _cell(cell, file, layout, number, c) for c, cell in enumerate(cells)]
             )
     return _stack(rows, width), False
 
@@ -138,9 +134,8 @@ def _fit(cells: list[str], width: int, file: str, layout: Layout, line: int) -> 
     if len(cells) < width and layout.ragged:
         return cells + [""] * (width - len(cells))
     if len(cells) != width:
-        raise LogError(
-            f"{file}: line {line}: {len(cells)} cells found; {width} were expected, as in line {layout.first_line}"
-        )
+        what = f"{len(cells)} cells found; {width} were expected"
+        raise LogError(f"{file}: line {line}: {what}, as in line {layout.first_line}")
     return cells
 
 

@@ -18,7 +18,7 @@ _LEADS = ("theta", "omega", "i_q", "torque")
 def on_one_raster(
     times: Mapping[int, Array], channels: Mapping[int, Mapping[str, Array]]
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Return all channels on the raster of the motion channel, and notes on every group that was interpolated.
+    """Return all channels on the raster of the motion channel, and a note on every interpolated group.
 
     Groups with the same time stamps are joined as they are. Others are interpolated linearly inside the time
     that all groups cover; nothing is extrapolated.
@@ -36,22 +36,17 @@ def on_one_raster(
     stop = min([t[-1], *(other[-1] for other in others.values())])
     keep = slice(int(np.searchsorted(t, start)), int(np.searchsorted(t, stop, side="right")))
     if keep.stop <= keep.start:
-        raise LogError(
-            f"the channel groups do not overlap in time (latest start {start:g} s, earliest end {stop:g} s)"
-        )
+        raise LogError(f"the channel groups do not overlap in time (latest start {start:g} s, earliest end {stop:g} s)")
     result = {"t": t[keep]}
     notes = []
     for group, named in held.items():
         for name, values in named.items():
-            result[name] = (
-                values[keep] if group not in others else np.interp(result["t"], others[group], values)
-            )
+            result[name] = values[keep] if group not in others else np.interp(result["t"], others[group], values)
         if group in others:
             period, own = np.median(np.diff(t)) if t.size > 1 else 0.0, others[group]
             other = np.median(np.diff(own)) if own.size > 1 else 0.0
-            notes.append(
-                f"{', '.join(named)} interpolated linearly from a raster of {other * 1e3:.6g} ms to {period * 1e3:.6g} ms"
-            )
+            change = f"from a raster of {other * 1e3:.6g} ms to {period * 1e3:.6g} ms"
+            notes.append(f"{', '.join(named)} interpolated linearly {change}")
     if notes and (cut := t.size - result["t"].size):
         notes.append(f"{cut} samples outside the time that all groups cover were dropped")
     return result, tuple(notes)

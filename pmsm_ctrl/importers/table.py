@@ -1,6 +1,7 @@
 """What every format reader hands over: named columns with units, loaded when asked for.
 
-A reader knows a file's bytes and nothing of drives; `pmsm_ctrl.importers.mapping` knows channels and nothing of bytes.
+A reader knows a file's bytes and nothing of drives; `pmsm_ctrl.importers.mapping` knows channels and nothing
+of bytes.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Table:
     Parameters
     ----------
     load : callable
-        Takes column indices and returns one array per index, shape (n,); columns of one group are equally long.
+        Takes column indices and returns one array per index, shape (n,); columns of a group are equally long.
     locate : callable
         Takes (column index, sample) and returns the place in words a reader of the file understands.
     facts : dict

@@ -36,10 +36,8 @@ def table_of(path: Path, file: str, layout: Layout, columns: tuple[Column, ...],
     }
     notes = list(layout.notes)
     if not canonical or dialect:
-        notes.insert(
-            0,
-            f"read as {layout.encoding} text, separator {facts['separator']}, decimal {facts['decimal mark']}",
-        )
+        mark = facts["decimal mark"]
+        notes.insert(0, f"read as {layout.encoding} text, separator {facts['separator']}, decimal {mark}")
 
     def locate(column: int, row: int) -> str:
         return f"line {line_of_row(path, layout, row)}, column {column + 1} ('{columns[column].header}')"

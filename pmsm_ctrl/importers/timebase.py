@@ -1,0 +1,92 @@
+"""What the time stamps and the values of a log look like: rate, jitter, gaps, steps of quantisation, saturation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pmsm_ctrl.importers.table import Array
+
+__all__ = ["TimeBase", "longest_run", "quantum", "saturated_share", "time_base"]
+
+SAMPLE = 200_000  # values looked at for quantisation; more would only cost time
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """Regularity of time stamps. All times in s; a gap is a step above 1.9 median periods."""
+
+    period: float
+    jitter_rms: float
+    jitter_max: float
+    gaps: int
+    longest_gap: float
+    longest_gap_at: float
+
+
+def time_base(t: Array) -> TimeBase:
+    """Describe time stamps `t` in s, shape (n,); with fewer than two samples everything is NaN."""
+    if t.size < 2:
+        return TimeBase(np.nan, np.nan, np.nan, 0, np.nan, np.nan)
+    step = np.diff(t)
+    period = float(np.median(step))
+    gap = step > 1.9 * period
+    deviation = step - period
+    if gap.any():
+        deviation = deviation[~gap]
+    widest = int(np.argmax(step))
+    return TimeBase(
+        period=period,
+        jitter_rms=float(np.sqrt(np.mean(deviation**2))),
+        jitter_max=float(np.max(np.abs(deviation))),
+        gaps=int(np.count_nonzero(gap)),
+        longest_gap=float(step[widest]) if gap.any() else 0.0,
+        longest_gap_at=float(t[widest]) if gap.any() else np.nan,
+    )
+
+
+def quantum(values: Array) -> float:
+    """Return the step of which all differences are multiples, 0 where there is none, NaN for a constant.
+
+    Looks at the first `SAMPLE` values. Rounding in the text of a file is a quantum as well.
+    """
+    levels = np.unique(values[:SAMPLE])
+    if levels.size < 2:
+        return float("nan")
+    span = float(levels[-1] - levels[0])
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * max(span, float(np.max(np.abs(levels))) * 1e-3)]
+    if steps.size == 0 or not np.isfinite(span):
+        return float("nan")
+    smallest = float(steps.min())
+    # the mean over the steps that are one quantum long removes the rounding of a single difference
+    single = steps[steps < 1.5 * smallest]
+    step = float(single.mean())
+    multiples = steps / step
+    fits = np.abs(multiples - np.round(multiples)) < 0.02 * np.maximum(multiples, 1.0) ** 0.5
+    return step if fits.mean() > 0.98 and step > 1e-7 * span else 0.0
+
+
+def longest_run(mask: np.ndarray) -> int:
+    """Return the length of the longest stretch of True."""
+    if not mask.any():
+        return 0
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    return int(np.max(edges[1::2] - edges[::2]))
+
+
+def saturated_share(values: Array) -> float:
+    """Return the share of samples that sit exactly at the largest magnitude, 0 unless they do so in long runs.
+
+    A signal with few levels dwells at its extreme without any limit; below 50 levels nothing is claimed.
+    """
+    if values.size < 50:
+        return 0.0
+    magnitude = np.abs(values)
+    peak = float(magnitude.max())
+    if peak == 0.0 or np.unique(values[:SAMPLE]).size < 50:
+        return 0.0
+    at_peak = magnitude >= peak * (1.0 - 1e-9)
+    share = float(np.mean(at_peak))
+    return share if longest_run(at_peak) >= 10 and share >= 0.001 else 0.0
