@@ -5,7 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import constant_load, coulomb, viscous
+from pmsm_ctrl.effects import (
+    cogging,
+    constant_load,
+    coulomb,
+    iron_loss,
+    load_dependent_friction,
+    position_dependent_friction,
+    quadratic_drag,
+    stribeck,
+    thermal_drift,
+    torque_ripple,
+    torque_saturation,
+    unbalance,
+    viscous,
+    viscous_asymmetry,
+    viscous_power,
+)
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 
@@ -16,7 +32,19 @@ CATALOGUE: Mapping[str, Effect] = {
     for module in (
         coulomb,
         viscous,
+        stribeck,
+        viscous_asymmetry,
         constant_load,
+        viscous_power,
+        quadratic_drag,
+        load_dependent_friction,
+        position_dependent_friction,
+        thermal_drift,
+        unbalance,
+        cogging,
+        torque_ripple,
+        torque_saturation,
+        iron_loss,
     )
 }
 
