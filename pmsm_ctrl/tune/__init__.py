@@ -1,0 +1,35 @@
+"""Control design with python-control: from datasheet to defended margins, proved on the sampled drive.
+
+python-control takes more than a second to import, so nothing here is loaded before it is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.tune.linearise import Linearisation, OperatingPoint, linearise
+    from pmsm_ctrl.tune.margins import Margins, margins
+    from pmsm_ctrl.tune.optimise import optimise
+    from pmsm_ctrl.tune.proof import Proof, prove
+    from pmsm_ctrl.tune.tuning import Tuning, tune
+
+__all__ = [
+    "Linearisation", "Margins", "OperatingPoint", "Proof", "Tuning", "linearise", "margins", "optimise", "prove",
+    "tune",
+]  # fmt: skip
+
+_HOME = {
+    "Linearisation": "linearise", "OperatingPoint": "linearise", "linearise": "linearise",
+    "Margins": "margins", "margins": "margins", "optimise": "optimise",
+    "Proof": "proof", "prove": "proof", "Tuning": "tuning", "tune": "tuning",
+}  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value

@@ -1,0 +1,175 @@
+"""Current controllers from winding data: pole cancellation (internal model), modulus optimum, bandwidth and margin.
+
+Internal model control of an R-L plant with the filter alpha / (s + alpha) *is* the PI that cancels the pole
+(L. Harnefors, H.-P. Nee, IEEE Trans. Ind. Appl. 34 (1998) 133): K_p = alpha L, T_n = L / R.
+The modulus optimum (C. Kessler 1955; D. Schroeder, Elektrische Antriebe 2) is the same PI with alpha = 1 / (2 T_sigma).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pmsm_ctrl.design import CurrentLoop, Design
+from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.simulate.parameters import Plant
+from pmsm_ctrl.tune.delays import delays
+from pmsm_ctrl.tune.margins import response
+from pmsm_ctrl.tune.sampled import current_loop
+
+__all__ = [
+    "METHODS", "highest_bandwidth", "modulus_optimum", "pi_for_margin", "pole_cancellation", "tune_current",
+]  # fmt: skip
+
+METHODS = ("modulus_optimum", "pole_cancellation", "bandwidth")
+LEAST_LAG = math.radians(3.0)  # the least lag of the PI at crossover: T_n of about 19 / omega_c
+
+
+def pole_cancellation(R: float, L: float, bandwidth: float) -> tuple[float, float]:
+    """K_p in V/A and T_n in s for a closed loop alpha / (s + alpha), alpha = 2 pi `bandwidth` (Hz)."""
+    return 2.0 * math.pi * bandwidth * L, L / R
+
+
+def modulus_optimum(R: float, L: float, T_sigma: float) -> tuple[float, float]:
+    """K_p in V/A and T_n in s for the small time constant T_sigma in s: damping 1/sqrt(2), 4.3 % overshoot."""
+    return L / (2.0 * T_sigma), L / R
+
+
+def pi_for_margin(plant: Any, crossover: float, phase_margin: float) -> tuple[float, float]:
+    """Gain and reset time of the discrete PI that crosses at a frequency with a phase margin, in closed form.
+
+    Parameters
+    ----------
+    plant : control.StateSpace
+        Discrete plant that the PI sees.
+    crossover : Hz
+    phase_margin : deg
+
+    Returns
+    -------
+    K_p, T_n
+        T_n in s, NaN where the plant's own lag leaves no room for an integrator.
+    """
+    T = plant.dt
+    w = 2.0 * math.pi * crossover
+    P = complex(response(plant, np.array([w]))[0])
+    lag = (math.pi + float(np.angle(P)) - math.radians(phase_margin)) % (2.0 * math.pi)
+    lag = lag - 2.0 * math.pi if lag > math.pi else lag
+    if not 0.0 < lag < 0.5 * math.pi:
+        return math.nan, math.nan
+    # On the unit circle 1/(z-1) = -1/2 - j/2 cot(wT/2), so tan(lag) = (b/2) cot / (1 - b/2) for b = T/T_n.
+    tangent, cotangent = math.tan(lag), 1.0 / math.tan(0.5 * w * T)
+    b = 2.0 * tangent / (cotangent + tangent)
+    z = np.exp(1j * w * T)
+    return float(1.0 / abs(P * (1.0 + b / (z - 1.0)))), T / b
+
+
+def phase_limit(plant: Any, phase_margin: float, least_lag: float = LEAST_LAG) -> float:
+    """Highest crossover in Hz at which the plant's phase leaves this margin (deg) and the least lag of a PI."""
+    T = plant.dt
+    omega = np.geomspace(1e-4, 0.999, 4000) * math.pi / T
+    phase = np.unwrap(np.angle(response(plant, omega)))
+    phase -= 2.0 * math.pi * round(float(phase[0]) / (2.0 * math.pi))
+    need = -math.pi + math.radians(phase_margin) + least_lag
+    below = np.flatnonzero((phase[1:] < need) & (phase[:-1] >= need))
+    if not below.size:
+        return float(omega[-1]) / (2.0 * math.pi) if phase[-1] >= need else math.nan
+    k = int(below[-1])
+    share = (need - phase[k]) / (phase[k + 1] - phase[k])
+    return float(omega[k] + share * (omega[k + 1] - omega[k])) / (2.0 * math.pi)
+
+
+def highest_bandwidth(design: Design, phase_margin: float = 45.0) -> float:
+    """Highest crossover of the current loop in Hz that the sampling and the delay allow at this margin (deg)."""
+    return min(phase_limit(_winding(design, axis), phase_margin) for axis in ("d", "q"))
+
+
+def _winding(design: Design, axis: str, truth: Design | None = None) -> Any:
+    """The plant of one axis: the loop with a unit gain and no integrator."""
+    return current_loop(design, CurrentLoop(K_p=1.0, T_n=1e9, K_p_d=1.0, T_n_d=1e9), axis, truth)
+
+
+def tune_current(
+    design: Design,
+    method: str = "modulus_optimum",
+    *,
+    bandwidth: float | None = None,
+    phase_margin: float = 60.0,
+) -> CurrentLoop:
+    """Return the current controllers of both axes.
+
+    Parameters
+    ----------
+    design : Design
+    method : {"modulus_optimum", "pole_cancellation", "bandwidth"}
+        "bandwidth" meets crossover *and* phase margin on the sampled loop; the others cancel the winding's pole.
+    bandwidth : Hz, optional
+        Crossover of the loop; required by "bandwidth". Left out, pole cancellation takes the highest one that has
+        this phase margin.
+    phase_margin : deg
+        Used by "bandwidth", and as the least margin that "pole_cancellation" is granted.
+
+    Raises
+    ------
+    RequestError
+        For an unknown method, or a bandwidth that the delay does not allow: the message gives the highest one.
+    """
+    m = Plant.of(design)
+    if method not in METHODS:
+        raise RequestError(
+            f"current loop: unknown method '{method}'{nearest(method, METHODS)} (known: {', '.join(METHODS)})"
+        )
+    _check_margin("current loop", phase_margin)
+    budget = delays(design, CurrentLoop(K_p=1.0, T_n=1.0))
+    if method == "modulus_optimum":
+        if bandwidth is not None:
+            raise RequestError(
+                "current loop: the modulus optimum fixes the bandwidth by the delay; leave `current_bandwidth` out, "
+                "or take the method 'pole_cancellation' or 'bandwidth'"
+            )
+        gains = [modulus_optimum(m.R, L, budget.current) for L in (m.L_q, m.L_d)]
+        return _loop(gains)
+    limit = highest_bandwidth(design, phase_margin)
+    if method == "bandwidth" and bandwidth is None:
+        raise RequestError(
+            f"current loop: the method 'bandwidth' needs a bandwidth in Hz (up to {limit:.4g} Hz is possible)"
+        )
+    if bandwidth is not None:
+        check_bandwidth("current loop", bandwidth, limit, phase_margin, budget.explain_current())
+    f = bandwidth if bandwidth is not None else limit
+    if method == "pole_cancellation":
+        return _loop([pole_cancellation(m.R, L, f) for L in (m.L_q, m.L_d)])
+    return _loop([pi_for_margin(_winding(design, axis), f, phase_margin) for axis in ("q", "d")])
+
+
+def _loop(gains: list[tuple[float, float]]) -> CurrentLoop:
+    (K_p, T_n), (K_d, T_d) = gains
+    if math.isclose(K_p, K_d, rel_tol=1e-9) and math.isclose(T_n, T_d, rel_tol=1e-9):
+        return CurrentLoop(K_p=K_p, T_n=T_n)
+    return CurrentLoop(K_p=K_p, T_n=T_n, K_p_d=K_d, T_n_d=T_d)
+
+
+def _check_margin(loop: str, phase_margin: float) -> None:
+    if not 5.0 <= phase_margin <= 85.0:
+        raise RequestError(f"{loop}: phase margin of {phase_margin:g} deg asked for; between 5 and 85 deg is possible")
+
+
+def check_bandwidth(loop: str, bandwidth: float, limit: float, phase_margin: float, why: str) -> None:
+    """Refuse a bandwidth that the delays do not allow, and say which one they do.
+
+    Raises
+    ------
+    RequestError
+        Naming the highest possible bandwidth and where the delay comes from.
+    """
+    if not (math.isfinite(bandwidth) and bandwidth > 0.0):
+        raise RequestError(f"{loop}: bandwidth of {bandwidth:g} Hz asked for; a positive number was expected")
+    if math.isnan(limit):
+        raise RequestError(f"{loop}: no bandwidth at all has {phase_margin:g} deg of phase margin with {why}")
+    if bandwidth > limit:
+        raise RequestError(
+            f"{loop}: {bandwidth:g} Hz asked for, but with {why} the highest bandwidth that keeps "
+            f"{phase_margin:g} deg of phase margin is {limit:.4g} Hz"
+        )

@@ -1,0 +1,112 @@
+"""The drive's delays by name, and what the usual approximations of them cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import control as ct
+import numpy as np
+
+from pmsm_ctrl.design import CurrentLoop, Design
+from pmsm_ctrl.simulate.parameters import Plant
+from pmsm_ctrl.tune.margins import Margins, margins
+from pmsm_ctrl.tune.sampled import current_loop, smoothing
+
+__all__ = ["DelayModel", "Delays", "compare_delay_models", "delays"]
+
+
+@dataclass(frozen=True)
+class Delays:
+    """Small time constants of the cascade in s, by where they come from.
+
+    `computation` and `holding` delay the current loop; to the speed loop that whole loop is `current_loop`
+    (the reciprocal of its crossover), to which its own sampling and its measurement add.
+    """
+
+    computation: float
+    holding: float
+    current_loop: float
+    speed_holding: float
+    difference_quotient: float
+    speed_filter: float
+
+    @property
+    def current(self) -> float:
+        """Delay in the current loop: computation and half a control period of holding, s."""
+        return self.computation + self.holding
+
+    @property
+    def speed(self) -> float:
+        """Sum of small time constants in the speed loop, s."""
+        return self.current_loop + self.speed_holding + self.difference_quotient + self.speed_filter
+
+    def explain_current(self) -> str:
+        """Say in words where the delay of the current loop comes from."""
+        return (
+            f"{self.current * 1e6:.4g} us of delay ({self.computation * 1e6:.4g} us computation, "
+            f"{self.holding * 1e6:.4g} us holding)"
+        )
+
+    def explain_speed(self) -> str:
+        """Say in words where the delay of the speed loop comes from."""
+        return (
+            f"{self.speed * 1e3:.4g} ms of small time constants (current loop {self.current_loop * 1e3:.3g} ms, "
+            f"speed filter {self.speed_filter * 1e3:.3g} ms, difference quotient "
+            f"{self.difference_quotient * 1e3:.3g} ms, holding {self.speed_holding * 1e3:.3g} ms)"
+        )
+
+
+def delays(design: Design, current: CurrentLoop) -> Delays:
+    """Return the delays of a design with this current loop.
+
+    The filter counts with the delay that its discrete form has at low frequency, T (1 - a) / a.
+    """
+    m = Plant.of(design)
+    T_s = m.period * m.speed_divider
+    a = smoothing(T_s, design.sensor.speed_filter)
+    # A PI that does not cancel the pole has the velocity constant K_p / (R T_n); both agree where it does.
+    crossover = current.K_p / max(m.L_q, m.R * current.T_n)
+    return Delays(
+        computation=m.delay * m.period,
+        holding=0.5 * m.period,
+        current_loop=1.0 / crossover,
+        speed_holding=0.5 * T_s,
+        difference_quotient=0.5 * T_s,
+        speed_filter=T_s * (1.0 - a) / a,
+    )
+
+
+@dataclass(frozen=True)
+class DelayModel:
+    """One way to write the delay of the current loop, and the margins that it promises."""
+
+    name: str
+    margins: Margins
+
+
+def compare_delay_models(
+    design: Design, current: CurrentLoop, orders: tuple[int, ...] = (1, 2, 3)
+) -> tuple[DelayModel, ...]:
+    """Margins of the current loop by the exact sampled delay, the exact continuous delay, and Pade.
+
+    The sampled one is what runs; the others are what a design in s assumes. The difference is the error of that
+    assumption, and grows with the share of the crossover in the sampling frequency.
+    """
+    m = Plant.of(design)
+    tau = (m.delay + 0.5) * m.period
+    omega = np.geomspace(1e-4, 1.0, 4000) * math.pi / m.period
+    s = 1j * omega
+    plain = current.K_p * (1.0 + 1.0 / (current.T_n * s)) / (m.L_q * s + m.R)
+    controller = ct.tf([current.K_p * current.T_n, current.K_p], [current.T_n, 0.0])
+    winding = ct.tf([1.0], [m.L_q, m.R])
+    models = [
+        DelayModel("sampled, exact (as it runs)", margins(current_loop(design, current))),
+        DelayModel("continuous, exact delay", margins(ct.frd(plain * np.exp(-s * tau), omega))),
+        DelayModel("continuous, no delay", margins(controller * winding, omega)),
+    ]
+    for order in orders:
+        numerator, denominator = ct.pade(tau, order)
+        loop = controller * winding * ct.tf(numerator, denominator)
+        models.append(DelayModel(f"continuous, Pade of order {order}", margins(loop, omega)))
+    return tuple(models)

@@ -1,0 +1,74 @@
+"""What the sensors' noise costs: ripple of the current from encoder steps and from current measurement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import control as ct
+import numpy as np
+
+from pmsm_ctrl.simulate.parameters import Plant
+from pmsm_ctrl.tune.sampled import Cascade, current_loop
+
+__all__ = ["Noise", "h2_norm", "noise"]
+
+
+def h2_norm(system: Any) -> float:
+    """Return the factor from the rms of white noise at the input of a stable sampled system to its output's rms.
+
+    By `control.dlyap`. `control.system_norm` does the same but gives up (infinity) where states that the noise
+    does not reach make the covariance singular, as the pending voltages of the other axis do here.
+    """
+    covariance = ct.dlyap(system.A, system.B @ system.B.T)
+    return float(np.sqrt(np.trace(system.C @ covariance @ system.C.T + system.D @ system.D.T)))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Predicted noise of a tuned cascade.
+
+    Attributes
+    ----------
+    encoder_gain : A/rad, from white angle noise to the current reference (H2 norm)
+    encoder_ripple : A rms of i_q_ref, for quantisation as white noise of step/sqrt(12)
+    speed_ripple : rad/s rms of the *measured* speed for the same
+    current_gain : from measured to true current (H2 norm)
+    current_ripple : A rms of the true current, from the noise of the current measurement
+    torque_ripple : N m rms, both together
+    """
+
+    encoder_gain: float
+    encoder_ripple: float
+    speed_ripple: float
+    current_gain: float
+    current_ripple: float
+    torque_ripple: float
+
+
+def noise(cascade: Cascade) -> Noise:
+    """Predict the noise of a cascade with its speed loop closed.
+
+    Quantisation is white while the angle crosses many steps per sample or crosses them irregularly; on a slow
+    or stationary shaft it is not, and the ripple is a limit cycle of one step instead.
+    """
+    design = cascade.design
+    counts = design.sensor.encoder_counts
+    turn = 1.0 if design.motion == "linear" else 2.0 * math.pi
+    sigma = turn / counts / math.sqrt(12.0) if counts else 0.0
+    closed = cascade.with_gains(position=None)
+    by_reference = h2_norm(closed.system(("angle_noise",), ("i_q_ref",)))
+    by_speed = h2_norm(closed.system(("angle_noise",), ("omega_hat",)))
+    by_current = h2_norm(closed.system(("angle_noise",), ("i_q",)))
+    loop = ct.feedback(current_loop(design, cascade.current), 1)
+    tracking = h2_norm(loop)
+    current = Plant.of(design).current_noise
+    return Noise(
+        encoder_gain=by_reference,
+        encoder_ripple=sigma * by_reference,
+        speed_ripple=sigma * by_speed,
+        current_gain=tracking,
+        current_ripple=current * tracking,
+        torque_ripple=design.K_t * math.hypot(sigma * by_current, current * tracking),
+    )

@@ -1,0 +1,247 @@
+"""The loops exactly as they run: linear plant between the ticks, controller and delay at the ticks.
+
+One pass of the cascade over a speed period is a linear map. It is written here in the order in which the drive
+computes it (`pmsm_ctrl.kernels.drive_template`) and turned into matrices by sending the unit vectors through it,
+so what is analysed is the discrete controller with its real delays, not a continuous stand-in for it.
+
+Left out, being of second order: quantisation, limits, and the turning of the held voltage within one period.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import CurrentLoop, Design, PositionLoop, SpeedLoop
+from pmsm_ctrl.simulate.parameters import Plant
+from pmsm_ctrl.tune.linearise import Linearisation, linearise
+
+__all__ = ["Biquad", "Cascade", "current_loop", "frequencies", "pi", "smoothing", "speed_plant"]
+
+Array = NDArray[np.float64]
+
+INPUTS = ("omega_ref", "theta_ref", "i_q_add", "T_load", "angle_noise", "i_q_ref")
+OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load")
+
+
+def smoothing(period: float, time_constant: float) -> float:
+    """Gain a of the exact first-order filter x += a (u - x)."""
+    return 1.0 if time_constant == 0.0 else -math.expm1(-period / time_constant)
+
+
+def pi(K_p: float, T_n: float, period: float) -> Any:
+    """Return K_p (1 + (T/T_n) / (z - 1)), the PI as it runs: forward Euler, integrator added before its update."""
+    return ct.tf([K_p, K_p * (period / T_n - 1.0)], [1.0, -1.0], period)
+
+
+def frequencies(period: float, low: float = 1e-4, points: int = 4000) -> Array:
+    """Return angular frequencies from `low` to just under the Nyquist frequency, as shares of it, in rad/s."""
+    nyquist = math.pi / period
+    return np.geomspace(low * nyquist, 0.9995 * nyquist, points)
+
+
+def current_loop(design: Design, loop: CurrentLoop, axis: str = "q", truth: Design | None = None) -> Any:
+    """Return the open current loop of one axis in z, shape 1x1 (control.StateSpace).
+
+    R-L plant under the held voltage (exact), the computation delay in whole periods, and the discrete PI.
+    Decoupling is taken as ideal; `truth` is the plant where it differs from the design.
+    """
+    m = Plant.of(truth or design)
+    L = m.L_q if axis == "q" else m.L_d
+    K_p, T_n = loop.K_p, loop.T_n
+    if axis == "d":
+        K_p, T_n = loop.K_p_d or K_p, loop.T_n_d or T_n
+    winding = ct.c2d(ct.ss([[-m.R / L]], [[1.0 / L]], [[1.0]], [[0.0]]), m.period, "zoh")
+    delay = ct.ss(ct.tf([1.0], [1.0] + [0.0] * m.delay, m.period)) if m.delay else 1.0
+    return winding * delay * ct.ss(pi(K_p, T_n, m.period))
+
+
+@dataclass(frozen=True)
+class Biquad:
+    """A notch or a low-pass behind the speed controller, bilinear with its frequency kept.
+
+    ``(s^2 + 2 numerator w s + w^2) / (s^2 + 2 denominator w s + w^2)``; a low-pass has the constant numerator.
+    """
+
+    kind: str
+    frequency: float  # Hz
+    damping_numerator: float
+    damping_denominator: float
+
+    def continuous(self) -> Any:
+        """Return the filter in s."""
+        w = 2.0 * math.pi * self.frequency
+        denominator = [1.0, 2.0 * self.damping_denominator * w, w * w]
+        if self.kind == "low_pass":
+            return ct.tf([w * w], denominator)
+        return ct.tf([1.0, 2.0 * self.damping_numerator * w, w * w], denominator)
+
+    def sampled(self, period: float) -> Any:
+        """Return the filter in z."""
+        w = 2.0 * math.pi * self.frequency
+        return ct.c2d(self.continuous(), period, "bilinear", prewarp_frequency=w)
+
+
+@dataclass(frozen=True, eq=False)
+class Cascade:
+    """The cascade around a linear plant.
+
+    Attributes
+    ----------
+    design : Design
+        What the controller believes; its `loops` are not read.
+    truth : Design
+        The plant.
+    model : Linearisation of the plant
+    current, speed, position : the gains; a speed loop of None leaves `i_q_ref` as an input.
+    """
+
+    design: Design
+    truth: Design
+    model: Linearisation
+    current: CurrentLoop
+    speed: SpeedLoop | None = None
+    position: PositionLoop | None = None
+
+    @classmethod
+    def of(
+        cls,
+        design: Design,
+        current: CurrentLoop,
+        speed: SpeedLoop | None = None,
+        position: PositionLoop | None = None,
+        *,
+        truth: Design | None = None,
+        at: float = 0.0,
+        own: Any = (),
+    ) -> Cascade:
+        """Linearise the plant at the speed `at` (rad/s) and build the cascade around it."""
+        plant = truth or design
+        return cls(design, plant, linearise(plant, at, own=own), current, speed, position)
+
+    def with_gains(self, **changed: Any) -> Cascade:
+        """Return a copy with other gains."""
+        return replace(self, **changed)
+
+    @property
+    def period(self) -> float:
+        """Period of the speed loop in s."""
+        return self.design.drive.speed_divider / self.design.drive.f_control
+
+    def system(self, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Any:
+        """Return the cascade from some of `INPUTS` to some of `OUTPUTS` as a control.StateSpace at `period`.
+
+        Outputs are those at the tick, before the period that the map carries through. The absolute angle is a
+        state only where it is fed back or asked for; otherwise it would be an integrator that nothing sees.
+        """
+        angle = self.position is not None or "theta" in outputs
+        n, m = self._size(), len(INPUTS)
+        states, results = self._period(np.eye(n, n + m), np.eye(m, n + m, k=n))
+        keep = np.ones(n, bool)
+        keep[3] = False  # the travel within a period is carried by its own state
+        keep[self._first] = angle
+        keep[n - 2 :] = self.speed is not None
+        rows = [OUTPUTS.index(name) for name in outputs]
+        columns = [n + INPUTS.index(name) for name in inputs]
+        return ct.ss(
+            states[keep][:, :n][:, keep], states[keep][:, columns],
+            results[rows][:, :n][:, keep], results[np.ix_(rows, columns)],
+            self.period, inputs=list(inputs), outputs=list(outputs),
+        )  # fmt: skip
+
+    @property
+    def _first(self) -> int:
+        return len(self.model.states)
+
+    def _size(self) -> int:
+        # plant; theta; pending u_d, u_q; I_d, I_q; travel; omega_hat; last angle noise; I_s; filtered reference
+        return self._first + 10
+
+    def _discrete(self) -> tuple[Array, Array]:
+        T = 1.0 / self.design.drive.f_control
+        n = len(self.model.states)
+        zoh = ct.c2d(ct.ss(self.model.A, self.model.B, np.eye(n), np.zeros((n, 3))), T, "zoh")
+        return np.asarray(zoh.A), np.asarray(zoh.B)
+
+    def current_step(self, duration: float) -> Array:
+        """Return i_q at the control periods after a unit step of `i_q_ref`, the shaft free and the EMF fed forward."""
+        bare = replace(self, speed=None, position=None)
+        state = np.zeros((bare._size(), 1))
+        trace: list[float] = []
+        inputs = np.zeros((len(INPUTS), 1))
+        inputs[INPUTS.index("i_q_ref")] = 1.0
+        for _ in range(math.ceil(duration / self.period)):
+            state, _ = bare._period(state, inputs, trace)
+        return np.asarray(trace)
+
+    def _period(self, state: Array, inputs: Array, trace: list[float] | None = None) -> tuple[Array, Array]:
+        """Carry states (rows) through one speed period; every operation here is linear in them."""
+        n = self._first
+        T, T_s = 1.0 / self.design.drive.f_control, self.period
+        x, theta, held = state[:n].copy(), state[n], state[n + 1 : n + 3]
+        I_d, I_q, travel, omega_hat, last_noise, I_s, filtered = state[n + 3 :]
+        omega_ref, theta_ref, i_q_add, T_load, noise, i_q_ref = inputs
+        # Speed measurement: difference quotient of the angle over one speed period, then the filter.
+        a = smoothing(T_s, self.design.sensor.speed_filter)
+        omega_hat = omega_hat + a * ((travel + noise - last_noise) / T_s - omega_hat)
+        theta = theta + travel
+        # Position and speed controllers.
+        if self.speed is not None:
+            in_position = self.position is not None and self.position.K_v > 0.0
+            share = self.position.velocity_feedforward if self.position is not None and in_position else 1.0
+            filtered = filtered + smoothing(T_s, self.speed.reference_filter) * (share * omega_ref - filtered)
+            wanted = filtered
+            if self.position is not None and in_position:
+                wanted = wanted + self.position.K_v * (theta_ref - theta - noise)
+            e = wanted - omega_hat
+            i_q_ref = self.speed.K_p * e + I_s + i_q_add
+            I_s = I_s + T_s / self.speed.T_n * self.speed.K_p * e
+        out = np.array([omega_hat, x[2], x[1], theta, i_q_ref, x[4] if n > 4 else x[2]])
+        # Current controllers and plant, tick by tick.
+        x[3] = 0.0
+        x, held, I_d, I_q = self._ticks(x, held, I_d, I_q, omega_hat, i_q_ref, T_load, T, trace)
+        travel = x[3]
+        return np.vstack([x, theta, held, I_d, I_q, travel, omega_hat, noise, I_s, filtered]), out
+
+    def _ticks(
+        self,
+        x: Array,
+        held: Array,
+        I_d: Array,
+        I_q: Array,
+        omega_hat: Array,
+        i_q_ref: Array,
+        T_load: Array,
+        T: float,
+        trace: list[float] | None = None,
+    ) -> tuple[Array, Array, Array, Array]:
+        """Carry plant and current controllers through the control periods of one speed period."""
+        Phi, Gamma = self._discrete()
+        design, point, loop = self.design, self.model.point, self.current
+        m = Plant.of(design)
+        psi = design.K_t_assumed / (1.5 * m.p)
+        L_d, L_q = design.assumed.L_d or m.L_d, design.assumed.L_q or m.L_q
+        K_d, T_d = loop.K_p_d or loop.K_p, loop.T_n_d or loop.T_n
+        for _ in range(design.drive.speed_divider):
+            i_d, i_q = x[0].copy(), x[1].copy()
+            if trace is not None:
+                trace.append(float(i_q[0]))
+            e_d, e_q = -i_d, i_q_ref - i_q
+            u_d = K_d * e_d + I_d - m.p * L_q * (point.speed * i_q + point.i_q * omega_hat)
+            u_q = loop.K_p * e_q + I_q + m.p * (L_d * point.speed * i_d + (L_d * point.i_d + psi) * omega_hat)
+            I_d = I_d + T / T_d * K_d * e_d
+            I_q = I_q + T / loop.T_n * loop.K_p * e_q
+            command = np.vstack([u_d, u_q])
+            acting, held = (held, command) if m.delay else (command, held)
+            x = Phi @ x + Gamma[:, :2] @ acting + np.outer(Gamma[:, 2], T_load)
+        return x, held, I_d, I_q
+
+
+def speed_plant(cascade: Cascade) -> Any:
+    """Return what the speed controller sees: from `i_q_ref` to the measured speed, sampled at the speed period."""
+    return cascade.with_gains(speed=None, position=None).system(("i_q_ref",), ("omega_hat",))
