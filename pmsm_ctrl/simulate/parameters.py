@@ -95,7 +95,7 @@ class Controller:
         Raises
         ------
         DesignError
-            When the design has no loops or the motor's electrical data are not known.
+            When the design has no loops, no position gain where one is needed, or no electrical data.
         """
         loops, motor, assumed = design.loops, design.motor, design.assumed
         if loops is None:
@@ -108,6 +108,10 @@ class Controller:
         K_d, T_d = current.K_p_d or current.K_p, current.T_n_d or current.T_n
         inertia = assumed.J or design.J
         in_position = control == "position"
+        if in_position and position.K_v == 0.0:
+            raise DesignError(
+                f"{design.source or design.name}: loops.position.K_v: found 0; position control needs a gain above 0"
+            )
         return cls(
             current_gain=(K_d, current.K_p),
             current_integral=(T / T_d, T / current.T_n),

@@ -1,4 +1,8 @@
-"""Named motions. A scenario knows its duration and gives the references at any times asked for."""
+"""Named motions. A scenario knows its duration and gives the references at any times asked for.
+
+A maker takes its parameters by keyword, in SI units. Where the default is None it follows from the design
+(`Limits`); the value in brackets is the reference motor's. Every motion starts at rest.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,17 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.simulate.motions import (
+    TIME_TOLERANCE,
+    Limits,
+    Path,
+    PathBuilder,
+    chirp_signal,
+    identification_parts,
+    multisine_signal,
+    require_positive,
+    triangle_signal,
+)
 
 __all__ = ["INPUTS", "SCENARIOS", "Scenario", "scenario"]
 
@@ -62,29 +77,398 @@ class Scenario:
 
 def sweep(
     *,
-    speed_max: float = 200.0,
-    speed_step: float = 10.0,
+    speed_max: float | None = None,
+    speed_step: float | None = None,
     dwell: float = 1.0,
+    acceleration: float | None = None,
+    design: Design | None = None,
 ) -> Scenario:
-    """Speed staircase from -speed_max to speed_max (rad/s), `dwell` s each: the reference paper's experiment."""
-    count = round(2.0 * speed_max / speed_step)
-    levels = -speed_max + speed_step * np.arange(count + 1)
+    """Speed staircase from -speed_max to speed_max, `dwell` s each: the reference paper's experiment.
+
+    speed_max [200 rad/s], speed_step [10 rad/s]. The first level is reached on a ramp with `acceleration`
+    [3000 rad/s^2], within the first half of its dwell; the others by a step, as in the paper.
+    """
+    limits = Limits.of(design)
+    top = limits.speed if speed_max is None else speed_max
+    step = top / 20.0 if speed_step is None else speed_step
+    slope = limits.acceleration if acceleration is None else acceleration
+    require_positive("sweep", speed_max=top, speed_step=step, dwell=dwell, acceleration=slope)
+    count = round(2.0 * top / step)
+    levels = -top + step * np.arange(count + 1)
+    approach = min(top / slope, 0.5 * dwell)
 
     def references(t: Array) -> Mapping[str, Array]:
-        index = np.clip((t / dwell).astype(np.intp), 0, count)
-        return {"omega_ref": levels[index]}
+        index = np.clip(((t + TIME_TOLERANCE) / dwell).astype(np.intp), 0, count)
+        return {"omega_ref": levels[index] * np.minimum(t / approach, 1.0)}
 
     segments = tuple((f"{level:g} rad/s", k * dwell, (k + 1) * dwell) for k, level in enumerate(levels.tolist()))
     return Scenario("sweep", dwell * (count + 1), references, segments=segments)
 
 
+def triangle(
+    *, speed: float | None = None, period: float = 8.0, cycles: float = 3.0, design: Design | None = None
+) -> Scenario:
+    """Slow triangular speed through zero, to `speed` [20 rad/s] and -speed, `cycles` times."""
+    peak = 0.1 * Limits.of(design).speed if speed is None else speed
+    require_positive("triangle", speed=peak, period=period, cycles=cycles)
+    builder = PathBuilder()
+    slope = 4.0 * peak / period
+    segments = []
+    for k in range(_whole("triangle", "cycles", cycles)):
+        start = builder.t
+        for level in (peak, -peak, 0.0):
+            builder.ramp(level, slope)
+        segments.append((f"cycle {k + 1}", start, builder.t))
+    return _speed_scenario("triangle", builder, segments)
+
+
+def creep(
+    *,
+    speed_min: float = 0.1,
+    speed_max: float = 5.0,
+    count: float = 4.0,
+    turns: float = 1.0,
+    pause: float = 0.5,
+    acceleration: float | None = None,
+    design: Design | None = None,
+) -> Scenario:
+    """Turn slowly, `turns` forth and back, at `count` speeds from speed_min to speed_max in equal ratios.
+
+    With the defaults one turn each way at 0.1, 0.37, 1.4 and 5 rad/s: 176 s. With count = 1, at speed_min alone.
+    """
+    slope = 0.1 * Limits.of(design).acceleration if acceleration is None else acceleration
+    require_positive("creep", speed_min=speed_min, speed_max=speed_max, turns=turns, acceleration=slope)
+    number = _whole("creep", "count", count)
+    speeds = np.geomspace(speed_min, speed_max, number) if number > 1 else np.array([speed_min])
+    builder = PathBuilder()
+    segments = []
+    for speed in speeds.tolist():
+        for signed in (speed, -speed):
+            builder.piece(pause)
+            start = builder.t
+            builder.ramp(signed, slope)
+            builder.piece(2.0 * math.pi * turns / speed)
+            segments.append((f"{signed:.3g} rad/s", start, builder.t))
+            builder.ramp(0.0, slope)
+    builder.piece(pause)
+    return _speed_scenario("creep", builder, segments)
+
+
+def multisine(
+    *,
+    bias: float | None = None,
+    amplitude: float | None = None,
+    f_min: float = 1.0,
+    f_max: float = 200.0,
+    count: float = 30.0,
+    period: float = 4.0,
+    periods: float = 5.0,
+    seed: float = 0.0,
+    design: Design | None = None,
+) -> Scenario:
+    """Random-phase multisine added to i_q while the axis turns at `bias` [50 rad/s].
+
+    `amplitude` is its rms value [0.06 A]; `count` frequencies from f_min to f_max (Hz), logarithmically spread,
+    multiples of 1 / period. The axis runs up and settles for 1 s first.
+    """
+    limits = Limits.of(design)
+    turning = 0.25 * limits.speed if bias is None else bias
+    rms = limits.current if amplitude is None else amplitude
+    require_positive("multisine", amplitude=rms, f_min=f_min, period=period)
+    require_positive("multisine", **{"f_max - f_min": f_max - f_min})
+    number, repeats = _whole("multisine", "count", count), _whole("multisine", "periods", periods)
+    path, settled = _run_up(turning, limits)
+
+    def references(t: Array) -> Mapping[str, Array]:
+        signal = multisine_signal(t - settled, period, f_min, f_max, number, round(seed), rms)
+        return {"omega_ref": path.at(t)[1], "i_q_add": signal}
+
+    segments = [("run-up", 0.0, settled)]
+    segments += [(f"period {k + 1}", settled + k * period, settled + (k + 1) * period) for k in range(repeats)]
+    return Scenario("multisine", settled + repeats * period, references, segments=tuple(segments))
+
+
+def chirp(
+    *,
+    bias: float | None = None,
+    amplitude: float | None = None,
+    f_start: float = 1.0,
+    f_stop: float = 500.0,
+    duration: float = 20.0,
+    design: Design | None = None,
+) -> Scenario:
+    """Sine of `amplitude` [0.085 A] added to i_q, its frequency growing exponentially, at `bias` [50 rad/s].
+
+    From f_start to f_stop (Hz) in `duration` s, after the axis has run up and settled for 1 s.
+    """
+    limits = Limits.of(design)
+    turning = 0.25 * limits.speed if bias is None else bias
+    peak = math.sqrt(2.0) * limits.current if amplitude is None else amplitude
+    require_positive("chirp", amplitude=peak, f_start=f_start, duration=duration)
+    require_positive("chirp", **{"f_stop - f_start": f_stop - f_start})
+    path, settled = _run_up(turning, limits)
+
+    def references(t: Array) -> Mapping[str, Array]:
+        return {"omega_ref": path.at(t)[1], "i_q_add": chirp_signal(t - settled, duration, f_start, f_stop, peak)}
+
+    segments = (("run-up", 0.0, settled), ("chirp", settled, settled + duration))
+    return Scenario("chirp", settled + duration, references, segments=segments)
+
+
+def breakaway(
+    *,
+    current: float | None = None,
+    rise: float = 0.5,
+    pause: float = 0.5,
+    cycles: float = 4.0,
+    design: Design | None = None,
+) -> Scenario:
+    """Current rises to `current` [0.0412 A, twice what friction holds] and falls again, forth and back in turn.
+
+    Current control: the shaft sticks until the torque meets breakaway. `rise` s up and down, `pause` s of rest.
+    """
+    peak = Limits.of(design).breakaway if current is None else current
+    require_positive("breakaway", current=peak, rise=rise, pause=pause)
+    number = _whole("breakaway", "cycles", cycles)
+    cycle = 2.0 * (2.0 * rise + pause)
+
+    def references(t: Array) -> Mapping[str, Array]:
+        half, where = np.divmod(t, 0.5 * cycle)
+        sign = np.where(half % 2 == 0, 1.0, -1.0)
+        return {"i_q_add": sign * triangle_signal(where / (2.0 * rise), peak)}
+
+    names = ((k, name, 0.5 * cycle * (2 * k + m)) for k in range(number) for m, name in enumerate(("up", "down")))
+    segments = tuple((f"{name} {k + 1}", start, start + 0.5 * cycle) for k, name, start in names)
+    return Scenario("breakaway", number * cycle, references, control="current", segments=segments)
+
+
+def hold(
+    *, duration: float = 10.0, T_load: float = 0.0, current: float = 0.0, design: Design | None = None
+) -> Scenario:
+    """Leave the axis alone at a constant current (A) and external torque (N m): standstill, or what creeps away."""
+    require_positive("hold", duration=duration)
+
+    def references(t: Array) -> Mapping[str, Array]:
+        return {"i_q_add": np.full(t.shape, current), "T_load": np.full(t.shape, T_load)}
+
+    return Scenario("hold", duration, references, control="current", segments=(("hold", 0.0, duration),))
+
+
+def positioning(*, step: float = 1.0, count: float = 5.0, dwell: float = 1.0, design: Design | None = None) -> Scenario:
+    """Steps of the reference angle: `count` times `step` rad up and back down, `dwell` s each; position control."""
+    require_positive("positioning", step=step, dwell=dwell)
+    number = _whole("positioning", "count", count)
+    places = step * np.array([*range(number + 1), *range(number - 1, -1, -1)], dtype=np.float64)
+
+    def references(t: Array) -> Mapping[str, Array]:
+        return {"theta_ref": places[np.clip(((t + TIME_TOLERANCE) / dwell).astype(np.intp), 0, 2 * number)]}
+
+    segments = tuple((f"{place:g} rad", k * dwell, (k + 1) * dwell) for k, place in enumerate(places.tolist()))
+    return Scenario("positioning", places.size * dwell, references, control="position", segments=segments)
+
+
+def trapezoid(
+    *,
+    distance: float = 20.0 * math.pi,
+    speed: float | None = None,
+    acceleration: float | None = None,
+    dwell: float = 0.5,
+    cycles: float = 4.0,
+    design: Design | None = None,
+) -> Scenario:
+    """Moves of `distance` rad forth and back with a trapezoidal speed profile; position control.
+
+    speed [200 rad/s], acceleration [3000 rad/s^2]; `dwell` s of rest before every move.
+    """
+    return _moves("trapezoid", distance, speed, acceleration, math.inf, dwell, cycles, design)
+
+
+def s_curve(
+    *,
+    distance: float = 20.0 * math.pi,
+    speed: float | None = None,
+    acceleration: float | None = None,
+    jerk: float | None = None,
+    dwell: float = 0.5,
+    cycles: float = 4.0,
+    design: Design | None = None,
+) -> Scenario:
+    """Moves of `distance` rad forth and back with limited jerk [150000 rad/s^3]; position control.
+
+    speed [200 rad/s], acceleration [3000 rad/s^2]; `dwell` s of rest before every move.
+    """
+    j = Limits.of(design).jerk if jerk is None else jerk
+    require_positive("s_curve", jerk=j)
+    return _moves("s_curve", distance, speed, acceleration, j, dwell, cycles, design)
+
+
+def warm_up(
+    *,
+    speed: float | None = None,
+    duration: float = 600.0,
+    dwell: float = 5.0,
+    acceleration: float | None = None,
+    design: Design | None = None,
+) -> Scenario:
+    """Run at `speed` [150 rad/s] for `dwell` s forth and back in turn, for `duration` s: friction changes with heat."""
+    limits = Limits.of(design)
+    level = 0.75 * limits.speed if speed is None else speed
+    slope = 0.1 * limits.acceleration if acceleration is None else acceleration
+    require_positive("warm_up", speed=level, duration=duration, dwell=dwell, acceleration=slope)
+    half = dwell + 2.0 * level / slope
+    start = level / slope
+
+    def references(t: Array) -> Mapping[str, Array]:
+        # Ramp up, then a wave of `dwell` s at speed and a ramp through zero, in either direction.
+        number, where = np.divmod(np.maximum(t - start, 0.0), half)
+        sign = np.where(number % 2 == 0, 1.0, -1.0)
+        wave = sign * (level - slope * np.maximum(where - dwell, 0.0))
+        return {"omega_ref": np.where(t < start, slope * t, wave)}
+
+    return Scenario("warm_up", duration, references, segments=(("warm-up", 0.0, duration),))
+
+
+def reversal(
+    *, speed: float | None = None, frequency: float = 0.5, cycles: float = 5.0, design: Design | None = None
+) -> Scenario:
+    """Sinusoidal speed about zero with amplitude `speed` [20 rad/s] at `frequency` Hz; position control.
+
+    Friction shows as a peak of the position error where the speed changes sign.
+    """
+    peak = 0.1 * Limits.of(design).speed if speed is None else speed
+    require_positive("reversal", speed=peak, frequency=frequency, cycles=cycles)
+    w = 2.0 * math.pi * frequency
+
+    def references(t: Array) -> Mapping[str, Array]:
+        return {
+            "theta_ref": peak / w * (1.0 - np.cos(w * t)),
+            "omega_ref": peak * np.sin(w * t),
+            "alpha_ref": peak * w * np.cos(w * t),
+        }
+
+    number = _whole("reversal", "cycles", cycles)
+    segments = tuple((f"cycle {k + 1}", k / frequency, (k + 1) / frequency) for k in range(number))
+    return Scenario("reversal", number / frequency, references, control="position", segments=segments)
+
+
+def identification(
+    *,
+    duration: float = 30.0,
+    speed_max: float | None = None,
+    acceleration: float | None = None,
+    amplitude: float | None = None,
+    seed: float = 0.0,
+    design: Design | None = None,
+) -> Scenario:
+    """Identify friction, inertia and ripple in one run: the best mix of the others, 30 s long.
+
+    Slow triangle through zero (Stribeck, breakaway), one slow turn each way (cogging, ripple), staircase in both
+    directions up to speed_max [200 rad/s] (drag), the same reversal at three accelerations up to `acceleration`
+    [3000 rad/s^2] (inertia), multisine of rms `amplitude` [0.03 A] at one speed each way (dynamics).
+    `duration` stretches the time spent at each.
+    """
+    limits = Limits.of(design)
+    top = limits.speed if speed_max is None else speed_max
+    slope = limits.acceleration if acceleration is None else acceleration
+    rms = 0.5 * limits.current if amplitude is None else amplitude
+    require_positive("identification", duration=duration, speed_max=top, acceleration=slope, amplitude=rms)
+    builder, segments = identification_parts(duration / 30.0, top, slope)
+    # What is left over is spent on the multisine, half of it in each direction.
+    period = 0.5 * (duration - builder.t) - 2.0 * 0.3 * top / (0.1 * slope)
+    if period < 0.5:
+        raise RequestError(
+            f"scenario 'identification': its ramps leave too little of the duration of {duration:g} s; "
+            "it should be longer, or the acceleration greater"
+        )
+    starts = []
+    for signed, name in ((0.3 * top, "multisine forward"), (-0.3 * top, "multisine backward")):
+        begin = builder.t
+        builder.ramp(signed, 0.1 * slope)
+        starts.append(builder.t)
+        builder.piece(period)
+        builder.ramp(0.0, 0.1 * slope)
+        segments.append((name, begin, builder.t))
+    path = builder.path()
+
+    def references(t: Array) -> Mapping[str, Array]:
+        signal = np.zeros_like(t)
+        for start in starts:
+            inside = (t >= start) & (t < start + period)
+            signal[inside] = multisine_signal(t[inside] - start, period, 2.0, 100.0, 20, round(seed), rms)
+        return {"omega_ref": path.at(t)[1], "i_q_add": signal}
+
+    return Scenario("identification", duration, references, segments=tuple(segments))
+
+
+def _moves(
+    name: str,
+    distance: float,
+    speed: float | None,
+    acceleration: float | None,
+    jerk: float,
+    dwell: float,
+    cycles: float,
+    design: Design | None,
+) -> Scenario:
+    """Moves forth and back in position control."""
+    own = Limits.of(design)
+    v, a = (own.speed if speed is None else speed), (own.acceleration if acceleration is None else acceleration)
+    require_positive(name, distance=distance, speed=v, acceleration=a, dwell=dwell)
+    limits = Limits(speed=v, acceleration=a, jerk=jerk)
+    builder = PathBuilder()
+    segments = []
+    for k in range(_whole(name, "cycles", cycles)):
+        for place, way in ((distance, "forth"), (0.0, "back")):
+            builder.piece(dwell)
+            start = builder.t
+            builder.move(place, limits)
+            segments.append((f"{way} {k + 1}", start, builder.t))
+    builder.piece(dwell)
+    path = builder.path()
+
+    def references(t: Array) -> Mapping[str, Array]:
+        return dict(zip(("theta_ref", "omega_ref", "alpha_ref"), path.at(t), strict=True))
+
+    return Scenario(name, builder.t, references, control="position", segments=tuple(segments))
+
+
+def _run_up(speed: float, limits: Limits) -> tuple[Path, float]:
+    """Return the way from rest to a speed and the time after which it has settled."""
+    builder = PathBuilder()
+    builder.ramp(speed, 0.1 * limits.acceleration)
+    return builder.path(), builder.t + 1.0
+
+
+def _speed_scenario(name: str, builder: PathBuilder, segments: list[tuple[str, float, float]]) -> Scenario:
+    """Follow the speed of the path in speed control."""
+    path = builder.path()
+
+    def references(t: Array) -> Mapping[str, Array]:
+        return {"omega_ref": path.at(t)[1]}
+
+    return Scenario(name, builder.t, references, segments=tuple(segments))
+
+
+def _whole(scenario: str, name: str, value: float) -> int:
+    """Return a count as an integer of at least 1."""
+    if not (math.isfinite(value) and value >= 1.0 and value == round(value)):
+        raise RequestError(f"scenario '{scenario}': {name}: found {value:g}; it should be a whole number from 1")
+    return round(value)
+
+
 SCENARIOS: Mapping[str, Callable[..., Scenario]] = {
-    "sweep": sweep,
-}
+    maker.__name__: maker
+    for maker in (
+        sweep, triangle, creep, multisine, chirp, breakaway, hold, positioning, trapezoid, s_curve, warm_up,
+        reversal, identification,
+    )
+}  # fmt: skip
 
 
 def scenario(name: str, design: Design | None = None, **parameters: float) -> Scenario:
     """Return a named scenario; parameters come from the call, then from the design's ``[scenarios.NAME]``.
+
+    What neither names takes the maker's default, which may follow from the design.
 
     Raises
     ------
@@ -94,7 +478,7 @@ def scenario(name: str, design: Design | None = None, **parameters: float) -> Sc
     if name not in SCENARIOS:
         raise RequestError(f"unknown scenario '{name}'{nearest(name, SCENARIOS)} (known: {', '.join(SCENARIOS)})")
     maker = SCENARIOS[name]
-    known = list(inspect.signature(maker).parameters)
+    known = [key for key in inspect.signature(maker).parameters if key != "design"]
     values = dict(design.scenarios.get(name, {})) if design is not None else {}
     values |= parameters
     for key in values:
@@ -102,7 +486,7 @@ def scenario(name: str, design: Design | None = None, **parameters: float) -> Sc
             raise RequestError(
                 f"scenario '{name}': unknown parameter '{key}'{nearest(key, known)} (known: {', '.join(known)})"
             )
-    made = maker(**values)
+    made = maker(**values, design=design)
     if not (made.duration > 0.0 and math.isfinite(made.duration)):
         raise RequestError(f"scenario '{name}': its duration is {made.duration:g} s; it should be positive")
     return made

@@ -1,0 +1,244 @@
+"""What scenarios are made of: piecewise-polynomial motion, test signals, and the limits a design sets.
+
+Everything here is a pure function of time, so references do not depend on how a run is cut into pieces.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import RequestError
+
+__all__ = [
+    "TIME_TOLERANCE", "Limits", "Path", "PathBuilder", "chirp_signal", "identification_parts", "multisine_signal",
+    "require_positive", "triangle_signal",
+]  # fmt: skip
+
+Array = NDArray[Any]
+
+# Times within this of a knot belong to the later piece: k T and the knot may round differently.
+TIME_TOLERANCE = 1e-9
+
+
+def require_positive(scenario: str, **values: float) -> None:
+    """Raise a RequestError for the first value that is not positive and finite."""
+    for name, value in values.items():
+        if not (value > 0.0 and math.isfinite(value)):
+            raise RequestError(f"scenario '{scenario}': {name}: found {value:g}; it should be positive")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a drive can be asked to do. The defaults are those of the reference motor.
+
+    Attributes
+    ----------
+    speed : rad/s
+    acceleration : rad/s^2
+    jerk : rad/s^3
+    current : amplitude of an injected test signal, A
+    breakaway : current that is sure to move the shaft from rest, A
+    """
+
+    speed: float = 200.0
+    acceleration: float = 3000.0
+    jerk: float = 150000.0
+    current: float = 0.06
+    breakaway: float = 0.0412
+
+    @classmethod
+    def of(cls, design: Design | None) -> Limits:
+        """Scale the limits with a design, to one digit; the reference motor's where the design does not know.
+
+        The speed is 0.43 of that at which the EMF meets the voltage limit, u_dc / (sqrt(3) p psi_f); the
+        acceleration takes a tenth of the greatest torque; the jerk builds it up in 20 ms.
+        """
+        standard = cls()
+        if design is None or not design.motor.electrical:
+            return standard
+        p, psi_f = design.motor.p, design.motor.psi_f
+        assert p is not None  # an electrical motor has both
+        assert psi_f is not None
+        speed = _one_digit(0.43 * design.drive.u_dc / (math.sqrt(3.0) * p * psi_f))
+        friction = _friction_level(design) / design.K_t
+        i_max = design.drive.i_max
+        if not math.isfinite(i_max):
+            return cls(speed=speed, breakaway=2.0 * friction or standard.breakaway)
+        acceleration = _one_digit(0.1 * design.K_t * i_max / design.J)
+        return cls(speed, acceleration, acceleration / 0.02, 0.02 * i_max, 2.0 * friction or 0.02 * i_max)
+
+
+def _one_digit(value: float) -> float:
+    """Round down to one significant digit."""
+    scale = 10.0 ** math.floor(math.log10(value))
+    return math.floor(value / scale) * scale
+
+
+def _friction_level(design: Design) -> float:
+    """Torque in N m that the design's effects can put up against a shaft at rest."""
+    level = 0.0
+    for entry in design.effects:
+        values = entry.parameters
+        level += abs(values.get("F_c", 0.0)) + abs(values.get("dF_s", 0.0)) + abs(values.get("T_0", 0.0))
+        if entry.id in ("unbalance", "cogging"):
+            level += math.hypot(values.get("a_s", 0.0), values.get("a_c", 0.0))
+    return level
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A motion whose jerk is constant between knots; all arrays of shape (k,), SI units."""
+
+    start: Array
+    theta: Array
+    omega: Array
+    alpha: Array
+    jerk: Array
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return angle, speed and acceleration at times `t`; after the end the last piece goes on."""
+        k = np.maximum(np.searchsorted(self.start, t + TIME_TOLERANCE, side="right") - 1, 0)
+        x = t - self.start[k]
+        alpha, jerk = self.alpha[k], self.jerk[k]
+        omega = self.omega[k] + x * (alpha + 0.5 * x * jerk)
+        theta = self.theta[k] + x * (self.omega[k] + x * (0.5 * alpha + x * jerk / 6.0))
+        return theta, omega, alpha + x * jerk
+
+
+class PathBuilder:
+    """Strings pieces of motion together; starts at rest at angle 0."""
+
+    def __init__(self) -> None:
+        self.t = self.theta = self.omega = 0.0
+        self._knots: list[tuple[float, float, float, float, float]] = []
+
+    def piece(self, duration: float, alpha: float = 0.0, jerk: float = 0.0) -> None:
+        """Go on for `duration` s from the present speed, with this acceleration (rad/s^2) and jerk (rad/s^3)."""
+        if duration <= 0.0:
+            return
+        self._knots.append((self.t, self.theta, self.omega, alpha, jerk))
+        self.theta += duration * (self.omega + duration * (0.5 * alpha + duration * jerk / 6.0))
+        self.omega += duration * (alpha + 0.5 * duration * jerk)
+        self.t += duration
+
+    def ramp(self, omega: float, acceleration: float) -> None:
+        """Change the speed to `omega` at constant acceleration."""
+        change = omega - self.omega
+        self.piece(abs(change) / acceleration, math.copysign(acceleration, change))
+        self.omega = omega  # rest is exactly rest
+
+    def move(self, theta: float, limits: Limits) -> None:
+        """Move from rest to rest at `theta` as fast as speed, acceleration and jerk allow; infinite jerk: trapezoid.
+
+        Source: L. Biagiotti, C. Melchiorri, Trajectory Planning for Automatic Machines and Robots,
+        Springer 2008, sec. 3.2 and 3.4.
+        """
+        distance = abs(theta - self.theta)
+        sign = math.copysign(1.0, theta - self.theta)
+        a, j = limits.acceleration, limits.jerk
+        speed = min(limits.speed, _peak_speed(distance, a, j))
+        T_j = 0.0 if math.isinf(j) else min(a / j, math.sqrt(speed / j))
+        T_a = speed / a + T_j if speed > a * T_j else 2.0 * T_j
+        peak = a if T_j == 0.0 else j * T_j
+        for half in (sign, -sign):
+            self.piece(T_j, 0.0, half * (j if T_j else 0.0))
+            self.piece(T_a - 2.0 * T_j, half * peak)
+            self.piece(T_j, half * peak, -half * (j if T_j else 0.0))
+            if half == sign and distance > 0.0:
+                self.omega = sign * speed
+                self.piece(distance / speed - T_a)
+        self.theta, self.omega = theta, 0.0
+
+    def path(self) -> Path:
+        """Return the motion so far, followed by rest or by the speed reached."""
+        knots = [*self._knots, (self.t, self.theta, self.omega, 0.0, 0.0)]
+        return Path(*(np.array(column) for column in zip(*knots, strict=True)))
+
+
+def _peak_speed(distance: float, a: float, j: float) -> float:
+    """Return the speed reached half-way when nothing but acceleration and jerk limit a move."""
+    if math.isinf(j):
+        return math.sqrt(distance * a)
+    if distance < 2.0 * a**3 / j**2:  # the acceleration limit is not met either
+        return j * (distance / (2.0 * j)) ** (2.0 / 3.0)
+    return 0.5 * a * (math.sqrt((a / j) ** 2 + 4.0 * distance / a) - a / j)
+
+
+def multisine_signal(t: Array, period: float, f_min: float, f_max: float, count: int, seed: int, rms: float) -> Array:
+    """Sum of sines on the grid k / period, logarithmically spread, random phases; zero for t < 0.
+
+    Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley 2012, ch. 5.
+    """
+    lines = np.unique(np.maximum(1, np.round(np.geomspace(f_min, f_max, count) * period).astype(np.int64)))
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, lines.size)
+    out = np.zeros_like(t)
+    for line, phase in zip(lines.tolist(), phases.tolist(), strict=True):
+        out += np.cos(2.0 * np.pi * line / period * t + phase)
+    return np.where(t >= -TIME_TOLERANCE, out * rms * math.sqrt(2.0 / lines.size), 0.0)
+
+
+def chirp_signal(t: Array, duration: float, f_start: float, f_stop: float, amplitude: float) -> Array:
+    """Sine whose frequency grows exponentially from f_start to f_stop (Hz) over `duration`; zero outside."""
+    rate = math.log(f_stop / f_start) / duration
+    inside = (t >= 0.0) & (t <= duration)
+    phase = 2.0 * np.pi * f_start * np.expm1(rate * np.where(inside, t, 0.0)) / rate
+    return np.where(inside, amplitude * np.sin(phase), 0.0)
+
+
+def triangle_signal(t: ArrayLike, peak: float) -> Array:
+    """Rise from 0 to `peak` and back over 0 <= t <= 1; zero outside."""
+    x = np.asarray(t, dtype=np.float64)
+    return peak * np.clip(1.0 - np.abs(2.0 * x - 1.0), 0.0, None)
+
+
+def _slow_triangle(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
+    for level in (0.1 * top, -0.1 * top, 0.0):
+        builder.ramp(level, 0.4 * top / (5.0 * unit))
+
+
+def _slow_turns(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
+    for signed in (1.0, -1.0):
+        speed = signed * 2.0 * math.pi / (1.5 * unit)
+        builder.ramp(speed, 0.01 * slope)
+        builder.piece(1.5 * unit)
+        builder.ramp(0.0, 0.01 * slope)
+
+
+def _staircase(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
+    for signed in (top, -top):
+        for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0):
+            builder.ramp(share * signed, 0.2 * slope)
+            builder.piece(0.6 * unit)
+        builder.ramp(0.0, 0.2 * slope)
+
+
+def _reversals(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
+    for share in (0.05, 0.25, 1.0):
+        for level in (0.5 * top, -0.5 * top, 0.5 * top, 0.0):
+            builder.ramp(level, share * slope)
+            builder.piece(0.1 * unit)
+
+
+def identification_parts(unit: float, top: float, slope: float) -> tuple[PathBuilder, list[tuple[str, float, float]]]:
+    """Return the parts of the identification run in order, and their names with start and end.
+
+    `unit` stretches the time spent at each, 1 for a run of 30 s; `top` speed in rad/s, `slope` in rad/s^2.
+    """
+    builder = PathBuilder()
+    segments = []
+    for name, part in (
+        ("slow triangle", _slow_triangle),
+        ("slow turns", _slow_turns),
+        ("staircase", _staircase),
+        ("reversals", _reversals),
+    ):
+        start = builder.t
+        part(builder, unit, top, slope)
+        segments.append((name, start, builder.t))
+    return builder, segments
