@@ -92,9 +92,7 @@ class Log:
         for name, values in self.channels.items():
             if name not in CHANNELS:
                 raise LogError(f"unknown channel '{name}'{nearest(name, CHANNELS)} (known: {', '.join(CHANNELS)})")
-            array = np.array(values, dtype=np.float64)
-            array.setflags(write=False)
-            frozen[name] = array
+            frozen[name] = _frozen(values)
         object.__setattr__(self, "channels", MappingProxyType(frozen))
         _check(frozen, self.provenance.file)
 
@@ -186,6 +184,20 @@ class Log:
                 block = zip(*(column[start : start + step].tolist() for column in columns), strict=True)
                 stream.write("".join(",".join(map(repr, row)) + "\n" for row in block))
         return Path(path)
+
+
+def _frozen(values: Array) -> Array:
+    """Return an array nobody can write to; one that is so already (another log's channel) is shared, not copied."""
+    if (
+        isinstance(values, np.ndarray)
+        and values.dtype == np.float64
+        and values.base is None
+        and not values.flags.writeable
+    ):
+        return values
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
 
 
 def _check(channels: Mapping[str, Array], file: str) -> None:

@@ -40,6 +40,8 @@ def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array],
         channels[group][source.channel] = convert(table, source, loaded[source.column])
     result, resampled = on_one_raster(rasters, channels)
     unwrapped = _unwrap(result) if assignment.motion == "rotary" else []
+    for values in result.values():
+        values.setflags(write=False)  # a log shares what nobody can write to and copies the rest
     return result, (*notes, *resampled, *unwrapped)
 
 

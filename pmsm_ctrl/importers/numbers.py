@@ -1,15 +1,14 @@
 """Rows of numbers from a text file, in pieces, with the place of whatever is wrong.
 
-`parse_rows` is the readable twin that decides every case and words every complaint. Large files go through
-`pmsm_ctrl.importers.number_kernel`, which hands any piece that is out of the ordinary back to the twin.
+`parse_rows` is the readable twin that decides every case and words every complaint. Large pieces go to the parser
+of pyarrow where it is installed, else to that of NumPy; whatever these refuse is handed back to the twin.
 """
 
 from __future__ import annotations
 
+import io
 import os
-from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +17,11 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.layout import Layout, pieces, split_line
 from pmsm_ctrl.importers.table import Array
 
-__all__ = ["line_of_row", "parse_rows", "read_columns", "row_blocks"]
+__all__ = ["line_of_row", "parse_numpy", "parse_pyarrow", "parse_rows", "read_columns", "row_blocks"]
 
-KERNEL_FROM = 8 << 20  # bytes; below, loading the compiler would take longer than parsing
-PIECE = 1 << 24
+NUMPY_FROM = 1 << 16  # bytes; below, the twin is as quick
+PYARROW_FROM = 1 << 23  # bytes; below, loading pyarrow takes longer than parsing
+PIECE = 1 << 26
 
 
 def read_columns(path: str | Path, file: str, layout: Layout, columns: Sequence[int]) -> list[Array]:
@@ -33,62 +33,101 @@ def read_columns(path: str | Path, file: str, layout: Layout, columns: Sequence[
         With line and column for a cell that is not a number and for a row of the wrong length.
     """
     blocks = list(row_blocks(path, file, layout, columns))
-    if not blocks:
-        return [np.empty(0) for _ in columns]
-    return [np.concatenate([block[:, c] for block in blocks]) for c in range(len(columns))]
+    out = []
+    for c in range(len(columns)):
+        out.append(np.concatenate([block[c] for block in blocks]) if blocks else np.empty(0))
+        for block in blocks:
+            block[c] = np.empty(0)  # the pieces of one column are freed before the next is joined
+    return out
 
 
-def row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[int]) -> Iterator[Array]:
-    """Yield the rows in blocks, shape (rows, len(columns)), so that a file may be larger than memory."""
-    large = os.path.getsize(path) >= KERNEL_FROM
-    wanted = [c for c in columns if c not in layout.text_columns]
-    if len(wanted) != len(columns):
-        text = next(c for c in columns if c in layout.text_columns)
-        raise LogError(f"{file}: column {text + 1} ('{layout.header[text]}') holds text; numbers were expected")
-    if not large:
-        for piece, line in _data_pieces(path, layout):
-            rows, ended = parse_rows(piece, file, layout, line)
-            yield rows[:, columns]
-            if ended:
-                return
-        return
-    from pmsm_ctrl.importers.number_kernel import parse_piece
-
-    def work(piece: bytes) -> Array | None:
-        return parse_piece(piece, layout, columns)
-
-    # The kernel releases the interpreter lock: a second thread parses while the first result is collected.
-    with ThreadPoolExecutor(max_workers=min(2, os.cpu_count() or 1)) as pool:
-        waiting: deque[tuple[Future[Array | None], bytes, int]] = deque()
-        source = _data_pieces(path, layout)
-        while True:
-            while len(waiting) < 3 and (item := next(source, None)) is not None:
-                waiting.append((pool.submit(work, item[0]), *item))
-            if not waiting:
-                return
-            future, piece, line = waiting.popleft()
-            block = future.result()
-            if block is not None:
-                yield block
-                continue
-            rows, ended = parse_rows(piece, file, layout, line)
-            yield rows[:, columns]
-            if ended:
-                return
+def row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[int]) -> Iterator[list[Array]]:
+    """Yield the rows in blocks, one array per column, so that a file may be larger than memory."""
+    for c in columns:
+        if c in layout.text_columns:
+            raise LogError(f"{file}: column {c + 1} ('{layout.header[c]}') holds text; numbers were expected")
+    large = os.path.getsize(path) >= PYARROW_FROM
+    for index, piece in enumerate(_data_pieces(path, layout)):
+        blocks = parse_pyarrow(piece, layout, columns) if large else None
+        if blocks is None and len(piece) >= NUMPY_FROM:
+            blocks = parse_numpy(piece, layout, columns)
+        if blocks is not None:
+            yield from blocks
+            continue
+        rows, ended = parse_rows(piece, file, layout, _first_line(path, layout, index))
+        yield [rows[:, c].copy() for c in columns]
+        if ended:
+            return
 
 
-def _data_pieces(path: str | Path, layout: Layout) -> Iterator[tuple[bytes, int]]:
-    """Yield (bytes, line number of their first line) from the first row of numbers on."""
-    line = 1
+def _with_points(piece: bytes, layout: Layout) -> bytes:
+    """Turn decimal commas into points where a comma can be nothing else."""
+    return piece.replace(b",", b".") if layout.separator != "," and b"," in piece else piece
+
+
+def parse_pyarrow(piece: bytes, layout: Layout, columns: Sequence[int]) -> list[list[Array]] | None:
+    """Parse whole lines with pyarrow; None when it is not installed or met anything out of the ordinary."""
+    try:
+        import pyarrow
+        import pyarrow.csv
+    except ImportError:
+        return None
+    if layout.separator == " ":
+        return None
+    names = [str(c) for c in range(layout.width)]
+    wanted = [names[c] for c in columns]
+    try:
+        table = pyarrow.csv.read_csv(
+            pyarrow.BufferReader(_with_points(piece, layout)),
+            read_options=pyarrow.csv.ReadOptions(column_names=names, block_size=1 << 22),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=layout.separator),
+            convert_options=pyarrow.csv.ConvertOptions(
+                column_types={name: pyarrow.float64() for name in wanted},
+                include_columns=list(dict.fromkeys(wanted)),
+                null_values=[""],
+                decimal_point=layout.decimal if layout.separator == "," else ".",
+            ),
+        )
+    except pyarrow.ArrowException:
+        return None
+    # chunk by chunk: the table's own conversion would load pandas and copy once more
+    chunks = [table[name].chunks for name in wanted]
+    return [[part.to_numpy(zero_copy_only=False) for part in parts] for parts in zip(*chunks, strict=True)]
+
+
+def parse_numpy(piece: bytes, layout: Layout, columns: Sequence[int]) -> list[list[Array]] | None:
+    """Parse whole lines with NumPy; None when it met anything out of the ordinary."""
+    if layout.text_columns or (layout.separator == "," and layout.decimal == ","):
+        return None
+    try:
+        # every column is parsed: with `usecols` a row that is too long would pass unnoticed
+        rows = np.loadtxt(
+            io.BytesIO(_with_points(piece, layout)),
+            delimiter=None if layout.separator == " " else layout.separator,
+            comments=None,
+            quotechar='"',
+            ndmin=2,
+            encoding="latin-1",
+        )
+    except (ValueError, UserWarning):
+        return None
+    return [[rows[:, c].copy() for c in columns]] if rows.shape[1] == layout.width else None
+
+
+def _data_pieces(path: str | Path, layout: Layout) -> Iterator[bytes]:
+    """Yield the file from the first row of numbers on."""
+    skip = layout.first_line - 1
     for piece in pieces(path, layout.encoding, PIECE):
-        count = piece.count(b"\n")
-        while line < layout.first_line and piece:
-            cut = piece.find(b"\n") + 1 or len(piece)
-            piece = piece[cut:]
-            line, count = line + 1, count - 1
-        if piece:
-            yield piece, line
-        line += max(count, 0)
+        start = 0
+        while skip and start < len(piece):
+            start = piece.find(b"\n", start) + 1 or len(piece)
+            skip -= 1
+        yield piece[start:] if start else piece
+
+
+def _first_line(path: str | Path, layout: Layout, index: int) -> int:
+    """Return the line number at which a piece begins; counted only when a complaint needs it."""
+    return layout.first_line + sum(piece.count(b"\n") for _, piece in zip(range(index), _data_pieces(path, layout), strict=False))
 
 
 def parse_rows(piece: bytes, file: str, layout: Layout, first_line: int) -> tuple[Array, bool]:
@@ -158,10 +197,12 @@ def _cell(cell: str, file: str, layout: Layout, line: int, column: int) -> float
 
 def line_of_row(path: str | Path, layout: Layout, row: int) -> int:
     """Return the line number, counted from 1, of a row of numbers counted from 0."""
-    seen = -1
-    for piece, line in _data_pieces(path, layout):
-        for number, text in enumerate(piece.splitlines(), line):
+    seen, number = -1, layout.first_line - 1
+    for piece in _data_pieces(path, layout):
+        for text in piece.split(b"\n"):
+            number += 1
             seen += bool(text.strip())
             if seen == row:
                 return number
+        number -= piece.endswith(b"\n")
     return layout.first_line + row

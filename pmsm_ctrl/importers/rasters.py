@@ -37,11 +37,15 @@ def on_one_raster(
     keep = slice(int(np.searchsorted(t, start)), int(np.searchsorted(t, stop, side="right")))
     if keep.stop <= keep.start:
         raise LogError(f"the channel groups do not overlap in time (latest start {start:g} s, earliest end {stop:g} s)")
-    result = {"t": t[keep]}
+    whole = keep.stop - keep.start == t.size
+    result = {"t": t if whole else t[keep].copy()}
     notes = []
     for group, named in held.items():
         for name, values in named.items():
-            result[name] = values[keep] if group not in others else np.interp(result["t"], others[group], values)
+            if group in others:
+                result[name] = np.interp(result["t"], others[group], values)
+            else:
+                result[name] = values if whole else values[keep].copy()
         if group in others:
             period, own = np.median(np.diff(t)) if t.size > 1 else 0.0, others[group]
             other = np.median(np.diff(own)) if own.size > 1 else 0.0

@@ -186,7 +186,7 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
         read_log(tmp_path / "nothing.csv")
     with pytest.raises(LogError, match="is a folder"):
         read_log(tmp_path)
-    with pytest.raises(LogError, match="no such file|cannot be read"):
+    with pytest.raises(LogError, match=r"no such file|cannot be read"):
         read_log("a\0b")
 
 
