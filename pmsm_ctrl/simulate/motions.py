@@ -6,6 +6,7 @@ Everything here is a pure function of time, so references do not depend on how a
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -204,8 +205,7 @@ def _slow_triangle(builder: PathBuilder, unit: float, top: float, slope: float) 
 
 def _slow_turns(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
     for signed in (1.0, -1.0):
-        speed = signed * 2.0 * math.pi / (1.5 * unit)
-        builder.ramp(speed, 0.01 * slope)
+        builder.ramp(signed * 2.0 * math.pi / 1.5, 0.01 * slope)  # one turn in 1.5 s
         builder.piece(1.5 * unit)
         builder.ramp(0.0, 0.01 * slope)
 
@@ -225,10 +225,19 @@ def _reversals(builder: PathBuilder, unit: float, top: float, slope: float) -> N
             builder.piece(0.1 * unit)
 
 
+def _stay(share: float) -> Callable[[PathBuilder, float, float, float], None]:
+    def part(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
+        builder.ramp(share * top, 0.1 * slope)
+        builder.piece(2.8 * unit)
+        builder.ramp(0.0, 0.1 * slope)
+
+    return part
+
+
 def identification_parts(unit: float, top: float, slope: float) -> tuple[PathBuilder, list[tuple[str, float, float]]]:
     """Return the parts of the identification run in order, and their names with start and end.
 
-    `unit` stretches the time spent at each, 1 for a run of 30 s; `top` speed in rad/s, `slope` in rad/s^2.
+    `unit` stretches the time spent at each, about 1 for a run of 30 s; `top` speed in rad/s, `slope` in rad/s^2.
     """
     builder = PathBuilder()
     segments = []
@@ -237,6 +246,8 @@ def identification_parts(unit: float, top: float, slope: float) -> tuple[PathBui
         ("slow turns", _slow_turns),
         ("staircase", _staircase),
         ("reversals", _reversals),
+        ("multisine forward", _stay(0.3)),
+        ("multisine backward", _stay(-0.3)),
     ):
         start = builder.t
         part(builder, unit, top, slope)

@@ -263,7 +263,7 @@ def positioning(*, step: float = 1.0, count: float = 5.0, dwell: float = 1.0, de
     def references(t: Array) -> Mapping[str, Array]:
         return {"theta_ref": places[np.clip(((t + TIME_TOLERANCE) / dwell).astype(np.intp), 0, 2 * number)]}
 
-    segments = tuple((f"{place:g} rad", k * dwell, (k + 1) * dwell) for k, place in enumerate(places.tolist()))
+    segments = tuple((f"{k + 1}: {x:g} rad", k * dwell, (k + 1) * dwell) for k, x in enumerate(places.tolist()))
     return Scenario("positioning", places.size * dwell, references, control="position", segments=segments)
 
 
@@ -372,29 +372,23 @@ def identification(
     slope = limits.acceleration if acceleration is None else acceleration
     rms = 0.5 * limits.current if amplitude is None else amplitude
     require_positive("identification", duration=duration, speed_max=top, acceleration=slope, amplitude=rms)
-    builder, segments = identification_parts(duration / 30.0, top, slope)
-    # What is left over is spent on the multisine, half of it in each direction.
-    period = 0.5 * (duration - builder.t) - 2.0 * 0.3 * top / (0.1 * slope)
-    if period < 0.5:
+    # The ramps take a time of their own; the time spent at each part takes what is left.
+    once, twice = (identification_parts(unit, top, slope)[0].t for unit in (1.0, 2.0))
+    unit = (duration - (2.0 * once - twice)) / (twice - once)
+    if unit < 0.2:
         raise RequestError(
             f"scenario 'identification': its ramps leave too little of the duration of {duration:g} s; "
             "it should be longer, or the acceleration greater"
         )
-    starts = []
-    for signed, name in ((0.3 * top, "multisine forward"), (-0.3 * top, "multisine backward")):
-        begin = builder.t
-        builder.ramp(signed, 0.1 * slope)
-        starts.append(builder.t)
-        builder.piece(period)
-        builder.ramp(0.0, 0.1 * slope)
-        segments.append((name, begin, builder.t))
-    path = builder.path()
+    builder, segments = identification_parts(unit, top, slope)
+    path, ramp = builder.path(), 0.3 * top / (0.1 * slope)
+    stays = [(start + ramp, stop - ramp) for name, start, stop in segments if name.startswith("multisine")]
 
     def references(t: Array) -> Mapping[str, Array]:
         signal = np.zeros_like(t)
-        for start in starts:
-            inside = (t >= start) & (t < start + period)
-            signal[inside] = multisine_signal(t[inside] - start, period, 2.0, 100.0, 20, round(seed), rms)
+        for start, stop in stays:
+            inside = (t >= start) & (t < stop)
+            signal[inside] = multisine_signal(t[inside] - start, stop - start, 2.0, 100.0, 20, round(seed), rms)
         return {"omega_ref": path.at(t)[1], "i_q_add": signal}
 
     return Scenario("identification", duration, references, segments=tuple(segments))
