@@ -23,6 +23,12 @@ SIGNALS: dict[str, str] = {
     "torque": "electromagnetic torque, N m",
     "t": "time, s",
     "p": "pole pairs",
+    "di_d": "time derivative of i_d, A/s",
+    "di_q": "time derivative of i_q, A/s",
+    "twist": "motor angle less load angle, rad",
+    "twist_rate": "motor speed less load speed, rad/s",
+    "zeta": "bristle deflection at the start of a step, as a share of the breakaway deflection",
+    "travel": "angle turned since then, rad",
 }
 
 
@@ -31,7 +37,6 @@ class Parameter:
     """One number of an effect.
 
     `linear` parameters multiply a column of the regression; the others are searched.
-    `zero` tells that the value 0 switches the effect off.
     """
 
     symbol: str
@@ -58,6 +63,11 @@ class Effect:
     term : compiled scalar function
         Its argument names are signals of `SIGNALS` and symbols of `parameters`, in any order.
         Simulation and regression both call this one function.
+    channels : names of what the term returns, in order
+    structure : {"term", "transmission", "bristle", "delay"}
+        How the simulation wires the term: added to its balance, as the torque between two masses,
+        as the deflection that replaces the sign in every dry friction, or as a delay of the logged currents.
+    amplitudes : symbols that are all zero when the effect is off; the linear parameters unless said otherwise
     needs : what excitation makes it visible
     look_alikes : effect id -> why some logs cannot tell the two apart
     validated : what it has been held against so far
@@ -73,8 +83,16 @@ class Effect:
     needs: str
     look_alikes: Mapping[str, str] = field(default_factory=dict)
     validated: str = "simulated logs"
+    channels: tuple[str, ...] = ()
+    structure: Literal["term", "transmission", "bristle", "delay"] = "term"
+    amplitudes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if not self.channels:
+            returned = {"torque": ("torque",), "voltage": ("u_d", "u_q"), "measurement": ("i_d", "i_q")}
+            object.__setattr__(self, "channels", returned[self.enters])
+        if not self.amplitudes:
+            object.__setattr__(self, "amplitudes", tuple(p.symbol for p in self.parameters if p.linear))
         known = {*SIGNALS, *(p.symbol for p in self.parameters)}
         for name in self.arguments:
             if name not in known:
@@ -112,6 +130,10 @@ class Effect:
     def searched(self) -> tuple[Parameter, ...]:
         """Parameters the term is not linear in."""
         return tuple(p for p in self.parameters if not p.linear)
+
+    def active(self, values: Mapping[str, float]) -> bool:
+        """Whether these parameter values do anything at all."""
+        return any(values[symbol] != 0.0 for symbol in self.amplitudes)
 
     def parameter(self, symbol: str) -> Parameter:
         """Return the parameter with this symbol.

@@ -6,12 +6,21 @@ from collections.abc import Iterable, Mapping
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import (
+    backlash,
     cogging,
+    compliance,
     constant_load,
     coulomb,
+    current_gain,
+    current_offset,
+    dead_time,
+    delay,
+    encoder_eccentricity,
+    inductance_saturation,
     iron_loss,
     load_dependent_friction,
     position_dependent_friction,
+    presliding,
     quadratic_drag,
     stribeck,
     thermal_drift,
@@ -33,6 +42,7 @@ CATALOGUE: Mapping[str, Effect] = {
         coulomb,
         viscous,
         stribeck,
+        presliding,
         viscous_asymmetry,
         constant_load,
         viscous_power,
@@ -45,6 +55,14 @@ CATALOGUE: Mapping[str, Effect] = {
         torque_ripple,
         torque_saturation,
         iron_loss,
+        compliance,
+        backlash,
+        dead_time,
+        inductance_saturation,
+        current_offset,
+        current_gain,
+        encoder_eccentricity,
+        delay,
     )
 }
 

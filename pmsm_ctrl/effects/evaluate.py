@@ -39,7 +39,7 @@ def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping
 
     Returns
     -------
-    array, shape (n,), or (2, n) for a voltage term
+    array, shape (n,), or (2, n) for a term that returns two channels
         The term in the unit of the balance it enters. A call with scalars alone returns n = 1.
 
     Raises
@@ -58,11 +58,11 @@ def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping
     loop = _LOOPS.get(effect.term)
     if loop is None:
         loop = _LOOPS[effect.term] = _compile(effect)
-    width = 2 if effect.enters == "voltage" else 1
+    width = len(effect.channels)
     n = arrays[0].size if arrays else _length(signals)
     out = np.empty((width, n))
     loop(out, *arrays, *values)
-    return out if width == 2 else out[0]
+    return out if width > 1 else out[0]
 
 
 def columns(
@@ -112,7 +112,7 @@ def _source(effect: Effect) -> str:
     """Source of the loop over the term's arguments, signals first."""
     given = [*effect.signals, *(name for name in effect.arguments if name not in SIGNALS)]
     call = ", ".join(f"{name}[k]" if name in SIGNALS else name for name in effect.arguments)
-    target = "out[0, k], out[1, k]" if effect.enters == "voltage" else "out[0, k]"
+    target = ", ".join(f"out[{row}, k]" for row in range(len(effect.channels)))
     return f"def loop(out, {', '.join(given)}):\n    for k in range(out.shape[1]):\n        {target} = term({call})\n"
 
 

@@ -20,12 +20,15 @@ from pmsm_ctrl.kernels.rotation import cos_small, hexagon_scale, quantise, sin_s
 
 
 @kernel
-def shaft_torque(i_d, i_q, omega, theta, t, direction, T_load, machine, effects):
+def shaft_torque(y, t, direction, held, machine, effects):
     """Torque left to accelerate the shaft in N m."""
+    i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]  # noqa: F841 - an effect may read them
     R, L_d, L_q, p, psi_f, J = machine
     # <parameters>
+    # <states>
     torque = torque_em(p, psi_f, L_d, L_q, i_d, i_q)
-    opposing = T_load
+    opposing = held[3]  # <coupling>
+    # <bristle>
     # <torque>
     return torque - opposing
 
@@ -34,19 +37,19 @@ def shaft_torque(i_d, i_q, omega, theta, t, direction, T_load, machine, effects)
 def derivative(y, t, direction, held, machine, effects):
     """Time derivatives of the states; with dry friction, direction 0 holds the shaft."""
     i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]
-    u_d_held, u_q_held, angle_held, T_load = held
     R, L_d, L_q, p, psi_f, J = machine
     # <parameters>
     # <states>
-    angle = angle_held - p * theta
+    angle = held[2] - p * theta
     c, s = cos_small(angle), sin_small(angle)
-    u_d = c * u_d_held - s * u_q_held
-    u_q = s * u_d_held + c * u_q_held
+    u_d = c * held[0] - s * held[1]
+    u_q = s * held[0] + c * held[1]
+    di_d, di_q = 0.0, 0.0
     # <voltage>
     di_d = (u_d - voltage_d(R, L_d, L_q, p, i_d, i_q, 0.0, omega)) / L_d
-    di_q = (u_q - voltage_q(R, L_d, L_q, p, psi_f, i_d, i_q, 0.0, omega)) / L_q
-    domega = shaft_torque(i_d, i_q, omega, theta, t, direction, T_load, machine, effects) / J
-    # <mechanics>
+    di_q = (u_q - voltage_q(R, L_d, L_q, p, psi_f, i_d, i_q, 0.0, omega)) / L_q  # <incremental inductance>
+    domega = shaft_torque(y, t, direction, held, machine, effects) / J  # <acceleration>
+    # <load>
     # <hold>
     return di_d, di_q, domega, omega  # <rates>
 
@@ -73,9 +76,9 @@ def runge_kutta(y, t, h, direction, held, machine, effects):
 @kernel
 def impending(y, t, held, machine, effects):
     """Direction in which a shaft at rest starts to move: 1, -1, or 0 while friction holds it."""
-    if shaft_torque(y[0], y[1], 0.0, y[3], t, 1.0, held[3], machine, effects) > 0.0:  # <impending forward>
+    if shaft_torque(y, t, 1.0, held, machine, effects) > 0.0:
         return 1.0
-    if shaft_torque(y[0], y[1], 0.0, y[3], t, -1.0, held[3], machine, effects) < 0.0:  # <impending backward>
+    if shaft_torque(y, t, -1.0, held, machine, effects) < 0.0:
         return -1.0
     return 0.0
 
@@ -133,12 +136,12 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
     K_s, b_s, a_speed, a_ref = controller[4], controller[5], controller[6], controller[7]
     K_v, k_omega, k_alpha, i_max = controller[8], controller[9], controller[10], controller[11]
     L_d_hat, L_q_hat, psi_hat = controller[12], controller[13], controller[14]
-    # <run parameters>
+    # <parameters>
     y = (states[0], states[1], states[2], states[3])  # <load states>
     I_d, I_q, I_s = states[4], states[5], states[6]
     theta_last, omega_hat, i_q_ref, i_d_ref = states[7], states[8], states[9], states[10]
     u_d_next, u_q_next, angle_next, omega_filtered = states[11], states[12], states[13], states[14]
-    # <memory load>
+    # <load memory>
     h = T / steps
     T_s = T * divider
     row = 0
@@ -147,7 +150,6 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
         t = k * T
         i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]
         T_load = inputs[(k // divider) - tick_0, 5]
-        # <measure angle>
         theta_m = quantise(theta, counts)  # <encoder>
         # The controller lives in the frame of the angle it measures.
         angle = p * (theta - theta_m)
@@ -158,6 +160,8 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
         if current_noise > 0.0:
             i_d_m += current_noise * noise.standard_normal()
             i_q_m += current_noise * noise.standard_normal()
+
+        # <delay line>
 
         if k % divider == 0:
             j = k // divider - tick_0
@@ -193,8 +197,8 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
             out[row, 0] = t
             out[row, 1] = theta_m
             out[row, 2] = omega_hat
-            out[row, 3] = i_d_m
-            out[row, 4] = i_q_m
+            out[row, 3] = i_d_m  # <log i_d>
+            out[row, 4] = i_q_m  # <log i_q>
             out[row, 5] = i_d_ref
             out[row, 6] = i_q_ref
             out[row, 7] = u_d
@@ -220,5 +224,5 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
     states[4], states[5], states[6] = I_d, I_q, I_s
     states[7], states[8], states[9], states[10] = theta_last, omega_hat, i_q_ref, i_d_ref
     states[11], states[12], states[13], states[14] = u_d_next, u_q_next, angle_next, omega_filtered
-    # <memory store>
+    # <store memory>
     return row

@@ -49,7 +49,10 @@ def signals_of(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
     values = {
         "omega": omega, "direction": float(np.sign(omega)), "theta": float(rng.uniform(-50, 50)),
         "i_d": float(rng.uniform(-3, 3)), "i_q": float(rng.uniform(-3, 3)), "torque": float(rng.uniform(-3, 3)),
-        "t": float(rng.uniform(0, 60)), "p": 4.0,
+        "t": float(rng.uniform(0, 60)), "p": 4.0, "di_d": float(rng.uniform(-99, 99)),
+        "di_q": float(rng.uniform(-99, 99)), "twist": float(rng.uniform(-1, 1)),
+        "twist_rate": float(rng.uniform(-9, 9)), "zeta": float(rng.uniform(-1, 1)),
+        "travel": float(rng.uniform(-0.1, 0.1)),
     }  # fmt: skip
     missing = set(SIGNALS) - set(values)
     assert not missing, f"new signals {missing}: draw them here too"

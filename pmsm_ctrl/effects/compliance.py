@@ -1,0 +1,36 @@
+"""Compliance: motor and load are two masses with a spring and a damper between them."""
+
+from __future__ import annotations
+
+from math import inf
+
+from pmsm_ctrl.effects.base import Effect, Parameter
+from pmsm_ctrl.kernels import kernel
+
+
+@kernel
+def term(twist: float, twist_rate: float, k: float, d: float) -> float:
+    """Torque that the motor passes on: k (theta - theta_load) + d (omega - omega_load)."""
+    return k * twist + d * twist_rate
+
+
+effect = Effect(
+    id="compliance",
+    title="Two masses with a spring",
+    equation=r"T_s = k\,(\theta - \theta_l) + d\,(\omega - \omega_l)",
+    source="W. Leonhard, Control of Electrical Drives, 3rd ed. (2001), ch. 2",
+    enters="torque",
+    structure="transmission",
+    amplitudes=("J_load",),
+    parameters=(
+        Parameter("J_load", "kg m^2", 0.0, 0.0, inf, "inertia behind the spring, taken out of the total"),
+        Parameter("k", "N m/rad", 100.0, 1e-9, inf, "stiffness"),
+        Parameter("d", "N m s/rad", 0.0, 0.0, inf, "damping"),
+    ),
+    term=term,
+    needs="motion with content around the resonance: chirp or multisine",
+    look_alikes={
+        "delay": "below the resonance both shift torque against acceleration",
+        "backlash": "under a load that keeps the gap closed only the spring shows",
+    },
+)
