@@ -17,6 +17,7 @@ from pmsm_ctrl.tune.sampled import Cascade, frequencies
 __all__ = ["Stiffness", "highest_gain", "open_loop", "stiffness", "tune_position"]
 
 PEAK = 1.01  # largest abs(T) granted: 1 % of resonance is what a settled axis does not show
+SENSITIVITY = 1.4  # largest abs(S) granted: above it the step swings back although abs(T) has no peak
 
 
 @dataclass(frozen=True)
@@ -55,21 +56,22 @@ def open_loop(cascade: Cascade, K_v: float) -> Any:
     return K_v * closed
 
 
-def highest_gain(cascade: Cascade, peak: float = PEAK) -> float:
-    """Largest K_v in 1/s whose closed loop has no resonance above `peak`."""
+def highest_gain(cascade: Cascade, peak: float = PEAK, sensitivity: float = SENSITIVITY) -> float:
+    """Largest K_v in 1/s whose closed loop keeps abs(T) below `peak` and abs(S) below `sensitivity`."""
     omega = frequencies(cascade.period, 1e-5, 3000)
     L = response(open_loop(cascade, 1.0), omega)
 
     def worst(K_v: float) -> float:
-        return float(np.abs(K_v * L / (1.0 + K_v * L)).max())
+        closed = np.abs(1.0 + K_v * L)
+        return float(max(np.abs(K_v * L / closed).max() / peak, (1.0 / closed).max() / sensitivity))
 
     low, high = 1e-3, math.pi / cascade.period
-    if worst(low) > peak:
+    if worst(low) > 1.0:
         return math.nan
     # The peak grows with the gain until the loop is unstable; bisect towards the largest gain before that.
     for _ in range(60):
         middle = math.sqrt(low * high)
-        if worst(middle) <= peak and _stable(cascade, middle):
+        if worst(middle) <= 1.0 and _stable(cascade, middle):
             low = middle
         else:
             high = middle

@@ -1,0 +1,74 @@
+"""The gains in the units that drives take, by manufacturer.
+
+Sources: B&R ACP10 parameter list (SCTRL_SPEED_ACT in 1/s, SCTRL_KV in As, SCTRL_TN in s); Beckhoff Infosys: AX5000
+IDN description S-0-0100, 0101, 0104, 0106, 0107, AX8000 object 0x3140, EL72xx object 0x8010; Siemens SINAMICS
+S120/S150 list manual p1416, p1441, p1460, p1462, p1715, p1717 and SINUMERIK MD 32200.
+Drives count current in A rms, this package in A peak: a gain in A becomes smaller by sqrt(2), one in V/A or in
+N m stays. A speed in 1/s is turns per second.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pmsm_ctrl.design import Design, Loops
+
+__all__ = ["NOTE", "drive_units"]
+
+NOTE = (
+    "Check two things before the download: whether the drive counts amperes rms (assumed here) or peak, and volts "
+    "per phase (assumed here) or line-to-line; both differ between firmware versions."
+)
+
+
+def drive_units(design: Design, loops: Loops) -> dict[str, dict[str, float]]:
+    """Return the gains by manufacturer, each key with the parameter's name and unit.
+
+    Position gains are at the motor shaft; behind a gear the number in 1/s is the same at both ends.
+    """
+    current, speed, position = loops.current, loops.speed, loops.position
+    rms = 1.0 / math.sqrt(2.0)
+    torque_gain = speed.K_p * design.K_t_assumed  # N m/(rad/s)
+    ms = 1e3
+    return {
+        "general": {
+            "current K_p [V/A]": current.K_p,
+            "current T_n [ms]": ms * current.T_n,
+            "speed K_p [A/(rad/s)] peak": speed.K_p,
+            "speed K_p [A s] peak, per turn/s": 2.0 * math.pi * speed.K_p,
+            "speed K_p [N m s/rad]": torque_gain,
+            "speed T_n [ms]": ms * speed.T_n,
+            "speed reference filter [ms]": ms * speed.reference_filter,
+            "speed filter [ms]": ms * design.sensor.speed_filter,
+            "position K_v [1/s]": position.K_v,
+        },
+        "B&R": {
+            "SCTRL_KV [A s] rms": 2.0 * math.pi * speed.K_p * rms,
+            "SCTRL_TN [s]": speed.T_n,
+            "SCTRL_TI_FIL [s]": design.sensor.speed_filter,
+            "POS_CTRL_KV [1/s]": position.K_v,
+        },
+        "Beckhoff": {
+            "AX5000 S-0-0106 current loop K_p [V/A]": current.K_p,
+            "AX5000 S-0-0107 current loop T_n [ms]": ms * current.T_n,
+            "AX5000 S-0-0100 velocity loop K_p [A/(rad/s)] rms": speed.K_p * rms,
+            "AX5000 S-0-0100 velocity loop K_p [N m/(rad/s)], P-0-0010 bit 15 set": torque_gain,
+            "AX5000 S-0-0101 velocity loop T_n [ms]": ms * speed.T_n,
+            "AX5000 S-0-0104 position loop K_v [1000/min]": position.K_v * 60.0 / 1000.0,
+            "AX8000 0x3140:01 velocity K_p [N m/(rad/s)]": torque_gain,
+            "AX8000 0x3140:02 velocity T_n [s]": speed.T_n,
+            "EL72xx current loop K_p [0.1 V/A]": 10.0 * current.K_p,
+            "EL72xx current loop T_n [0.1 ms]": 1e4 * current.T_n,
+            "EL72xx velocity loop K_p [mA/(rad/s)] rms": 1e3 * speed.K_p * rms,
+            "EL72xx velocity loop T_n [0.1 ms]": 1e4 * speed.T_n,
+        },
+        "Siemens": {
+            "p1715 current controller K_p [V/A]": current.K_p,
+            "p1717 current controller T_n [ms]": ms * current.T_n,
+            "p1460 speed controller K_p [N m s/rad]": torque_gain,
+            "p1462 speed controller T_n [ms]": ms * speed.T_n,
+            "p1416 speed setpoint filter [ms]": ms * speed.reference_filter,
+            "p1441 actual speed smoothing [ms]": ms * design.sensor.speed_filter,
+            "MD32200 K_v [1000/min]": position.K_v * 60.0 / 1000.0,
+        },
+    }
