@@ -12,16 +12,24 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
+    from pmsm_ctrl.identify import identify
+    from pmsm_ctrl.importers import read_log
     from pmsm_ctrl.log import Log
+    from pmsm_ctrl.report import study
+    from pmsm_ctrl.simulate import simulate
 
 # public name -> the module that holds it; frozen by tests/unit/test_public_api.py
 _EXPORTS = {
     "Design": "pmsm_ctrl.design",
     "Log": "pmsm_ctrl.log",
+    "identify": "pmsm_ctrl.identify",
+    "read_log": "pmsm_ctrl.importers",
+    "simulate": "pmsm_ctrl.simulate",
+    "study": "pmsm_ctrl.report",
 }
 
 __version__ = "0.1.0"
-__all__ = ["Design", "Log"]
+__all__ = ["Design", "Log", "identify", "read_log", "simulate", "study"]
 
 
 def __getattr__(name: str) -> Any:

@@ -16,7 +16,7 @@ MAX_MODULE = 500
 MAX_FUNCTION = 60
 
 # A part may import parts of a lower level only (and itself). Parts of one level do not know each other,
-# except for the pairs named in SIBLINGS.
+# except for the pairs named in SIBLINGS: the first may import the second.
 LEVELS = [
     {"errors"},
     {"files", "units"},
@@ -31,7 +31,7 @@ LEVELS = [
     {"console"},
     {"cli"},
 ]
-SIBLINGS = {("log", "design")}
+SIBLINGS = {("log", "design"), ("tune", "simulate")}
 ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "importers"}
 
 ONLY_IN = {"control": "tune", "filterpy": "track"}
@@ -41,11 +41,7 @@ NEVER_ON_IMPORT = ["numba", "scipy", "matplotlib", "control", "filterpy", "jinja
 def part_of(path: Path) -> str:
     """Name of the part a source file belongs to: 'cli', 'effects', ...; '' for the package's __init__."""
     relative = path.relative_to(PACKAGE)
-    return (
-        ""
-        if relative.name == "__init__.py" and len(relative.parts) == 1
-        else relative.parts[0].removesuffix(".py")
-    )
+    return "" if relative.name == "__init__.py" and len(relative.parts) == 1 else relative.parts[0].removesuffix(".py")
 
 
 def level(part: str) -> int:
@@ -121,6 +117,8 @@ def test_no_room_outgrows_its_size(path: Path) -> None:
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             length = (node.end_lineno or node.lineno) - node.lineno + 1
+            if ast.get_docstring(node) is not None:  # saying more about a function must not make it too long
+                length -= (node.body[0].end_lineno or 0) - node.body[0].lineno + 1
             if length > MAX_FUNCTION:
                 grown.append(f"line {node.lineno}, {node.name}: {length} lines; at most {MAX_FUNCTION}")
     assert not grown, "\n".join(grown)
@@ -139,9 +137,7 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
 
 
 def test_help_loads_nothing_heavy() -> None:
-    loaded = loaded_after(
-        "from pmsm_ctrl.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass"
-    )
+    loaded = loaded_after("from pmsm_ctrl.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass")
     assert not loaded & {*NEVER_ON_IMPORT, "numpy", "pydantic"}
 
 

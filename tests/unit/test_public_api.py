@@ -14,6 +14,10 @@ import pmsm_ctrl
 PUBLIC = [
     "Design",
     "Log",
+    "identify",
+    "read_log",
+    "simulate",
+    "study",
 ]
 
 

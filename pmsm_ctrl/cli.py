@@ -1,0 +1,215 @@
+"""The command line: one verb per function, each a few lines: load, call, print, write.
+
+Nothing heavy is imported before a verb runs, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pmsm_ctrl.console import command_line, finish, parse_map, progress_bar, run, write_json
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.design import Design
+    from pmsm_ctrl.log import Log
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="pmsm-ctrl",
+    help="Control design, friction identification and model diagnosis for permanent-magnet servo drives.",
+    epilog="Exit status: 0 done, 1 the answer is negative, 2 bad input.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+DesignArgument = Annotated[
+    Path, typer.Argument(metavar="DESIGN", help="design in TOML, such as designs/seed_motor.toml")
+]
+DesignOption = Annotated[Path, typer.Option("--design", "-d", metavar="DESIGN", help="design in TOML")]
+LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="measured or simulated log: CSV, MAT, ...")]
+MapOption = Annotated[
+    list[str] | None,
+    typer.Option("--map", "-m", metavar="CHANNEL=COLUMN", help="such as omega='speed [rpm]'; may be repeated"),
+]
+JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the result as JSON")]
+ReportOption = Annotated[
+    Path | None, typer.Option("--report", metavar="FILE", help="write the result as one HTML page")
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="seed of the simulated noise")]
+
+
+@app.callback()
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="show the version and leave")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="show tracebacks and warnings; may stand anywhere")] = False,
+) -> None:
+    if version:
+        from pmsm_ctrl import __version__
+
+        print(f"pmsm-ctrl {__version__}")
+        raise typer.Exit
+
+
+def _design(path: Path) -> Design:
+    from pmsm_ctrl.design import Design
+
+    return Design.read(path)
+
+
+def _log(path: Path, design: Design | None, mapping: list[str] | None = None) -> Log:
+    from pmsm_ctrl.importers import read_log
+
+    log = read_log(path, design, parse_map(mapping))
+    for text in log.provenance.warnings:
+        print(f"pmsm-ctrl: {path}: {text}", file=sys.stderr)
+    return log
+
+
+@app.command()
+def simulate(
+    design: DesignArgument,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="the log to write, canonical CSV")],
+    scenario: Annotated[str, typer.Option("--scenario", "-s", metavar="NAME", help="the motion")] = "sweep",
+    truth: Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")] = None,
+    seed: SeedOption = 0,
+    json_file: JsonOption = None,
+) -> None:
+    """Simulate the sampled drive and write its log."""
+    from pmsm_ctrl.simulate import simulate as run_simulation
+
+    believed = _design(design)
+    with progress_bar(f"simulate {scenario}") as progress:
+        log = run_simulation(
+            believed, scenario, truth=_design(truth) if truth is not None else None, seed=seed, progress=progress
+        )
+    log.write_csv(output)
+    print(f"{output}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
+    if json_file is not None:
+        write_json(json_file, "simulate", {"scenario": scenario, "seed": seed, "output": str(output)} | _describe(log))
+
+
+@app.command()
+def identify(
+    log: LogArgument,
+    design: DesignOption,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with what was found")
+    ] = None,
+    mapping: MapOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Identify inertia and friction from a log."""
+    from pmsm_ctrl.identify import identify as run_identification
+
+    believed = _design(design)
+    result = run_identification(believed, _log(log, believed, mapping))
+    finish("identify", result, json_file=json_file, report=report)
+    if output is not None:
+        result.design.write(output)
+        print(f"design: {output}")
+
+
+@app.command()
+def study(
+    design: DesignArgument,
+    log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="a measured log of this axis")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="the report; reports/NAME.html if left out")
+    ] = None,
+    mapping: MapOption = None,
+    seed: SeedOption = 0,
+    json_file: JsonOption = None,
+) -> None:
+    """Run the whole chain and write one HTML report."""
+    from pmsm_ctrl.report import study as run_study
+
+    believed = _design(design)
+    measured = _log(log, believed, mapping) if log is not None else None
+    with progress_bar(f"study {believed.name}") as progress:
+        result = run_study(believed, measured, output=output, seed=seed, command=command_line(), progress=progress)
+    print(result.summary())
+    if json_file is not None:
+        write_json(json_file, "study", result.to_dict())
+
+
+@app.command("import")
+def import_log(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="what a drive or logger wrote")],
+    design: Annotated[Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="for its [log] table")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="LOG", help="write it as canonical CSV")
+    ] = None,
+    mapping: MapOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Show what was understood of a foreign log."""
+    from pmsm_ctrl.importers import read_log
+
+    log = read_log(file, _design(design) if design is not None else None, parse_map(mapping))
+    origin = log.provenance
+    print(f"{file}: {origin.importer}, {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz")
+    for name in log:
+        print(f"  {name:<12} [{log.unit(name)}]  {log[name].min():.5g} to {log[name].max():.5g}")
+    for text in origin.warnings:
+        print(f"  warning: {text}")
+    for text in origin.notes:
+        print(f"  note: {text}")
+    if output is not None:
+        log.write_csv(output)
+        print(f"log: {output}")
+    if json_file is not None:
+        notes = {"notes": origin.notes, "warnings": origin.warnings, "importer": origin.importer}
+        write_json(json_file, "import", {"file": str(file), "sha256": origin.sha256} | _describe(log) | notes)
+
+
+@app.command()
+def effects(
+    identifier: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="only this one")] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """List the catalogue of effects."""
+    from pmsm_ctrl.effects import CATALOGUE, lookup
+
+    chosen = [lookup(identifier)] if identifier is not None else list(CATALOGUE.values())
+    rows = []
+    for effect in chosen:
+        parameters = [
+            {"symbol": p.symbol, "unit": p.unit, "start": p.start, "lower": p.lower, "upper": p.upper,
+             "linear": p.linear, "description": p.description}
+            for p in effect.parameters
+        ]  # fmt: skip
+        rows.append(
+            {"id": effect.id, "title": effect.title, "enters": effect.enters, "equation": effect.equation,
+             "source": effect.source, "parameters": parameters, "needs": effect.needs,
+             "look_alikes": effect.look_alikes, "validated": effect.validated}
+        )  # fmt: skip
+        print(f"{effect.id}: {effect.title} ({effect.enters})\n    {effect.equation}")
+        for p in effect.parameters:
+            print(f"    {p.symbol} [{p.unit}]: {p.description}; {p.lower:g} to {p.upper:g}")
+        print(f"    needs: {effect.needs}")
+        for other, why in effect.look_alikes.items():
+            print(f"    like {other}: {why}")
+        print(f"    validated: {effect.validated}\n    source: {effect.source}\n")
+    if json_file is not None:
+        write_json(json_file, "effects", {"effects": rows})
+
+
+def _describe(log: Log) -> dict[str, object]:
+    return {
+        "samples": len(log), "duration": log.duration, "rate": log.rate,
+        "channels": {name: log.unit(name) for name in log},
+    }  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point of ``pmsm-ctrl``; leaves with the exit status."""
+    sys.exit(run(app, arguments))

@@ -1,0 +1,146 @@
+"""What every command shares: outputs, progress on stderr, and how errors become one line and an exit status."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from pmsm_ctrl.errors import PmsmCtrlError, RequestError
+from pmsm_ctrl.files import write_text
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.result import Result
+
+__all__ = ["BAD_INPUT", "DONE", "NEGATIVE", "finish", "parse_map", "progress_bar", "run", "write_json"]
+
+DONE, NEGATIVE, BAD_INPUT = 0, 1, 2
+INTERNAL = 70  # EX_SOFTWARE of sysexits.h: a fault of the program, not of its input
+INTERRUPTED = 128 + signal.SIGINT
+TERMINATED = 128 + signal.SIGTERM
+BROKEN_PIPE = 128 + getattr(signal, "SIGPIPE", 13)
+ISSUES = "the project's issue tracker"
+
+
+def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status; whatever goes wrong is one line on stderr.
+
+    ``--debug`` anywhere on the line shows the traceback and Python's warnings as well.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in words
+    if not debug:
+        # What a user should doubt is in a result's own warnings; a library's are for developers.
+        warnings.simplefilter("ignore")
+    # So that `kill` unwinds the stack and no half-written temporary file stays behind.
+    with contextlib.suppress(ValueError):  # only the main thread may set a handler
+        signal.signal(signal.SIGTERM, _terminate)
+    try:
+        outcome = command(
+            args=[word for word in words if word != "--debug"], prog_name="pmsm-ctrl", standalone_mode=False
+        )
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader of our output has left (`pmsm-ctrl effects | head`); nothing more can be said to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
+    except BaseException as error:
+        status, message = _explain(error)
+        if debug:
+            import traceback
+
+            traceback.print_exception(error, file=sys.stderr)
+        if message:
+            print(f"pmsm-ctrl: {' '.join(message.split())}", file=sys.stderr)
+        return status
+    return outcome if isinstance(outcome, int) else DONE
+
+
+def _terminate(signum: int, frame: Any) -> NoReturn:
+    sys.exit(TERMINATED)
+
+
+def _explain(error: BaseException) -> tuple[int, str]:
+    """Return the exit status and the one line for an exception."""
+    if isinstance(error, PmsmCtrlError):
+        return BAD_INPUT, str(error)
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else INTERNAL, ""
+    if isinstance(error, KeyboardInterrupt) or type(error).__name__ == "Abort":
+        return INTERRUPTED, "interrupted; nothing half-written is left behind"
+    # Newer typer carries its own copy of click, older ones use click itself: known by what they can do.
+    if hasattr(error, "format_message"):
+        context = getattr(error, "ctx", None)
+        hint = f" (see {context.command_path} --help)" if context is not None else ""
+        return BAD_INPUT, f"{error.format_message().rstrip('.')}{hint}"
+    if isinstance(error, OSError) and error.filename is not None:
+        return BAD_INPUT, f"{error.filename}: {error.strerror or error}"
+    if isinstance(error, MemoryError):
+        return BAD_INPUT, "not enough memory for this input; use a shorter log"
+    place = f"{type(error).__name__}: {error}"
+    return INTERNAL, f"unexpected {place}. Please report it in {ISSUES} with the output of --debug"
+
+
+def parse_map(entries: Sequence[str] | None) -> dict[str, str]:
+    """Turn ``omega=speed [rpm]`` entries of ``--map`` into a mapping from channel to column.
+
+    Raises
+    ------
+    RequestError
+        For an entry without ``=`` or a channel that is named twice.
+    """
+    mapping: dict[str, str] = {}
+    for entry in entries or ():
+        channel, equals, column = (part.strip() for part in entry.partition("="))
+        if not equals or not channel or not column:
+            raise RequestError(f"--map '{entry}': CHANNEL='COLUMN [UNIT]' was expected, such as omega='speed [rpm]'")
+        if channel in mapping:
+            raise RequestError(f"--map: channel '{channel}' is given twice")
+        mapping[channel] = column
+    return mapping
+
+
+@contextlib.contextmanager
+def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar on stderr, where stderr is a terminal; yields a function that takes the share done, 0 to 1."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(label, total=1.0)
+        yield lambda share: progress.update(task, completed=share)
+
+
+def write_json(path: Path, verb: str, data: Mapping[str, Any]) -> None:
+    """Write a result as JSON, atomically; a result that does not name its schema gets the verb's."""
+    from pmsm_ctrl.result import jsonable
+
+    content = {"schema": f"pmsm-ctrl/{verb}/1", **jsonable(data)}
+    write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def finish(verb: str, result: Result, *, json_file: Path | None = None, report: Path | None = None) -> None:
+    """Print a result's summary, and write its JSON and its one-section report where asked."""
+    print(result.summary())
+    if json_file is not None:
+        write_json(json_file, verb, result.to_dict())
+    if report is not None:
+        from pmsm_ctrl.report import render
+
+        section = result.section()
+        write_text(report, render(section.title, [section], command=command_line()))
+        print(f"report: {report}")
+
+
+def command_line() -> str:
+    """Return the command as it was typed, fit to be pasted into a shell."""
+    import shlex
+
+    return shlex.join(["pmsm-ctrl", *sys.argv[1:]])
