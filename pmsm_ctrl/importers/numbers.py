@@ -21,7 +21,7 @@ __all__ = ["line_of_row", "parse_numpy", "parse_pyarrow", "parse_rows", "read_co
 
 NUMPY_FROM = 1 << 16  # bytes; below, the twin is as quick
 PYARROW_FROM = 1 << 23  # bytes; below, loading pyarrow takes longer than parsing
-PIECE = 1 << 26
+PIECE = 1 << 23  # larger pieces cost more in fresh memory than they save
 
 
 def read_columns(path: str | Path, file: str, layout: Layout, columns: Sequence[int]) -> list[Array]:
@@ -32,12 +32,21 @@ def read_columns(path: str | Path, file: str, layout: Layout, columns: Sequence[
     LogError
         With line and column for a cell that is not a number and for a row of the wrong length.
     """
-    blocks = list(row_blocks(path, file, layout, columns))
-    out = []
-    for c in range(len(columns)):
-        out.append(np.concatenate([block[c] for block in blocks]) if blocks else np.empty(0))
-        for block in blocks:
-            block[c] = np.empty(0)  # the pieces of one column are freed before the next is joined
+    out = [np.empty(0) for _ in columns]
+    if not columns:
+        return out
+    rows = capacity = 0
+    for block in row_blocks(path, file, layout, columns):
+        stop = rows + block[0].size
+        if stop > capacity:
+            capacity = max(stop, capacity * 3 // 2)
+            for column in out:
+                column.resize(capacity, refcheck=False)  # grows in place where the system can
+        for column, values in zip(out, block, strict=True):
+            column[rows:stop] = values
+        rows = stop
+    for column in out:
+        column.resize(rows, refcheck=False)
     return out
 
 
@@ -79,7 +88,7 @@ def parse_pyarrow(piece: bytes, layout: Layout, columns: Sequence[int]) -> list[
     try:
         table = pyarrow.csv.read_csv(
             pyarrow.BufferReader(_with_points(piece, layout)),
-            read_options=pyarrow.csv.ReadOptions(column_names=names, block_size=1 << 22),
+            read_options=pyarrow.csv.ReadOptions(column_names=names, block_size=1 << 21),
             parse_options=pyarrow.csv.ParseOptions(delimiter=layout.separator),
             convert_options=pyarrow.csv.ConvertOptions(
                 column_types={name: pyarrow.float64() for name in wanted},
@@ -127,7 +136,8 @@ def _data_pieces(path: str | Path, layout: Layout) -> Iterator[bytes]:
 
 def _first_line(path: str | Path, layout: Layout, index: int) -> int:
     """Return the line number at which a piece begins; counted only when a complaint needs it."""
-    return layout.first_line + sum(piece.count(b"\n") for _, piece in zip(range(index), _data_pieces(path, layout), strict=False))
+    before = zip(range(index), _data_pieces(path, layout), strict=False)
+    return layout.first_line + sum(piece.count(b"\n") for _, piece in before)
 
 
 def parse_rows(piece: bytes, file: str, layout: Layout, first_line: int) -> tuple[Array, bool]:

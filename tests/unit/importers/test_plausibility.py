@@ -1,0 +1,177 @@
+"""Plausibility: a good log raises no doubt, each lie is named with its factor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.importers import check
+from pmsm_ctrl.importers.timebase import longest_run, quantum, saturated_share, time_base
+from pmsm_ctrl.log import Log
+
+J, F_C, F_V, K_T = 9e-5, 0.0213, 0.000168, 1.032
+SI_FACTOR_RPM = 0.10471975511965977
+
+
+@pytest.fixture(scope="module")
+def design() -> Design:
+    return Design.from_dict({
+        "motor": {"J": J, "p": 4, "psi_f": 0.172, "R": 19.0, "L_d": 0.049, "L_q": 0.049},
+        "drive": {"i_max": 3.0},
+    })  # fmt: skip
+
+
+def axis(rng: np.random.Generator, n: int = 8000, period: float = 1e-3) -> dict[str, np.ndarray]:
+    """A moving axis by closed form: theta, its exact derivatives, and the torque they need."""
+    t = np.arange(n) * period
+    theta = 40.0 * (1 - np.cos(2 * np.pi * 0.5 * t)) + 3.0 * np.sin(2 * np.pi * 3 * t)
+    omega = 40.0 * np.pi * np.sin(np.pi * t) + 18 * np.pi * np.cos(6 * np.pi * t)
+    alpha = 40.0 * np.pi**2 * np.cos(np.pi * t) - 108 * np.pi**2 * np.sin(6 * np.pi * t)
+    torque = J * alpha + F_C * np.sign(omega) + F_V * omega
+    current = torque / K_T + rng.normal(0, 0.004, n)
+    step = 2 * np.pi / 131072
+    return {"t": t, "theta": np.round(theta / step) * step, "omega": omega + rng.normal(0, 0.3, n), "i_q": current}
+
+
+def test_a_good_log_raises_no_doubt(rng: np.random.Generator, design: Design) -> None:
+    channels = axis(rng)
+    assert check(Log(channels), design) == ()
+    assert check(Log(channels)) == ()
+    torque = K_T * channels["i_q"] + rng.normal(0, 0.001, 8000)
+    assert check(Log(channels | {"torque": torque, "omega_ref": channels["omega"]}), design) == ()
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1.99, "1.99 times omega"),
+        (1.66, "1.66 times omega"),
+        (SI_FACTOR_RPM, "omega looks like rpm taken for rad/s"),
+        (1 / SI_FACTOR_RPM, "omega looks like rad/s taken for rpm"),
+        (-1.0, "opposite signs"),
+        (0.25, "omega looks electrical (p = 4)"),
+        (math.pi / 180, "omega looks like deg/s taken for rad/s"),
+    ],
+)
+def test_speed_against_position(rng: np.random.Generator, design: Design, factor: float, words: str) -> None:
+    channels = axis(rng)
+    found = check(Log(channels | {"omega": channels["omega"] / factor}), design)
+    assert any(words in warning for warning in found), found
+    value = float(found[0].split("dtheta/dt is ")[1].split()[0])
+    assert value == pytest.approx(factor, rel=0.005)
+
+
+def test_unrelated_speed(rng: np.random.Generator) -> None:
+    channels = axis(rng)
+    found = check(Log(channels | {"omega": channels["omega"][::-1] ** 2}))
+    assert any("omega does not follow dtheta/dt" in warning for warning in found)
+
+
+def test_speed_against_reference_without_position(rng: np.random.Generator) -> None:
+    channels = axis(rng)
+    del channels["theta"]
+    found = check(Log(channels | {"omega_ref": channels["omega"] * SI_FACTOR_RPM}))
+    assert any("omega looks like rpm taken for rad/s" in warning for warning in found), found
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (math.sqrt(2), "i_q looks like A rms taken for A peak"),
+        (1 / math.sqrt(2), "K_t looks like N m per A rms taken for per A peak"),
+        (1000.0, "milli"),
+        (1.3, "torque is 1.3"),
+    ],
+)
+def test_torque_against_current(rng: np.random.Generator, design: Design, factor: float, words: str) -> None:
+    channels = axis(rng)
+    found = check(Log(channels | {"torque": factor * K_T * channels["i_q"]}), design)
+    assert any("times K_t i_q" in warning and words in warning for warning in found), found
+
+
+@pytest.mark.parametrize("without", ["theta", "omega"])
+def test_torque_of_the_wrong_sign(rng: np.random.Generator, design: Design, without: str) -> None:
+    channels = axis(rng)
+    del channels[without]
+    found = check(Log(channels | {"i_q": -channels["i_q"]}))
+    assert any("i_q has the opposite sign of the acceleration" in warning for warning in found), found
+
+
+def test_inertia_that_is_far_off(rng: np.random.Generator, design: Design) -> None:
+    channels = axis(rng)
+    found = check(Log(channels | {"i_q": channels["i_q"] * 0.1}), design)
+    warning = next(w for w in found if "inertia" in w)
+    assert float(warning.split(", ")[-1].split()[0]) == pytest.approx(0.1, rel=0.05)
+
+
+def test_jitter_and_gaps(rng: np.random.Generator) -> None:
+    channels = axis(rng)
+    t = channels["t"] + rng.uniform(-3e-4, 3e-4, 8000)
+    found = check(Log(channels | {"t": t}))
+    assert any("jitter" in warning for warning in found)
+    keep = np.r_[0:3000, 3050:8000]
+    found = check(Log({name: values[keep] for name, values in channels.items()}))
+    assert any("1 gap in the time stamps, the longest 51 ms at t = 2.999 s" in warning for warning in found), found
+
+
+def test_time_base_by_hand() -> None:
+    base = time_base(np.array([0.0, 1.0, 2.0, 3.25, 4.0, 9.0]))
+    assert (base.period, base.gaps, base.longest_gap, base.longest_gap_at) == (1.0, 1, 5.0, 4.0)
+    assert base.jitter_max == 0.25
+    assert base.jitter_rms == pytest.approx(math.sqrt((0.25**2 + 0.25**2) / 4))
+
+
+def test_saturation(rng: np.random.Generator, design: Design) -> None:
+    channels = axis(rng)
+    found = check(Log(channels | {"i_q": np.clip(channels["i_q"], -0.1, 0.1)}))
+    assert any("i_q sits at its limit of 0.1 A" in warning for warning in found), found
+    found = check(Log(channels | {"i_q": channels["i_q"] * 40}), design)
+    assert any("times the design's i_max" in warning for warning in found)
+
+
+def test_quantisation_is_found_and_named(rng: np.random.Generator) -> None:
+    channels = axis(rng)
+    assert quantum(channels["theta"]) == pytest.approx(2 * np.pi / 131072, rel=1e-6)
+    assert quantum(rng.normal(size=5000)) == 0.0
+    assert quantum(np.round(rng.normal(size=5000) * 10, 3)) == pytest.approx(1e-3, rel=1e-6)
+    assert math.isnan(quantum(np.ones(10)))
+    found = check(Log(channels | {"omega": np.round(channels["omega"] / 20) * 20}))
+    assert any("omega is quantised to 20 rad/s" in warning for warning in found), found
+
+
+def test_runs_and_shares_by_hand() -> None:
+    assert longest_run(np.array([0, 1, 1, 0, 1, 1, 1, 0], dtype=bool)) == 3
+    assert longest_run(np.zeros(4, dtype=bool)) == 0
+    ramp = np.linspace(0, 2, 200)
+    assert saturated_share(np.minimum(ramp, ramp[99])) == pytest.approx(101 / 200)
+    assert saturated_share(ramp) == 0.0
+
+
+def test_a_standing_axis_and_short_logs() -> None:
+    t = np.arange(100) * 1e-3
+    found = check(Log({"t": t, "theta": np.ones(100), "i_q": np.sin(t)}))
+    assert "theta never changes (1 rad throughout)" in found
+    assert check(Log({"t": [0.0], "theta": [0.0], "i_q": [0.0]})) == ("only 1 sample",)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300, 5e-324])
+def test_extreme_numbers_do_not_break_the_checks(rng: np.random.Generator, design: Design, scale: float) -> None:
+    channels = axis(rng, 400)
+    scaled = {name: values * scale if name != "t" else values for name, values in channels.items()}
+    check(Log({name: np.nan_to_num(values) for name, values in scaled.items()}), design)
+
+
+def test_real_files_raise_only_true_doubts(measured, designs) -> None:
+    from pmsm_ctrl.importers import read_log
+
+    emps = Design.read(designs / "emps.toml")
+    for name in ("emps/DATA_EMPS.mat", "emps/DATA_EMPS_PULSES.mat"):
+        assert read_log(measured(name), emps).provenance.warnings == ()
+    for name in ("laas_mn4004/acc_current.txt", "laas_mn4004/speed_test1.txt"):
+        warnings = read_log(measured(name)).provenance.warnings
+        assert len(warnings) == 2
+        assert "jitter" in warnings[0]
+        assert "gaps" in warnings[1]
