@@ -1,0 +1,224 @@
+"""identify: friction and inertia from any log, by inverse dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pmsm_ctrl.design import Design, EffectEntry
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import with_own
+from pmsm_ctrl.identify.problem import Problem, build_problem
+from pmsm_ctrl.identify.regression import Fit, solve
+from pmsm_ctrl.identify.signals import Processing, prepare
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.result import Estimate, Result, Section, jsonable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Identification", "identify"]
+
+
+@dataclass(frozen=True, eq=False)
+class Identification(Result):
+    """What a log says about a design's parameters.
+
+    Attributes
+    ----------
+    design : Design
+        The given design with the identified values and their standard errors; parameters that could not be
+        identified keep the values they had.
+    estimates : dict of name to Estimate
+    intervals : dict of name to (float, float)
+        95 % intervals by Student's t with the effective degrees of freedom.
+    unidentifiable : dict of name to str
+        Parameters that got no number, and why.
+    relative_error : float
+        norm(residual) / norm(torque) on the filtered, thinned, moving samples.
+    """
+
+    design: Design
+    estimates: Mapping[str, Estimate]
+    intervals: Mapping[str, tuple[float, float]]
+    unidentifiable: Mapping[str, str]
+    relative_error: float
+    rms: float
+    problem: Problem
+    fit: Fit
+    log_name: str
+    reasons: tuple[str, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons to doubt the numbers."""
+        return self.reasons
+
+    def summary(self) -> str:
+        """Return the result as text, trust first."""
+        lines = [f"identification of {self.design.name} from {self.log_name}"]
+        lines += [f"  warning: {text}" for text in self.warnings] or ["  no reason to doubt the numbers was found"]
+        lines += [f"  {name}: not identifiable, because {why}" for name, why in self.unidentifiable.items()]
+        for name, estimate in self.estimates.items():
+            low, high = self.intervals[name]
+            lines.append(
+                f"  {name:<10} {estimate.value:>12.5g} +- {estimate.stderr:<9.2g} {estimate.unit:<12}"
+                f" 95 % [{low:.5g}, {high:.5g}]   design {estimate.nominal:.5g}"
+            )
+        lines.append(
+            f"  relative error {100 * self.relative_error:.2f} % of the torque ({self.rms:.3g} {self.problem.unit} rms,"
+            f" {int(self.problem.mask.sum())} samples at {self.problem.rate:.4g} Hz, low-pass"
+            f" {self.problem.cutoff:.3g} Hz)"
+        )
+        lines.append(
+            f"  condition number {self.fit.condition:.3g}, residual correlated with order {self.fit.noise.order},"
+            f" {self.fit.dof:.0f} effective degrees of freedom"
+        )
+        return "\n".join(lines)
+
+    def plot(self) -> Figure:
+        """Draw measured and predicted torque, and the residual, against time."""
+        from pmsm_ctrl.identify.figures import measured_against_predicted
+
+        p = self.problem
+        return measured_against_predicted(
+            p.t, p.target, self.fit.predicted, p.mask, "torque" if p.unit == "N m" else "force", p.unit
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values fit for JSON."""
+        return jsonable({
+            "schema": "pmsm-ctrl/identification/1",
+            "log": self.log_name,
+            "warnings": self.warnings,
+            "parameters": self.estimates,
+            "intervals_95": self.intervals,
+            "not_identifiable": self.unidentifiable,
+            "relative_error": self.relative_error,
+            "rms": {"value": self.rms, "unit": self.problem.unit},
+            "condition_number": self.fit.condition,
+            "effective_degrees_of_freedom": self.fit.dof,
+            "samples": int(self.problem.mask.sum()),
+            "rate": self.problem.rate,
+            "cutoff": self.problem.cutoff,
+        })  # fmt: skip
+
+    def section(self) -> Section:
+        """Return the section of the report."""
+        rows = tuple(
+            (n, f"{e.value:.5g}", f"{e.stderr:.2g}", e.unit, "{:.5g} to {:.5g}".format(*self.intervals[n]))
+            for n, e in self.estimates.items()
+        )
+        rows += tuple((n, "not identifiable", "", "", why) for n, why in self.unidentifiable.items())
+        return Section(
+            title=f"Identification from {self.log_name}",
+            paragraphs=(
+                *(f"Warning: {text}" for text in self.warnings),
+                f"Inverse-dynamics least squares; what remains is {100 * self.relative_error:.2f} % of the torque. "
+                "The standard errors allow for the correlation of the residual.",
+            ),
+            tables=((("parameter", "value", "standard error", "unit", "95 % interval"), rows),),
+            figures=((self.plot(), "The residual below should look like noise; a shape in it is a missing effect."),),
+        )
+
+
+def identify(
+    design: Design, log: Log, *, own: Iterable[Effect] = (), processing: Processing | None = None
+) -> Identification:
+    """Identify the inertia and every linear parameter of the design's torque effects from a log.
+
+    ``T_em - T_load = J alpha + sum of effect terms``, both sides through the same zero-phase filter; nonlinear
+    shape parameters stay at the design's values. Source of the method: M. Gautier, A. Janot, P. O. Vandanjon,
+    IEEE Trans. Control Syst. Technol. 21 (2013) 428.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+        With ``theta`` or ``omega``, and ``torque`` or ``i_q``.
+    own : iterable of Effect
+        A user's own effects that the design names.
+    processing : Processing, optional
+        Filter, derivative and mask; the defaults suit a log of 1 kHz.
+
+    Raises
+    ------
+    LogError
+        When a channel is missing or the axis hardly moves.
+    DesignError
+        When the design names an unknown effect.
+    """
+    own = tuple(own)
+    prepared = prepare(design, log, processing)
+    problem = build_problem(design, prepared, own=own)
+    fit = solve(problem, with_own(own))
+    estimates = {
+        c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal)
+        for c in problem.columns
+        if c.name in fit.values
+    }
+    mask = problem.mask
+    rms = float(np.sqrt(np.mean(fit.residual[mask] ** 2)))
+    found, bounds = _identified(design, problem, fit)
+    return Identification(
+        design=found,
+        estimates=estimates,
+        intervals={name: fit.interval(name) for name in estimates},
+        unidentifiable=fit.unidentifiable,
+        relative_error=float(np.linalg.norm(fit.residual[mask]) / np.linalg.norm(problem.torque[mask])),
+        rms=rms,
+        problem=problem,
+        fit=fit,
+        log_name=log.provenance.file or "the given log",
+        reasons=(*problem.notes, *bounds, *_doubts(design, problem, fit)),
+    )
+
+
+def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tuple[str, ...]]:
+    """The design with the identified values; a value beyond a bound is set to the bound, and said."""
+    notes = []
+    changed: dict[int, EffectEntry] = {}
+    for column in problem.columns:
+        if column.name not in fit.values:
+            continue
+        value, stderr = fit.values[column.name], fit.stderr[column.name]
+        inside = min(max(value, column.lower), column.upper)
+        if inside != value:
+            notes.append(
+                f"{column.name} = {value:.4g} +- {stderr:.2g} {column.unit} is beyond its bound {inside:g}; "
+                "the design takes the bound"
+            )
+        if column.entry < 0:
+            if inside - design.load.J / design.load.gear**2 > 0:
+                design = design.with_parameters(J=inside)
+            continue
+        entry = changed.get(column.entry, design.effects[column.entry])
+        changed[column.entry] = EffectEntry(
+            id=entry.id,
+            parameters={**entry.parameters, column.symbol: inside},
+            stderr={**entry.stderr, column.symbol: stderr},
+        )
+    effects = tuple(changed.get(k, entry) for k, entry in enumerate(design.effects))
+    return design.replace_effects(effects), tuple(notes)
+
+
+def _doubts(design: Design, problem: Problem, fit: Fit) -> list[str]:
+    doubts = []
+    if fit.condition > 100.0:
+        doubts.append(f"condition number {fit.condition:.3g}: some columns are nearly alike on this motion")
+    if fit.dof < 20.0:
+        doubts.append(
+            f"only {fit.dof:.1f} effective degrees of freedom: the residual is slow, so a longer log is needed"
+        )
+    if "J" in fit.values:
+        deviation = fit.values["J"] / design.J - 1.0
+        tolerance = design.motor.tolerance.get("J", 0.15)
+        if abs(deviation) > tolerance:
+            doubts.append(
+                f"J is {100 * deviation:+.0f} % off the design, beyond its tolerance of {100 * tolerance:.0f} %: "
+                "check the torque constant, the units and the load"
+            )
+    return doubts

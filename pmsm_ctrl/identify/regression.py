@@ -1,0 +1,164 @@
+"""Solving the inverse-dynamics regression: estimates, honest standard errors, and what cannot be identified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.identify.noise import NoiseModel, degrees_of_freedom, fit_noise
+from pmsm_ctrl.identify.problem import Column, Problem
+
+__all__ = ["Fit", "excitation", "solve"]
+
+Array = NDArray[np.float64]
+
+# A column of which less than this share is independent of the others cannot be told from them: measured speeds
+# and accelerations are not exact to much better than 1 %.
+INDEPENDENT_SHARE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Least squares of a problem.
+
+    Attributes
+    ----------
+    values, stderr : dict of column name to float
+        Identifiable columns only.
+    unidentifiable : dict of column name to str
+        Why the others got no number.
+    predicted, residual : array, shape (m,)
+        On the whole thinned grid, masked samples included; residual = target - predicted.
+    condition : float
+        Condition number of the columns scaled to unit length.
+    dof : float
+        Effective degrees of freedom of the residual, its correlation allowed for.
+    """
+
+    values: Mapping[str, float]
+    stderr: Mapping[str, float]
+    unidentifiable: Mapping[str, str]
+    covariance: Array
+    predicted: Array
+    residual: Array
+    condition: float
+    dof: float
+    noise: NoiseModel
+
+    def interval(self, name: str, coverage: float = 0.95) -> tuple[float, float]:
+        """Return the two-sided interval of one value by Student's t."""
+        half = t_quantile(coverage, self.dof) * self.stderr[name]
+        return self.values[name] - half, self.values[name] + half
+
+
+def t_quantile(coverage: float, dof: float) -> float:
+    """Half-width of a two-sided interval in standard errors."""
+    from scipy.special import ndtri, stdtrit
+
+    upper = 0.5 + coverage / 2.0
+    return float(stdtrit(dof, upper)) if np.isfinite(dof) else float(ndtri(upper))
+
+
+def solve(problem: Problem, effects: Mapping[str, Effect] | None = None) -> Fit:
+    """Solve by least squares, with standard errors that allow for correlated residuals.
+
+    Parameters
+    ----------
+    problem : Problem
+    effects : mapping of id to Effect, optional
+        Lets the reasons for "not identifiable" quote what each effect needs.
+
+    Notes
+    -----
+    Columns that no data can tell apart stay in the fit as a group, so that the others are not biased by their
+    absence; only their own values are withheld.
+    """
+    mask = problem.mask
+    x, y = problem.matrix(), problem.target
+    scale = np.sqrt(np.mean(x[mask] ** 2, axis=0))
+    scale[scale == 0.0] = 1.0
+    scaled = np.where(mask[:, None], x / scale, 0.0)
+    u, s, vt = np.linalg.svd(scaled[mask], full_matrices=False)
+    kept = s > 1e-9 * s[0] if s.size else np.zeros(0, dtype=bool)
+    inverse = vt[kept].T / s[kept]  # (columns, rank): scaled pseudo-inverse is inverse @ u'
+    beta = inverse @ (u[:, kept].T @ y[mask])
+    predicted = (x / scale) @ beta
+    residual = y - predicted
+    basis = np.zeros((len(y), int(kept.sum())))
+    basis[mask] = u[:, kept]
+    noise = fit_noise(residual, mask, basis=basis)
+    meat = basis.T @ noise.toeplitz(basis)  # U'RU, exact across gaps
+    free = max(float(mask.sum()) - float(np.trace(meat)), 1.0)  # tr(M R)
+    spread = float(residual[mask] @ residual[mask]) / free
+    covariance = spread * inverse @ meat @ inverse.T / np.outer(scale, scale)
+    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    dof = degrees_of_freedom(noise, free, int(mask.sum()))
+    reasons = excitation(problem, effects or {})
+    reasons |= _lost(problem, stderr * t_quantile(0.95, dof), reasons)
+    good = [k for k, name in enumerate(problem.names) if name not in reasons]
+    return Fit(
+        values={problem.names[k]: float(beta[k] / scale[k]) for k in good},
+        stderr={problem.names[k]: float(stderr[k]) for k in good},
+        unidentifiable=reasons,
+        covariance=covariance,
+        predicted=predicted,
+        residual=residual,
+        condition=float(s[0] / s[-1]) if s.size and s[-1] > 0 else float("inf"),
+        dof=dof,
+        noise=noise,
+    )
+
+
+def excitation(problem: Problem, effects: Mapping[str, Effect]) -> dict[str, str]:
+    """Return the columns that the motion does not excite, or not apart from others, and why."""
+    x = problem.matrix()[problem.mask]
+    size = np.sqrt(np.mean(x**2, axis=0))
+    reasons: dict[str, str] = {}
+    alive = []
+    for k, column in enumerate(problem.columns):
+        if size[k] == 0.0:
+            reasons[column.name] = "its term is zero all along" + _needs(column, effects)
+        else:
+            alive.append(k)
+    scaled = x[:, alive] / size[alive]
+    for position, k in enumerate(alive):
+        others = np.delete(scaled, position, axis=1)
+        if others.shape[1] == 0:
+            continue
+        weights = np.linalg.lstsq(others, scaled[:, position], rcond=1e-9)[0]
+        share = float(np.sqrt(np.mean((scaled[:, position] - others @ weights) ** 2)))
+        if share >= INDEPENDENT_SHARE:
+            continue
+        partners = [problem.columns[j].name for j in np.delete(alive, position)[np.abs(weights) > 0.05]]
+        column = problem.columns[k]
+        reasons[column.name] = f"this motion cannot tell it from {', '.join(partners)}" + _needs(column, effects)
+    return reasons
+
+
+def _lost(problem: Problem, half_width: Array, known: Mapping[str, str]) -> dict[str, str]:
+    """Columns whose interval is wider than the value that would explain the whole torque by itself."""
+    mask = problem.mask
+    force = float(np.sqrt(np.mean(problem.target[mask] ** 2)))
+    reasons = {}
+    for column, half in zip(problem.columns, half_width, strict=True):
+        if column.name in known:
+            continue
+        size = float(np.sqrt(np.mean(column.values[mask] ** 2)))
+        limit = max(abs(column.nominal), force / size)
+        if half > limit:
+            reasons[column.name] = (
+                f"its torque drowns in the residual: known to +- {half:.2g} {column.unit} only, "
+                f"where {limit:.2g} {column.unit} would explain everything"
+            )
+    return reasons
+
+
+def _needs(column: Column, effects: Mapping[str, Effect]) -> str:
+    if not column.effect:
+        return "; it needs acceleration"
+    effect = effects.get(column.effect)
+    return f"; it needs {effect.needs}" if effect is not None else ""
