@@ -57,7 +57,7 @@ class Multisine:
         return self.samples[np.rint(t / self.period).astype(np.intp) % len(self.samples)]
 
 
-def multisine(period: float, low: float, high: float, *, count: int = 80, periods: int = 8) -> Multisine:
+def multisine(period: float, low: float, high: float, *, count: int = 160, periods: int = 8) -> Multisine:
     """Return a multisine from `low` to `high` (Hz), lines spaced evenly on a logarithmic axis.
 
     The phases are Schroeder's (M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85), for a low crest factor.

@@ -22,15 +22,18 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.kernels import balance
 from pmsm_ctrl.simulate.parameters import Plant
 
-__all__ = ["INPUTS", "STATES", "Linearisation", "OperatingPoint", "drive_system", "linearise", "opposing_torque"]
+__all__ = [
+    "INPUTS", "STATES", "Linearisation", "OperatingPoint", "SecondMass", "drive_system", "linearise",
+    "opposing_torque", "rigid", "second_mass",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
 STATES = ("i_d", "i_q", "omega", "theta")
 INPUTS = ("u_d", "u_q", "T_load")
 
-# Effects with states of their own are not terms of the shaft's balance; the second mass is added by name.
-TWO_MASS = "compliance"
+# Effects that put a second mass behind the shaft, the one whose constants count first.
+TWO_MASS = ("compliance", "backlash")
 
 _voltage_d = balance.voltage_d.py_func
 _voltage_q = balance.voltage_q.py_func
@@ -73,6 +76,7 @@ class Linearisation:
         What `control.linearize` finds from the nonlinear equations; None for a stuck shaft, where they have
         no derivative.
     states : names of the states
+    rigid_A, rigid_B : the same with the load rigidly coupled, which is what `numerical` is compared with
     """
 
     point: OperatingPoint
@@ -80,6 +84,8 @@ class Linearisation:
     B: Array
     numerical: Any
     states: tuple[str, ...]
+    rigid_A: Array
+    rigid_B: Array
 
     @property
     def system(self) -> Any:
@@ -94,9 +100,8 @@ class Linearisation:
         """Largest difference between the analytic and the numerical matrices, relative to their largest entry."""
         if self.numerical is None:
             return math.nan
-        n = len(STATES)
-        a = np.abs(self.numerical.A - self.A[:n, :n]).max() / np.abs(self.A).max()
-        b = np.abs(self.numerical.B - self.B[:n]).max() / np.abs(self.B).max()
+        a = np.abs(self.numerical.A - self.rigid_A).max() / np.abs(self.rigid_A).max()
+        b = np.abs(self.numerical.B - self.rigid_B).max() / np.abs(self.rigid_B).max()
         return float(max(a, b))
 
 
@@ -109,14 +114,14 @@ def opposing_torque(design: Design, own: Iterable[Effect] = ()) -> Callable[...,
     bound = [
         (effect, values)
         for effect, values in bound_effects(design, own)
-        if effect.enters == "torque" and not _has_states(effect)
+        if effect.enters == "torque" and effect.structure == "term"
     ]
 
     def total(omega: float, theta: float, direction: float, i_d: float, i_q: float) -> float:
         torque = _torque_em(machine.p, machine.psi_f, machine.L_d, machine.L_q, i_d, i_q)
         signals = {
             "omega": omega, "theta": theta, "direction": direction, "i_d": i_d, "i_q": i_q, "torque": torque,
-            "t": 0.0, "p": float(machine.p), "psi_f": machine.psi_f, "L_d": machine.L_d, "L_q": machine.L_q,
+            "t": 0.0, "p": float(machine.p), "di_d": 0.0, "di_q": 0.0,
         }  # fmt: skip
         out = 0.0
         for effect, values in bound:
@@ -125,10 +130,6 @@ def opposing_torque(design: Design, own: Iterable[Effect] = ()) -> Callable[...,
         return out
 
     return total
-
-
-def _has_states(effect: Effect) -> bool:
-    return bool(getattr(effect, "states", ())) or effect.id in {TWO_MASS, "backlash", "presliding"}
 
 
 def drive_system(design: Design, *, direction: float = 1.0, own: Iterable[Effect] = ()) -> Any:
@@ -272,28 +273,63 @@ def linearise(design: Design, speed: float = 0.0, load: float = 0.0, *, own: Ite
         system = drive_system(design, direction=direction, own=own)
         x = np.array([point.i_d, point.i_q, speed, 0.0])
         numerical = ct.linearize(system, x, np.array([point.u_d, point.u_q, load]), eps=1e-6)
-    A, B, states = _with_second_mass(design, A, B, m.J)
-    return Linearisation(point, A, B, numerical, states)
+    rigid_A, rigid_B = A, B
+    A, B, states = _with_second_mass(design, A, B, point.case == "stuck")
+    return Linearisation(point, A, B, numerical, states, rigid_A, rigid_B)
 
 
-def _with_second_mass(design: Design, A: Array, B: Array, J: float) -> tuple[Array, Array, tuple[str, ...]]:
-    """Add the load behind a spring and a damper: J_load is taken out of J, the total stays."""
-    spring = design.parameters(TWO_MASS)
-    if not spring or spring.get("k", 0.0) == 0.0 or spring.get("J_load", 0.0) == 0.0:
+@dataclass(frozen=True)
+class SecondMass:
+    """The load behind a spring: its inertia is part of the total. A gap counts as closed."""
+
+    J_load: float  # kg m^2
+    k: float  # N m/rad
+    d: float  # N m s/rad
+
+
+def second_mass(design: Design, own: Iterable[Effect] = ()) -> SecondMass | None:
+    """Return the second mass of a design, or None for a rigid axis.
+
+    Raises
+    ------
+    RequestError
+        When the load's inertia is not smaller than the total.
+    """
+    found = {effect.id: values for effect, values in bound_effects(design, own) if effect.id in TWO_MASS}
+    for name in TWO_MASS:
+        values = found.get(name)
+        if values is None or values["J_load"] == 0.0:
+            continue
+        if not values["J_load"] < design.J:
+            raise RequestError(
+                f"{name}: J_load = {values['J_load']:g} kg m^2 should be smaller than the total inertia "
+                f"{design.J:g} kg m^2, of which it is a part"
+            )
+        return SecondMass(values["J_load"], values["k"], values["d"])
+    return None
+
+
+def rigid(design: Design) -> Design:
+    """Return the design with its load rigidly coupled."""
+    for name in TWO_MASS:
+        design = design.without_effect(name)
+    return design
+
+
+def _with_second_mass(design: Design, A: Array, B: Array, stuck: bool) -> tuple[Array, Array, tuple[str, ...]]:
+    """Add the load behind a spring and a damper: friction stays at the motor, the external load moves behind."""
+    mass = second_mass(design)
+    if mass is None:
         return A, B, STATES
-    J_load, k, d = spring["J_load"], spring["k"], spring.get("d", 0.0)
-    if not J_load < J:
-        raise RequestError(
-            f"compliance: J_load = {J_load:g} kg m^2 should be smaller than the total inertia {J:g} kg m^2, "
-            "of which it is a part"
-        )
-    J_m = J - J_load
+    J = design.J
+    J_m = J - mass.J_load
     big_A, big_B = np.zeros((6, 6)), np.zeros((6, 3))
     big_A[:4, :4], big_B[:4] = A, B
     big_A[2] *= J / J_m
-    big_B[2] *= J / J_m
+    big_B[2, 2], big_B[4, 2] = 0.0, -1.0 / mass.J_load
     # twist = theta - theta_load
-    big_A[2, 2:] += np.array([-d / J_m, 0.0, d / J_m, -k / J_m])
-    big_A[4, 2:] = np.array([d / J_load, 0.0, -d / J_load, k / J_load])
+    if not stuck:
+        big_A[2, 2:] += np.array([-mass.d / J_m, 0.0, mass.d / J_m, -mass.k / J_m])
+    big_A[4, 2:] = np.array([mass.d, 0.0, -mass.d, mass.k]) / mass.J_load
     big_A[5, 2], big_A[5, 4] = 1.0, -1.0
     return big_A, big_B, (*STATES, "omega_load", "twist")

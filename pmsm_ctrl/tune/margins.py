@@ -38,7 +38,8 @@ class Margins:
         Balanced disk margin alpha (Seiler, Packard, Gahinet 2020): gain and phase vary together inside a disk.
     sensitivity_peak, complementary_peak : largest abs(S) and abs(T)
     crossover, phase_crossover, bandwidth : Hz
-        abs(L) = 1; phase -180 deg; closed loop at -3 dB.
+        The first abs(L) = 1; phase -180 deg; closed loop at -3 dB. A resonance may cross again further up: the
+        phase and delay margins are the worst of all crossings.
     """
 
     stable: bool | None
@@ -118,7 +119,7 @@ def margins(loop: Any, omega: Array | None = None) -> Margins:
         disk_margin=_disk_margin(loop, S, T, omega, measured),
         sensitivity_peak=float(np.abs(S).max()),
         complementary_peak=float(np.abs(T).max()),
-        crossover=float(w_gain[worst]) / (2.0 * math.pi) if phase.size else math.nan,
+        crossover=float(np.min(w_gain)) / (2.0 * math.pi) if phase.size else math.nan,
         phase_crossover=float(w_phase[int(np.argmin(np.where(gain > 1.0, gain, math.inf)))]) / (2.0 * math.pi)
         if up.size
         else math.nan,

@@ -234,8 +234,8 @@ def section(tuning: Tuning) -> Section:
         f"Trust: {_trust(tuning)}.",
         *(f"Warning: {item}." for item in tuning.warnings),
         f"Operating points: sliding at {sliding.speed:.4g} rad/s with i_q = {sliding.i_q:.4g} A and a friction slope "
-        f"of {sliding.friction_slope:.4g} N m s/rad; at standstill the shaft is {stuck.case}. The analytic Jacobian and "
-        f"python-control's numerical one agree to {tuning.linear_deviation:.1e}.",
+        f"of {sliding.friction_slope:.4g} N m s/rad; at standstill the shaft is {stuck.case}. The analytic Jacobian "
+        f"and python-control's numerical one agree to {tuning.linear_deviation:.1e}.",
         f"Speed loop: {tuning.delays.explain_speed()}. Current loop: {tuning.delays.explain_current()}.",
         "Discretisation: PI by forward Euler, first-order filters exact, the voltage held for one control period; the "
         "margins are those of the sampled loops, found by python-control.",

@@ -11,7 +11,7 @@ from typing import Any
 
 from pmsm_ctrl.design import Design, SpeedLoop
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.tune.linearise import TWO_MASS
+from pmsm_ctrl.tune.linearise import second_mass
 from pmsm_ctrl.tune.margins import Margins, margins
 from pmsm_ctrl.tune.requirements import Requirements
 from pmsm_ctrl.tune.sampled import Biquad, Cascade
@@ -61,13 +61,12 @@ class Resonance:
 
 def resonance_frequencies(design: Design) -> tuple[float, float, float] | None:
     """Return antiresonance and resonance in Hz and the inertia ratio, or None for a rigid axis."""
-    spring = design.parameters(TWO_MASS)
-    if not spring or not spring.get("k") or not spring.get("J_load"):
+    mass = second_mass(design)
+    if mass is None:
         return None
-    J_load, k = spring["J_load"], spring["k"]
-    J_m = design.J - J_load
-    anti = math.sqrt(k / J_load) / (2.0 * math.pi)
-    return anti, math.sqrt(k * (1.0 / J_load + 1.0 / J_m)) / (2.0 * math.pi), J_load / J_m
+    J_m = design.J - mass.J_load
+    anti = math.sqrt(mass.k / mass.J_load) / (2.0 * math.pi)
+    return anti, math.sqrt(mass.k * (1.0 / mass.J_load + 1.0 / J_m)) / (2.0 * math.pi), mass.J_load / J_m
 
 
 def resonance(cascade: Cascade, rigid: SpeedLoop, requirements: Requirements, slowed: bool) -> Resonance | None:
@@ -89,10 +88,10 @@ def resonance(cascade: Cascade, rigid: SpeedLoop, requirements: Requirements, sl
 
 def _candidates(cascade: Cascade, peak: float, nyquist: float) -> list[Biquad]:
     """A notch with the resonance's own damping, wider and narrower, and low-passes below the resonance."""
-    spring = cascade.truth.parameters(TWO_MASS)
-    J_load = spring["J_load"]
-    reduced = 1.0 / (1.0 / J_load + 1.0 / (cascade.truth.J - J_load))
-    damping = max(spring.get("d", 0.0) / (2.0 * math.sqrt(spring["k"] * reduced)), 0.02)
+    mass = second_mass(cascade.truth)
+    assert mass is not None
+    reduced = 1.0 / (1.0 / mass.J_load + 1.0 / (cascade.truth.J - mass.J_load))
+    damping = max(mass.d / (2.0 * math.sqrt(mass.k * reduced)), 0.02)
     out = []
     if peak < 0.9 * nyquist:
         out += [Biquad("notch", peak, damping, width) for width in (0.2, 0.5, 1.0)]

@@ -71,9 +71,10 @@ def varied(design: Design, deviations: Mapping[str, float]) -> Design:
         motor["L_d"] = design.motor.L_d * factor["L_q"]
     f = factor.get("J", 1.0)
     changed = design.replace(motor=motor, load={"J": design.load.J * f, "gear": design.load.gear})
-    spring = design.parameters(TWO_MASS)
-    if "J_load" in spring:
-        changed = changed.with_effect(TWO_MASS, spring | {"J_load": spring["J_load"] * f})
+    for name in TWO_MASS:
+        spring = design.parameters(name)
+        if "J_load" in spring:
+            changed = changed.with_effect(name, spring | {"J_load": spring["J_load"] * f})
     return changed
 
 

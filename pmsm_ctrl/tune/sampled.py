@@ -39,7 +39,7 @@ def pi(K_p: float, T_n: float, period: float) -> Any:
     return ct.tf([K_p, K_p * (period / T_n - 1.0)], [1.0, -1.0], period)
 
 
-def frequencies(period: float, low: float = 1e-4, points: int = 4000) -> Array:
+def frequencies(period: float, low: float = 1e-4, points: int = 2000) -> Array:
     """Return angular frequencies from `low` to just under the Nyquist frequency, as shares of it, in rad/s."""
     nyquist = math.pi / period
     return np.geomspace(low * nyquist, 0.9995 * nyquist, points)

@@ -40,6 +40,8 @@ class Step:
     @classmethod
     def of(cls, t: Array, y: Array, final: float = 1.0) -> Step:
         """Measure a response with `control.step_info`."""
+        if np.abs(y).max() < 0.95 * abs(final):  # control.step_info needs a response that has risen
+            return cls(t, y, 0.0, math.nan)
         info = ct.step_info(y, T=t, yfinal=final, SettlingTimeThreshold=0.02)
         outside = np.flatnonzero(np.abs(y - final) > 0.02 * abs(final))
         settled = outside.size == 0 or outside[-1] < len(y) - 1

@@ -19,7 +19,7 @@ from pmsm_ctrl.tune import plots, position, report, steps
 from pmsm_ctrl.tune import speed as speed_methods
 from pmsm_ctrl.tune.delays import DelayModel, Delays, compare_delay_models, delays
 from pmsm_ctrl.tune.drive_units import drive_units
-from pmsm_ctrl.tune.linearise import TWO_MASS, OperatingPoint, linearise
+from pmsm_ctrl.tune.linearise import OperatingPoint, linearise, rigid
 from pmsm_ctrl.tune.margins import Margins, margins
 from pmsm_ctrl.tune.noise import Noise, noise
 from pmsm_ctrl.tune.proof import Proof, default_speed
@@ -201,7 +201,7 @@ def tune(
     own, requirements = tuple(own), requirements or Requirements()
     _check(design)
     at = at if at is not None else default_speed(design)
-    rigid = design.without_effect(TWO_MASS)
+    stiff = rigid(design)
     gains = current_methods.tune_current(design, current, bandwidth=current_bandwidth, phase_margin=phase_margin)
 
     def make(factor: float, inner: CurrentLoop) -> SpeedLoop:
@@ -213,8 +213,8 @@ def tune(
         elif factor > 1.0:
             budget = delays(design, inner).speed
             asked = (asked or 1.0 / (2.0 * math.pi * (1.0 + math.sqrt(2.0)) * budget * 2.0 * damping)) / factor
-        cascade = Cascade.of(rigid, inner, at=at, own=own)
-        return speed_methods.tune_speed(rigid, inner, speed, cascade=cascade, bandwidth=asked, **options)
+        cascade = Cascade.of(stiff, inner, at=at, own=own)
+        return speed_methods.tune_speed(stiff, inner, speed, cascade=cascade, bandwidth=asked, **options)
 
     asked_speed = make(1.0, gains)
     speed_gains, slowed, robustness_found = asked_speed, False, None
@@ -314,7 +314,7 @@ def _assemble(
             )
     stuck = linearise(tuned, 0.0, own=own)
     sliding = cascade.model
-    rigid_cascade = Cascade.of(tuned.without_effect(TWO_MASS), loops.current, at=at, own=own)
+    rigid_cascade = Cascade.of(rigid(tuned), loops.current, at=at, own=own)
     crossover = found["speed"].crossover
     promised = {
         "current": steps.linear_current(tuned, cascade, 8.0 / found["current"].crossover),
