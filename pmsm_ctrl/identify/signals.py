@@ -22,7 +22,7 @@ from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.units import psi_f_from
 
-__all__ = ["Prepared", "Processing", "axis_unit", "derivative", "low_pass", "prepare", "uniform"]
+__all__ = ["Prepared", "Processing", "axis_unit", "derivative", "drive_torque", "low_pass", "prepare", "uniform"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -235,7 +235,7 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
     for name in ("i_d", "i_q", "u_d", "u_q", "T_load", "temperature"):
         if name in raw:
             signals[name] = clean(raw[name])
-    signals["torque"] = clean(raw["torque"]) if "torque" in raw else _drive_torque(design, signals, where)
+    signals["torque"] = clean(raw["torque"]) if "torque" in raw else drive_torque(design, signals, where)
     signals["t"] = t
     edge = processing.edge if processing.edge is not None else 4.0 / cutoff
     moving = _moving(signals["omega"], good, rate, cutoff, round(edge * rate), processing)
@@ -270,7 +270,14 @@ def _unwrap(theta: Array) -> Array:
     return theta
 
 
-def _drive_torque(design: Design, signals: Mapping[str, Array], where: str) -> Array:
+def drive_torque(design: Design, signals: Mapping[str, Array], where: str = "") -> Array:
+    """Return the torque that currents make, by the torque constant the evaluation assumes, N m (N), shape (n,).
+
+    Raises
+    ------
+    LogError
+        When there is no ``i_q``.
+    """
     if "i_q" not in signals:
         raise LogError(f"{where}neither torque nor i_q (usable: {', '.join(signals)})")
     motor, i_q = design.motor, signals["i_q"]

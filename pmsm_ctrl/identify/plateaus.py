@@ -1,0 +1,130 @@
+"""Plateaus of a speed staircase: found from the reference, settled as the data say, averaged honestly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.identify.noise import mean_of
+from pmsm_ctrl.identify.signals import drive_torque
+from pmsm_ctrl.log import Log
+
+__all__ = ["Plateau", "find_plateaus", "settled_from"]
+
+Array = NDArray[np.float64]
+
+SHORTEST = 40  # samples of a plateau; fewer leave nothing to average after settling
+
+
+@dataclass(frozen=True)
+class Plateau:
+    """One constant reference speed.
+
+    Attributes
+    ----------
+    omega_ref, omega, torque : float
+        Reference, and means over the settled part, rad/s and N m (m/s and N).
+    stderr : float
+        Standard error of the mean torque, its autocorrelation allowed for.
+    start, settled, stop : float
+        Begin of the plateau, of its settled part, and end, s.
+    trusted : bool
+        Whether it settled at all; others do not take part in a fit.
+    """
+
+    omega_ref: float
+    omega: float
+    torque: float
+    stderr: float
+    dof: float
+    start: float
+    settled: float
+    stop: float
+    trusted: bool
+
+
+def settled_from(values: Array) -> tuple[int, bool]:
+    """Return the first settled sample of a record, and whether it settles at all.
+
+    The start is cut where the marginal standard error of the rest is least (K. P. White, Simulation 69 (1997) 323),
+    within the first three quarters. The rest is settled when its two halves agree, within their errors or within
+    1e-4 of the level.
+    """
+    n = len(values)
+    batch = max(1, n // 200)
+    blocks = values[: n // batch * batch].reshape(-1, batch).mean(axis=1)
+    m = len(blocks)
+    tail = np.arange(m, 0, -1)
+    shifted = blocks - blocks[-1]  # the sums of squares must not cancel where the level is far above the noise
+    mean = np.cumsum(shifted[::-1])[::-1] / tail
+    square = np.cumsum(shifted[::-1] ** 2)[::-1] / tail
+    error = np.maximum(square - mean**2, 0.0) / tail
+    start = int(np.argmin(error[: max(1, 3 * m // 4)])) * batch
+    rest = values[start:]
+    half = len(rest) // 2
+    first, second = mean_of(rest[:half]), mean_of(rest[half:])
+    gap = abs(first.value - second.value)
+    tolerance = 4.0 * float(np.hypot(first.stderr, second.stderr)) + 1e-4 * abs(second.value)
+    return start, bool(gap <= tolerance)
+
+
+def find_plateaus(design: Design, log: Log) -> tuple[Plateau, ...]:
+    """Find and average the plateaus of a staircase.
+
+    Parameters
+    ----------
+    design : Design
+        Gives the torque constant the evaluation assumes.
+    log : Log
+        With ``omega_ref``, ``omega`` or ``theta``, and ``torque`` or ``i_q``.
+
+    Returns
+    -------
+    tuple of Plateau
+        In order of time, standstill left out: friction is set-valued there.
+
+    Raises
+    ------
+    LogError
+        When a channel is missing or there is no plateau.
+    """
+    where = f"{log.provenance.file}: " if log.provenance.file else ""
+    reference, t = log["omega_ref"], log.t
+    torque = log["torque"] if "torque" in log else drive_torque(design, log.channels, where)
+    if "T_load" in log:
+        torque = torque - log["T_load"]
+    if "omega" not in log and "theta" not in log:
+        raise LogError(f"{where}neither omega nor theta (present: {', '.join(log)})")
+    top = float(np.max(np.abs(reference)))
+    change = np.flatnonzero(np.abs(np.diff(reference)) > 1e-6 * top) + 1
+    edges = np.concatenate([[0], change, [len(t)]])
+    found = []
+    for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        level = float(reference[start])
+        if stop - start >= SHORTEST and abs(level) > 1e-6 * top:
+            found.append(_average(log, torque, level, start, stop))
+    if not found:
+        raise LogError(f"{where}no plateau: omega_ref is never constant and nonzero over {SHORTEST} samples")
+    return tuple(found)
+
+
+def _average(log: Log, torque: Array, level: float, start: int, stop: int) -> Plateau:
+    t = log.t[start:stop]
+    steady = torque[start:stop]
+    speed = log["omega"][start:stop] if "omega" in log else np.gradient(log["theta"][start:stop], t)
+    cut_torque, calm_torque = settled_from(steady)
+    cut_speed, calm_speed = settled_from(speed)
+    cut = max(cut_torque, cut_speed)
+    mean = mean_of(steady[cut:])
+    if "theta" in log:  # the exact mean speed, whatever filter the speed signal went through
+        theta = log["theta"][start:stop]
+        omega = float((theta[-1] - theta[cut]) / (t[-1] - t[cut]))
+    else:
+        omega = float(np.mean(speed[cut:]))
+    reached = abs(omega - level) < 0.5 * abs(level)
+    trusted = calm_torque and calm_speed and reached
+    return Plateau(level, omega, mean.value, mean.stderr, mean.dof, float(t[0]), float(t[cut]), float(t[-1]), trusted)
