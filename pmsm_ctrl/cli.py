@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pmsm_ctrl.console import command_line, finish, parse_map, progress_bar, run, write_json
+from pmsm_ctrl.console import NEGATIVE, command_line, finish, parse_map, progress_bar, run, write_json
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -24,7 +24,6 @@ app = typer.Typer(
     name="pmsm-ctrl",
     help="Control design, friction identification and model diagnosis for permanent-magnet servo drives.",
     epilog="Exit status: 0 done, 1 the answer is negative, 2 bad input.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -46,16 +45,22 @@ ReportOption = Annotated[
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="seed of the simulated noise")]
 
 
-@app.callback()
-def _options(
-    version: Annotated[bool, typer.Option("--version", help="show the version and leave")] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="show tracebacks and warnings; may stand anywhere")] = False,
-) -> None:
-    if version:
+def _show_version(wanted: bool) -> None:
+    if wanted:
         from pmsm_ctrl import __version__
 
         print(f"pmsm-ctrl {__version__}")
         raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="show the version and leave", is_eager=True, callback=_show_version)
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="show tracebacks and warnings; may stand anywhere")] = False,
+) -> None:
+    """Both options act before a verb runs: `--version` leaves at once, `--debug` is read by `console.run`."""
 
 
 def _design(path: Path) -> Design:
@@ -94,6 +99,32 @@ def simulate(
     print(f"{output}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
     if json_file is not None:
         write_json(json_file, "simulate", {"scenario": scenario, "seed": seed, "output": str(output)} | _describe(log))
+
+
+@app.command()
+def tune(
+    design: DesignArgument,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with its loops set")
+    ] = None,
+    robust: Annotated[bool, typer.Option("--robust", help="keep the margins at every corner of the tolerance")] = False,
+    prove: Annotated[bool, typer.Option("--prove/--no-prove", help="measure the loops on the simulated drive")] = True,
+    seed: SeedOption = 0,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Tune the loops from the datasheet; status 1 when a margin falls short."""
+    from pmsm_ctrl.tune import tune as run_tuning
+
+    believed = _design(design)
+    with progress_bar(f"tune {believed.name}") as progress:
+        result = run_tuning(believed, robust=robust, prove=prove, seed=seed, progress=progress)
+    finish("tune", result, json_file=json_file, report=report)
+    if output is not None:
+        result.design.write(output)
+        print(f"design: {output}")
+    if not result.defended:
+        raise typer.Exit(NEGATIVE)
 
 
 @app.command()

@@ -42,15 +42,15 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     with contextlib.suppress(ValueError):  # only the main thread may set a handler
         signal.signal(signal.SIGTERM, _terminate)
     try:
-        outcome = command(
-            args=[word for word in words if word != "--debug"], prog_name="pmsm-ctrl", standalone_mode=False
-        )
+        verb_words = [word for word in words if word != "--debug"] or ["--help"]
+        outcome = command(args=verb_words, prog_name="pmsm-ctrl", standalone_mode=False)
         sys.stdout.flush()
-    except BrokenPipeError:
-        # The reader of our output has left (`pmsm-ctrl effects | head`); nothing more can be said to it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BROKEN_PIPE
     except BaseException as error:
+        # The reader of our output has left (`pmsm-ctrl effects | head`). typer turns that into an exit with
+        # status 1, which here would mean a negative answer.
+        if isinstance(error, BrokenPipeError) or isinstance(error.__context__, BrokenPipeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return BROKEN_PIPE
         status, message = _explain(error)
         if debug:
             import traceback

@@ -113,10 +113,15 @@ def _view(number: int, section: Section) -> dict[str, Any]:
 
 
 def _table(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...]) -> dict[str, Any]:
-    """Mark numbers, and the heads of columns that hold nothing else, for right alignment."""
-    marked = [[(cell, bool(_NUMBER.fullmatch(cell))) for cell in row] for row in rows]
-    columns = [all(row[k][1] for row in marked if k < len(row)) and bool(marked) for k in range(len(header))]
-    return {"head": list(zip(header, columns, strict=True)), "rows": marked}
+    """Align whole columns: to the right where more than half of the cells are numbers."""
+    right = []
+    for k in range(len(header)):
+        cells = [row[k] for row in rows if k < len(row) and row[k].strip() not in ("", "-")]
+        right.append(2 * sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) > len(cells))
+    return {
+        "head": list(zip(header, right, strict=True)),
+        "rows": [list(zip(row, right, strict=False)) for row in rows],
+    }
 
 
 def _template() -> Any:

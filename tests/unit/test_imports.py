@@ -30,6 +30,7 @@ LEVELS = [
     {"report", "export"},
     {"console"},
     {"cli"},
+    {"__main__"},
 ]
 SIBLINGS = {("log", "design"), ("tune", "simulate")}
 ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "importers"}

@@ -1,0 +1,309 @@
+"""The command line as a user meets it: exit status, one line on stderr, and no half-written output."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl import console
+from pmsm_ctrl.cli import app, main
+from pmsm_ctrl.errors import PmsmCtrlError, RequestError
+
+SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
+PLAIN = (
+    "[motor]\nJ = 1e-4\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 0.02\n[[effects]]\nid = 'viscous'\nF_v = 2e-4\n"
+)
+
+
+def call(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as left:
+        main([str(a) for a in arguments])
+    return int(left.value.code or 0)
+
+
+@pytest.fixture
+def design(tmp_path: Path) -> Path:
+    path = tmp_path / "axis.toml"
+    path.write_text(PLAIN, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Torque of a known axis in closed form: J = 1e-4, F_c = 0.02, F_v = 2e-4, and white noise."""
+    t = np.arange(0, 20, 1e-3)
+    omega = 80 * np.sin(2 * np.pi * 0.5 * t) + 40 * np.sin(2 * np.pi * 1.3 * t + 1)
+    alpha = 80 * np.pi * np.cos(2 * np.pi * 0.5 * t) + 40 * 2.6 * np.pi * np.cos(2 * np.pi * 1.3 * t + 1)
+    noise = np.random.default_rng(5).normal(0, 1e-3, t.size)
+    torque = 1e-4 * alpha + 0.02 * np.sign(omega) + 2e-4 * omega + noise
+    path = tmp_path / "axis.csv"
+    rows = "\n".join(f"{a!r},{b!r},{c!r}" for a, b, c in zip(t.tolist(), omega.tolist(), torque.tolist(), strict=True))
+    path.write_text(f"t [s],omega [rad/s],torque [N m]\n{rows}\n", encoding="utf-8")
+    return path
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """Run a command that must be refused: status 2, one line on stderr, nothing on stdout."""
+    assert call(*arguments) == console.BAD_INPUT
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert shown.err.startswith("pmsm-ctrl: ")
+    assert shown.err.count("\n") == 1
+    return shown.err
+
+
+# ---- what works -------------------------------------------------------------------------------------------------
+
+
+def test_help_names_every_verb_and_the_exit_status(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call() == 0
+    without_words = capsys.readouterr().out
+    assert call("--help") == 0
+    text = capsys.readouterr().out
+    for command in app.registered_commands:
+        name = command.name or command.callback.__name__  # type: ignore[union-attr]
+        assert f"  {name} " in text
+    assert text == without_words
+    assert "Exit status: 0 done, 1 the answer is negative, 2 bad input" in text
+
+
+def test_help_answers_well_under_a_second() -> None:
+    best = float("inf")
+    for _ in range(3):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "pmsm_ctrl", "--help"], check=True, capture_output=True)
+        best = min(best, time.perf_counter() - start)
+    assert best < 0.6
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    import pmsm_ctrl
+
+    assert call("--version") == 0
+    assert capsys.readouterr().out == f"pmsm-ctrl {pmsm_ctrl.__version__}\n"
+
+
+def test_every_verb_writes_json() -> None:
+    for command in app.registered_commands:
+        callback = command.callback
+        assert callback is not None
+        assert "json_file" in callback.__annotations__, f"{callback.__name__} has no --json"
+
+
+def test_identify_finds_the_axis_and_writes_what_was_asked(
+    tmp_path: Path, design: Path, log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result, new, page = tmp_path / "r.json", tmp_path / "new.toml", tmp_path / "r.html"
+    status = call("identify", log, "--design", design, "--json", result, "--output", new, "--report", page)
+    assert status == 0
+    assert "F_c" in capsys.readouterr().out
+    data = json.loads(result.read_text(encoding="utf-8"))
+    assert data["schema"].startswith("pmsm-ctrl/")
+    for name, value in {"J": 1e-4, "F_c": 0.02, "F_v": 2e-4}.items():
+        found = data["parameters"][name]
+        assert found["value"] == pytest.approx(value, rel=0.01)
+        assert abs(found["value"] - value) < 4 * found["stderr"]
+    from pmsm_ctrl import Design
+
+    assert Design.read(new).parameters("coulomb")["F_c"] == data["parameters"]["F_c"]["value"]
+    assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_map_names_foreign_columns(tmp_path: Path, design: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    foreign = tmp_path / "foreign.csv"
+    t = np.arange(0, 5, 0.01)
+    rows = "\n".join(f"{a},{b},{c}" for a, b, c in zip(t, 600 * np.sin(t), np.cos(t), strict=True))
+    foreign.write_text(f"zeit,drehzahl,moment\n{rows}\n", encoding="utf-8")
+    result = tmp_path / "i.json"
+    maps = ["--map", "t=zeit [s]", "-m", "omega=drehzahl [rpm]", "-m", "torque=moment [Nm]"]
+    assert call("import", foreign, *maps, "--json", result, "--output", tmp_path / "canonical.csv") == 0
+    assert json.loads(result.read_text())["channels"] == {"t": "s", "omega": "rad/s", "torque": "N m"}
+    assert (tmp_path / "canonical.csv").read_text().startswith("t [s],omega [rad/s],torque [N m]\n")
+    # 600 rpm is 20 pi rad/s
+    assert f"{-20 * np.pi:.3g}"[:5] in capsys.readouterr().out
+
+
+def test_effects_lists_the_whole_catalogue(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from pmsm_ctrl.effects import CATALOGUE
+
+    assert call("effects", "--json", tmp_path / "e.json") == 0
+    out = capsys.readouterr().out
+    data = json.loads((tmp_path / "e.json").read_text(encoding="utf-8"))
+    assert data["schema"] == "pmsm-ctrl/effects/1"
+    assert [row["id"] for row in data["effects"]] == list(CATALOGUE)
+    for effect in CATALOGUE.values():
+        assert effect.equation in out
+        assert effect.needs in out
+
+
+# ---- what is refused --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"", "empty"),
+        (b"t [s],omega [rad/s],torque [N m]\n", "axis2.csv"),
+        (b"t [s],omega [rad/s],torque [N m]\n0,1,nan\n1,2,3\n2,3,4\n", "axis2.csv"),
+        (b"t [s],omega [rad/s],torque [N m]\n0,1,1\n2,2,3\n1,3,4\n", "backwards"),
+        (b"t [s],omega [rad/s],torque [N m]\n0,1,1\n0,2,3\n1,3,4\n", "same time stamp"),
+        (b"t [s],omega [furlong/s],torque [N m]\n0,1,1\n1,2,3\n2,3,4\n", "furlong"),
+        (b"t [s],omega [rad/s]\n0,1\n1,2\n2,3\n", "torque"),
+        (b"\x00\x01\x02\x03" * 40, "axis2.csv"),
+    ],
+)
+def test_bad_log_is_one_line(
+    tmp_path: Path, design: Path, content: bytes, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "axis2.csv"
+    path.write_bytes(content)
+    outputs = ["--json", tmp_path / "r.json", "--output", tmp_path / "n.toml", "--report", tmp_path / "r.html"]
+    before = sorted(tmp_path.iterdir())
+    assert expected in refused(capsys, "identify", path, "--design", design, *outputs)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[motor]\nJ = 'heavy'\nK_t = 1.0\n", "motor.J"),
+        ("[motor]\nJ = -1e-4\nK_t = 1.0\n", "motor.J"),
+        ("[motor\n", "not valid TOML"),
+        ("", "empty"),
+        (PLAIN.replace("coulomb", "coulom"), "did you mean 'coulomb'"),
+        (PLAIN.replace("F_c = 0.02", "F_c = -0.02"), "F_c"),
+    ],
+)
+def test_bad_design_is_one_line(
+    tmp_path: Path, log: Path, text: str, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(text, encoding="utf-8")
+    message = refused(capsys, "identify", log, "--design", path, "--json", tmp_path / "r.json")
+    assert expected in message
+    assert str(path) in message
+    assert not (tmp_path / "r.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["identfy"], "identify"),
+        (["identify", "x.csv"], "--design"),
+        (["identify", "none.csv", "--design", str(SEED_MOTOR)], "none.csv: no such file"),
+        (["identify", "none.csv", "--design", "none.toml"], "none.toml: no such file"),
+        (["study", "none.toml"], "none.toml: no such file"),
+        (["study", str(SEED_MOTOR), "--seed", "x"], "--seed"),
+        (["study", str(SEED_MOTOR), "--seed", "-1"], "--seed"),
+        (["simulate", str(SEED_MOTOR), "--scenario", "sweeep", "--output", "x.csv"], "did you mean 'sweep'"),
+        (["simulate", str(SEED_MOTOR)], "--output"),
+        (["effects", "coulom"], "did you mean 'coulomb'"),
+        (["import", "none.csv", "--map", "omega"], "--map 'omega'"),
+    ],
+)
+def test_wrong_request_is_one_line(
+    arguments: list[str],
+    expected: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert expected in refused(capsys, *arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_output_in_a_missing_folder(
+    design: Path, log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("identify", log, "--design", design, "--json", tmp_path / "none" / "r.json") == 2
+    assert "cannot write here" in capsys.readouterr().err
+
+
+# ---- the frame around every verb --------------------------------------------------------------------------------
+
+
+def outcome_of(error: BaseException | None, *words: str) -> int:
+    def command(**_: object) -> None:
+        if error is not None:
+            raise error
+
+    return console.run(command, words)
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "expected"),
+    [
+        (None, 0, ""),
+        (PmsmCtrlError("axis.toml: two\nlines"), 2, "axis.toml: two lines"),
+        (FileNotFoundError(2, "No such file", "x.csv"), 2, "x.csv: No such file"),
+        (MemoryError(), 2, "not enough memory"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (ZeroDivisionError("float division"), 70, "unexpected ZeroDivisionError: float division. Please report it"),
+    ],
+)
+def test_every_exception_is_one_line(
+    error: BaseException | None, status: int, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert outcome_of(error) == status
+    shown = capsys.readouterr().err
+    assert expected in shown
+    assert shown.count("\n") == (1 if error is not None else 0)
+    assert "Traceback" not in shown
+
+
+def test_debug_shows_the_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    assert outcome_of(ZeroDivisionError("x"), "--debug") == 70
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_map_entries() -> None:
+    assert console.parse_map(["omega=speed [rpm]", "t = a=b"]) == {"omega": "speed [rpm]", "t": "a=b"}
+    for wrong in (["omega"], ["=x"], ["omega="], ["t=a", "t=b"]):
+        with pytest.raises(RequestError):
+            console.parse_map(wrong)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals and pipes")
+def test_reader_that_leaves_early_is_no_error() -> None:
+    command = f"{sys.executable} -m pmsm_ctrl effects | true; exit ${{PIPESTATUS[0]}}"
+    run = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert run.returncode in (0, console.BROKEN_PIPE)
+    assert run.stderr == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals and pipes")
+@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted_command_leaves_nothing_behind(tmp_path: Path, sent: signal.Signals, status: int) -> None:
+    # The probe is killed while it writes; the file it would have replaced must be whole.
+    target = tmp_path / "out.txt"
+    target.write_text("old", encoding="utf-8")
+    probe = (
+        "import sys, time\n"
+        "from pmsm_ctrl.console import run\n"
+        "from pmsm_ctrl.files import atomic_path\n"
+        "def command(**_):\n"
+        f"    with atomic_path({str(target)!r}) as path:\n"
+        "        path.write_text('half')\n"
+        "        print('writing', flush=True)\n"
+        "        time.sleep(30)\n"
+        "sys.exit(run(command, []))\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", probe], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "writing\n"
+    process.send_signal(sent)
+    _, shown = process.communicate(timeout=20)
+    assert process.returncode == status
+    assert "Traceback" not in shown
+    assert target.read_text(encoding="utf-8") == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["out.txt"]

@@ -1,0 +1,233 @@
+"""The report: one self-contained, valid, accessible, reproducible page."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from pmsm_ctrl import Design, Log, study
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.report import Headline, render
+from pmsm_ctrl.report.svg import inline_svg
+from pmsm_ctrl.result import Section
+
+VOID = {"meta", "link", "br", "hr", "img", "input"}
+
+
+class Page(HTMLParser):
+    """Checks nesting while it collects what the tests ask about."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.headings: list[int] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+        self.close()
+        assert self.open == [], f"never closed: {self.open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.tags.append((tag, given))
+        if tag not in VOID:
+            self.open.append(tag)
+        if given.get("id"):
+            self.ids.append(str(given["id"]))
+        for name in ("href", "src", "xlink:href"):
+            if name in given:
+                self.links.append(str(given[name]))
+        if re.fullmatch(r"h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open[-1] == tag, f"</{tag}> closes <{self.open[-1]}>"
+        self.open.pop()
+
+
+def figure() -> Figure:
+    made = Figure(figsize=(5, 3))
+    axes = made.subplots()
+    axes.plot(np.linspace(0, 1, 50), np.sin(np.linspace(0, 9, 50)), label=r"$F_c$ <&>")
+    axes.set(xlabel="time [s]", ylabel="torque [N m]")
+    axes.legend()
+    return made
+
+
+def sections() -> list[Section]:
+    table = (("name", "value"), (("F_c", "0.0213"), ("F_v", "-1.68e-4"), ("note", "not <seen> & more")))
+    one = Section("First <b>", ("Plain & simple.", "Warning: not excited"), (table,), ((figure(), 'See "it" <here>.'),))
+    two = Section("Second", ("a\n  b",), (), ((figure(), "Again."), (figure(), "And again.")))
+    return [one, two]
+
+
+def page(**changed: object) -> str:
+    given: dict[str, object] = {
+        "headline": Headline(
+            "It was done.", "all is well.", True, (("0.0213 N m", "F_c"), ("1 %", "error"), ("3", "x"))
+        ),
+        "warnings": ["doubt <one>", "doubt <one>"],
+        "facts": {"design, SHA-256": "ab" * 32, "seed": "0"},
+        "design_toml": "[motor]\nJ = 1.0 # <tag>",
+        "command": "pmsm-ctrl study 'a b.toml'",
+    }
+    return render("Title <x>", sections(), **{**given, **changed})  # type: ignore[arg-type]
+
+
+def test_page_is_well_formed_and_says_first_things_first() -> None:
+    text = page()
+    parsed = Page(text)
+    order = [
+        text.index(w) for w in ("<h1>", "It was done.", "all is well.", "0.0213 N m", "doubt", "<h2>1.", "<h2>Appendix")
+    ]
+    assert order == sorted(order)
+    assert text.count("doubt &lt;one&gt;") == 1
+    assert len(set(parsed.ids)) == len(parsed.ids), "an id stands twice"
+    assert {link for link in parsed.links if not link.startswith("#")} == set(), "the page asks the network"
+    assert {link[1:] for link in parsed.links} <= set(parsed.ids), "a link leads nowhere"
+    assert not re.search(r"url\((?!#)", text)
+    assert "<script" not in text
+
+
+def test_page_is_accessible() -> None:
+    parsed = Page(page())
+    assert ("html", {"lang": "en"}) in parsed.tags
+    assert parsed.headings[0] == 1
+    assert parsed.headings.count(1) == 1
+    assert all(b - a <= 1 for a, b in zip(parsed.headings, parsed.headings[1:], strict=False)), (
+        "a heading level is left out"
+    )
+    drawings = [given for tag, given in parsed.tags if tag == "svg"]
+    assert len(drawings) == 3
+    assert all(d["role"] == "img" and len(str(d["aria-label"])) > 20 for d in drawings)
+    assert any("width=device-width" in str(given.get("content")) for tag, given in parsed.tags if tag == "meta")
+
+
+def contrast(a: str, b: str) -> float:
+    """Contrast ratio of WCAG 2.1 for two #rrggbb colours."""
+
+    def luminance(colour: str) -> float:
+        full = colour if len(colour) == 7 else "#" + "".join(2 * c for c in colour[1:])
+        parts = [int(full[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    high, low = sorted((luminance(a), luminance(b)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_contrast_formula_and_the_pages_colours() -> None:
+    assert contrast("#000000", "#ffffff") == pytest.approx(21.0)
+    assert contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.01)  # the WCAG's well-known near miss
+    colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", page()))
+    for ink in ("ink", "soft", "accent"):
+        for ground in ("#ffffff", colours["ground"], "#edf7f4", "#fdf2ea"):
+            assert contrast(colours[ink], ground) > 4.5
+
+
+def test_text_is_escaped() -> None:
+    text = page()
+    assert "<b>First" not in text
+    assert "First &lt;b&gt;" in text
+    assert "not &lt;seen&gt; &amp; more" in text
+    assert "J = 1.0 # &lt;tag&gt;" in text
+
+
+def test_same_input_same_bytes() -> None:
+    assert page() == page()
+
+
+def test_svg_stands_alone_and_shares_no_ids() -> None:
+    first, second = inline_svg(figure(), "a", 'x < y & "z"'), inline_svg(figure(), "b", "x")
+    root = Xml.fromstring(first)
+    assert root.get("aria-label") == 'x < y & "z"'
+    assert root.get("viewBox")
+    assert root.get("width") is None
+    ids = [set(re.findall(r'\bid="([^"]+)"', text)) for text in (first, second)]
+    assert not ids[0] & ids[1]
+    for text, known in zip((first, second), ids, strict=True):
+        used = set(re.findall(r'href="#([^"]+)"', text)) | set(re.findall(r"url\(#([^)]+)\)", text))
+        assert used
+        assert used <= known
+    assert len(first) < 60_000
+
+
+def test_page_without_extras() -> None:
+    Page(render("Bare", [Section("Only")]))
+
+
+# ---- study ------------------------------------------------------------------------------------------------------
+
+
+def axis() -> Design:
+    return Design.from_dict(
+        {"name": "../../etc/axis 1", "motor": {"J": 1e-4, "K_t": 1.0},
+         "effects": [{"id": "coulomb", "F_c": 0.02}, {"id": "viscous", "F_v": 2e-4}]}
+    )  # fmt: skip
+
+
+def axis_log(seed: int = 0) -> Log:
+    t = np.arange(0, 20, 1e-3)
+    omega = 80 * np.sin(np.pi * t) + 40 * np.sin(2.6 * np.pi * t + 1)
+    alpha = 80 * np.pi * np.cos(np.pi * t) + 104 * np.pi * np.cos(2.6 * np.pi * t + 1)
+    torque = 1e-4 * alpha + 0.02 * np.sign(omega) + 2e-4 * omega
+    return Log({"t": t, "omega": omega, "torque": torque + np.random.default_rng(seed).normal(0, 1e-3, t.size)})
+
+
+def test_study_writes_one_page_inside_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = study(axis(), axis_log(), command="pmsm-ctrl study axis.toml --log axis.csv")
+    assert found.path.parent == Path("reports")
+    assert [p.name for p in Path("reports").iterdir()] == [found.path.name]
+    text = found.path.read_text(encoding="utf-8")
+    Page(text)
+    assert found.summary().endswith(f"report: {found.path}")
+    assert len(text) < 3_000_000
+    json.dumps(found.to_dict(), allow_nan=False)
+    assert len(found.headline.numbers) == 3
+    assert "pmsm-ctrl study axis.toml --log axis.csv" in text
+    again = study(axis(), axis_log(), output="again.html", command="pmsm-ctrl study axis.toml --log axis.csv")
+    assert again.path.read_bytes() == found.path.read_bytes()
+
+
+def test_study_says_where_it_cannot_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "reports").write_text("a file in the way", encoding="utf-8")
+    with pytest.raises(RequestError, match="reports"):
+        study(axis(), axis_log())
+
+
+@pytest.mark.skipif(
+    shutil.which("chromium") is None, reason="CHROMIUM ABSENT: the page was not drawn (apt install chromium)"
+)
+@pytest.mark.parametrize("width", [390, 1100], ids=["phone", "desk"])
+def test_browser_draws_the_page_without_sideways_scrolling(tmp_path: Path, width: int) -> None:
+    probe = (
+        "<script>const root = document.documentElement;"
+        "document.title = 'WIDE ' + (root.scrollWidth - root.clientWidth)</script>"
+    )
+    path = tmp_path / "page.html"
+    path.write_text(page().replace("</body>", probe + "</body>"), encoding="utf-8")
+    command = [
+        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync",
+        f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},900", "--dump-dom", path.as_uri(),
+    ]  # fmt: skip
+    drawn = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert "<title>WIDE 0</title>" in drawn.stdout
