@@ -38,7 +38,7 @@ def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array],
             continue
         group = table.columns[source.column].group
         channels[group][source.channel] = convert(table, source, loaded[source.column])
-    result, resampled = on_one_raster(rasters, channels)
+    result, resampled = on_one_raster(rasters, channels, table.file)
     unwrapped = _unwrap(result) if assignment.motion == "rotary" else []
     for values in result.values():
         values.setflags(write=False)  # a log shares what nobody can write to and copies the rest
@@ -69,7 +69,8 @@ def _time_gain(table: Table, assignment: Assignment, index: int) -> float:
     from pmsm_ctrl.units import UNITS
 
     mapped = assignment.source("t")
-    if mapped is not None and mapped.column == index:
+    # what is said of one time column of a file holds for all of them
+    if mapped is not None and (mapped.column == index or mapped.how == "mapped"):
         return mapped.gain
     si, factor = UNITS.get(unit_spelling(table.columns[index].unit), ("s", 1.0))
     if si != "s":

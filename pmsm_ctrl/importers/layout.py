@@ -10,22 +10,23 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.names import is_unit, split_header
+from pmsm_ctrl.importers.names import guess_channel, is_unit, split_header
 from pmsm_ctrl.log import CHANNELS
 
 __all__ = [
     "SAMPLE",
     "Layout",
-    "decode_sample",
+    "decimal_mark",
     "encoding_of",
     "is_number",
+    "opening",
     "pieces",
+    "place_header",
     "separator_name",
-    "sniff",
     "split_line",
 ]
 
@@ -59,7 +60,6 @@ class Layout:
     width: int
     text_columns: tuple[int, ...] = ()
     ragged: bool = False
-    preamble: tuple[str, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = ()
 
     @property
@@ -135,8 +135,8 @@ def pieces(path: str | Path, encoding: str, size: int = 1 << 25) -> Iterator[byt
             yield rest
 
 
-def decode_sample(path: str | Path, file: str) -> tuple[list[str], str, bool]:
-    """Return the first lines of a text file, its encoding, and whether that is the whole file."""
+def decode_sample(path: str | Path, file: str) -> tuple[list[str], str]:
+    """Return the first lines of a text file and its encoding."""
     with open(path, "rb") as stream:
         head = stream.read(SAMPLE)
         whole = not stream.read(1)
@@ -144,7 +144,7 @@ def decode_sample(path: str | Path, file: str) -> tuple[list[str], str, bool]:
     first = next(pieces(path, encoding, SAMPLE), b"")
     text = first.decode("utf-8" if encoding.startswith("utf-16") else encoding.replace("-sig", ""), errors="replace")
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    return (lines if whole else lines[:-1]), encoding, whole
+    return (lines if whole else lines[:-1]), encoding
 
 
 def split_line(line: str, separator: str) -> list[str]:
@@ -178,29 +178,42 @@ def _score(lines: list[str], separator: str) -> tuple[float, int]:
     return (numeric - text) / len(rows), width
 
 
-def sniff(path: str | Path, file: str, separator: str | None = None, decimal: str | None = None) -> Layout:
-    """Find the layout of a text file; a separator or decimal mark that is given is not questioned.
+def opening(path: str | Path, file: str, separator: str | None = None) -> tuple[list[str], str, str]:
+    """Return the first lines of a text file, its encoding and its separator; a given one is not questioned.
 
     Raises
     ------
     LogError
-        When the file is empty, has a header only, or no lines of numbers can be found.
+        When the file is empty or not text.
     """
-    lines, encoding, _ = decode_sample(path, file)
-    if not any(line.strip() for line in lines):
-        raise LogError(f"{file}: empty; a header line and rows of numbers were expected")
+    lines, encoding = decode_sample(path, file)
     filled = [line for line in lines if line.strip()]
+    if not filled:
+        raise LogError(f"{file}: empty; a header line and rows of numbers were expected")
     tail = filled[len(filled) // 2 :][:400] if len(filled) > 3 else filled[-1:]
     candidates = SEPARATORS if separator is None else (separator,)
     scores = {candidate: _score(tail, candidate) for candidate in candidates}
     best = max(candidates, key=lambda candidate: scores[candidate][0])
     if scores[best][0] <= 0 or scores[best][1] < 2:
         best = next((s for s in candidates if len(split_line(filled[0], s)) > 1), best)
-    layout = _place_header(lines, best, encoding, file)
-    return replace(layout, decimal=decimal or _decimal(lines[layout.first_line - 1 :], layout))
+    return lines, encoding, best
 
 
-def _place_header(lines: list[str], separator: str, encoding: str, file: str) -> Layout:
+def decimal_mark(lines: list[str], separator: str) -> str:
+    """Return the decimal mark of rows of numbers: the one more cells use, a point where none does."""
+    cells = [cell for line in lines[:400] for cell in split_line(line, separator) if is_number(cell)]
+    commas, points = (sum(mark in cell for cell in cells) for mark in ",.")
+    return "," if commas > points else "."
+
+
+def place_header(lines: list[str], separator: str, encoding: str, file: str) -> Layout:
+    """Find header, units and the first row of numbers of a plain table.
+
+    Raises
+    ------
+    LogError
+        When there are no rows of numbers, or rows between header and numbers hold text where numbers belong.
+    """
     rows = [split_line(line, separator) for line in lines]
     widths = Counter(len(row) for row in rows if sum(map(is_number, row)) >= 2 and len(row) > 1)
     if not widths:
@@ -211,29 +224,30 @@ def _place_header(lines: list[str], separator: str, encoding: str, file: str) ->
         )
     width = widths.most_common(1)[0][0]
     text_columns = _text_columns(rows, width)
-    first = next(i for i, row in enumerate(rows) if _is_data(row, width, text_columns))
+    first = next((i for i, row in enumerate(rows) if _is_data(row, width, text_columns)), None)
+    if first is None:
+        raise LogError(f"{file}: line 1: no row below it holds numbers only; a header line and numbers were expected")
     above = _above(rows, first, width)
     _refuse_text_above(rows, first, above, separator, file)
-    header, units, header_row = above
+    header, units, _ = above
     notes = [] if header else ["no header line found; columns are #1, #2, ..."]
     if text_columns:
         names = ", ".join(f"'{header[i]}'" if i < len(header) else f"#{i + 1}" for i in text_columns)
         notes.append(f"text columns left out: {names}")
-    preamble = tuple(line.strip() for line in lines[: max(header_row, 0)] if line.strip())
-    if preamble:
-        notes.append(f"{len(preamble)} line{'s' if len(preamble) > 1 else ''} above the header not used")
+    unused = sum(1 for line in lines[:first] if line.strip()) - bool(header) - bool(units)
+    if unused:
+        notes.append(f"{unused} line{'s' if unused > 1 else ''} above the numbers not used")
     cells = tuple(header) if header else tuple(f"#{i + 1}" for i in range(width))
     return Layout(
         encoding,
         separator,
-        ".",
+        decimal_mark(lines[first:], separator),
         cells,
         tuple(units),
         first + 1,
         width,
         text_columns,
         False,
-        preamble,
         tuple(notes),
     )
 
@@ -264,16 +278,25 @@ def _is_units(row: list[str], width: int) -> bool:
 
 def _above(rows: list[list[str]], first: int, width: int) -> tuple[list[str], list[str], int]:
     """Return header cells, units cells and the header's row index, -1 where there is none."""
-    filled = [i for i in range(first) if any(rows[i])]
-    if filled and _is_units(rows[filled[-1]], width) and len(filled) > 1 and _is_header(rows[filled[-2]], width):
-        return (
-            _trimmed(rows[filled[-2]]),
-            [cell.strip("[]()").strip() for cell in rows[filled[-1]]],
-            filled[-2],
-        )
-    if filled and _is_header(rows[filled[-1]], width):
-        return _trimmed(rows[filled[-1]]), [], filled[-1]
-    return [], [], -1
+    block: list[int] = []
+    for i in range(first - 1, -1, -1):
+        if any(rows[i]) and (_is_header(rows[i], width) or _is_units(rows[i], width)):
+            block.insert(0, i)
+        elif any(rows[i]) or block:
+            break
+    heads = [i for i in block if _is_header(rows[i], width)]
+    if not heads:
+        return [], [], -1
+
+    def known(i: int) -> tuple[int, int]:
+        # the header is the row with the most names that mean something; of equals the last, unless it is units
+        names = [split_header(cell)[0] for cell in rows[i]]
+        return sum(guess_channel(name) is not None for name in names), i - first * _is_units(rows[i], width)
+
+    head = max(heads, key=known)
+    units = next((i for i in block if i != head and _is_units(rows[i], width)), None)
+    cells = [] if units is None else [cell.strip("[]()").strip() for cell in rows[units]]
+    return _trimmed(rows[head]), cells, head
 
 
 def _refuse_text_above(
@@ -302,12 +325,3 @@ def _looks_canonical(row: list[str]) -> bool:
     return len(row) > 1 and all(
         re.fullmatch(r"(\w+) \[[^\]]+\]", cell) and cell.split(" ")[0] in CHANNELS for cell in row
     )
-
-
-def _decimal(lines: list[str], layout: Layout) -> str:
-    if layout.separator == ",":
-        quoted = sum(cell.count(",") for line in lines[:200] for cell in split_line(line, ","))
-        return "," if quoted else "."
-    cells = [cell for line in lines[:400] for cell in split_line(line, layout.separator) if is_number(cell)]
-    commas, points = (sum(mark in cell for cell in cells) for mark in ",.")
-    return "," if commas > points else "."

@@ -230,12 +230,16 @@ def _balance(log: Log, torque: Array) -> tuple[float, float]:
     scale = np.max(np.abs(matrix), axis=0)
     if not np.isfinite(matrix).all() or not np.isfinite(target).all() or not (scale > 0.0).all():
         return math.nan, 0.0
-    solution, _, rank, _ = np.linalg.lstsq(matrix / scale, target, rcond=None)
-    if rank < matrix.shape[1]:
+    try:
+        u, singular, vt = np.linalg.svd(matrix / scale, full_matrices=False)
+    except np.linalg.LinAlgError:
         return math.nan, 0.0
+    if not singular[-1] > 1e-8 * singular[0]:
+        return math.nan, 0.0  # not excited
+    solution = vt.T @ ((u.T @ target) / singular)
     residual = target - matrix / scale @ solution
     noise = float(residual @ residual) / max(1, target.size - 4)
-    spread = math.sqrt(noise * float(np.linalg.inv((matrix / scale).T @ (matrix / scale))[0, 0]))
+    spread = math.sqrt(noise * float(np.sum((vt[:, 0] / singular) ** 2)))
     return float(solution[0] / scale[0]), float(solution[0] / spread) if spread > 0.0 else math.inf * solution[0]
 
 

@@ -16,7 +16,7 @@ _LEADS = ("theta", "omega", "i_q", "torque")
 
 
 def on_one_raster(
-    times: Mapping[int, Array], channels: Mapping[int, Mapping[str, Array]]
+    times: Mapping[int, Array], channels: Mapping[int, Mapping[str, Array]], file: str
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Return all channels on the raster of the motion channel, and a note on every interpolated group.
 
@@ -36,7 +36,9 @@ def on_one_raster(
     stop = min([t[-1], *(other[-1] for other in others.values())])
     keep = slice(int(np.searchsorted(t, start)), int(np.searchsorted(t, stop, side="right")))
     if keep.stop <= keep.start:
-        raise LogError(f"the channel groups do not overlap in time (latest start {start:g} s, earliest end {stop:g} s)")
+        raise LogError(
+            f"{file}: the channel groups do not overlap in time (latest start {start:g} s, earliest end {stop:g} s)"
+        )
     whole = keep.stop - keep.start == t.size
     result = {"t": t if whole else t[keep].copy()}
     notes = []

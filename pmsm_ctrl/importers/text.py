@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal, cast
 
-from pmsm_ctrl.importers.layout import Layout, separator_name, sniff
-from pmsm_ctrl.importers.names import split_header
+import numpy as np
+
+from pmsm_ctrl.importers import twincat
+from pmsm_ctrl.importers.layout import Layout, opening, place_header, separator_name
+from pmsm_ctrl.importers.names import guess_channel, split_header
 from pmsm_ctrl.importers.numbers import line_of_row, read_columns
-from pmsm_ctrl.importers.table import Column, Table
+from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.log import CHANNELS
 
 __all__ = ["open_text"]
+
+Decimal = Literal[".", ","]
 
 
 def open_text(path: Path, file: str, separator: str | None = None, decimal: str | None = None) -> Table:
@@ -21,44 +29,79 @@ def open_text(path: Path, file: str, separator: str | None = None, decimal: str 
     LogError
         When the file is not text, is empty, or holds no rows of numbers.
     """
-    layout = sniff(path, file, separator, decimal)
-    return table_of(path, file, layout, _columns(layout), "")
-
-
-def table_of(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], dialect: str) -> Table:
-    """Return the table of a text file whose layout and columns are known."""
-    canonical = all(column.name in CHANNELS and column.unit for column in columns)
-    facts = {
-        "encoding": layout.encoding,
-        "separator": separator_name(layout.separator),
-        "decimal mark": "comma" if layout.decimal == "," else "point",
-        "first row of numbers": f"line {layout.first_line}",
-    }
-    notes = list(layout.notes)
-    if not canonical or dialect:
-        mark = facts["decimal mark"]
-        notes.insert(0, f"read as {layout.encoding} text, separator {facts['separator']}, decimal {mark}")
-
-    def locate(column: int, row: int) -> str:
-        return f"line {line_of_row(path, layout, row)}, column {column + 1} ('{columns[column].header}')"
-
-    return Table(
-        file=file,
-        format=dialect or ("canonical CSV" if canonical else "CSV"),
-        columns=columns,
-        load=lambda indices: read_columns(path, file, layout, indices),
-        locate=locate,
-        notes=tuple(notes),
-        facts=facts,
-    )
+    lines, encoding, found = opening(path, file, separator)
+    scope = twincat.recognise(lines, found, encoding, file)
+    if scope is not None:
+        layout, columns = scope
+        kind = "TwinCAT Scope CSV"
+    else:
+        layout = place_header(lines, found, encoding, file)
+        columns = _columns(layout)
+        canonical = all(column.name in CHANNELS and column.unit for column in columns)
+        kind = "canonical CSV" if canonical else "CSV"
+        if any(column.is_time for column in columns):
+            layout, kind = replace(layout, ragged=True), "CSV with repeated time columns"
+    if decimal is not None:
+        layout = replace(layout, decimal=cast(Decimal, decimal))
+    return _table(path, file, layout, columns, kind)
 
 
 def _columns(layout: Layout) -> tuple[Column, ...]:
-    columns = []
+    """Name and unit of every column; a time column that is not the only one begins a group of its own."""
+    named = []
     for i in range(layout.width):
         header = layout.header[i] if i < len(layout.header) else ""
         name, unit = split_header(header)
         if i < len(layout.units) and layout.units[i] not in ("", "-"):
             unit = layout.units[i]
-        columns.append(Column(name=name, unit=unit, header=header))
-    return tuple(columns)
+        named.append(Column(name=name, unit=unit, header=header))
+    is_time = [guess_channel(column.name) == "t" for column in named]
+    if sum(is_time) < 2 or not is_time[0]:
+        return tuple(named)
+    groups = np.cumsum(is_time) - 1
+    return tuple(
+        replace(column, group=int(group), is_time=time)
+        for column, group, time in zip(named, groups, is_time, strict=True)
+    )
+
+
+def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], kind: str) -> Table:
+    mark = "comma" if layout.decimal == "," else "point"
+    facts = {
+        "encoding": layout.encoding,
+        "separator": separator_name(layout.separator),
+        "decimal mark": mark,
+        "first row of numbers": f"line {layout.first_line}",
+    }
+    notes = list(layout.notes)
+    if kind != "canonical CSV":
+        notes.insert(0, f"read as {layout.encoding} text, separator {facts['separator']}, decimal {mark}")
+
+    def locate(column: int, row: int) -> str:
+        return f"line {line_of_row(path, layout, row)}, column {column + 1} ('{columns[column].header}')"
+
+    def load(indices: Sequence[int]) -> list[Array]:
+        if not layout.ragged:
+            return read_columns(path, file, layout, indices)
+        return _load_ragged(path, file, layout, columns, indices)
+
+    return Table(file, kind, columns, load, locate, tuple(notes), facts)
+
+
+def _load_ragged(
+    path: Path, file: str, layout: Layout, columns: tuple[Column, ...], indices: Sequence[int]
+) -> list[Array]:
+    """Load columns of unequal length: every group ends where its time column does."""
+    times = {c.group: i for i, c in enumerate(columns) if c.is_time}
+    own = [times[columns[i].group] for i in indices]
+    wanted = list(dict.fromkeys([*indices, *own]))
+    values = dict(zip(wanted, read_columns(path, file, layout, wanted), strict=True))
+    out = []
+    for index, time in zip(indices, own, strict=True):
+        there = np.flatnonzero(~np.isnan(values[time]))
+        stop = int(there[-1]) + 1 if there.size else 0
+        part = values[index][:stop].copy()
+        if index == time and columns[index].header == twincat.FILETIME:
+            part = twincat.milliseconds(part)
+        out.append(part)
+    return out
