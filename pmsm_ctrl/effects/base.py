@@ -29,6 +29,7 @@ SIGNALS: dict[str, str] = {
     "twist_rate": "motor speed less load speed, rad/s",
     "zeta": "bristle deflection at the start of a step, as a share of the breakaway deflection",
     "travel": "angle turned since then, rad",
+    "limit": "dry friction at this speed as a share of that at rest",
 }
 
 

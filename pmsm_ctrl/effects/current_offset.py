@@ -27,5 +27,8 @@ effect = Effect(
     ),
     term=term,
     needs="slow turns, electrical order below half the logging rate",
-    look_alikes={"torque_ripple": "with order 1 at constant torque", "cogging": "with order p"},
+    look_alikes={
+        "torque_ripple": "with order 1 at constant torque they are the same",
+        "cogging": "with the order of the pole pairs they are the same",
+    },
 )

@@ -38,5 +38,8 @@ effect = Effect(
     ),
     term=term,
     needs="voltages in the log, and motion with phase currents of either sign",
-    look_alikes={"R": "at one current amplitude the lost voltage is a resistance", "torque_ripple": "order 6"},
+    look_alikes={
+        "R": "at one current amplitude the lost voltage is a resistance",
+        "torque_ripple": "its current distortion makes the sixth electrical order",
+    },
 )

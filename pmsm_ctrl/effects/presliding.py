@@ -1,9 +1,10 @@
 """Presliding: below breakaway the contact is a stiff spring, not a rigid lock (elasto-plastic bristle).
 
-One internal number, the bristle's deflection as a share zeta of the breakaway deflection z_s, takes the place of
-sgn(omega) in every dry friction of the axis. It depends on the distance travelled, not on time, so a step over
-any distance has a closed form: elastic up to the share z_b, then bending towards 1. Nothing is stiff in time,
-whatever the speed, and a load that swings below the elastic share leaves no drift, which plain LuGre does.
+One internal number, the bristle's deflection zeta as a share of the breakaway deflection z_s, carries every dry
+friction of the axis: F = F(0) zeta. It depends on the distance travelled, not on time, so a step over any distance
+has a closed form: elastic up to the share z_b, then bending towards the dry friction at this speed. Nothing is
+stiff in time, whatever the speed; a load that swings below the elastic share leaves no drift, which plain LuGre
+does; and because the deflection follows the falling Stribeck curve over a distance, friction lags behind speed.
 """
 
 from __future__ import annotations
@@ -15,22 +16,25 @@ from pmsm_ctrl.kernels import kernel
 
 
 @kernel
-def term(zeta: float, travel: float, omega: float, z_s: float, z_b: float, tau_z: float) -> tuple[float, float]:
-    """Deflection after a further `travel` from deflection `zeta`, and the friction it makes, as shares of breakaway.
+def term(
+    zeta: float, travel: float, omega: float, limit: float, z_s: float, z_b: float, tau_z: float
+) -> tuple[float, float]:
+    """Deflection after a further `travel` from deflection `zeta`, and the friction it makes, as shares of F(0).
 
-    Elastic while unloading or where abs(zeta) < z_b: dzeta = dtheta / z_s. Beyond, in the direction of loading,
-    dzeta = dtheta / z_s (1 - (zeta - z_b) / (1 - z_b)), which reaches 1 asymptotically. The friction is
-    zeta + tau_z dzeta/dt, the bristle's spring and damper.
+    Elastic while unloading or where abs(zeta) < z_b limit: dzeta = dtheta / z_s. Beyond, in the direction of
+    loading, dzeta = dtheta / z_s (1 - (zeta - z_b limit) / (limit - z_b limit)), which tends to `limit`.
+    The friction is zeta + tau_z dzeta/dt, the bristle's spring and damper.
     """
     sign = 1.0 if travel > 0.0 or (travel == 0.0 and omega >= 0.0) else -1.0
     start = sign * zeta
     now = start + abs(travel) / z_s
     stiffness = 1.0 / z_s
-    if now > z_b:
-        room = 1.0 - z_b
-        first = max(start, z_b)
-        left = (1.0 - first) * exp(-(now - first) / room)
-        now = 1.0 - left
+    elastic = z_b * limit
+    if now > elastic:
+        room = limit - elastic
+        first = max(start, elastic)
+        left = (limit - first) * exp(-(now - first) / room)
+        now = limit - left
         if sign * omega > 0.0:
             stiffness *= left / room
     return sign * now, sign * now + tau_z * omega * stiffness

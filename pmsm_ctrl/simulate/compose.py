@@ -11,8 +11,8 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 from types import ModuleType
 
@@ -22,7 +22,7 @@ from pmsm_ctrl.kernels import cache_folder
 
 __all__ = ["BARE_STATES", "MEMORY", "load", "memory", "source"]
 
-_MARK = re.compile(r"#\s<([a-z ]+)>\s*$")
+_MARK = re.compile(r"#\s<([a-z_ ]+)>\s*$")
 # Numbers the kernel carries from one call to the next, and what each structure adds to them.
 BARE_STATES = 15
 MEMORY = {"transmission": 2, "bristle": 1, "delay": 512}
@@ -80,19 +80,26 @@ def _lines(effects: Sequence[Effect]) -> dict[str, list[str]]:
         lines["hold"] = ["if direction == 0.0:", "    domega = 0.0"]
         lines["step"] = ["y = step_dry(y, t + m * h, h, held, machine, effects)"]
     load, store = [], []
-    for structure, wire in (("transmission", _transmission), ("bristle", _bristle), ("delay", _delay)):
+    dry = [(k, effect) for k, effect in terms if effect.dry]
+    wiring: dict[str, Callable[..., dict[str, list[str]]]] = {
+        "transmission": _transmission,
+        "bristle": partial(_bristle, dry=dry),
+        "delay": _delay,
+    }
+    for structure, wire in wiring.items():
         wired = [(k, effect) for k, effect in numbered if effect.structure == structure]
-        if wired:
-            new = wire(wired, offsets[structure])
-            load += new.pop("load memory", [])
-            store += new.pop("store memory", [])
-            if structure == "bristle":
-                lines.pop("hold", None)  # a bristle gives way: nothing is ever locked
-            lines |= new
+        if not wired or (structure == "bristle" and not dry):
+            continue
+        new = wire(wired, offsets[structure])
+        load += new.pop("load memory", [])
+        store += new.pop("store memory", [])
+        if structure == "bristle":
+            lines.pop("hold", None)  # a bristle gives way: nothing is ever locked
+        lines |= new
     return lines | {"load memory": load, "store memory": store}
 
 
-def _call(k: int, effect: Effect, **renamed: str) -> str:
+def _call(k: int, effect: Effect, /, **renamed: str) -> str:
     """Return the call of effect `k`'s term with its own parameters; signals are locals of the template."""
     own = {p.symbol for p in effect.parameters}
     arguments = (renamed.get(name, f"e{k}_{name}" if name in own else name) for name in effect.arguments)
@@ -153,17 +160,26 @@ def _transmission(effects: list[tuple[int, Effect]], offset: int) -> dict[str, l
     }
 
 
-def _bristle(effects: list[tuple[int, Effect]], offset: int) -> dict[str, list[str]]:
+def _bristle(effects: list[tuple[int, Effect]], offset: int, dry: list[tuple[int, Effect]]) -> dict[str, list[str]]:
     """The bristle's deflection stands for the direction in every dry friction; it moves with the shaft's travel."""
     k, effect = effects[0]
-    inside = _call(k, effect, zeta="held[4]", travel="theta - held[5]")
-    after = _call(k, effect, zeta="zeta", travel="y[3] - start[5]", omega="y[2]")
+
+    def level(speed: str) -> str:
+        return " + ".join(_call(n, friction, omega=speed, direction="1.0") for n, friction in dry)
+
     return {
-        "bristle": [f"direction = {inside}[1]"],
+        "bristle": [
+            f"level, rest = {level('omega')}, {level('0.0')}",
+            f"direction = {_call(k, effect, zeta='held[4]', travel='theta - held[5]', limit='level / rest')}[1]",
+            "direction *= rest / level",
+        ],
         "step": [
             "start = (held[0], held[1], held[2], held[3], zeta, y[3])",
             "y = runge_kutta(y, t + m * h, h, 1.0, start, machine, effects)",
-            f"zeta = {after}[0]",
+            "i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]",
+            "torque = torque_em(p, psi_f, L_d, L_q, i_d, i_q)",
+            f"level, rest = {level('omega')}, {level('0.0')}",
+            f"zeta = {_call(k, effect, travel='theta - start[5]', limit='level / rest')}[0]",
         ],
         "load memory": [f"zeta = states[{offset}]"],
         "store memory": [f"states[{offset}] = zeta"],
