@@ -154,6 +154,7 @@ def build_problem(
         target -= prepared.column(prepared.signals["T_load"])
     acceleration = prepared.column(prepared.alpha)
     made: list[Column] = []
+    notes = list(prepared.notes)
     if inertia:
         unit = axis_unit("kg m^2", prepared.motion)
         made.append(Column("J", acceleration, unit, design.J, lower=0.0, symbol="J"))
@@ -161,6 +162,9 @@ def build_problem(
         target -= design.J * acceleration
     for index, (effect, parameters) in enumerate(bound_effects(design, own)):
         if effect.enters != "torque":
+            continue
+        if effect.structure != "term":
+            notes.append(f"{effect.id} has a state of its own and takes no part in the regression")
             continue
         parts, rest = effect_columns(design, prepared, effect, parameters, index)
         target -= rest
@@ -177,7 +181,7 @@ def build_problem(
         unit="N" if linear else "N m",
         rate=prepared.thinned_rate,
         cutoff=prepared.cutoff,
-        notes=prepared.notes,
+        notes=tuple(notes),
     )
 
 

@@ -236,7 +236,9 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
         if name in raw:
             signals[name] = clean(raw[name])
     signals["torque"] = clean(raw["torque"]) if "torque" in raw else drive_torque(design, signals, where)
-    signals["t"] = t
+    signals["t"] = t - t[0]  # terms that drift count from the begin of the log
+    for name in {"i_d", "i_q"} & signals.keys():
+        signals[f"d{name}"] = derivative(signals[name], 1.0 / rate, processing.derivative)
     edge = processing.edge if processing.edge is not None else 4.0 / cutoff
     moving = _moving(signals["omega"], good, rate, cutoff, round(edge * rate), processing)
     keep = np.arange(0, len(t), max(1, round(rate / (2.5 * cutoff))))

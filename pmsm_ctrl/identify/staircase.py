@@ -184,7 +184,7 @@ class SweepResult(Result):
             title="Speed sweep",
             paragraphs=(
                 *(f"Warning: {text}" for text in self.warnings),
-                f"Averaged torque at {len(self.levels)} settled speeds; the line misses by {self.rms_percent:.2f} % rms.",
+                f"Averaged torque at {len(self.levels)} settled speeds; the line misses {self.rms_percent:.2f} % rms.",
             ),
             tables=((header, tuple(self._rows())),),
             figures=(

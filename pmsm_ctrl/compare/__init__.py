@@ -1,0 +1,5 @@
+"""Comparison of a model with measurements: where it fails, and by how much."""
+
+from pmsm_ctrl.compare.comparison import ChannelError, Comparison, compare
+
+__all__ = ["ChannelError", "Comparison", "compare"]

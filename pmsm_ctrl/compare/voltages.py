@@ -1,0 +1,57 @@
+"""The dq voltages a design predicts from the measured currents and speed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.effects.evaluate import column
+from pmsm_ctrl.identify.problem import term_signals
+from pmsm_ctrl.identify.signals import Prepared
+from pmsm_ctrl.kernels.balance import voltage_d, voltage_q
+
+__all__ = ["predicted_voltages"]
+
+Array = NDArray[np.float64]
+
+
+def predicted_voltages(
+    design: Design, prepared: Prepared, own: Iterable[Effect] = ()
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Predict u_d and u_q by the dq voltage equations and the design's voltage effects.
+
+    Returns
+    -------
+    predicted : dict of ``u_d`` and ``u_q`` to array, shape (n,)
+        At the log's own rate, V; empty when the design or the log lacks what is needed.
+    notes : tuple of str
+        Effects that could not take part.
+    """
+    signals, motor = prepared.signals, design.motor
+    if not motor.electrical or any(name not in signals for name in ("i_d", "i_q", "u_d", "u_q")):
+        return {}, ()
+    i_d, i_q, omega = signals["i_d"], signals["i_q"], signals["omega"]
+    di_d, di_q = signals["di_d"], signals["di_q"]
+    R, L_d, L_q, p, psi_f = motor.R, motor.L_d, motor.L_q, motor.p, motor.psi_f
+    # the kernels' own Python source works on arrays
+    u_d = voltage_d.py_func(R, L_d, L_q, p, i_d, i_q, di_d, omega)
+    u_q = voltage_q.py_func(R, L_d, L_q, p, psi_f, i_d, i_q, di_q, omega)
+    known, notes = term_signals(design, prepared), []
+    for effect, parameters in bound_effects(design, own):
+        if effect.enters != "voltage":
+            continue
+        if effect.structure != "term":
+            notes.append(f"{effect.id} is left out of the voltages: it has a state of its own")
+            continue
+        missing = [name for name in effect.signals if name not in known]
+        if missing:
+            notes.append(f"{effect.id} is left out of the voltages: no {', '.join(missing)}")
+            continue
+        added = column(effect, known, parameters)
+        u_d, u_q = u_d + added[0], u_q + added[1]
+    return {"u_d": u_d, "u_q": u_q}, tuple(notes)

@@ -1,0 +1,70 @@
+"""EMPS, a measured linear axis: the figures of Janot, Gautier and Brunot (2019) by our own processing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pmsm_ctrl.compare import compare
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.identify import Processing, identify
+from pmsm_ctrl.importers import read_log
+from pmsm_ctrl.log import Log
+
+pytestmark = pytest.mark.data
+
+
+@pytest.fixture(scope="module")
+def design(designs: Path) -> Design:
+    return Design.read(designs / "emps.toml")
+
+
+@pytest.fixture(scope="module")
+def record(measured: Callable[[str], Path], design: Design) -> Log:
+    return read_log(measured("emps/DATA_EMPS.mat"), design)
+
+
+@pytest.fixture(scope="module")
+def pulses(measured: Callable[[str], Path], design: Design) -> Log:
+    return read_log(measured("emps/DATA_EMPS_PULSES.mat"), design)
+
+
+@pytest.mark.parametrize("derivative", ["nine_point", "central", "spectral"])
+def test_the_authors_figures(design: Design, record: Log, derivative: str) -> None:
+    result = identify(design, record, processing=Processing(derivative=derivative))  # type: ignore[arg-type]
+    print(result.summary())
+    value = {name: estimate.value for name, estimate in result.estimates.items()}
+    assert value["J"] == pytest.approx(95.1, abs=0.2)
+    assert value["F_v"] == pytest.approx(203.5, abs=1.5)
+    assert value["F_c"] == pytest.approx(20.4, abs=0.2)
+    assert value["T_0"] == pytest.approx(-3.2, abs=0.1)
+    assert 0.040 <= result.relative_error <= 0.041
+    assert [result.estimates[name].unit for name in ("J", "F_v", "F_c")] == ["kg", "N s/m", "N"]
+    assert not result.unidentifiable
+
+
+def test_starting_values_do_not_matter(design: Design, record: Log) -> None:
+    elsewhere = design.with_effect("coulomb", {"F_c": 1.0}).replace(motor={"J": 50.0})
+    a, b = identify(design, record), identify(elsewhere, record)
+    for name, estimate in a.estimates.items():
+        assert b.estimates[name].value == pytest.approx(estimate.value, rel=1e-9)
+    assert any("J is +90 % off" in text for text in b.warnings)
+
+
+def test_the_pulses_with_the_same_parameters(design: Design, record: Log, pulses: Log) -> None:
+    found = identify(design, record).design
+    comparison = compare(found, record, holdout=pulses)
+    print(comparison.summary())
+    assert comparison.holdout is not None
+    assert 0.040 <= comparison.channels["torque"].relative <= 0.041
+    assert 0.059 <= comparison.holdout["torque"].relative <= 0.060
+    assert comparison.channels["torque"].unit == "N"
+
+
+def test_the_design_as_published_gives_the_published_errors(design: Design, record: Log, pulses: Log) -> None:
+    comparison = compare(design, record, holdout=pulses)
+    assert comparison.holdout is not None
+    assert 0.040 <= comparison.channels["torque"].relative <= 0.041
+    assert 0.059 <= comparison.holdout["torque"].relative <= 0.060
