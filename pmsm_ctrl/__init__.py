@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
-    from pmsm_ctrl.identify import identify
+    from pmsm_ctrl.identify import identify, sweep
     from pmsm_ctrl.importers import read_log
     from pmsm_ctrl.log import Log
     from pmsm_ctrl.report import study
     from pmsm_ctrl.simulate import simulate
+    from pmsm_ctrl.tune import tune
 
 # public name -> the module that holds it; frozen by tests/unit/test_public_api.py
 _EXPORTS = {
@@ -26,10 +27,12 @@ _EXPORTS = {
     "read_log": "pmsm_ctrl.importers",
     "simulate": "pmsm_ctrl.simulate",
     "study": "pmsm_ctrl.report",
+    "sweep": "pmsm_ctrl.identify",
+    "tune": "pmsm_ctrl.tune",
 }
 
 __version__ = "0.1.0"
-__all__ = ["Design", "Log", "identify", "read_log", "simulate", "study"]
+__all__ = ["Design", "Log", "identify", "read_log", "simulate", "study", "sweep", "tune"]
 
 
 def __getattr__(name: str) -> Any:

@@ -128,6 +128,36 @@ def tune(
 
 
 @app.command()
+def sweep(
+    design: DesignArgument,
+    truth: Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")] = None,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="records to average")] = 3,
+    paper: Annotated[bool, typer.Option("--paper", help="the reference paper's table beside ours")] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with what was found")
+    ] = None,
+    seed: SeedOption = 0,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Run the reference experiment: friction from a speed staircase."""
+    from pmsm_ctrl.identify import paper_table
+    from pmsm_ctrl.identify import sweep as run_sweep
+
+    believed = _design(design)
+    if paper:
+        finish("paper", paper_table(believed, repeats=repeats, seed=seed), json_file=json_file, report=report)
+        return
+    plant = _design(truth) if truth is not None else None
+    with progress_bar(f"sweep {believed.name}") as progress:
+        result = run_sweep(believed, truth=plant, repeats=repeats, seed=seed, progress=progress)
+    finish("sweep", result, json_file=json_file, report=report)
+    if output is not None:
+        result.design.write(output)
+        print(f"design: {output}")
+
+
+@app.command()
 def identify(
     log: LogArgument,
     design: DesignOption,

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.files import sha256, write_text
-from pmsm_ctrl.identify import Identification, identify
+from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
+from pmsm_ctrl.identify.paper import PAPER_CASES
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.report.page import Headline, render
 from pmsm_ctrl.result import Result, Section, jsonable
@@ -117,23 +119,64 @@ def study(
     """
     own = tuple(own)
     path = _target(design, output)
-    simulated = log is None
-    record = simulate(design, "identification", seed=seed, own=own, progress=progress) if log is None else log
+    advance = progress or (lambda share: None)
+    results: dict[str, Result] = {}
+    skipped: list[str] = []
+    lacking = _lacking(design)
+    if lacking and log is None:
+        raise DesignError(
+            f"{design.source or design.name}: {lacking}, so it cannot be simulated; give a log with --log"
+        )
+    if lacking:
+        skipped.append(f"the simulated speed sweep, because {lacking}")
+    else:
+        results["sweep"] = sweep(design, seed=seed, progress=lambda share: advance(0.4 * share))
+        if is_reference(design):
+            results["paper"] = paper_table(design, seed=seed)
+    advance(0.7)
+    record = simulate(design, "identification", seed=seed, own=own) if log is None else log
+    advance(0.8)
     identification = identify(design, record, own=own)
-    results: dict[str, Result] = {"identify": identification}
-    headline = _headline(design, record, identification, simulated)
-    outcome = Study(identification.design, path, headline, results)
+    if log is None:
+        identification = replace(identification, log_name="a simulated identification motion")
+    results["identify"] = identification
+    advance(0.9)
+    swept = results.get("sweep")
+    headline = _measured(design, record, identification)
+    if log is None and isinstance(swept, SweepResult):
+        headline = _simulated(design, swept, identification)
+    outcome = Study(identification.design, path, headline, results, tuple(skipped))
     text = render(
         f"Study of {design.name}",
         [result.section() for result in results.values()],
         headline=headline,
-        warnings=outcome.skipped,
-        facts=_facts(design, record, seed if simulated else None),
+        warnings=[f"Left out: {text}" for text in skipped],
+        facts=_facts(design, record, None if lacking else seed),
         design_toml=design.to_toml(),
         command=command,
     )
     write_text(path, text)
+    advance(1.0)
     return outcome
+
+
+def _lacking(design: Design) -> str:
+    """Return what keeps the design from being simulated, or an empty text."""
+    missing = [] if design.motor.electrical else ["the motor's electrical data"]
+    missing += [] if design.loops is not None else ["the loops"]
+    return f"the design lacks {' and '.join(missing)}" if missing else ""
+
+
+def is_reference(design: Design) -> bool:
+    """Whether this is the reference paper's motor with the friction that the paper put in."""
+    case = PAPER_CASES[0]
+    friction = {**design.parameters("coulomb"), **design.parameters("viscous")}
+    return (
+        len(design.effects) == 2
+        and friction == {"F_c": case.F_c, "F_v": case.F_v}
+        and design.motor.psi_f == 0.172
+        and math.isclose(design.J, 9e-5)
+    )
 
 
 def _target(design: Design, output: str | os.PathLike[str] | None) -> Path:
@@ -149,37 +192,44 @@ def _target(design: Design, output: str | os.PathLike[str] | None) -> Path:
     return folder / f"{stem}.html"
 
 
-def _headline(design: Design, log: Log, found: Identification, simulated: bool) -> Headline:
+ACCEPTED_PERCENT = 1.0  # the reference experiment's own bound, with noise and quantisation
+
+
+def _simulated(design: Design, swept: SweepResult, found: Identification) -> Headline:
+    """Say how much of what was put in came back."""
+    put_in = {**design.parameters("coulomb"), **design.parameters("viscous")}
+    numbers, deviations = [], []
+    for symbol, estimate in swept.estimates.items():
+        remark = f"{symbol} from the sweep"
+        if put_in.get(symbol):
+            deviations.append(100.0 * (estimate.value / put_in[symbol] - 1.0))
+            remark += f", {deviations[-1]:+.2f} % from what was put in"
+        numbers.append((f"{estimate.value:.4g} {estimate.unit}", remark))
+    numbers.append((f"{swept.rms_percent:.2f} %", "rms error between the friction line and the averaged torque"))
+    done = (
+        f"The drive {design.name} was simulated as it samples: a speed sweep of {len(swept.levels)} levels gives its "
+        f"friction, and a motion of {found.problem.t[-1]:.3g} s its inertia and friction by regression."
+    )
+    worst = max(map(abs, deviations), default=0.0)
+    verdict = f"the sweep returns the friction that was put in within {worst:.2f} % (accepted: {ACCEPTED_PERCENT:g} %)."
+    if not deviations:
+        verdict = "the design has no Coulomb or viscous friction to compare the sweep with."
+    return Headline(done, verdict, worst <= ACCEPTED_PERCENT if deviations else None, tuple(numbers))
+
+
+def _measured(design: Design, log: Log, found: Identification) -> Headline:
+    """Say what the identified model leaves unexplained in a measured log."""
     share = f"{100 * found.relative_error:.2f} %"
     drive = "force" if design.motion == "linear" else "torque"
-    if simulated:
-        done = f"The drive {design.name} was simulated and its parameters identified from the log."
-        missed = [
-            name
-            for name, (low, high) in found.intervals.items()
-            if not low <= (found.estimates[name].nominal or 0) <= high
-        ]
-        verdict = (
-            f"the identification misses what was put in: {', '.join(missed)} outside the 95 % interval."
-            if missed
-            else "every parameter that was put in lies inside the 95 % interval of what came back."
-        )
-        good: bool | None = not missed
-    else:
-        done = (
-            f"The axis {design.name} was identified from {log.provenance.file or 'a given log'}, {log.duration:.3g} s."
-        )
-        verdict = f"the model leaves {share} of the measured {drive} unexplained."
-        good = None
-    friction = [name for name in found.estimates if name in ("F_c", "F_v")]
+    name = log.provenance.file or "a given log"
+    done = f"The axis {design.name} was identified from {name}, {log.duration:.3g} s at {log.rate:.4g} Hz."
+    verdict = f"the identified model leaves {share} of the measured {drive} unexplained."
     numbers = [
-        (
-            f"{found.estimates[n].value:.4g} {found.estimates[n].unit}",
-            f"{n}, standard error {found.estimates[n].stderr:.1g}",
-        )
-        for n in friction
+        (f"{e.value:.4g} {e.unit}", f"{symbol}, standard error {e.stderr:.1g}")
+        for symbol, e in found.estimates.items()
+        if symbol in ("F_c", "F_v")
     ]
-    return Headline(done, verdict, good, (*numbers, (share, f"of the {drive} is left unexplained")))
+    return Headline(done, verdict, None, (*numbers, (share, f"of the {drive} is left unexplained")))
 
 
 def _facts(design: Design, log: Log, seed: int | None) -> dict[str, str]:

@@ -18,6 +18,8 @@ PUBLIC = [
     "read_log",
     "simulate",
     "study",
+    "sweep",
+    "tune",
 ]
 
 
