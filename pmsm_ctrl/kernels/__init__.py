@@ -16,10 +16,11 @@ from typing import Any
 
 import numba
 
-__all__ = ["OPTIONS", "cache_folder", "kernel", "source_hash"]
+__all__ = ["OPTIONS", "cache_folder", "inlined", "kernel", "source_hash"]
 
 # Contraction only: it gives the fused multiply-add (1.6 x) and keeps NaN, infinity and signed zero exact.
 OPTIONS: dict[str, Any] = {"fastmath": {"contract"}, "error_model": "numpy", "nogil": True, "cache": True}
+_INLINED = {**OPTIONS, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def source_hash() -> str:
@@ -49,3 +50,12 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a scalar or array function with the options that every kernel shares."""
     return numba.njit(**OPTIONS)(function)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile a piece that kernels alone call, and have it inlined there.
+
+    Left alone, LLVM calls the larger pieces, and everything constant in the loop around is worked out again at
+    every step (1.2 x). Without wrappers for Python they compile faster.
+    """
+    return numba.njit(**_INLINED)(function)

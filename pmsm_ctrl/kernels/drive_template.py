@@ -12,14 +12,14 @@ through the angle between the two, which is small, hence the polynomial.
 
 from math import isfinite
 
-from pmsm_ctrl.kernels import kernel
+from pmsm_ctrl.kernels import inlined, kernel
 from pmsm_ctrl.kernels.balance import torque_em, voltage_d, voltage_q
-from pmsm_ctrl.kernels.rotation import cos_small, hexagon_scale, quantise, sin_small
+from pmsm_ctrl.kernels.rotation import cos_small, hexagon_scale, normal, quantise, sin_small
 
 # <imports>
 
 
-@kernel
+@inlined
 def shaft_torque(y, t, direction, held, machine, effects):
     """Torque left to accelerate the shaft in N m."""
     i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]  # noqa: F841 - an effect may read them
@@ -33,7 +33,7 @@ def shaft_torque(y, t, direction, held, machine, effects):
     return torque - opposing
 
 
-@kernel
+@inlined
 def derivative(y, t, direction, held, machine, effects):
     """Time derivatives of the states; with dry friction, direction 0 holds the shaft."""
     i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]
@@ -46,21 +46,21 @@ def derivative(y, t, direction, held, machine, effects):
     u_q = s * held[0] + c * held[1]
     di_d, di_q = 0.0, 0.0
     # <voltage>
-    di_d = (u_d - voltage_d(R, L_d, L_q, p, i_d, i_q, 0.0, omega)) / L_d
-    di_q = (u_q - voltage_q(R, L_d, L_q, p, psi_f, i_d, i_q, 0.0, omega)) / L_q  # <incremental inductance>
-    domega = shaft_torque(y, t, direction, held, machine, effects) / J  # <acceleration>
+    di_d = (u_d - voltage_d(R, L_d, L_q, p, i_d, i_q, 0.0, omega)) * (1.0 / L_d)
+    di_q = (u_q - voltage_q(R, L_d, L_q, p, psi_f, i_d, i_q, 0.0, omega)) * (1.0 / L_q)  # <incremental inductance>
+    domega = shaft_torque(y, t, direction, held, machine, effects) * (1.0 / J)  # <acceleration>
     # <load>
     # <hold>
     return di_d, di_q, domega, omega  # <rates>
 
 
-@kernel
+@inlined
 def advance(y, h, k):
     """Return y + h k for the tuple of states."""
     return y[0] + h * k[0], y[1] + h * k[1], y[2] + h * k[2], y[3] + h * k[3]  # <advance>
 
 
-@kernel
+@inlined
 def runge_kutta(y, t, h, direction, held, machine, effects):
     """One classical Runge-Kutta step with the direction of dry friction held."""
     a = derivative(y, t, direction, held, machine, effects)
@@ -73,7 +73,7 @@ def runge_kutta(y, t, h, direction, held, machine, effects):
     return advance(y, h / 6.0, d)
 
 
-@kernel
+@inlined
 def impending(y, t, held, machine, effects):
     """Direction in which a shaft at rest starts to move: 1, -1, or 0 while friction holds it."""
     if shaft_torque(y, t, 1.0, held, machine, effects) > 0.0:
@@ -83,40 +83,42 @@ def impending(y, t, held, machine, effects):
     return 0.0
 
 
-@kernel
+@inlined
 def step_dry(y, t, h, held, machine, effects):
     """One plant step with set-valued friction: where the speed meets zero the step is split, and rest is exact."""
-    done = 0.0
-    trial = h
-    landing = False
-    for _ in range(8):
-        if y[2] > 0.0:
-            direction = 1.0
-        elif y[2] < 0.0:
-            direction = -1.0
-        else:
-            direction = impending(y, t + done, held, machine, effects)
+    # One call of runge_kutta for all cases: it is inlined here, and compiled once.
+    done, trial = 0.0, h
+    direction, undecided, landing = 0.0, True, False
+    for _ in range(16):
+        if undecided:
+            if y[2] > 0.0:
+                direction = 1.0
+            elif y[2] < 0.0:
+                direction = -1.0
+            else:
+                direction = impending(y, t + done, held, machine, effects)
         new = runge_kutta(y, t + done, trial, direction, held, machine, effects)
         if landing:
             new = (new[0], new[1], 0.0, new[3])  # <landed>
         elif direction * new[2] < 0.0:
+            undecided = False
             if y[2] == 0.0:
                 # The push that started this step reverses inside it: rest until the next one.
-                new = runge_kutta(y, t + done, trial, 0.0, held, machine, effects)
+                direction = 0.0
             else:
                 trial *= y[2] / (y[2] - new[2])
                 landing = True
-                continue
+            continue
         y = new
         done += trial
         if done >= h * (1.0 - 1e-12):
             break
         trial = h - done
-        landing = False
+        undecided, landing = True, False
     return y
 
 
-@kernel
+@inlined
 def step_smooth(y, t, h, held, machine, effects):
     """One plant step without dry friction."""
     return runge_kutta(y, t, h, 0.0, held, machine, effects)
@@ -145,11 +147,15 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
     h = T / steps
     T_s = T * divider
     row = 0
-    tick_0 = k // divider
+    # Counters, because a division of integers takes as long as half a Runge-Kutta stage.
+    to_speed, to_log = -k % divider, -k % log_divider
+    j = -1 if to_speed == 0 else 0
     for _ in range(n):
         t = k * T
         i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]
-        T_load = inputs[(k // divider) - tick_0, 5]
+        if to_speed == 0:
+            j += 1
+        T_load = inputs[j, 5]
         theta_m = quantise(theta, counts)  # <encoder>
         # The controller lives in the frame of the angle it measures.
         angle = p * (theta - theta_m)
@@ -158,13 +164,13 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
         i_q_m = s * i_d + c * i_q
         # <measure current>
         if current_noise > 0.0:
-            i_d_m += current_noise * noise.standard_normal()
-            i_q_m += current_noise * noise.standard_normal()
+            i_d_m += current_noise * normal(noise)
+            i_q_m += current_noise * normal(noise)
 
         # <delay line>
 
-        if k % divider == 0:
-            j = k // divider - tick_0
+        if to_speed == 0:
+            to_speed = divider
             omega_hat += a_speed * ((theta_m - theta_last) / T_s - omega_hat)
             theta_last = theta_m
             omega_filtered += a_ref * (k_omega * inputs[j, 1] - omega_filtered)
@@ -191,7 +197,8 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
         u_d *= scale
         u_q *= scale
 
-        if k % log_divider == 0:
+        if to_log == 0:
+            to_log = log_divider
             if not (isfinite(omega) and isfinite(i_d) and isfinite(i_q)):
                 return -1 - k
             out[row, 0] = t
@@ -203,8 +210,8 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
             out[row, 6] = i_q_ref
             out[row, 7] = u_d
             out[row, 8] = u_q
-            out[row, 9] = inputs[k // divider - tick_0, 1]
-            out[row, 10] = inputs[k // divider - tick_0, 0]
+            out[row, 9] = inputs[j, 1]
+            out[row, 10] = inputs[j, 0]
             out[row, 11] = T_load
             out[row, 12] = theta
             out[row, 13] = omega
@@ -219,6 +226,8 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
         for m in range(steps):
             y = step_smooth(y, t + m * h, h, held, machine, effects)  # <step>
         k += 1
+        to_speed -= 1
+        to_log -= 1
 
     states[0], states[1], states[2], states[3] = y[0], y[1], y[2], y[3]  # <store states>
     states[4], states[5], states[6] = I_d, I_q, I_s

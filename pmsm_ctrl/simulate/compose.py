@@ -230,7 +230,9 @@ def _plain(text: str, effects: tuple[Effect, ...]) -> ModuleType:
 
     module = ModuleType("drive_twin")
     # The same text with `kernel` doing nothing; it is the package's own, not a user's.
-    text = text.replace("from pmsm_ctrl.kernels import kernel\n", "kernel = lambda function: function\n")
+    text = text.replace(
+        "from pmsm_ctrl.kernels import inlined, kernel\n", "inlined = kernel = lambda function: function\n"
+    )
     exec(compile(text, "drive_twin", "exec"), module.__dict__)
     for library in (balance, rotation):
         module.__dict__.update({name: getattr(library, name).py_func for name in library.__all__})

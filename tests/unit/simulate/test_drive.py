@@ -1,5 +1,7 @@
 """The bare drive: sticking, voltage limit, sampling, and an independent solver as the judge."""
 
+import sys
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -98,7 +100,7 @@ def test_twin_in_plain_python_agrees_with_the_kernel(seed_motor):
 def test_chunks_do_not_show(seed_motor, monkeypatch):
     motion = scenario("sweep", speed_max=20.0, speed_step=20.0, dwell=0.1)
     whole = simulate(seed_motor, motion, seed=1)
-    monkeypatch.setattr("pmsm_ctrl.simulate.run.CHUNK", 48)
+    monkeypatch.setattr(sys.modules["pmsm_ctrl.simulate.run"], "CHUNK", 48)
     pieces = simulate(seed_motor, motion, seed=1)
     assert all(np.array_equal(whole[name], pieces[name]) for name in whole)
 
