@@ -98,6 +98,18 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Ta
         from pmsm_ctrl.importers.mat import open_mat
 
         return open_mat(target, file)
+    if head.startswith((b"MDF     ", b"UnFinMF ")):
+        from pmsm_ctrl.importers.mdf import open_mdf
+
+        return open_mdf(target, file)
+    if head.startswith(b"TDSm"):
+        from pmsm_ctrl.importers.tdms import open_tdms
+
+        return open_tdms(target, file)
+    if head.startswith(b"PAR1"):
+        from pmsm_ctrl.importers.parquet import open_parquet
+
+        return open_parquet(target, file)
     from pmsm_ctrl.importers.text import open_text
 
     settings = design.log if design is not None else None

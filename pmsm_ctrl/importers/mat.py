@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.guard import guarded
 from pmsm_ctrl.importers.names import split_header
 from pmsm_ctrl.importers.table import Array, Column, Table
 
@@ -23,19 +24,10 @@ def open_mat(path: Path, file: str) -> Table:
     LogError
         When the file is damaged or holds no numeric vectors.
     """
-    import warnings
-
     import scipy.io
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            content = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
-    except MemoryError:
-        raise LogError(f"{file}: damaged MAT file (an array claims more memory than there is)") from None
-    except Exception as error:  # scipy raises whatever the damaged bytes lead to
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise LogError(f"{file}: damaged or unsupported MAT file ({reason[:120]})") from None
+    with guarded(file, "MAT"):
+        content = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
     content = {name: value for name, value in content.items() if not name.startswith("__")}
     return _table(file, "MATLAB v5", _numeric(content))
 
@@ -53,18 +45,14 @@ def open_hdf5(path: Path, file: str) -> Table:
     except ImportError:
         raise LogError(f"{file}: MATLAB v7.3 (HDF5) needs h5py: pip install 'pmsm-ctrl[matlab73]'") from None
     found: dict[str, Any] = {}
-    try:
-        with h5py.File(path, "r") as content:
+    with guarded(file, "HDF5"), h5py.File(path, "r") as content:
 
-            def visit(name: str, item: Any) -> None:
-                # names under #refs# are cells that other variables point to
-                if isinstance(item, h5py.Dataset) and not name.startswith("#") and item.dtype.kind in "fiub":
-                    found[name.replace("/", ".")] = item[()]
+        def visit(name: str, item: Any) -> None:
+            # names under #refs# are cells that other variables point to
+            if isinstance(item, h5py.Dataset) and not name.startswith("#") and item.dtype.kind in "fiub":
+                found[name.replace("/", ".")] = item[()]
 
-            content.visititems(visit)
-    except Exception as error:  # h5py raises whatever the damaged bytes lead to
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise LogError(f"{file}: damaged HDF5 file ({reason[:120]})") from None
+        content.visititems(visit)
     return _table(file, "MATLAB v7.3", _numeric(found))
 
 

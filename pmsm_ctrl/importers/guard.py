@@ -1,0 +1,40 @@
+"""Whatever a format's library does with damaged bytes becomes one line."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from pmsm_ctrl.errors import LogError
+
+__all__ = ["guarded", "reason"]
+
+
+def reason(error: BaseException) -> str:
+    """Return the first line of an error's message, or its name."""
+    text = str(error).strip()
+    return text.splitlines()[0][:120] if text else type(error).__name__
+
+
+@contextmanager
+def guarded(file: str, kind: str, library: str = "") -> Iterator[None]:
+    """Turn any error into a `LogError` that names the file; the library's own warnings and log are kept quiet."""
+    logger = logging.getLogger(library) if library else None
+    level = logger.level if logger else logging.NOTSET
+    if logger:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except LogError:
+        raise
+    except MemoryError:
+        raise LogError(f"{file}: damaged {kind} file, or larger than memory") from None
+    except Exception as error:  # a reader raises whatever the damaged bytes lead to
+        raise LogError(f"{file}: damaged or unsupported {kind} file ({reason(error)})") from None
+    finally:
+        if logger:
+            logger.setLevel(level)

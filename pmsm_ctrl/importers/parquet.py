@@ -1,0 +1,81 @@
+"""Parquet files by pyarrow: one table, one time base."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.guard import guarded
+from pmsm_ctrl.importers.names import split_header
+from pmsm_ctrl.importers.table import Array, Column, Table
+
+__all__ = ["open_parquet"]
+
+_PER_SECOND = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
+
+
+def open_parquet(path: Path, file: str) -> Table:
+    """Open a Parquet file.
+
+    Raises
+    ------
+    LogError
+        When pyarrow is not installed, the file is damaged, or it holds no numeric columns.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise LogError(f"{file}: Parquet needs pyarrow: pip install 'pmsm-ctrl[parquet]'") from None
+    with guarded(file, "Parquet"), open(path, "rb") as stream:
+        schema = pyarrow.parquet.read_schema(stream)
+    fields = [field for field in schema if _usable(pyarrow, field.type)]
+    if not fields:
+        raise LogError(f"{file}: no numeric columns in this Parquet file (found: {', '.join(schema.names) or 'none'})")
+    columns = tuple(_column(pyarrow, field) for field in fields)
+
+    def load(indices: Sequence[int]) -> list[Array]:
+        wanted = list(dict.fromkeys(columns[i].header for i in indices))
+        with guarded(file, "Parquet"), open(path, "rb") as stream:
+            table = pyarrow.parquet.read_table(stream, columns=wanted)
+            return [_values(pyarrow, table[columns[i].header]) for i in indices]
+
+    left = [name for name in schema.names if name not in {field.name for field in fields}]
+    notes = [f"columns that are no numbers left out: {', '.join(left[:12])}"] if left else []
+    return Table(
+        file, "Parquet", columns, load, lambda c, k: f"column '{columns[c].header}', row {k + 1}", tuple(notes)
+    )
+
+
+def _usable(pyarrow: Any, kind: Any) -> bool:
+    types = pyarrow.types
+    return (
+        types.is_integer(kind)
+        or types.is_floating(kind)
+        or types.is_boolean(kind)
+        or types.is_timestamp(kind)
+        or types.is_duration(kind)
+    )
+
+
+def _column(pyarrow: Any, field: Any) -> Column:
+    name, unit = split_header(field.name)
+    if pyarrow.types.is_timestamp(field.type) or pyarrow.types.is_duration(field.type):
+        unit = "s"
+    stated = (field.metadata or {}).get(b"unit", b"").decode("utf-8", errors="replace")
+    return Column(name=name, unit=stated or unit, header=field.name)
+
+
+def _values(pyarrow: Any, column: Any) -> Array:
+    kind = column.type
+    if pyarrow.types.is_timestamp(kind) or pyarrow.types.is_duration(kind):
+        counts = np.concatenate([part.cast(pyarrow.int64()).to_numpy(zero_copy_only=False) for part in column.chunks])
+        # dates are counted from the first sample: a double cannot hold nanoseconds since 1970
+        start = counts[0] if pyarrow.types.is_timestamp(kind) and counts.size else 0
+        return (counts - start).astype(np.float64) / _PER_SECOND[kind.unit]
+    parts = [part.cast(pyarrow.float64(), safe=False).to_numpy(zero_copy_only=False) for part in column.chunks]
+    return np.concatenate(parts) if parts else np.empty(0)
