@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pmsm_ctrl.compare import compare
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.identify import identify, sweep
     from pmsm_ctrl.importers import read_log
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _EXPORTS = {
     "Design": "pmsm_ctrl.design",
     "Log": "pmsm_ctrl.log",
+    "compare": "pmsm_ctrl.compare",
     "identify": "pmsm_ctrl.identify",
     "read_log": "pmsm_ctrl.importers",
     "simulate": "pmsm_ctrl.simulate",
@@ -32,7 +34,7 @@ _EXPORTS = {
 }
 
 __version__ = "0.1.0"
-__all__ = ["Design", "Log", "identify", "read_log", "simulate", "study", "sweep", "tune"]
+__all__ = ["Design", "Log", "compare", "identify", "read_log", "simulate", "study", "sweep", "tune"]
 
 
 def __getattr__(name: str) -> Any:

@@ -42,6 +42,7 @@ JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help=
 ReportOption = Annotated[
     Path | None, typer.Option("--report", metavar="FILE", help="write the result as one HTML page")
 ]
+HoldoutOption = Annotated[Path | None, typer.Option("--holdout", metavar="LOG2", help="another log, predicted only")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="seed of the simulated noise")]
 
 
@@ -180,9 +181,28 @@ def identify(
 
 
 @app.command()
+def compare(
+    log: LogArgument,
+    design: DesignOption,
+    holdout: HoldoutOption = None,
+    mapping: MapOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Hold a design's predictions against a log, channel by channel."""
+    from pmsm_ctrl.compare import compare as run_comparison
+
+    believed = _design(design)
+    other = _log(holdout, believed, mapping) if holdout is not None else None
+    result = run_comparison(believed, _log(log, believed, mapping), holdout=other)
+    finish("compare", result, json_file=json_file, report=report)
+
+
+@app.command()
 def study(
     design: DesignArgument,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="a measured log of this axis")] = None,
+    holdout: HoldoutOption = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE", help="the report; reports/NAME.html if left out")
     ] = None,
@@ -191,12 +211,18 @@ def study(
     json_file: JsonOption = None,
 ) -> None:
     """Run the whole chain and write one HTML report."""
+    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.report import study as run_study
 
     believed = _design(design)
+    if holdout is not None and log is None:
+        raise RequestError("--holdout: needs --log, from which the model is identified")
     measured = _log(log, believed, mapping) if log is not None else None
+    other = _log(holdout, believed, mapping) if holdout is not None else None
     with progress_bar(f"study {believed.name}") as progress:
-        result = run_study(believed, measured, output=output, seed=seed, command=command_line(), progress=progress)
+        result = run_study(
+            believed, measured, holdout=other, output=output, seed=seed, command=command_line(), progress=progress
+        )
     print(result.summary())
     if json_file is not None:
         write_json(json_file, "study", result.to_dict())

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import DesignError, RequestError
@@ -86,6 +87,7 @@ def study(
     design: Design,
     log: Log | None = None,
     *,
+    holdout: Log | None = None,
     output: str | os.PathLike[str] | None = None,
     seed: int = 0,
     own: Iterable[Effect] = (),
@@ -99,6 +101,8 @@ def study(
     design : Design
     log : Log, optional
         A measured log of this axis. Without one the design's own drive is simulated.
+    holdout : Log, optional
+        Another record of the axis, predicted with what was identified from `log`.
     output : path, optional
         The report; ``reports/NAME.html`` if left out, and the folder is made.
     seed : int
@@ -140,6 +144,10 @@ def study(
     if log is None:
         identification = replace(identification, log_name="a simulated identification motion")
     results["identify"] = identification
+    comparison = compare(identification.design, record, holdout=holdout, own=own)
+    if log is None:
+        comparison = replace(comparison, log_name="the simulated motion")
+    results["compare"] = comparison
     advance(0.9)
     swept = results.get("sweep")
     headline = _measured(design, record, identification)
@@ -148,16 +156,30 @@ def study(
     outcome = Study(identification.design, path, headline, results, tuple(skipped))
     text = render(
         f"Study of {design.name}",
-        [result.section() for result in results.values()],
+        [_section(verb, result) for verb, result in results.items()],
         headline=headline,
-        warnings=[f"Left out: {text}" for text in skipped],
-        facts=_facts(design, record, None if lacking else seed),
+        warnings=[*(f"Left out: {text}" for text in skipped), *_import_warnings(log, holdout)],
+        facts=_facts(design, [record] if holdout is None else [record, holdout], None if lacking else seed),
         design_toml=design.to_toml(),
         command=command,
     )
     write_text(path, text)
     advance(1.0)
     return outcome
+
+
+# What a reader must know about a part before its section, where the section cannot know it.
+INTRODUCTIONS = {"compare": "The model is the design with the values identified above; nothing more was fitted."}
+
+
+def _section(verb: str, result: Result) -> Section:
+    section = result.section()
+    introduction = (INTRODUCTIONS[verb],) if verb in INTRODUCTIONS else ()
+    return replace(section, paragraphs=(*introduction, *section.paragraphs))
+
+
+def _import_warnings(*logs: Log | None) -> list[str]:
+    return [f"{log.provenance.file}: {text}" for log in logs if log is not None for text in log.provenance.warnings]
 
 
 def _lacking(design: Design) -> str:
@@ -232,13 +254,17 @@ def _measured(design: Design, log: Log, found: Identification) -> Headline:
     return Headline(done, verdict, None, (*numbers, (share, f"of the {drive} is left unexplained")))
 
 
-def _facts(design: Design, log: Log, seed: int | None) -> dict[str, str]:
+def _facts(design: Design, logs: Iterable[Log], seed: int | None) -> dict[str, str]:
     facts = {"design": design.source or design.name}
     if design.source:
         facts["design, SHA-256"] = sha256(design.source)
-    if log.provenance.file:
-        facts["log"] = log.provenance.file
-        facts["log, SHA-256"] = log.provenance.sha256
+    for number, log in enumerate(logs):
+        name = "holdout" if number else "log"
+        if log.provenance.file:
+            facts[name] = log.provenance.file
+            facts[f"{name}, SHA-256"] = log.provenance.sha256
+        for k, note in enumerate(log.provenance.notes, start=1):
+            facts[f"{name}, note {k}"] = note
     if seed is not None:
         facts["seed"] = str(seed)
     return facts

@@ -14,6 +14,7 @@ import pmsm_ctrl
 PUBLIC = [
     "Design",
     "Log",
+    "compare",
     "identify",
     "read_log",
     "simulate",
