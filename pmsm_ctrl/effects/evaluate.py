@@ -109,11 +109,12 @@ def _broadcast(effect: Effect, signals: Mapping[str, ArrayLike]) -> list[Array]:
 
 
 def _source(effect: Effect) -> str:
-    """Source of the loop over the term's arguments, signals first."""
+    """Source of the loop over the term's arguments, signals first; its own names cannot meet a parameter's."""
     given = [*effect.signals, *(name for name in effect.arguments if name not in SIGNALS)]
-    call = ", ".join(f"{name}[k]" if name in SIGNALS else name for name in effect.arguments)
-    target = ", ".join(f"out[{row}, k]" for row in range(len(effect.channels)))
-    return f"def loop(out, {', '.join(given)}):\n    for k in range(out.shape[1]):\n        {target} = term({call})\n"
+    call = ", ".join(f"{name}[_at]" if name in SIGNALS else name for name in effect.arguments)
+    target = ", ".join(f"_out[{row}, _at]" for row in range(len(effect.channels)))
+    head = f"def loop(_out, {', '.join(given)}):\n    for _at in range(_out.shape[1]):\n"
+    return f"{head}        {target} = term({call})\n"
 
 
 def _compile(effect: Effect) -> Callable[..., Any]:

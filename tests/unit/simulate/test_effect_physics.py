@@ -220,9 +220,7 @@ def test_two_mass_resonance_and_antiresonance(bare, J_load, k):
 
 def test_backlash_gap_is_traversed_with_conserved_momentum(bare):
     gap, J_load, pulse, width = 0.02, 4e-5, 0.01, 0.005
-    design = bare.without_effect("coulomb").with_effect(
-        "backlash", {"gap": gap, "J_load": J_load, "k": 50.0, "d": 0.0}
-    )
+    design = bare.without_effect("coulomb").with_effect("backlash", {"gap": gap, "J_load": J_load, "k": 50.0, "d": 0.0})
     push = free(0.5, lambda t: {"T_load": np.where(t < width, -pulse, 0.0)})
     log = simulate(design, push, keep_truth=True)
     w, theta, load = log["omega_true"], log["theta_true"], log["theta_load"]
@@ -311,7 +309,9 @@ def test_current_offset_turns_against_the_rotor(ideal):
     truth = loose.with_parameters(psi_f=1e-9, J=1e3).replace_effects(())
     truth = truth.with_effect("current_offset", {"o_alpha": 0.03, "o_beta": 0.04})
     log = simulate(
-        loose.replace(assumed={"K_t": 1e-9, "L_d": 1e-12, "L_q": 1e-12}), Scenario("spin", 0.5, lambda t: {}, "current", omega_0=10.0), truth=truth
+        loose.replace(assumed={"K_t": 1e-9, "L_d": 1e-12, "L_q": 1e-12}),
+        Scenario("spin", 0.5, lambda t: {}, "current", omega_0=10.0),
+        truth=truth,
     )
     seen = (log["i_d"] + 1j * log["i_q"]) * np.exp(1j * 4 * log["theta"])
     assert np.allclose(seen, 0.03 + 0.04j, atol=1e-4)
@@ -329,9 +329,7 @@ def test_encoder_eccentricity_is_in_the_measured_angle_only(ideal):
 def test_inductance_saturation_changes_the_flux_linkage(ideal):
     """Steady state at speed and current: u_d = -p w (L_q - k i_q) i_q, by Krishnan's flux linkage."""
     k_L = 0.01
-    pull = Scenario(
-        "pull", 1.0, lambda t: {"omega_ref": np.full(len(t), 50.0), "T_load": np.full(len(t), 1.0)}
-    )
+    pull = Scenario("pull", 1.0, lambda t: {"omega_ref": np.full(len(t), 50.0), "T_load": np.full(len(t), 1.0)})
     log = simulate(ideal, pull, truth=ideal.with_effect("inductance_saturation", {"k_L": k_L}), keep_truth=True)
     i_q = log["i_q"][-100:].mean()
     expected = -4 * 50.0 * (49.16e-3 - k_L * i_q) * i_q
