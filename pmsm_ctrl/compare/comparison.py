@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -240,5 +241,6 @@ def _draw(figure: Figure, traces: Mapping[str, Trace], label: str) -> None:
         for each in (upper, lower):
             each.grid(alpha=0.3)
     axes[0].legend(loc="upper right", fontsize="small")
-    axes[0].set_title(f"Measured against predicted, {label}; filtered, standstill left out")
+    # a path can be wider than the figure
+    axes[0].set_title(f"Measured against predicted, {Path(label).name}; filtered, standstill left out")
     axes[-1].set_xlabel("time [s]")
