@@ -1,0 +1,170 @@
+"""What the filters share: one step of the shaft, one look at a new sample, the uncertainty of a fresh start.
+
+filterpy's filters and their compiled twin both call these functions, so the physics, the gating and the noise
+are written once; friction is evaluated by the effects' own terms.
+"""
+
+# mypy: disable-error-code="no-any-return"
+
+from __future__ import annotations
+
+from math import isfinite, nan
+
+from pmsm_ctrl.effects.coulomb import term as coulomb
+from pmsm_ctrl.effects.viscous import term as viscous
+from pmsm_ctrl.kernels import kernel
+
+__all__ = [
+    "EVENTS", "MEMORY", "SETTINGS", "STATES", "acceleration", "classify", "constant_speed", "fresh_speed",
+    "keep_split", "process_variance",
+]  # fmt: skip
+
+# States in the order of the full vector; what is not estimated has no variance and drops out of the algebra.
+STATES = ("omega", "F_c", "F_v", "T_load", "J", "theta")
+SIZE = len(STATES)
+OMEGA, F_C, F_V, T_LOAD, INERTIA, THETA = range(SIZE)
+
+# What became of a sample.
+EVENTS = (
+    "predicted", "updated", "constant speed", "standstill", "started", "rejected", "implausible", "invalid", "gap",
+    "change",
+)  # fmt: skip
+PREDICTED, UPDATED, CONSTANT, STANDSTILL, STARTED, REJECTED, IMPLAUSIBLE, INVALID, GAP, CHANGE = range(len(EVENTS))
+
+# Numbers fixed for a run.
+FROM_ANGLE, R, TORQUE_DENSITY, LAG, SPEED_NOISE, THRESHOLD, INTERVAL, MAX_GAP, GATE, J_NOMINAL = range(10)
+DRIFT = 10  # variance growth per second, SIZE numbers
+PRIOR = DRIFT + SIZE  # prior variance, SIZE numbers
+SETTINGS = PRIOR + SIZE
+
+# Numbers carried from sample to sample.
+(
+    T_LAST, Z_LAST, TORQUE_LAST, KNOWN_LAST, SPEED_LAST, RUNNING, ELAPSED, MEAN, SPREAD, REJECTS, DT, SPEED,
+    TORQUE, KNOWN, SURGE, DUE,
+) = range(16)  # fmt: skip
+MEMORY = 16
+
+SPREAD_TIME = 1.0  # s over which the spread of abs(omega) is judged
+SPREAD_LIMIT = 0.02  # below this relative spread, F_c and F_v cannot be told apart
+REJECTS_ARE_CHANGE = 3  # so many rejected updates in a row are not outliers but a change of the axis
+
+
+@kernel
+def acceleration(
+    omega: float,
+    direction: float,
+    F_c: float,
+    F_v: float,
+    T_load: float,
+    J: float,
+    torque: float,
+    known: float,
+    dt: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Mean acceleration over `dt` while the direction lasts, and its derivatives by omega, F_c, F_v, T_load, J.
+
+    ``J alpha = torque - F_c sgn(omega) - F_v omega - T_load - known``, the friction taken at the middle of the
+    step (explicit midpoint rule). `torque` is the drive's, `known` that of all further effects, N m.
+    """
+    per_J = 1.0 / J
+    rest = torque - coulomb(direction, F_c) - T_load - known
+    bend = 0.5 * dt * per_J
+    middle = omega + bend * (rest - viscous(omega, F_v))
+    alpha = (rest - viscous(middle, F_v)) * per_J
+    slope = viscous(1.0, F_v)
+    share = (1.0 - bend * slope) * per_J
+    by_F_v = -(viscous(middle, 1.0) - bend * slope * viscous(omega, 1.0)) * per_J
+    return alpha, -slope * share, -coulomb(direction, 1.0) * share, by_F_v, -share, -alpha * per_J
+
+
+@kernel
+def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-def]
+    """Look at a new sample and return its event; `m` (MEMORY numbers) is brought up to date.
+
+    `friction` is the present estimate of its level in N m; it widens what acceleration counts as plausible.
+    """
+    if not (isfinite(t) and isfinite(z) and isfinite(torque) and isfinite(known)):
+        return INVALID
+    dt = t - m[T_LAST]  # NaN before the first sample
+    if dt <= 0.0:
+        return INVALID
+    speed = (z - m[Z_LAST]) / dt if s[FROM_ANGLE] != 0.0 else z
+    last = m[SPEED_LAST]
+    m[DT] = dt
+    m[SPEED] = speed
+    m[TORQUE] = 0.5 * (torque + m[TORQUE_LAST])
+    m[KNOWN] = 0.5 * (known + m[KNOWN_LAST])
+    m[SURGE] = torque - m[TORQUE_LAST]
+    m[T_LAST], m[Z_LAST], m[TORQUE_LAST], m[KNOWN_LAST], m[SPEED_LAST] = t, z, torque, known, speed
+    if not dt <= s[MAX_GAP]:
+        m[RUNNING] = 0.0
+        m[SPEED_LAST] = nan if s[FROM_ANGLE] != 0.0 else speed  # a mean over the gap says nothing
+        return GAP
+    # What the torque can do within the step, three times over, and eight standard deviations of noise.
+    step = abs(speed - last) - 8.0 * s[SPEED_NOISE]
+    if step > 0.0:
+        reach = 3.0 * dt * (abs(m[TORQUE]) + abs(m[SURGE]) + abs(m[KNOWN]) + friction)
+        if step * s[J_NOMINAL] > reach + 8.0 * (s[TORQUE_DENSITY] * dt) ** 0.5:
+            m[RUNNING] = 0.0
+            return IMPLAUSIBLE
+    floor = s[THRESHOLD]
+    if not (abs(speed) > floor and abs(last) > floor and speed * last > 0.0):
+        m[RUNNING] = 0.0
+        return STANDSTILL
+    weight = dt / SPREAD_TIME
+    step = abs(speed) - m[MEAN]
+    if m[MEAN] == 0.0:
+        m[MEAN] = abs(speed)
+    else:
+        m[MEAN] += weight * step
+        m[SPREAD] = (1.0 - weight) * (m[SPREAD] + weight * step * step)
+    if m[RUNNING] == 0.0:
+        m[RUNNING] = 1.0
+        m[ELAPSED] = 0.0
+        return STARTED
+    m[ELAPSED] += dt
+    m[DUE] = 0.0
+    if m[ELAPSED] > s[INTERVAL] - 0.5 * dt:
+        m[DUE] = 1.0
+        m[ELAPSED] = 0.0
+    return PREDICTED
+
+
+@kernel
+def constant_speed(m, s):  # type: ignore[no-untyped-def]
+    """Whether abs(omega) has varied too little, over SPREAD_TIME, to tell F_c from F_v."""
+    limit = SPREAD_LIMIT * m[MEAN]
+    return m[SPREAD] - s[SPEED_NOISE] * s[SPEED_NOISE] < limit * limit
+
+
+@kernel
+def fresh_speed(m, s, by_F_c, P_cc, alpha):  # type: ignore[no-untyped-def]
+    """Speed from the last samples alone, its variance, and its covariance with the angle."""
+    dt = m[DT]
+    if s[FROM_ANGLE] != 0.0:
+        # The difference of two angles is the speed half a step ago.
+        lag, variance, shared = 0.5 * dt, 2.0 * s[R] / (dt * dt), s[R] / dt
+    else:
+        lag, variance, shared = s[LAG], s[R], 0.0
+    spread = lag * m[SURGE] / s[J_NOMINAL]
+    variance += lag * lag * by_F_c * by_F_c * P_cc + spread * spread
+    variance += lag * s[TORQUE_DENSITY] / (s[J_NOMINAL] * s[J_NOMINAL])
+    return m[SPEED] + lag * alpha, variance, shared
+
+
+@kernel
+def process_variance(m, s):  # type: ignore[no-untyped-def]
+    """Variance of the mean torque over a step: noise, and what a surge between two samples hides."""
+    white = s[TORQUE_DENSITY] / m[DT]
+    surge = m[SURGE] * m[SURGE] - 18.0 * white  # three standard deviations of a difference are noise
+    return white + max(surge, 0.0) / 12.0
+
+
+@kernel
+def keep_split(K_c, K_v, F_c, F_v, by_F_c, by_F_v):  # type: ignore[no-untyped-def]
+    """Turn the gain so that it changes F_c and F_v in proportion, with the same effect on their sum."""
+    level = F_c * by_F_c + F_v * by_F_v
+    if F_c <= 0.0 or F_v <= 0.0 or level == 0.0:
+        return K_c, K_v
+    share = (K_c * by_F_c + K_v * by_F_v) / level
+    return share * F_c, share * F_v

@@ -1,0 +1,190 @@
+"""What the tracker assumes about noise and drift, taken from the design where the caller does not say."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.track import model
+
+__all__ = ["Settings", "covariance", "numbers", "start"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the tracker weighs what it believes against what it sees.
+
+    Attributes
+    ----------
+    measure : {"theta", "omega"}
+        What is compared with the prediction. The angle has white noise, its own quantisation. The drive's speed is
+        a filtered difference of angles: it lags, which the filter allows for, and its noise is nearly white only
+        when looked at every few milliseconds.
+    estimate : tuple of {"T_load", "J"}
+        Further states beside F_c and F_v.
+    drift : float
+        How far F_c and F_v wander, as a share of the design's value per square root of a second. With the
+        reference motor 0.01 gives a memory of about 0.7 s.
+    drift_T_load : float or None
+        The same for the load torque, N m/sqrt(s); None: as much as F_c.
+    prior : float
+        Standard deviation of F_c and F_v before the first sample, as a share of the design's value.
+    prior_F_c, prior_F_v, prior_T_load, prior_J : float or None
+        The same as absolute numbers, N m, N m s/rad, N m, kg m^2. None: from `prior`; from F_c for the load torque;
+        the datasheet tolerance for J.
+    interval : float
+        Time between two measurement updates, s; prediction runs at every sample. Over some milliseconds the
+        errors of single samples (aliased current, correlated speed noise) no longer matter.
+    standstill : float or None
+        Speed below which friction is taken for set-valued and left alone, rad/s. None: five standard deviations
+        of the measured speed.
+    gate : float
+        Normalised innovation squared beyond which a measurement is rejected.
+    max_gap : float
+        Longest step that is bridged by prediction, s.
+    torque_noise : float or None
+        Noise of the drive torque per logged sample, N m rms. None: from the design's current noise.
+    angle_noise : float or None
+        Noise of the angle, rad rms. None: the quantisation of the design's encoder.
+    """
+
+    measure: Literal["theta", "omega"] = "theta"
+    estimate: tuple[str, ...] = ()
+    drift: float = 0.01
+    drift_T_load: float | None = None
+    prior: float = 0.5
+    prior_F_c: float | None = None
+    prior_F_v: float | None = None
+    prior_T_load: float | None = None
+    prior_J: float | None = None
+    interval: float = 0.01
+    standstill: float | None = None
+    gate: float = 25.0
+    max_gap: float = 0.02
+    torque_noise: float | None = None
+    angle_noise: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.measure not in ("theta", "omega"):
+            raise RequestError(f"measure: found '{self.measure}'; accepted: theta, omega")
+        for name in self.estimate:
+            if name not in ("T_load", "J"):
+                raise RequestError(f"estimate: found '{name}'; accepted: T_load, J (F_c and F_v always are)")
+        for name in ("prior", "interval", "gate", "max_gap"):
+            if not getattr(self, name) > 0.0:
+                raise RequestError(f"{name}: found {getattr(self, name):g}; it should be positive")
+        if not self.drift >= 0.0:
+            raise RequestError(f"drift: found {self.drift:g}; it should not be negative")
+
+    @property
+    def active(self) -> tuple[int, ...]:
+        """Positions of the estimated states in the full vector, in order."""
+        chosen = ("omega", "F_c", "F_v", *self.estimate, *(("theta",) if self.measure == "theta" else ()))
+        return tuple(k for k, name in enumerate(model.STATES) if name in chosen)
+
+
+def start(design: Design) -> Array:
+    """Return the full state at standstill with the design's values, shape (6,)."""
+    F_c = design.parameters("coulomb").get("F_c", 0.0)
+    F_v = design.parameters("viscous").get("F_v", 0.0)
+    return np.array([0.0, F_c, F_v, 0.0, design.J, 0.0])
+
+
+def numbers(design: Design, settings: Settings, log_period: float) -> Array:
+    """Return the fixed numbers of a run in the kernels' order.
+
+    The current controller answers to the noise of every one of its samples, logged or not, and so shakes the
+    true current. With D control periods per logged sample, the torque integral over a logged period errs by
+    (1 + 1/D) of a logged sample's noise and 1/D of each of the others: variance (1 + 3/D) of the logged one's.
+
+    Raises
+    ------
+    RequestError
+        When nothing says how large F_c and F_v may be, or how noisy the torque is.
+    """
+    s = np.zeros(model.SETTINGS)
+    D = design.sensor.log_divider
+    torque_noise = settings.torque_noise
+    if torque_noise is None:
+        torque_noise = design.K_t_assumed * design.sensor.current_noise * math.sqrt(1.0 + 3.0 / D)
+    angle = _angle_noise(design, settings)
+    lag, speed_noise = _speed_filter(design, angle)
+    from_angle = settings.measure == "theta"
+    if from_angle:
+        speed_noise = math.sqrt(2.0) * angle / log_period
+    s[model.FROM_ANGLE] = float(from_angle)
+    s[model.R] = angle**2 if from_angle else speed_noise**2
+    s[model.TORQUE_DENSITY] = torque_noise**2 * log_period
+    s[model.LAG], s[model.SPEED_NOISE] = lag, speed_noise
+    s[model.THRESHOLD] = 5.0 * speed_noise if settings.standstill is None else settings.standstill
+    s[model.INTERVAL], s[model.MAX_GAP], s[model.GATE] = settings.interval, settings.max_gap, settings.gate
+    s[model.J_NOMINAL] = design.J
+    prior, drift = _slow_states(design, settings)
+    s[model.PRIOR : model.PRIOR + model.SIZE] = prior**2
+    s[model.DRIFT : model.DRIFT + model.SIZE] = drift**2
+    return s
+
+
+def covariance(s: Array, settings: Settings) -> Array:
+    """Return the full covariance before the first sample, shape (6, 6)."""
+    P = np.diag(s[model.PRIOR : model.PRIOR + model.SIZE])
+    P[model.OMEGA, model.OMEGA] = max(s[model.SPEED_NOISE] ** 2, 1e-12)
+    if settings.measure == "theta":
+        P[model.THETA, model.THETA] = s[model.R]
+    return P
+
+
+def _angle_noise(design: Design, settings: Settings) -> float:
+    if settings.angle_noise is not None:
+        return settings.angle_noise
+    turn = 1.0 if design.motion == "linear" else 2.0 * math.pi
+    counts = design.sensor.encoder_counts
+    return turn / counts / math.sqrt(12.0) if counts else 1e-6
+
+
+def _speed_filter(design: Design, angle: float) -> tuple[float, float]:
+    """Lag and noise of the drive's speed: the difference over a speed period, then a first-order filter.
+
+    With gain a per period T_s, the lag is T_s/2 of the difference and T_s (1 - a)/a of the filter; white angle
+    noise of variance r comes out with 2 a^2 r / ((2 - a) T_s^2).
+    """
+    T_s = design.drive.speed_divider / design.drive.f_control
+    filter_time = design.sensor.speed_filter
+    a = 1.0 if filter_time == 0.0 else -math.expm1(-T_s / filter_time)
+    return 0.5 * T_s + T_s * (1.0 - a) / a, angle * a / T_s * math.sqrt(2.0 / (2.0 - a))
+
+
+def _slow_states(design: Design, settings: Settings) -> tuple[Array, Array]:
+    """Return prior and drift as standard deviations, in the order of the states."""
+    x = start(design)
+    prior, drift = np.zeros(model.SIZE), np.zeros(model.SIZE)
+    for k, given in ((model.F_C, settings.prior_F_c), (model.F_V, settings.prior_F_v)):
+        prior[k] = settings.prior * x[k] if given is None else given
+        drift[k] = settings.drift * (x[k] or prior[k])
+        if not prior[k] > 0.0:
+            name = model.STATES[k]
+            raise RequestError(
+                f"{design.source or design.name}: {name} is 0 in the design, so nothing says how large it may be; "
+                f"give the design a start value or the tracker prior_{name}"
+            )
+    if "T_load" in settings.estimate:
+        given = settings.prior_T_load
+        prior[model.T_LOAD] = 2.0 * prior[model.F_C] if given is None else given
+        drift[model.T_LOAD] = drift[model.F_C] if settings.drift_T_load is None else settings.drift_T_load
+    if "J" in settings.estimate:
+        share = design.motor.tolerance.get("J", 0.15)
+        prior[model.INERTIA] = share * design.J if settings.prior_J is None else settings.prior_J
+    return prior, drift
+
+
+def as_dict(settings: Settings) -> dict[str, Any]:
+    """Return the settings as plain values."""
+    return {name: getattr(settings, name) for name in settings.__dataclass_fields__}

@@ -1,0 +1,237 @@
+"""The compiled twin of the extended filter: plain loops over whole logs, the same algebra as filterpy's.
+
+Full vectors of six states; a state that is not estimated has zero variance, so it takes no part. The
+covariance update is Joseph's form, which keeps it symmetric and positive definite for any gain.
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+
+from __future__ import annotations
+
+import numpy as np
+
+from pmsm_ctrl.kernels import kernel
+from pmsm_ctrl.track.model import (
+    CHANGE, CONSTANT, DRIFT, DT, DUE, F_C, F_V, FROM_ANGLE, GATE, INERTIA, INTERVAL, KNOWN, KNOWN_LAST, LAG, OMEGA,
+    PREDICTED, PRIOR, REJECTED, REJECTS, REJECTS_ARE_CHANGE, SIZE, SPEED, STANDSTILL, STARTED, T_LOAD,
+    THETA, TORQUE, TORQUE_LAST, UPDATED, R, acceleration, classify, constant_speed, fresh_speed,
+    keep_split, process_variance,
+)  # fmt: skip
+
+__all__ = ["run"]
+
+
+@kernel
+def grow(P, s, slow, dt):
+    """Let the slow states wander for `dt`; never beyond what was believed before the first sample."""
+    for i in range(1, slow):
+        room = s[PRIOR + i] - P[i, i]
+        if room > 0.0:
+            P[i, i] += min(s[DRIFT + i] * dt, room)
+
+
+@kernel
+def predict(x, P, m, s, slow, a, u):
+    """Carry the mean and covariance one step on; only the speed and the angle move, the rest is their memory.
+
+    With the speed's row `a` of the Jacobian, the angle's is ``dt/2 (a + e_omega) + e_theta``: products with it
+    follow from those with `a`. Returns the direction of motion.
+    """
+    dt = m[DT]
+    half = 0.5 * dt
+    direction = 1.0 if m[SPEED] > 0.0 else -1.0
+    alpha, d_omega, d_c, d_v, d_load, d_J = acceleration(
+        x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE], m[KNOWN], dt
+    )
+    a_omega = 1.0 + dt * d_omega
+    a[F_C], a[F_V], a[T_LOAD], a[INERTIA] = dt * d_c, dt * d_v, dt * d_load, dt * d_J
+    x[THETA] += dt * (x[OMEGA] + 0.5 * dt * alpha)
+    x[OMEGA] += dt * alpha
+    u_omega, u_theta = P[OMEGA, OMEGA] * a_omega, P[THETA, OMEGA] * a_omega
+    for i in range(1, slow):
+        u_omega += P[OMEGA, i] * a[i]
+        u_theta += P[THETA, i] * a[i]
+    for i in range(1, slow):
+        u[i] = P[i, OMEGA] * a_omega
+        for j in range(1, slow):
+            u[i] += P[i, j] * a[j]
+    aa = a_omega * u_omega
+    for i in range(1, slow):
+        aa += a[i] * u[i]
+    ab = u_theta + half * (u_omega + aa)
+    v_omega = P[OMEGA, THETA] + half * (P[OMEGA, OMEGA] + u_omega)
+    v_theta = P[THETA, THETA] + half * (P[THETA, OMEGA] + u_theta)
+    bb = v_theta + half * (v_omega + ab)
+    g = dt / x[INERTIA]
+    q = process_variance(m, s) * g * g
+    if s[FROM_ANGLE] != 0.0:
+        for i in range(1, slow):
+            P[THETA, i] = P[i, THETA] = P[i, THETA] + half * (P[i, OMEGA] + u[i])
+        P[OMEGA, THETA] = P[THETA, OMEGA] = ab + half * q
+        P[THETA, THETA] = bb + half * half * q
+    for i in range(1, slow):
+        P[OMEGA, i] = P[i, OMEGA] = u[i]
+    P[OMEGA, OMEGA] = aa + q
+    return direction
+
+
+@kernel
+def restart(x, P, m, s, z):
+    """Take speed and angle from the last samples alone; friction and its covariance stay as they are."""
+    direction = 1.0 if m[SPEED] > 0.0 else -1.0
+    alpha, _, d_c, _, _, _ = acceleration(
+        m[SPEED], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE_LAST], m[KNOWN_LAST], 0.0
+    )
+    x[OMEGA], variance, shared = fresh_speed(m, s, d_c, P[F_C, F_C], alpha)
+    for i in range(SIZE):
+        P[OMEGA, i] = P[i, OMEGA] = 0.0
+        P[THETA, i] = P[i, THETA] = 0.0
+    P[OMEGA, OMEGA] = variance
+    if s[FROM_ANGLE] != 0.0:
+        x[THETA] = z
+        P[OMEGA, THETA] = P[THETA, OMEGA] = shared
+        P[THETA, THETA] = s[R]
+
+
+@kernel
+def rest(x, P, m, s, z):
+    """At standstill: the speed is what is measured; friction, set-valued, is left alone."""
+    x[OMEGA] = m[SPEED]
+    for i in range(SIZE):
+        P[OMEGA, i] = P[i, OMEGA] = 0.0
+        P[THETA, i] = P[i, THETA] = 0.0
+    if s[FROM_ANGLE] != 0.0:
+        P[OMEGA, OMEGA] = 2.0 * s[R] / (m[DT] * m[DT])
+        P[OMEGA, THETA] = P[THETA, OMEGA] = s[R] / m[DT]
+        P[THETA, THETA] = s[R]
+        x[THETA] = z
+    else:
+        P[OMEGA, OMEGA] = s[R]
+
+
+@kernel
+def measure(x, m, s, direction, h):
+    """Fill the measurement row `h` and return the predicted measurement."""
+    for i in range(SIZE):
+        h[i] = 0.0
+    if s[FROM_ANGLE] != 0.0:
+        h[THETA] = 1.0
+        return x[THETA]
+    lag = s[LAG]
+    alpha, d_omega, d_c, d_v, d_load, d_J = acceleration(
+        x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE_LAST], m[KNOWN_LAST], 0.0
+    )
+    h[OMEGA], h[F_C], h[F_V], h[T_LOAD], h[INERTIA] = (
+        1.0 - lag * d_omega,
+        -lag * d_c,
+        -lag * d_v,
+        -lag * d_load,
+        -lag * d_J,
+    )
+    return x[OMEGA] - lag * alpha
+
+
+@kernel
+def innovation_variance(P, h, s, u):
+    """Return h P h' + R and fill `u` with P h'."""
+    S = s[R]
+    for i in range(SIZE):
+        u[i] = 0.0
+        for j in range(SIZE):
+            u[i] += P[i, j] * h[j]
+    for i in range(SIZE):
+        S += h[i] * u[i]
+    return S
+
+
+@kernel
+def joseph(P, K, h, u, v, noise):
+    """P = (I - K h) P (I - K h)' + K R K' for a gain `K` and a row `h`; `u` holds P h'."""
+    for i in range(SIZE):
+        for j in range(SIZE):
+            P[i, j] -= K[i] * u[j]
+    for i in range(SIZE):
+        v[i] = 0.0
+        for j in range(SIZE):
+            v[i] += P[i, j] * h[j]
+    for i in range(SIZE):
+        for j in range(i + 1):
+            # P is (I - K h) P by now; the second factor and the mean of both halves keep it symmetric
+            P[i, j] = P[j, i] = 0.5 * (P[i, j] - v[i] * K[j] + P[j, i] - v[j] * K[i]) + noise * K[i] * K[j]
+
+
+@kernel
+def update(x, P, m, s, z, direction, h, u, v, K):
+    """Take the measurement in, or reject it; return the event, the innovation and its variance."""
+    y = z - measure(x, m, s, direction, h)
+    S = innovation_variance(P, h, s, u)
+    event, innovation, variance = UPDATED, y, S
+    if y * y > s[GATE] * S:
+        m[REJECTS] += 1.0
+        if m[REJECTS] < REJECTS_ARE_CHANGE:
+            restart(x, P, m, s, z)
+            return REJECTED, innovation, variance
+        for i in range(1, SIZE - 1):
+            P[i, i] += max(s[PRIOR + i] - P[i, i], 0.0)
+        P[OMEGA, OMEGA] += y * y if s[FROM_ANGLE] == 0.0 else (y / max(s[INTERVAL], m[DT])) ** 2
+        S = innovation_variance(P, h, s, u)
+        event = CHANGE
+    m[REJECTS] = 0.0
+    for i in range(SIZE):
+        K[i] = u[i] / S
+    if event == UPDATED and P[F_C, F_C] > 0.0 and P[F_V, F_V] > 0.0 and constant_speed(m, s):
+        _, _, d_c, d_v, _, _ = acceleration(
+            x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE], m[KNOWN], 0.0
+        )
+        K[F_C], K[F_V] = keep_split(K[F_C], K[F_V], x[F_C], x[F_V], d_c, d_v)
+        event = CONSTANT
+    for i in range(SIZE):
+        x[i] += K[i] * y
+    joseph(P, K, h, u, v, s[R])
+    return event, innovation, variance
+
+
+@kernel
+def run(t, z, torque, known, s, x, P, m, estimates, variances, covariance, innovations, events):
+    """Filter a stretch of samples; `x`, `P` and `m` go on from where they were.
+
+    Parameters
+    ----------
+    t, z, torque, known : array, shape (n,)
+        Time, the measured angle or speed, the drive's torque less the known load, the torque of further effects.
+    s : array of model.SETTINGS numbers
+    x : array, shape (6,);  P : array, shape (6, 6);  m : array of model.MEMORY numbers
+    estimates, variances : array, shape (n, slow)
+        Filled with the first states; `slow` is 3 for omega, F_c and F_v, 4 with T_load, 5 with J.
+    covariance : array, shape (n,)
+        Filled with the covariance of F_c and F_v.
+    innovations : array, shape (n, 2)
+        Filled with innovation and variance where a measurement was judged, NaN elsewhere.
+    events : int8 array, shape (n,)
+    """
+    a, u, v = np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE)
+    h, K = np.zeros(SIZE), np.zeros(SIZE)
+    slow = estimates.shape[1]
+    for k in range(t.size):
+        friction = abs(x[F_C]) + abs(x[F_V] * x[OMEGA])
+        before = m[0]
+        event = classify(m, t[k], z[k], torque[k], known[k], friction, s)
+        innovations[k, 0] = np.nan
+        innovations[k, 1] = np.nan
+        if m[0] > before:
+            grow(P, s, slow, m[DT])
+        if event == PREDICTED:
+            direction = predict(x, P, m, s, slow, a, u)
+            if m[DUE] != 0.0:
+                event, y, S = update(x, P, m, s, z[k], direction, h, u, v, K)
+                innovations[k, 0] = y
+                innovations[k, 1] = S
+        elif event == STARTED:
+            restart(x, P, m, s, z[k])
+        elif event == STANDSTILL:
+            rest(x, P, m, s, z[k])
+        for i in range(slow):
+            estimates[k, i] = x[i]
+            variances[k, i] = P[i, i]
+        covariance[k] = P[F_C, F_V]
+        events[k] = event
