@@ -237,7 +237,8 @@ class Cascade:
             I_d = I_d + T / T_d * K_d * e_d
             I_q = I_q + T / loop.T_n * loop.K_p * e_q
             command = np.vstack([u_d, u_q])
-            acting, held = (held, command) if m.delay else (command, held)
+            # Without a computation delay nothing is pending: what is not used must not linger as a state.
+            acting, held = (held, command) if m.delay else (command, np.zeros_like(held))
             x = Phi @ x + Gamma[:, :2] @ acting + np.outer(Gamma[:, 2], T_load)
         return x, held, I_d, I_q
 

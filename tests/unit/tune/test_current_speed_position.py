@@ -1,0 +1,184 @@
+"""The design methods: what they promise is met on the sampled loop, and bad requests get an answer."""
+
+from __future__ import annotations
+
+import math
+
+import control as ct
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import CurrentLoop, Design, SpeedLoop
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.tune import current, position, speed
+from pmsm_ctrl.tune.delays import delays
+from pmsm_ctrl.tune.margins import margins, response
+from pmsm_ctrl.tune.sampled import Cascade, current_loop
+
+MACHINES = ("seed_motor", "small_servo", "servo_2kw")
+
+
+@pytest.fixture(params=MACHINES)
+def design(request, designs) -> Design:
+    return Design.read(designs / f"{request.param}.toml")
+
+
+@pytest.fixture
+def seed_motor(designs) -> Design:
+    return Design.read(designs / "seed_motor.toml")
+
+
+def test_current_loop_by_bandwidth_meets_crossover_and_margin(design):
+    asked = 0.03 * design.drive.f_control
+    loop = current.tune_current(design, "bandwidth", bandwidth=asked, phase_margin=65.0)
+    for axis in ("d", "q"):
+        found = margins(current_loop(design, loop, axis))
+        assert found.crossover == pytest.approx(asked, rel=1e-4)
+        assert found.phase_margin == pytest.approx(65.0, abs=0.01)
+        assert found.stable
+
+
+def test_modulus_optimum_of_the_seed_motor(seed_motor):
+    # K_p = L / (2 T_sigma) with T_sigma = 1.5 periods: f_control L / 3
+    loop = current.tune_current(seed_motor)
+    assert loop.K_p == pytest.approx(16000.0 * 49.16e-3 / 3.0)
+    assert loop.T_n == pytest.approx(49.16e-3 / 19.0)
+    assert loop.K_p_d is None
+
+
+def test_unequal_axes_get_their_own_gains(designs):
+    loop = current.tune_current(Design.read(designs / "servo_2kw.toml"))
+    assert loop.K_p_d / loop.K_p == pytest.approx(4.5 / 5.5)
+
+
+def test_pole_cancellation_defaults_to_the_margin_asked_for(design):
+    loop = current.tune_current(design, "pole_cancellation", phase_margin=60.0)
+    assert margins(current_loop(design, loop)).phase_margin == pytest.approx(60.0, abs=4.0)
+
+
+def test_the_highest_current_bandwidth_is_where_phase_runs_out(seed_motor):
+    limit = current.highest_bandwidth(seed_motor, 45.0)
+    with pytest.raises(RequestError, match=rf"93\.75 us of delay .* 45 deg of phase margin is {limit:.4g} Hz"):
+        current.tune_current(seed_motor, "bandwidth", bandwidth=limit * 1.01, phase_margin=45.0)
+    loop = current.tune_current(seed_motor, "bandwidth", bandwidth=limit * 0.99, phase_margin=45.0)
+    assert margins(current_loop(seed_motor, loop)).phase_margin == pytest.approx(45.0, abs=0.01)
+    # Integrator and delay alone: 90 - 45 deg less 3 deg of PI at w * 1.5 T, so a little above 42/360/(1.5 T).
+    assert limit == pytest.approx(42.0 / 360.0 / (1.5 / 16000.0), rel=0.08)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "modulus"}, "unknown method 'modulus'; did you mean 'modulus_optimum'"),
+        ({"method": "bandwidth"}, r"needs a bandwidth in Hz \(up to"),
+        ({"bandwidth": 300.0}, "fixes the bandwidth by the delay"),
+        ({"method": "bandwidth", "bandwidth": -1.0}, "a positive number was expected"),
+        ({"method": "bandwidth", "bandwidth": math.nan}, "a positive number was expected"),
+        ({"method": "bandwidth", "bandwidth": 100.0, "phase_margin": 95.0}, "between 5 and 85 deg"),
+    ],
+)
+def test_bad_current_requests_get_an_answer(seed_motor, options, message):
+    with pytest.raises(RequestError, match=message):
+        current.tune_current(seed_motor, **options)
+
+
+def tuned(design: Design, at: float = 30.0) -> tuple[CurrentLoop, Cascade]:
+    loop = current.tune_current(design)
+    return loop, Cascade.of(design, loop, at=at)
+
+
+@pytest.mark.parametrize("phase_margin", [40.0, 55.0, 65.0])
+def test_speed_loop_by_bandwidth_meets_crossover_and_margin(design, phase_margin):
+    loop, cascade = tuned(design)
+    asked = 0.6 * speed.highest_bandwidth(cascade, phase_margin)
+    gains = speed.tune_speed(design, loop, "bandwidth", cascade=cascade, bandwidth=asked, phase_margin=phase_margin)
+    found = margins(speed.open_loop(cascade, gains))
+    assert found.crossover == pytest.approx(asked, rel=1e-4)
+    assert found.phase_margin == pytest.approx(phase_margin, abs=0.02)
+    assert found.stable
+
+
+@pytest.mark.parametrize("a", [2.0, 1.0 + math.sqrt(2.0), 3.0, 4.0])
+def test_symmetrical_optimum_keeps_its_phase_margin_on_the_sampled_loop(design, a):
+    loop, cascade = tuned(design)
+    gains = speed.tune_speed(design, loop, a=a, cascade=cascade)
+    found = margins(speed.open_loop(cascade, gains))
+    # The rule lumps all delays into one lag: a few degrees of truth are lost at the fast end.
+    assert found.phase_margin == pytest.approx(math.degrees(math.atan((a * a - 1.0) / (2.0 * a))), abs=2.5)
+    assert found.crossover == pytest.approx(1.0 / (2.0 * math.pi * a * delays(design, loop).speed), rel=0.12)
+
+
+def test_pole_placement_places_the_dominant_poles(seed_motor):
+    loop, cascade = tuned(seed_motor)
+    slow, damping = 6.0, 0.8
+    gains = speed.tune_speed(seed_motor, loop, "pole_placement", cascade=cascade, bandwidth=slow, damping=damping)
+    poles = cascade.with_gains(speed=gains).system(("omega_ref",), ("omega",)).poles()
+    wanted = 2.0 * math.pi * slow * (-damping + 1j * math.sqrt(1.0 - damping**2))
+    found = np.log(poles[np.abs(poles) > 0.0].astype(complex)) / cascade.period
+    nearest = found[np.argmin(np.abs(found - wanted))]
+    assert abs(nearest - wanted) < 0.06 * abs(wanted)
+
+
+def test_a_speed_bandwidth_above_the_delays_says_what_is_possible_and_why(seed_motor):
+    loop, cascade = tuned(seed_motor)
+    limit = speed.highest_bandwidth(cascade, 60.0)
+    with pytest.raises(RequestError) as caught:
+        speed.tune_speed(seed_motor, loop, "bandwidth", cascade=cascade, bandwidth=500.0)
+    text = str(caught.value)
+    assert f"60 deg of phase margin is {limit:.4g} Hz" in text
+    assert "speed filter 0.385 ms" in text
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "optimum"}, "unknown method 'optimum'"),
+        ({"method": "bandwidth"}, "needs a bandwidth in Hz"),
+        ({"bandwidth": 400.0}, r"would need a = 0\.48.*at most 161\.2 Hz"),
+        ({"method": "pole_placement", "bandwidth": 400.0}, "highest bandwidth"),
+        ({"method": "pole_placement", "bandwidth": 0.05}, "friction alone damps more"),
+    ],
+)
+def test_bad_speed_requests_get_an_answer(seed_motor, options, message):
+    loop, cascade = tuned(seed_motor)
+    with pytest.raises(RequestError, match=message):
+        speed.tune_speed(seed_motor, loop, cascade=cascade, **options)
+
+
+def test_position_gain_has_no_resonance_and_no_overshoot(design):
+    loop, cascade = tuned(design)
+    cascade = cascade.with_gains(speed=speed.tune_speed(design, loop, cascade=cascade))
+    place = position.tune_position(cascade)
+    found = margins(position.open_loop(cascade, place.K_v))
+    assert found.complementary_peak <= 1.0101
+    assert found.sensitivity_peak <= 1.4001
+    closed = cascade.with_gains(position=place).system(("theta_ref",), ("theta",))
+    _, y = ct.step_response(closed, cascade.period * np.arange(4000))
+    assert y.max() < 1.02
+    assert y[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_position_gain_that_is_unstable_is_refused(seed_motor):
+    loop, cascade = tuned(seed_motor)
+    cascade = cascade.with_gains(speed=speed.tune_speed(seed_motor, loop, cascade=cascade))
+    with pytest.raises(RequestError, match=r"unstable with K_v = 5000 1/s .* without resonance is 1\d\d"):
+        position.tune_position(cascade, gain=5000.0)
+    with pytest.raises(RequestError, match="a positive number was expected"):
+        position.tune_position(cascade, gain=-1.0)
+
+
+def test_stiffness_at_low_frequency_is_that_of_the_gains(seed_motor):
+    loop, cascade = tuned(seed_motor)
+    gains = SpeedLoop(K_p=0.03, T_n=0.02)
+    cascade = cascade.with_gains(speed=gains)
+    cascade = cascade.with_gains(position=position.tune_position(cascade, gain=50.0))
+    found = position.stiffness(cascade)
+    assert found.position_integral == pytest.approx(1.032 * 0.03 * 50.0 / 0.02)
+    omega = np.array([0.01])
+    by_angle = response(cascade.system(("T_load",), ("theta",)), omega)
+    # T_load / theta -> K_t K_p K_v / (T_n s): infinite at rest, this slope on the way there.
+    assert 1.0 / np.abs(by_angle)[0] == pytest.approx(found.position_integral / 0.01, rel=1e-3)
+    assert found.position_dynamic < found.position_proportional
+    # The least stiffness of the speed loop of a double pole is about J times the peak's bandwidth.
+    assert found.speed_dynamic == pytest.approx(1.032 * 0.03, rel=0.15)

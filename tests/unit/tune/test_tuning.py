@@ -1,0 +1,241 @@
+"""The verb: noise, tolerances, resonance, units, report, refusals."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+import subprocess
+import sys
+
+import control as ct
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import CurrentLoop, Design, Loops, PositionLoop, SpeedLoop
+from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.tune.margins import margins, response
+from pmsm_ctrl.tune.noise import h2_norm, noise
+from pmsm_ctrl.tune.requirements import Requirements
+from pmsm_ctrl.tune.resonance import resonance_frequencies
+from pmsm_ctrl.tune.robust import corners, robustness, varied
+from pmsm_ctrl.tune.sampled import Biquad, Cascade
+from pmsm_ctrl.tune.speed import open_loop
+from pmsm_ctrl.tune.tuning import Tuning, UnstableLoopError, assess, tune
+
+
+@pytest.fixture(scope="module")
+def root(request):
+    return request.config.rootpath / "designs"
+
+
+@pytest.fixture(scope="module")
+def tuned(root) -> Tuning:
+    return tune(Design.read(root / "seed_motor.toml"), prove=False)
+
+
+@pytest.fixture(scope="module")
+def resonant(root) -> Tuning:
+    return tune(Design.read(root / "geared_resonant.toml"), prove=False)
+
+
+def test_importing_the_package_does_not_import_python_control():
+    code = "import sys, pmsm_ctrl, pmsm_ctrl.tune; sys.exit('control' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    package = importlib.import_module("pmsm_ctrl.tune")
+    with pytest.raises(AttributeError, match="no attribute 'tun'"):
+        package.tun  # noqa: B018
+    assert package.tune is tune
+
+
+def test_h2_norm_against_control_and_against_random_numbers():
+    system = ct.ss(ct.tf([0.2, 0.1], [1.0, -1.2, 0.5], 1e-3))
+    assert h2_norm(system) == pytest.approx(ct.system_norm(system, 2), rel=1e-9)
+    rng = np.random.default_rng(5)
+    noise_in = rng.standard_normal(200_000)
+    _, y = ct.forced_response(system, 1e-3 * np.arange(noise_in.size), noise_in)
+    assert np.std(y) == pytest.approx(h2_norm(system), rel=0.01)
+
+
+def test_noise_gain_is_the_integral_over_frequency(tuned):
+    system = tuned.cascade.with_gains(position=None).system(("angle_noise",), ("i_q_ref",))
+    omega = np.linspace(0.0, math.pi / system.dt, 20001)
+    square = np.trapezoid(np.abs(response(system, omega[1:])) ** 2, omega[1:]) * system.dt / math.pi
+    assert tuned.noise.encoder_gain == pytest.approx(math.sqrt(square), rel=1e-3)
+    step = 2.0 * math.pi / 131072
+    assert tuned.noise.encoder_ripple == pytest.approx(tuned.noise.encoder_gain * step / math.sqrt(12.0))
+
+
+def test_the_current_loop_passes_its_own_noise_as_its_closed_form_says(root):
+    # A dead-beat free loop k/(z - 1) without delay: T = k/(z - 1 + k), H2 norm sqrt(k/(2 - k)).
+    design = Design.read(root / "seed_motor.toml").replace(drive={"delay_periods": 0})
+    R, L, T = 19.0, 49.16e-3, 1.0 / 16000.0
+    pole = math.exp(-R * T / L)
+    k = 0.3
+    # T_n that puts the PI's zero exactly on the winding's pole
+    loop = CurrentLoop(K_p=k * R / (1.0 - pole), T_n=T / (1.0 - pole))
+    cascade = Cascade.of(design, loop, SpeedLoop(K_p=0.02, T_n=0.05), at=30.0)
+    assert noise(cascade).current_gain == pytest.approx(math.sqrt(k / (2.0 - k)), rel=1e-6)
+
+
+def test_corners_and_variation(root):
+    design = Design.read(root / "geared_resonant.toml")
+    assert len(corners(design)) == 16
+    assert len(corners(design.replace(motor={"tolerance": {"J": 0.1}}))) == 2
+    plant = varied(design, {"J": -0.1, "psi_f": 0.05, "R": 0.2, "L_q": -0.2})
+    assert pytest.approx(0.9 * design.J) == plant.J
+    assert plant.K_t == pytest.approx(1.05 * design.K_t)
+    assert plant.motor.L_d == pytest.approx(0.8 * design.motor.L_d)
+    assert plant.parameters("compliance")["J_load"] == pytest.approx(0.9 * 2.0e-4)
+
+
+def test_the_worst_corner_is_named_and_no_point_inside_is_worse(tuned):
+    found = tuned.robustness
+    assert found.corners == 20
+    assert found.worst_speed.name.startswith("J ")
+    need = tuned.requirements
+    design, loops = tuned.design, tuned.loops
+    more = robustness(design, loops.current, loops.speed, requirements=need, at=40.0, inside=12, seed=3)
+    assert need.shortfall(more.worst_speed.speed) == pytest.approx(need.shortfall(found.worst_speed.speed), abs=0.01)
+    # A winding with less inductance and resistance makes the current loop faster and its margin smaller.
+    assert found.worst_current.deviations["L_q"] < 0.0
+    assert found.worst_current.current.phase_margin < found.nominal.current.phase_margin
+
+
+def test_robust_gains_keep_the_worst_corner(root):
+    design = Design.read(root / "seed_motor.toml")
+    need = Requirements(phase_margin=48.0, gain_margin_db=8.0, sensitivity_peak=1.8)
+    found = tune(design, robust=True, requirements=need, prove=False)
+    assert not found.robustness.missed
+    assert found.robustness.slowed > 1.0
+    assert found.robustness.worst_speed.speed.phase_margin >= 48.0
+    assert found.robustness.worst_current.current.phase_margin >= 48.0
+    assert "slowed down" in found.methods["speed"]
+    with pytest.raises(RequestError, match="no gains keep the margins over the tolerances"):
+        tune(design, robust=True, requirements=Requirements(phase_margin=89.0), prove=False)
+
+
+def test_resonance_frequencies_are_the_textbooks(root):
+    anti, peak, ratio = resonance_frequencies(Design.read(root / "geared_resonant.toml"))
+    assert anti == pytest.approx(math.sqrt(230.0 / 2e-4) / (2 * math.pi))
+    assert peak / anti == pytest.approx(math.sqrt(1.0 + ratio))
+    assert resonance_frequencies(Design.read(root / "seed_motor.toml")) is None
+
+
+def test_a_resonance_gets_a_filter_proposed_with_margins_before_and_after(resonant):
+    found = resonant.resonance
+    assert found.before_missed
+    assert found.slowed
+    proposed = found.proposed
+    assert proposed is not None
+    assert proposed.filter.kind == "notch"
+    assert proposed.filter.frequency == pytest.approx(found.resonance)
+    assert proposed.margins.sensitivity_peak < found.before.sensitivity_peak
+    assert not resonant.requirements.missed(resonant.margins["speed"])
+    # The filter keeps the rigid axis' gains, which are faster than what runs without it.
+    assert proposed.margins.crossover > 1.2 * resonant.margins["speed"].crossover
+    assert any("a notch at 256 Hz would save it" in w for w in resonant.warnings)
+
+
+def test_a_notch_is_a_notch():
+    notch = Biquad("notch", 200.0, 0.05, 0.5)
+    w = 2.0 * math.pi * 200.0
+    assert abs(notch.continuous()(1j * w)) == pytest.approx(0.1)
+    sampled = notch.sampled(1.0 / 4000.0)
+    assert abs(sampled(np.exp(1j * w / 4000.0))) == pytest.approx(0.1, rel=1e-6)
+    assert sampled.dcgain() == pytest.approx(1.0)
+    low = Biquad("low_pass", 300.0, 0.0, math.sqrt(0.5))
+    assert abs(low.continuous()(2j * math.pi * 300.0)) == pytest.approx(math.sqrt(0.5))
+
+
+def test_the_gains_in_the_units_of_the_drives(root):
+    loops = Loops(
+        current=CurrentLoop(K_p=20.0, T_n=4e-3),
+        speed=SpeedLoop(K_p=0.05, T_n=8e-3, reference_filter=8e-3),
+        position=PositionLoop(K_v=100.0),
+    )
+    design = Design.read(root / "seed_motor.toml").model_copy(update={"loops": loops})
+    units = assess(design, prove=False).gains
+    assert units["Siemens"]["p1460 speed controller K_p [N m s/rad]"] == pytest.approx(0.05 * 1.032)
+    assert units["Siemens"]["p1462 speed controller T_n [ms]"] == pytest.approx(8.0)
+    assert units["Siemens"]["MD32200 K_v [1000/min]"] == pytest.approx(6.0)
+    assert units["Beckhoff"]["AX5000 S-0-0100 velocity loop K_p [A/(rad/s)] rms"] == pytest.approx(0.05 / math.sqrt(2))
+    assert units["Beckhoff"]["EL72xx current loop K_p [0.1 V/A]"] == pytest.approx(200.0)
+    assert units["B&R"]["SCTRL_KV [A s] rms"] == pytest.approx(0.05 * 2 * math.pi / math.sqrt(2))
+
+
+def test_the_result_goes_back_into_the_design(tuned, tmp_path):
+    path = tuned.design.write(tmp_path / "new.toml")
+    again = Design.read(path)
+    assert again.loops == tuned.loops
+    assert again == tuned.design
+    same = assess(again, prove=False)
+    assert same.margins["speed"] == tuned.margins["speed"]
+    assert same.methods["speed"] == "as given in the design"
+
+
+def test_summary_dict_and_section(tuned, resonant):
+    for result in (tuned, resonant):
+        text = result.summary()
+        assert text.splitlines()[0].endswith("every margin is kept; not proved on the simulated drive")
+        json.dumps(result.to_dict(), allow_nan=False)
+        section = result.section()
+        assert section.title == "Tuning of the loops"
+        for header, rows in section.tables:
+            assert all(len(row) == len(header) for row in rows)
+    assert len(tuned.section().figures) == 1
+    assert len(resonant.section().figures) == 2
+    assert "Resonance" in resonant.summary()
+    for axis in tuned.plot().axes:
+        assert "[" in axis.get_ylabel() or axis.get_ylabel() == ""
+
+
+def test_an_unstable_loop_says_which_and_shows_it(root):
+    design = Design.read(root / "seed_motor.toml")
+    fast = design.replace(loops={"speed": {"K_p": 1.0, "T_n": 5e-3}})
+    with pytest.raises(UnstableLoopError, match="speed loop: unstable with the gains given") as caught:
+        assess(fast, prove=False)
+    assert caught.value.loop == "speed"
+    assert caught.value.figure.axes
+    hot = design.replace(loops={"current": {"K_p": 1500.0, "T_n": 2.6e-3}})
+    with pytest.raises(UnstableLoopError, match="current loop: unstable"):
+        assess(hot, prove=False)
+
+
+def test_designs_that_cannot_be_tuned_say_why(root):
+    with pytest.raises(DesignError, match="this design knows only K_t"):
+        tune(Design.read(root / "emps.toml"))
+    with pytest.raises(RequestError, match="loops: missing, there are no gains to judge"):
+        assess(Design.read(root / "small_servo.toml"))
+
+
+def test_requirements_name_what_is_missed(root):
+    design = Design.read(root / "seed_motor.toml")
+    cascade = Cascade.of(design, CurrentLoop(K_p=262.0, T_n=2.6e-3), at=40.0)
+    found = margins(open_loop(cascade, SpeedLoop(K_p=0.11, T_n=2e-3)))
+    missed = Requirements().missed(found)
+    assert any(item.startswith("phase margin") for item in missed)
+    assert Requirements().shortfall(found) > 0.0
+    strict = tune(design, requirements=Requirements(phase_margin=70.0), prove=False)
+    assert not strict.defended
+    assert "NOT every margin is kept" in strict.summary()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"current": "pole_cancellation", "speed": "pole_placement"},
+        {"current": "bandwidth", "current_bandwidth": 300.0, "speed": "bandwidth", "speed_bandwidth": 40.0},
+    ],
+)
+def test_every_method_tunes_a_whole_cascade(root, options):
+    found = tune(Design.read(root / "servo_2kw.toml"), prove=False, **options)
+    assert all(m.stable for m in found.margins.values())
+    assert found.defended
+
+
+def test_a_drive_without_computation_delay(root):
+    design = Design.read(root / "small_servo.toml").replace(drive={"delay_periods": 0})
+    found = tune(design, prove=False)
+    assert found.delays.computation == 0.0
+    assert found.margins["current"].stable
