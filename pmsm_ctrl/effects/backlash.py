@@ -34,6 +34,7 @@ effect = Effect(
         Parameter("d", "N m s/rad", 0.01, 0.0, inf, "contact damping; that of `compliance` if both are there"),
     ),
     term=term,
+    example={"gap": 0.01, "J_load": 4e-05, "k": 100.0, "d": 0.02},
     needs="reversals of the torque between motor and load: quick back and forth moves",
     look_alikes={"compliance": "under a load that keeps the gap closed only the spring shows"},
 )

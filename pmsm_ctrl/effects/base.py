@@ -72,6 +72,7 @@ class Effect:
     needs : what excitation makes it visible
     look_alikes : effect id -> why some logs cannot tell the two apart
     validated : what it has been held against so far
+    example : parameter values that are plausible on the reference motor, for plots, docs and blind tests
     """
 
     id: str
@@ -84,6 +85,7 @@ class Effect:
     needs: str
     look_alikes: Mapping[str, str] = field(default_factory=dict)
     validated: str = "simulated logs"
+    example: Mapping[str, float] = field(default_factory=dict)
     channels: tuple[str, ...] = ()
     structure: Literal["term", "transmission", "bristle", "delay"] = "term"
     amplitudes: tuple[str, ...] = ()

@@ -26,6 +26,7 @@ effect = Effect(
         Parameter("order", "1", 24.0, 1.0, 1000.0, "mechanical order k, found from the data"),
     ),
     term=term,
+    example={"a_s": 0.005, "a_c": 0.002, "order": 24.0},
     needs="at least one slow turn, slow enough that order times speed stays below half the logging rate",
     look_alikes={
         "torque_ripple": "at constant current an order that both can have is the same",

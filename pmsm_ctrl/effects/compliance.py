@@ -28,6 +28,7 @@ effect = Effect(
         Parameter("d", "N m s/rad", 0.0, 0.0, inf, "damping"),
     ),
     term=term,
+    example={"J_load": 4e-05, "k": 15.0, "d": 0.002},
     needs="motion with content around the resonance: chirp or multisine",
     look_alikes={
         "delay": "below the resonance both shift torque against acceleration",

@@ -22,6 +22,7 @@ effect = Effect(
     enters="torque",
     parameters=(Parameter("F_c", "N m", 0.0, 0.0, inf, "Coulomb friction torque", linear=True),),
     term=term,
+    example={"F_c": 0.0213},
     needs="motion in both directions, or two speeds in one direction",
     look_alikes={
         "viscous": "at a single speed only the sum of F_c and F_v omega shows",

@@ -37,6 +37,7 @@ effect = Effect(
         Parameter("i_0", "A", 0.05, 1e-6, inf, "phase current below which the loss is proportional to it"),
     ),
     term=term,
+    example={"dU": 6.0, "i_0": 0.05},
     needs="voltages in the log, and motion with phase currents of either sign",
     look_alikes={
         "R": "at one current amplitude the lost voltage is a resistance",

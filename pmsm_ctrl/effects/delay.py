@@ -21,6 +21,7 @@ effect = Effect(
     structure="delay",
     parameters=(Parameter("tau", "s", 0.0, 0.0, 3e-3, "age of the logged currents", linear=True),),
     term=term,
+    example={"tau": 0.0005},
     needs="fast changes of acceleration",
     look_alikes={"compliance": "below the resonance both shift torque against acceleration"},
     validated="simulated logs, EMPS",

@@ -26,6 +26,7 @@ effect = Effect(
         Parameter("e_c", "rad", 0.0, -0.2, 0.2, "cosine part of the angle error", linear=True),
     ),
     term=term,
+    example={"e_s": 0.002, "e_c": 0.001},
     needs="turns at clearly different constant speeds: its speed error grows with speed, its torque error with speed^2",
     look_alikes={"unbalance": "at constant speed both are a first mechanical order"},
 )

@@ -22,6 +22,7 @@ effect = Effect(
     enters="voltage",
     parameters=(Parameter("k_L", "H/A", 0.0, 0.0, inf, "loss of inductance per ampere", linear=True),),
     term=term,
+    example={"k_L": 0.006},
     needs="voltages in the log, and speed together with small and large i_q",
     look_alikes={"L_q": "at one current amplitude it is a smaller inductance"},
 )

@@ -20,6 +20,7 @@ effect = Effect(
     enters="torque",
     parameters=(Parameter("mu", "1", 0.0, 0.0, 0.9, "share of the transmitted torque lost in friction", linear=True),),
     term=term,
+    example={"mu": 0.08},
     needs="the same speeds at clearly different torques: two accelerations, or two loads",
     look_alikes={
         "coulomb": "at constant torque it is a constant",

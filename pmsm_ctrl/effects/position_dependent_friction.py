@@ -25,6 +25,7 @@ effect = Effect(
         Parameter("b_c", "N m", 0.0, -inf, inf, "cosine part of the variation over one turn", linear=True),
     ),
     term=term,
+    example={"b_s": 0.004, "b_c": 0.002},
     needs="slow turns in both directions",
     look_alikes={"unbalance": "in one direction of motion both are a first mechanical order"},
 )

@@ -22,6 +22,7 @@ effect = Effect(
     enters="torque",
     parameters=(Parameter("k_2", "N m s^2/rad^2", 0.0, 0.0, inf, "quadratic drag coefficient", linear=True),),
     term=term,
+    example={"k_2": 5e-07},
     needs="steady motion at three or more speeds up to high speed",
     look_alikes={
         "viscous_power": "with n = 2 they are the same",

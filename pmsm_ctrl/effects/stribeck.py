@@ -26,6 +26,7 @@ effect = Effect(
         Parameter("delta", "1", 2.0, 0.3, 4.0, "shape: 2 is Gaussian, 1 exponential"),
     ),
     term=term,
+    example={"dF_s": 0.01, "w_s": 5.0, "delta": 2.0},
     needs="steady motion at several speeds below and around the Stribeck speed, both directions best",
     look_alikes={
         "coulomb": "if all speeds lie below or all far above the Stribeck speed it is a constant",

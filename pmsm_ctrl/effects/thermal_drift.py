@@ -26,6 +26,7 @@ effect = Effect(
         Parameter("tau", "s", 10.0, 1e-3, 1e6, "time constant of warming up"),
     ),
     term=term,
+    example={"dF_v": -5e-05, "dF_c": -0.003, "tau": 10.0},
     needs="the same speeds early and late in the log",
     look_alikes={
         "viscous": "if speed only rises while the axis warms up, the drift follows the speed",

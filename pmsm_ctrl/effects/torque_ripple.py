@@ -26,6 +26,7 @@ effect = Effect(
         Parameter("order", "1", 6.0, 1.0, 48.0, "electrical order n: 6 and 12 from the flux, 1 and 2 from sensors"),
     ),
     term=term,
+    example={"r_s": 0.03, "r_c": 0.01, "order": 6.0},
     needs="slow turns at clearly different torques",
     look_alikes={
         "cogging": "at constant current an order that both can have is the same",

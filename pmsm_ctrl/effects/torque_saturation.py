@@ -24,6 +24,7 @@ effect = Effect(
         Parameter("k_s", "1/A", 0.0, 0.0, inf, "relative loss of the torque constant per ampere", linear=True),
     ),
     term=term,
+    example={"k_s": 0.04},
     needs="accelerations at small and at large current",
     look_alikes={
         "load_dependent_friction": "both take away a share of large torques; driving and braking tell them apart"

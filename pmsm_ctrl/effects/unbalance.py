@@ -25,6 +25,7 @@ effect = Effect(
         Parameter("a_c", "N m", 0.0, -inf, inf, "cosine part, A sin(phi)", linear=True),
     ),
     term=term,
+    example={"a_s": 0.01, "a_c": 0.004},
     needs="at least one slow turn, in both directions",
     look_alikes={
         "position_dependent_friction": "in one direction of motion both are a first mechanical order",

@@ -22,6 +22,7 @@ effect = Effect(
     enters="torque",
     parameters=(Parameter("F_v", "N m s/rad", 0.0, 0.0, inf, "viscous friction coefficient", linear=True),),
     term=term,
+    example={"F_v": 0.000168},
     needs="at least two different speeds in one direction",
     look_alikes={
         "coulomb": "at a single speed only the sum of F_c and F_v omega shows",

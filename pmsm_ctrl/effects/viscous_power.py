@@ -25,6 +25,7 @@ effect = Effect(
         Parameter("n", "1", 2.0 / 3.0, 0.3, 3.0, "exponent"),
     ),
     term=term,
+    example={"k": 0.001, "n": 0.667},
     needs="steady motion at five or more well spread speeds",
     look_alikes={
         "viscous": "with n = 1 they are the same",

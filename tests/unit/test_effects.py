@@ -287,3 +287,9 @@ def test_term_with_an_unknown_argument_is_refused() -> None:
 def test_terms_give_the_numbers_of_the_paper(identifier: str, values: dict[str, float], expected: float) -> None:
     effect = CATALOGUE[identifier]
     assert call(effect.term, effect, values)[0] == pytest.approx(expected, rel=1e-15)
+
+
+@each_effect
+def test_example_is_complete_and_inside_the_bounds(effect: Effect) -> None:
+    assert set(effect.example) == {p.symbol for p in effect.parameters}
+    assert effect.active(effect.values(EffectEntry(id=effect.id, parameters=dict(effect.example))))

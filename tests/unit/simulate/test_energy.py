@@ -93,7 +93,7 @@ def test_zero_amplitude_is_the_baseline_bit_for_bit(ideal, identifier):
     base = ideal.with_effect("coulomb", {"F_c": 0.02}).replace(
         sensor={"encoder_counts": 131072, "current_noise": 0.004}
     )
-    zero = {symbol: 0.0 for symbol in CATALOGUE[identifier].amplitudes}
+    zero = dict.fromkeys(CATALOGUE[identifier].amplitudes, 0.0)
     swing = Scenario("swing", 0.1, lambda t: {"omega_ref": 30.0 * np.sin(40.0 * t)})
     expected = simulate(base.without_effect(identifier), swing, seed=1)
     found = simulate(base.without_effect(identifier).with_effect(identifier, zero), swing, seed=1)
@@ -103,7 +103,7 @@ def test_zero_amplitude_is_the_baseline_bit_for_bit(ideal, identifier):
 @pytest.mark.parametrize("identifier", sorted(e.id for e in CATALOGUE.values() if e.structure == "term"))
 def test_a_vanishing_amplitude_tends_to_the_baseline(ideal, identifier):
     """The wiring itself adds nothing: amplitude 1e-12 gives the baseline to rounding."""
-    tiny = {symbol: 1e-12 for symbol in CATALOGUE[identifier].amplitudes}
+    tiny = dict.fromkeys(CATALOGUE[identifier].amplitudes, 1e-12)
     base = ideal.with_effect("viscous", {"F_v": 2e-4}).without_effect(identifier)
     swing = Scenario("swing", 0.1, lambda t: {"omega_ref": 30.0 + 10.0 * np.sin(40.0 * t)}, omega_0=30.0)
     expected = simulate(base, swing)

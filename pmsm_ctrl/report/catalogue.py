@@ -1,0 +1,144 @@
+"""The catalogue of effects on paper: a table of all, and one entry in full with a picture of its signature."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import Effect, lookup, with_own
+from pmsm_ctrl.result import Result, Section
+from pmsm_ctrl.simulate import scenario, simulate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["CatalogueEntry", "catalogue_rows", "describe_effect"]
+
+Array = NDArray[Any]
+HEADER = ("id", "enters", "term", "parameters", "needs")
+
+
+def catalogue_rows(own: Iterable[Effect] = ()) -> list[tuple[str, ...]]:
+    """Return one row per effect: id, where it enters, equation (LaTeX), parameters with units, what it needs."""
+    return [
+        (
+            effect.id,
+            effect.enters,
+            effect.equation,
+            ", ".join(f"{p.symbol} [{p.unit}]" for p in effect.parameters),
+            effect.needs,
+        )
+        for effect in with_own(own).values()
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class CatalogueEntry(Result):
+    """One effect in full.
+
+    Attributes
+    ----------
+    effect : Effect
+    omega, theta, residual : arrays, shape (n,), or None
+        Speed, angle and what the effect adds to the drive's signal in a simulated run of the
+        `identification` motion; None when no design was given to simulate with.
+    channel, unit : which signal, and its unit
+    """
+
+    effect: Effect
+    omega: Array | None = None
+    theta: Array | None = None
+    residual: Array | None = None
+    channel: str = "torque"
+    unit: str = "N m"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons to doubt the effect's use: it has been held against nothing."""
+        return () if self.effect.validated != "not at all" else ("this effect has not been validated",)
+
+    def summary(self) -> str:
+        """Return everything the catalogue knows of the effect."""
+        effect = self.effect
+        lines = [
+            f"{effect.id}: {effect.title}",
+            f"  enters      {effect.enters}",
+            f"  term        {effect.equation}",
+            "  parameters  " + "\n              ".join(
+                f"{p.symbol} [{p.unit}] {p.lower:g} .. {p.upper:g}: {p.description}"
+                + (" (a column of the regression)" if p.linear else " (searched)")
+                for p in effect.parameters
+            ),
+            f"  needs       {effect.needs}",
+        ]  # fmt: skip
+        lines += [f"  looks like  {other}: {why}" for other, why in effect.look_alikes.items()]
+        lines += [f"  validated   {effect.validated}", f"  source      {effect.source}"]
+        return "\n".join(lines)
+
+    def plot(self) -> Figure:
+        """Return the signature: what the effect adds over speed and over one turn."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(9, 3.4), layout="constrained")
+        if self.residual is None or self.omega is None or self.theta is None:
+            figure.text(0.5, 0.5, "give a design to simulate the signature", ha="center")
+            return figure
+        over_speed, over_turn = figure.subplots(1, 2, sharey=True)
+        over_speed.plot(self.omega, self.residual, ".", markersize=1.5, alpha=0.5, color="#0072B2", rasterized=True)
+        over_speed.set_xlabel("speed [rad/s]")
+        over_speed.set_ylabel(f"added {self.channel} [{self.unit}]")
+        turn = np.mod(self.theta, 2 * np.pi)
+        over_turn.plot(turn, self.residual, ".", markersize=1.5, alpha=0.5, color="#D55E00", rasterized=True)
+        over_turn.set_xlabel("angle within a turn [rad]")
+        for axes in (over_speed, over_turn):
+            axes.grid(alpha=0.3)
+        figure.suptitle(f"{self.effect.title}: what it adds to the {self.channel} the model expects", fontsize=10)
+        return figure
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entry as plain values."""
+        effect = self.effect
+        return {
+            "id": effect.id, "title": effect.title, "enters": effect.enters, "equation": effect.equation,
+            "source": effect.source, "needs": effect.needs, "look_alikes": dict(effect.look_alikes),
+            "validated": effect.validated,
+            "parameters": [
+                {"symbol": p.symbol, "unit": p.unit, "lower": p.lower, "upper": p.upper,
+                 "description": p.description, "linear": p.linear}
+                for p in effect.parameters
+            ],
+        }  # fmt: skip
+
+    def section(self) -> Section:
+        """Return the entry as a report section."""
+        caption = "Left over speed, right over one turn: the shape by which a diagnosis knows this effect."
+        return Section(self.effect.title, tuple(self.summary().splitlines()), figures=((self.plot(), caption),))
+
+
+def describe_effect(identifier: str, design: Design | None = None, *, own: Iterable[Effect] = ()) -> CatalogueEntry:
+    """Return one effect in full; with a design that can be simulated, with its signature.
+
+    Raises
+    ------
+    RequestError
+        For an unknown effect.
+    """
+    own = tuple(own)
+    effect = lookup(identifier, own)
+    if design is None:
+        return CatalogueEntry(effect)
+    ideal = design.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
+    base = ideal.without_effect(effect.id)
+    motion = scenario("identification", base)
+    without = simulate(base, motion, own=own)
+    present = simulate(base, motion, truth=base.with_effect(effect.id, dict(effect.example)), own=own)
+    if effect.enters == "voltage":
+        channel, unit, added = "voltage u_q", "V", present["u_q"] - without["u_q"]
+    else:
+        channel, unit, added = "torque", "N m", design.K_t * (present["i_q"] - without["i_q"])
+    return CatalogueEntry(effect, present["omega"], present["theta"], added, channel, unit)
