@@ -48,9 +48,14 @@ def source(effects: Sequence[Effect]) -> str:
     return "\n".join(out) + "\n"
 
 
+@lru_cache(maxsize=256)
+def _source(effects: tuple[Effect, ...]) -> str:
+    return source(effects)
+
+
 def load(effects: Sequence[Effect], *, compiled: bool = True) -> ModuleType:
     """Return the module with `run` for these effects; `compiled=False` gives the readable twin in plain Python."""
-    text = source(effects)
+    text = _source(tuple(effects))
     return _compiled(text, tuple(effects)) if compiled else _plain(text, tuple(effects))
 
 
