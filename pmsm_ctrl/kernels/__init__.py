@@ -48,8 +48,12 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a scalar or array function with the options that every kernel shares."""
-    return numba.njit(**OPTIONS)(function)
+    """Compile a scalar or array function with the options that every kernel shares.
+
+    What was typed at a prompt has no file, and so no place in the cache: it is compiled anew in every process.
+    """
+    on_file = Path(function.__code__.co_filename).is_file()
+    return numba.njit(**{**OPTIONS, "cache": on_file})(function)
 
 
 def inlined(function: Callable[..., Any]) -> Any:

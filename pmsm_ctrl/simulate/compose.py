@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import inspect
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -208,11 +207,18 @@ def _delay(effects: list[tuple[int, Effect]], offset: int) -> dict[str, list[str
     }
 
 
+def _fingerprint(effect: Effect) -> bytes:
+    """Return what changes when an effect's term does: its whole file, or its byte code if it has none."""
+    code = effect.py_term.__code__
+    file = Path(code.co_filename)
+    return file.read_bytes() if file.is_file() else code.co_code + repr(code.co_consts).encode()
+
+
 @lru_cache(maxsize=256)
 def _compiled(text: str, effects: tuple[Effect, ...]) -> ModuleType:
     digest = hashlib.sha256(text.encode())
     for effect in effects:
-        digest.update(inspect.getsource(effect.py_term).encode())
+        digest.update(_fingerprint(effect))
     name = f"drive_{digest.hexdigest()[:16]}"
     folder = cache_folder() / "generated"
     path = folder / f"{name}.py"
