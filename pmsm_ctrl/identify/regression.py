@@ -98,7 +98,7 @@ def solve(problem: Problem, effects: Mapping[str, Effect] | None = None) -> Fit:
     stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     dof = degrees_of_freedom(noise, free, int(mask.sum()))
     reasons = excitation(problem, effects or {})
-    reasons |= _lost(problem, stderr * t_quantile(0.95, dof), reasons)
+    reasons |= _lost(problem, beta / scale, stderr * t_quantile(0.95, dof), reasons)
     good = [k for k, name in enumerate(problem.names) if name not in reasons]
     return Fit(
         values={problem.names[k]: float(beta[k] / scale[k]) for k in good},
@@ -139,20 +139,21 @@ def excitation(problem: Problem, effects: Mapping[str, Effect]) -> dict[str, str
     return reasons
 
 
-def _lost(problem: Problem, half_width: Array, known: Mapping[str, str]) -> dict[str, str]:
-    """Columns whose interval is wider than the value that would explain the whole torque by itself."""
+def _lost(problem: Problem, values: Array, half_width: Array, known: Mapping[str, str]) -> dict[str, str]:
+    """Columns known less well than before: intervals beyond the design's value, or, where that is zero, beyond the
+    value that would explain the whole torque by itself."""
     mask = problem.mask
     force = float(np.sqrt(np.mean(problem.target[mask] ** 2)))
     reasons = {}
-    for column, half in zip(problem.columns, half_width, strict=True):
+    for column, value, half in zip(problem.columns, values.tolist(), half_width.tolist(), strict=True):
         if column.name in known:
             continue
         size = float(np.sqrt(np.mean(column.values[mask] ** 2)))
-        limit = max(abs(column.nominal), force / size)
-        if half > limit:
+        limit = abs(column.nominal) or force / size
+        if half > max(limit, abs(value)):
             reasons[column.name] = (
                 f"its torque drowns in the residual: known to +- {half:.2g} {column.unit} only, "
-                f"where {limit:.2g} {column.unit} would explain everything"
+                f"where about {limit:.2g} {column.unit} is expected at most"
             )
     return reasons
 

@@ -1,0 +1,153 @@
+"""Identification from made-up logs whose parameters are known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import Effect, Parameter, kernel
+from pmsm_ctrl.identify import Processing, build_problem, identify
+from pmsm_ctrl.log import Log
+
+TRUE = {"J": 0.01, "F_c": 0.4, "F_v": 0.02, "T_0": -0.05}
+
+
+def design(*ids: str, **start: float) -> Design:
+    believed = Design.from_dict({"name": "made", "motor": {"J": 0.0102, "K_t": 1.3}})
+    for name, symbol in (("coulomb", "F_c"), ("viscous", "F_v"), ("constant_load", "T_0")):
+        if name in ids:
+            believed = believed.with_effect(name, {symbol: start.get(symbol, TRUE[symbol])})
+    return believed
+
+
+ALL = design("coulomb", "viscous", "constant_load")
+
+
+def made_log(speed, acceleration, t, noise: float = 0.0, seed: int = 0, extra=0.0) -> Log:
+    force = TRUE["J"] * acceleration + TRUE["F_c"] * np.sign(speed) + TRUE["F_v"] * speed + TRUE["T_0"] + extra
+    force = force + noise * np.random.default_rng(seed).normal(size=len(t))
+    return Log({"t": t, "omega": speed, "i_q": force / 1.3})
+
+
+def rich(noise: float = 0.0, seed: int = 0, extra=None) -> Log:
+    t = np.arange(20000) / 1000.0
+    speed = 12 * np.sin(2.1 * t) + 6 * np.sin(5.3 * t)
+    acceleration = 12 * 2.1 * np.cos(2.1 * t) + 6 * 5.3 * np.cos(5.3 * t)
+    return made_log(speed, acceleration, t, noise, seed, 0.0 if extra is None else extra(t, speed))
+
+
+def test_known_parameters_return() -> None:
+    result = identify(ALL, rich())
+    for name, value in TRUE.items():
+        assert result.estimates[name].value == pytest.approx(value, rel=2e-3), name
+    assert result.warnings == ()
+    assert pytest.approx(0.01, rel=2e-3) == result.design.J
+    assert result.design.parameters("coulomb")["F_c"] == result.estimates["F_c"].value
+    assert result.estimates["J"].nominal == 0.0102
+
+
+def test_intervals_cover_with_noise() -> None:
+    hits = dict.fromkeys(TRUE, 0)
+    for seed in range(60):
+        result = identify(ALL, rich(0.3, seed))
+        for name, value in TRUE.items():
+            low, high = result.intervals[name]
+            hits[name] += low <= value <= high
+    # at 95 % fewer than 52 of 60 happen once in 500
+    assert all(count >= 52 for count in hits.values()), hits
+
+
+def test_one_speed_cannot_tell_coulomb_viscous_and_load_apart() -> None:
+    t = np.arange(10000) / 1000.0
+    result = identify(ALL, made_log(10.0 + 0 * t, 0 * t, t, noise=0.01))
+    assert set(result.unidentifiable) == set(TRUE)
+    assert result.estimates == {}
+    assert "cannot tell it from" in result.unidentifiable["F_c"]
+    assert "two different speeds" in result.unidentifiable["F_v"]
+    assert result.design.parameters("coulomb") == ALL.parameters("coulomb")
+    assert "not identifiable, because" in result.summary()
+
+
+def test_one_direction_confounds_load_and_coulomb_but_not_the_rest() -> None:
+    t = np.arange(20000) / 1000.0
+    speed = 12 + 5 * np.sin(3.0 * t) + 3 * np.sin(7.1 * t)
+    result = identify(ALL, made_log(speed, 15 * np.cos(3 * t) + 21.3 * np.cos(7.1 * t), t, noise=0.01))
+    assert set(result.unidentifiable) == {"F_c", "T_0"}
+    assert "T_0" in result.unidentifiable["F_c"]
+    assert result.estimates["F_v"].value == pytest.approx(TRUE["F_v"], rel=0.01)
+    assert result.estimates["J"].value == pytest.approx(TRUE["J"], rel=0.01)
+
+
+def test_without_acceleration_the_inertia_gets_no_number() -> None:
+    t = np.arange(40000) / 1000.0
+    speed = 10 * np.sin(0.05 * t + 0.3) + 1e-4 * np.random.default_rng(4).normal(size=len(t))
+    result = identify(ALL, made_log(speed, 0.5 * np.cos(0.05 * t + 0.3), t, noise=1.0))
+    assert "drowns in the residual" in result.unidentifiable["J"]
+    assert result.estimates["F_v"].value == pytest.approx(TRUE["F_v"], rel=0.15)
+
+
+def test_a_negative_friction_is_set_to_its_bound_and_said() -> None:
+    log = rich(extra=lambda t, speed: -0.5 * np.sign(speed))
+    result = identify(ALL, log)
+    assert result.estimates["F_c"].value == pytest.approx(-0.1, rel=0.02)
+    assert result.design.parameters("coulomb")["F_c"] == 0.0
+    assert any("beyond its bound" in text for text in result.warnings)
+
+
+def test_an_own_effect_takes_part() -> None:
+    @kernel
+    def term(omega: float, k: float) -> float:
+        return k * omega * omega * omega
+
+    own = Effect(
+        id="cubic", title="Cubic drag", equation="k w^3", source="test", enters="torque",
+        parameters=(Parameter("k", "N m s^3/rad^3", 0.0, 0.0, np.inf, "cubic drag", linear=True),),
+        term=term, needs="two speeds",
+    )  # fmt: skip
+    believed = ALL.with_effect("cubic", {"k": 0.0})
+    result = identify(believed, rich(extra=lambda t, speed: 3e-4 * speed**3), own=[own])
+    assert result.estimates["k"].value == pytest.approx(3e-4, rel=2e-3)
+
+
+def test_nonlinear_parameters_are_held_and_their_linear_one_is_found() -> None:
+    believed = ALL.with_effect("stribeck", {"dF_s": 0.0, "w_s": 3.0, "delta": 2.0})
+    log = rich(extra=lambda t, w: 0.2 * np.exp(-((w / 3.0) ** 2)) * np.sign(w))
+    result = identify(believed, log)
+    assert result.estimates["dF_s"].value == pytest.approx(0.2, rel=0.02)
+    assert result.design.parameters("stribeck")["w_s"] == 3.0
+
+
+def test_two_instances_of_an_effect_are_named_apart() -> None:
+    believed = ALL.add_effect("cogging", {"order": 6.0}).add_effect("cogging", {"order": 18.0})
+    assert "a_s#2" in build_problem(believed, rich()).names
+
+
+def test_load_torque_is_taken_off() -> None:
+    log = rich()
+    load = 0.3 * np.sin(0.9 * log.t)
+    loaded = log.with_channels(i_q=log["i_q"] + load / 1.3, T_load=load)
+    assert identify(ALL, loaded).estimates["F_v"].value == pytest.approx(TRUE["F_v"], rel=2e-3)
+
+
+def test_reluctance_torque_counts() -> None:
+    motor = {"J": 0.01, "p": 4, "psi_f": 0.2, "R": 1.0, "L_d": 5e-3, "L_q": 15e-3}
+    believed = (
+        Design.from_dict({"motor": motor}).with_effect("coulomb", {"F_c": 0.4}).with_effect("viscous", {"F_v": 0.02})
+    )
+    log = rich()
+    torque, i_d = 1.3 * log["i_q"] - TRUE["T_0"], -4.0
+    i_q = torque / (1.5 * 4 * (0.2 - 0.01 * i_d))
+    made = Log({"t": log.t, "omega": log["omega"], "i_d": np.full(len(log), i_d), "i_q": i_q})
+    assert identify(believed, made).estimates["J"].value == pytest.approx(0.01, rel=2e-3)
+
+
+def test_result_forms() -> None:
+    result = identify(ALL, rich(0.05), processing=Processing(cutoff=30.0))
+    json.dumps(result.to_dict(), allow_nan=False)
+    section = result.section()
+    assert section.tables[0][1][0][0] == "J"
+    assert [axes.get_ylabel() for axes in result.plot().axes] == ["torque [N m]", "residual [N m]"]
+    assert "relative error" in result.summary()
