@@ -52,7 +52,8 @@ class Processing:
     standstill_speed : float
         The same as an absolute speed, rad/s (m/s); the larger of the two holds.
     edge : float or None
-        Time cut at both ends and around gaps, s. None: four periods of the cutoff; the steep filter rings on a little longer (0.4 %).
+        Time cut at both ends and around gaps, s. None: four periods of the cutoff.
+        The steep filter rings a little longer: what it guessed before the record fades to 0.4 % within that time.
     """
 
     cutoff: float | None = None
