@@ -8,8 +8,8 @@ pickle is read. What had to be guessed stands in ``log.provenance.notes``; what 
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,12 +17,13 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, PmsmCtrlError
 from pmsm_ctrl.files import sha256
 from pmsm_ctrl.importers.build import channels_of
-from pmsm_ctrl.importers.mapping import assign
+from pmsm_ctrl.importers.mapping import Assignment, assign
 from pmsm_ctrl.importers.plausibility import check
+from pmsm_ctrl.importers.report import ImportReport, describe
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.log import Log, Provenance
 
-__all__ = ["check", "open_table", "read_log"]
+__all__ = ["ImportReport", "check", "describe", "open_table", "read_all", "read_log"]
 
 _REFUSED = {
     b"PK\x03\x04": "a zip archive or Excel workbook; save the sheet as CSV",
@@ -58,20 +59,26 @@ def read_log(
     LogError
         One line with file and place for whatever is wrong.
     """
+    return read_all(path, design, mapping)[0]
+
+
+def read_all(
+    path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None
+) -> tuple[Log, Table, Assignment]:
+    """Return the log of `read_log` with the table and the assignment that led to it."""
     target, file = _existing(path)
-    digest: list[str] = []
-    hashing = threading.Thread(target=lambda: digest.append(sha256(target)), daemon=True)
-    hashing.start()
     table = open_table(target, design)
     assignment = assign(table, design, mapping)
-    try:
-        channels, notes = channels_of(table, assignment)
-    except MemoryError:
-        raise LogError(f"{file}: does not fit into memory") from None
-    hashing.join()
-    provenance = Provenance(file, digest[0] if digest else "", table.format, (*table.notes, *assignment.notes, *notes))
+    # hashing a large file takes a second; a thread of its own hides it behind the parsing
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        digest = pool.submit(sha256, target)
+        try:
+            channels, notes = channels_of(table, assignment)
+        except MemoryError:
+            raise LogError(f"{file}: does not fit into memory") from None
+    provenance = Provenance(file, digest.result(), table.format, (*table.notes, *assignment.notes, *notes))
     log = Log(channels, motion=assignment.motion, provenance=provenance)
-    return replace(log, provenance=replace(provenance, warnings=check(log, design)))
+    return replace(log, provenance=replace(provenance, warnings=check(log, design))), table, assignment
 
 
 def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Table:

@@ -69,10 +69,10 @@ def _time_gain(table: Table, assignment: Assignment, index: int) -> float:
     from pmsm_ctrl.units import UNITS
 
     mapped = assignment.source("t")
-    # what is said of one time column of a file holds for all of them
-    if mapped is not None and (mapped.column == index or mapped.how == "mapped"):
+    unit = table.columns[index].unit
+    if mapped is not None and (mapped.column == index or not unit):
         return mapped.gain
-    si, factor = UNITS.get(unit_spelling(table.columns[index].unit), ("s", 1.0))
+    si, factor = UNITS.get(unit_spelling(unit), ("s", 1.0))
     if si != "s":
         column = table.columns[index]
         raise LogError(f"{table.file}: time column '{column.header}' has unit [{column.unit}]; s was expected")

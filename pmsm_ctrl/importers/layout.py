@@ -186,6 +186,8 @@ def opening(path: str | Path, file: str, separator: str | None = None) -> tuple[
     LogError
         When the file is empty or not text.
     """
+    if separator is not None and (len(separator) != 1 or separator.isalnum() or separator in '\r\n".+-_'):
+        raise LogError(f"{file}: [log] separator {separator!r}; one of ';', ',', '|', a tab or a blank was expected")
     lines, encoding = decode_sample(path, file)
     filled = [line for line in lines if line.strip()]
     if not filled:

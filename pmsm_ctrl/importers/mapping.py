@@ -12,7 +12,7 @@ from pmsm_ctrl.importers.table import Column, Table
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["Assignment", "Source", "assign"]
+__all__ = ["Assignment", "Source", "assign", "find_column"]
 
 # at least one channel of each line makes a log
 REQUIRED = (("t",), ("theta", "omega"), ("i_q", "torque"))
@@ -29,6 +29,7 @@ class Source:
     scale: float = 1.0
     how: str = "canonical"  # "mapped", "canonical" or "guessed"
     assumed_unit: bool = False
+    factor_unknown: bool = False  # the unit is no unit of this channel; only the scale makes it SI
 
     @property
     def gain(self) -> float:
@@ -75,7 +76,7 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
             near, known = nearest(channel, CHANNELS), ", ".join(CHANNELS)
             raise LogError(f"{table.file}: [log] maps unknown channel '{channel}'{near} (known: {known})")
     scales = dict(design.log.scale) if design is not None and not canonical else {}
-    chosen = {channel: (*_find(table, channel, spec), "mapped") for channel, spec in wanted.items()}
+    chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, spec in wanted.items()}
     table_complete = design is not None and bool(design.log.channels)
     for channel, index, how in _unmapped(table, chosen, guess=not table_complete):
         chosen[channel] = (index, "", how)
@@ -90,7 +91,7 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
     return Assignment(ordered, motion, tuple(notes))
 
 
-def _find(table: Table, channel: str, spec: str) -> tuple[int, str]:
+def find_column(table: Table, channel: str, spec: str) -> tuple[int, str]:
     """Return (column index, stated unit) of a mapping such as 'speed [rpm]', 'speed' or '#3 [rpm]'."""
     name, unit = split_header(spec)
     if name.startswith("#") and name[1:].isdigit():
@@ -170,7 +171,7 @@ def _source(table: Table, channel: str, index: int, stated: str, how: str, scale
     place = f"{table.file}: column {index + 1} ('{column.header or column.name}')"
     if unit not in UNITS:
         if scale is not None:
-            return Source(channel, index, spelled, 1.0, scale, how)
+            return Source(channel, index, spelled, 1.0, scale, how, factor_unknown=True)
         accepted = ", ".join(known for known, (si, _) in UNITS.items() if si == target)
         near = nearest(spelled, UNITS)
         raise LogError(f"{place}: unknown unit [{spelled}] for '{channel}'{near} (accepted: {accepted})")
@@ -182,7 +183,7 @@ def _source(table: Table, channel: str, index: int, stated: str, how: str, scale
             f"{place}: unit [{spelled}] does not fit '{channel}' in {target} "
             f"(accepted: {accepted}; or a factor in [log.scale]){hint}"
         )
-    return Source(channel, index, unit, factor, 1.0 if scale is None else scale, how, not spelled)
+    return Source(channel, index, unit, factor, 1.0 if scale is None else scale, how, not spelled, si != target)
 
 
 def _require(table: Table, sources: tuple[Source, ...]) -> None:

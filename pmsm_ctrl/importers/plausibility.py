@@ -88,16 +88,20 @@ def _integral(t: Array, values: Array) -> Array:
 
 
 def _ratio(numerator: Array, denominator: Array) -> tuple[float, float]:
-    """Return (median ratio, its relative spread) over the entries with a large denominator."""
+    """Return (ratio, its relative spread) over the entries with a large denominator."""
     size = np.abs(denominator)
     top = np.percentile(size, 95) if size.size else 0.0
     large = size > 0.2 * top
     if not top > 0.0 or np.count_nonzero(large) < 8:
         return math.nan, math.nan
-    ratios = numerator[large] / denominator[large]
-    middle = float(np.median(ratios))
-    spread = 1.4826 * float(np.median(np.abs(ratios - middle)))
-    return middle, spread / abs(middle) if middle else math.inf
+    x, y = denominator[large], numerator[large]
+    middle = float(np.median(y / x))
+    error = np.abs(y / x - middle)
+    spread = 1.4826 * float(np.median(error))
+    # the ratio of sizes is not biased by a delay between the two, as the mean of ratios is; jumps are left out
+    kept = error <= 6.0 * spread + 1e-9 * abs(middle)
+    factor = math.copysign(math.sqrt(float(np.sum(y[kept] ** 2) / np.sum(x[kept] ** 2))), middle)
+    return factor, spread / abs(middle) if middle else math.inf
 
 
 def velocity_factor(log: Log) -> tuple[float, float]:

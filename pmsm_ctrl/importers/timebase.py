@@ -63,9 +63,12 @@ def quantum(values: Array) -> float:
     # the mean over the steps that are one quantum long removes the rounding of a single difference
     single = steps[steps < 1.5 * smallest]
     step = float(single.mean())
-    multiples = steps / step
-    fits = np.abs(multiples - np.round(multiples)) < 0.02 * np.maximum(multiples, 1.0) ** 0.5
-    return step if fits.mean() > 0.98 and step > 1e-7 * span else 0.0
+    # only small multiples can tell: the rounding of `step` itself grows with the multiple
+    multiples = steps[steps < 20.5 * step] / step
+    if multiples.size < min(8, steps.size) or not step > 1e-7 * span:
+        return 0.0
+    fits = np.abs(multiples - np.round(multiples)) < 0.05
+    return step if fits.mean() > 0.98 else 0.0
 
 
 def longest_run(mask: np.ndarray) -> int:

@@ -51,7 +51,7 @@ def recognise(lines: list[str], separator: str, encoding: str, file: str) -> tup
     if first == len(rows):
         raise LogError(f"{file}: line {name_row + 1}: a TwinCAT Scope header without rows of numbers below it")
     width = max(len(names), len(rows[first]))
-    ticks = any(is_number(cell) and float(cell.replace(",", ".")) > 1e16 for cell in rows[first])
+    ticks = any(_number(cell.strip('"'), 0.0) > 1e16 for cell in rows[first])
     columns, notes = _columns(names, starts, meta, width, FILETIME if ticks else "Time")
     layout = Layout(
         encoding=encoding,

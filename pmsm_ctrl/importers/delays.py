@@ -1,0 +1,80 @@
+"""The delay between two channels that should show the same thing at the same time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pmsm_ctrl.importers.table import Array
+from pmsm_ctrl.importers.timebase import time_base
+from pmsm_ctrl.log import Log
+
+__all__ = ["Delay", "delays", "lag"]
+
+SAMPLES = 1 << 17
+MAX_LAG = 200
+
+
+@dataclass(frozen=True)
+class Delay:
+    """`later` follows `earlier` by `seconds`; negative when it leads. `correlation` is that after alignment."""
+
+    later: str
+    earlier: str
+    seconds: float
+    correlation: float
+
+
+def delays(log: Log) -> tuple[Delay, ...]:
+    """Estimate the delays of omega behind dtheta/dt and of torque behind i_q.
+
+    The first holds the filter of the speed signal as well. Empty where a channel is missing, the time stamps are
+    irregular, or the two do not look alike.
+    """
+    out = []
+    base = time_base(log.t)
+    if len(log) < 64 or base.gaps or base.jitter_max > 0.2 * base.period:
+        return ()
+    with np.errstate(all="ignore"):
+        if "theta" in log and "omega" in log:
+            found = lag(np.gradient(log["theta"], base.period), log["omega"])
+            if found is not None:
+                out.append(Delay("omega", "dtheta/dt", found[0] * base.period, found[1]))
+        if "i_q" in log and "torque" in log:
+            found = lag(log["i_q"], log["torque"])
+            if found is not None:
+                out.append(Delay("torque", "i_q", found[0] * base.period, found[1]))
+    return tuple(out)
+
+
+def lag(first: Array, second: Array) -> tuple[float, float] | None:
+    """Return (samples by which `second` follows `first`, correlation), None when they do not look alike.
+
+    Whole samples come from the largest cross-correlation, the fraction from the first-order expansion
+    ``second(t) = g first(t) - g d first'(t)`` (Taylor), fitted by least squares on the aligned signals.
+    """
+    start = max(0, (first.size - SAMPLES) // 2)
+    a, b = (x[start : start + SAMPLES] - np.mean(x[start : start + SAMPLES]) for x in (first, second))
+    scale_a, scale_b = float(np.max(np.abs(a))), float(np.max(np.abs(b)))
+    if not (0.0 < scale_a < math.inf and 0.0 < scale_b < math.inf):
+        return None
+    a, b = a / scale_a, b / scale_b
+    reach = min(MAX_LAG, a.size // 8)
+    size = 1 << int(np.ceil(np.log2(a.size + reach + 1)))
+    cross = np.fft.irfft(np.fft.rfft(b, size) * np.conj(np.fft.rfft(a, size)), size)
+    shifts = np.concatenate((np.arange(reach + 1), np.arange(-reach, 0)))
+    whole = int(shifts[np.argmax(np.abs(cross[shifts]))])
+    slope = np.gradient(a)
+    inner = slice(reach, a.size - reach)
+    moved = np.roll(b, -whole)[inner]
+    columns = np.column_stack([a[inner], slope[inner], np.ones(moved.size)])
+    (gain, derivative, _), *_ = np.linalg.lstsq(columns, moved, rcond=None)
+    fitted = columns @ np.array([gain, derivative, 0.0])
+    size_b = float(np.sqrt(np.mean((moved - moved.mean()) ** 2)))
+    correlation = float(np.mean((fitted - fitted.mean()) * (moved - moved.mean()))) / (float(np.std(fitted)) * size_b)
+    fraction = -derivative / gain if gain else math.nan
+    if not correlation > 0.7 or not abs(fraction) < 2.0:
+        return None
+    return whole + float(fraction), correlation
