@@ -16,7 +16,7 @@ import numpy as np
 from pmsm_ctrl.design import CurrentLoop, Design, SpeedLoop
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.tune.current import check_bandwidth, phase_limit, pi_for_margin
-from pmsm_ctrl.tune.delays import delays
+from pmsm_ctrl.tune.delays import Delays, delays
 from pmsm_ctrl.tune.margins import response
 from pmsm_ctrl.tune.sampled import Cascade, pi, speed_plant
 
@@ -123,12 +123,20 @@ def tune_speed(
         return SpeedLoop(K_p=K_p, T_n=T_n)
     if bandwidth is None:
         bandwidth = 1.0 / (2.0 * math.pi * (1.0 + math.sqrt(2.0)) * budget.speed) / (2.0 * damping)
+    return _by_poles(cascade, budget, bandwidth, damping, limit, least)
+
+
+def _by_poles(
+    cascade: Cascade, budget: Delays, bandwidth: float, damping: float, limit: float, least: float
+) -> SpeedLoop:
+    """Place the poles at `bandwidth` (Hz) if the delays allow the crossover that this takes."""
     # The crossover of the placed pair is about 2 zeta omega_0: that is what the delays have to allow.
     check_bandwidth(
         f"speed loop (poles at {bandwidth:g} Hz cross at about {2.0 * damping * bandwidth:.4g} Hz)",
         2.0 * damping * bandwidth, limit, least, budget.explain_speed(),
     )  # fmt: skip
-    slope = cascade.model.point.friction_slope
+    design = cascade.design
+    J, K_t, slope = design.assumed.J or design.J, design.K_t_assumed, cascade.model.point.friction_slope
     K_p, T_n = pole_placement(K_t, J, slope, 2.0 * math.pi * bandwidth, damping)
     if K_p <= 0.0:
         raise RequestError(

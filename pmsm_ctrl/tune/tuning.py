@@ -204,28 +204,17 @@ def tune(
     stiff = rigid(design)
     gains = current_methods.tune_current(design, current, bandwidth=current_bandwidth, phase_margin=phase_margin)
 
-    def make(factor: float, inner: CurrentLoop) -> SpeedLoop:
-        """The speed loop of the rigid axis, slower by a factor."""
-        options: dict[str, Any] = {"phase_margin": phase_margin, "damping": damping, "a": a}
-        asked = speed_bandwidth
-        if factor > 1.0 and speed == "symmetrical_optimum" and asked is None:
-            options["a"] = a * factor
-        elif factor > 1.0:
-            budget = delays(design, inner).speed
-            asked = (asked or 1.0 / (2.0 * math.pi * (1.0 + math.sqrt(2.0)) * budget * 2.0 * damping)) / factor
-        cascade = Cascade.of(stiff, inner, at=at, own=own)
-        return speed_methods.tune_speed(stiff, inner, speed, cascade=cascade, bandwidth=asked, **options)
-
-    asked_speed = make(1.0, gains)
+    family = _SpeedFamily(stiff, at, own, speed, speed_bandwidth, phase_margin, damping, a)
+    asked_speed = family.gains(1.0, gains)
     speed_gains, slowed, robustness_found = asked_speed, False, None
     if robust:
         gains, speed_gains, robustness_found = robust_gains(
-            design, gains, make, requirements=requirements, at=at, own=own
+            design, gains, family.gains, requirements=requirements, at=at, own=own
         )
         slowed = robustness_found.slowed > 1.0
     elif resonance_frequencies(design) is not None:
         real = Cascade.of(design, gains, at=at, own=own)
-        speed_gains, _, taken = slow_down(real, lambda factor: make(factor, gains), requirements)
+        speed_gains, _, taken = slow_down(real, lambda factor: family.gains(factor, gains), requirements)
         slowed = taken > 0
     cascade = Cascade.of(design, gains, speed_gains, at=at, own=own)
     place = position.tune_position(cascade, gain=position_gain)
@@ -240,6 +229,35 @@ def tune(
         resonance(cascade, asked_speed, requirements, slowed),
     )  # fmt: skip
     return _proved(found, prove, at, seed, own, progress)
+
+
+@dataclass(frozen=True, eq=False)
+class _SpeedFamily:
+    """The speed loops of one request on the rigid axis, from as fast as asked to ever slower."""
+
+    design: Design
+    at: float
+    own: tuple[Effect, ...]
+    method: str
+    bandwidth: float | None
+    phase_margin: float
+    damping: float
+    a: float
+
+    def gains(self, factor: float, inner: CurrentLoop) -> SpeedLoop:
+        """Return the speed loop that is slower than asked by a factor, around these current controllers."""
+        a, asked = self.a, self.bandwidth
+        if factor > 1.0 and self.method == "symmetrical_optimum" and asked is None:
+            a *= factor
+        elif factor > 1.0:
+            if asked is None:
+                budget = delays(self.design, inner).speed
+                asked = 1.0 / (2.0 * math.pi * (1.0 + math.sqrt(2.0)) * budget * 2.0 * self.damping)
+            asked /= factor
+        return speed_methods.tune_speed(
+            self.design, inner, self.method, cascade=Cascade.of(self.design, inner, at=self.at, own=self.own),
+            bandwidth=asked, phase_margin=self.phase_margin, damping=self.damping, a=a,
+        )  # fmt: skip
 
 
 def assess(
