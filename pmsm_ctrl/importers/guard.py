@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.table import one_line
 
 __all__ = ["guarded", "reason"]
 
@@ -15,15 +16,15 @@ __all__ = ["guarded", "reason"]
 def reason(error: BaseException) -> str:
     """Return the first line of an error's message, or its name."""
     text = str(error).strip()
-    return text.splitlines()[0][:120] if text else type(error).__name__
+    return one_line(text.splitlines()[0][:120]) if text else type(error).__name__
 
 
 @contextmanager
 def guarded(file: str, kind: str, library: str = "") -> Iterator[None]:
     """Turn any error into a `LogError` that names the file; the library's own warnings and log are kept quiet."""
-    logger = logging.getLogger(library) if library else None
-    level = logger.level if logger else logging.NOTSET
-    if logger:
+    names = [name for name in logging.root.manager.loggerDict if library and name.split(".")[0] == library]
+    loggers = {logging.getLogger(name): logging.getLogger(name).level for name in names}
+    for logger in loggers:
         logger.setLevel(logging.CRITICAL + 1)
     try:
         with warnings.catch_warnings():
@@ -36,5 +37,5 @@ def guarded(file: str, kind: str, library: str = "") -> Iterator[None]:
     except Exception as error:  # a reader raises whatever the damaged bytes lead to
         raise LogError(f"{file}: damaged or unsupported {kind} file ({reason(error)})") from None
     finally:
-        if logger:
+        for logger, level in loggers.items():
             logger.setLevel(level)

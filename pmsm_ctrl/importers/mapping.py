@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, nearest
 from pmsm_ctrl.importers.names import guess_channel, split_header, unit_spelling
-from pmsm_ctrl.importers.table import Column, Table
+from pmsm_ctrl.importers.table import Column, Table, one_line
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.units import UNITS
 
@@ -74,7 +74,7 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
     for channel in wanted:
         if channel not in CHANNELS:
             near, known = nearest(channel, CHANNELS), ", ".join(CHANNELS)
-            raise LogError(f"{table.file}: [log] maps unknown channel '{channel}'{near} (known: {known})")
+            raise LogError(f"{table.file}: [log] maps unknown channel '{one_line(channel)}'{near} (known: {known})")
     scales = dict(design.log.scale) if design is not None and not canonical else {}
     chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, spec in wanted.items()}
     table_complete = design is not None and bool(design.log.channels)
@@ -93,6 +93,7 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
 
 def find_column(table: Table, channel: str, spec: str) -> tuple[int, str]:
     """Return (column index, stated unit) of a mapping such as 'speed [rpm]', 'speed' or '#3 [rpm]'."""
+    spec = one_line(spec)
     name, unit = split_header(spec)
     if name.startswith("#") and name[1:].isdigit():
         index = int(name[1:]) - 1

@@ -11,7 +11,7 @@ import numpy as np
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.guard import guarded
 from pmsm_ctrl.importers.names import split_header
-from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.table import Array, Column, Table, one_line
 
 __all__ = ["open_hdf5", "open_mat"]
 
@@ -89,16 +89,18 @@ def _table(file: str, kind: str, content: dict[str, Array | str]) -> Table:
         else:
             left.append(name)
     if not vectors:
-        raise LogError(f"{file}: no numeric vectors in this MAT file (found: {', '.join(content) or 'nothing'})")
+        raise LogError(
+            f"{file}: no numeric vectors in this MAT file (found: {one_line(', '.join(content)) or 'nothing'})"
+        )
     return _grouped(file, kind, vectors, scalars, left)
 
 
 def _grouped(file: str, kind: str, vectors: list[tuple[str, Array]], scalars: list[str], left: list[str]) -> Table:
     notes = []
     if scalars:
-        notes.append(f"scalars not used: {', '.join(scalars[:12])}")
+        notes.append(f"scalars not used: {one_line(', '.join(scalars[:12]))}")
     if left:
-        notes.append(f"variables that are no vectors not used: {', '.join(left[:12])}")
+        notes.append(f"variables that are no vectors not used: {one_line(', '.join(left[:12]))}")
     # vectors of one length share one time base
     lengths = list(dict.fromkeys(values.size for _, values in vectors))
     columns = []
@@ -110,6 +112,6 @@ def _grouped(file: str, kind: str, vectors: list[tuple[str, Array]], scalars: li
         return [vectors[i][1] for i in indices]
 
     def locate(column: int, sample: int) -> str:
-        return f"variable '{vectors[column][0]}', sample {sample + 1}"
+        return f"variable '{columns[column].header}', sample {sample + 1}"
 
     return Table(file, kind, tuple(columns), load, locate, tuple(notes))

@@ -15,7 +15,7 @@ import numpy as np
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.names import split_header
-from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.table import Array, Column, Table, one_line
 
 __all__ = ["open_mdf"]
 
@@ -51,7 +51,7 @@ def open_mdf(path: Path, file: str) -> Table:
         return f"channel '{columns[column].header}', group {columns[column].group}, sample {sample + 1}"
 
     left = answer["left"]
-    notes = [f"channels that are no numbers left out: {', '.join(left[:12])}"] if left else []
+    notes = [f"channels that are no numbers left out: {one_line(', '.join(left[:12]))}"] if left else []
     return Table(file, f"MDF {answer['version']}", tuple(columns), load, locate, tuple(notes))
 
 
@@ -67,6 +67,6 @@ def _ask(path: Path, file: str, places: Sequence[str] = ()) -> tuple[dict[str, A
         raise LogError(f"{file}: damaged MDF file (its reader crashed)")
     answer: dict[str, Any] = json.loads(line)
     if "error" in answer:
-        what = answer["error"].splitlines()[0][:120]
+        what = one_line(answer["error"][:120])
         raise LogError(f"{file}: damaged or unsupported MDF file ({what})")
     return answer, rest

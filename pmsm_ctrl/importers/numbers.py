@@ -15,7 +15,7 @@ import numpy as np
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.layout import Layout, pieces, split_line
-from pmsm_ctrl.importers.table import Array
+from pmsm_ctrl.importers.table import Array, one_line
 
 __all__ = ["line_of_row", "parse_numpy", "parse_pyarrow", "parse_rows", "read_columns", "row_blocks"]
 
@@ -32,22 +32,33 @@ def read_columns(path: str | Path, file: str, layout: Layout, columns: Sequence[
     LogError
         With line and column for a cell that is not a number and for a row of the wrong length.
     """
-    out = [np.empty(0) for _ in columns]
     if not columns:
-        return out
-    rows = capacity = 0
+        return []
+    rows, capacity = 0, _estimated_rows(path, layout)
+    out = [np.empty(capacity) for _ in columns]
     for block in row_blocks(path, file, layout, columns):
         stop = rows + block[0].size
         if stop > capacity:
             capacity = max(stop, capacity * 3 // 2)
             for column in out:
-                column.resize(capacity, refcheck=False)  # grows in place where the system can
+                column.resize(capacity, refcheck=False)
         for column, values in zip(out, block, strict=True):
             column[rows:stop] = values
         rows = stop
     for column in out:
         column.resize(rows, refcheck=False)
     return out
+
+
+def _estimated_rows(path: str | Path, layout: Layout) -> int:
+    """Return about how many rows a file holds, judged by lines at its begin and middle; memory is taken once."""
+    size = os.path.getsize(path)
+    with open(path, "rb") as stream:
+        seen = stream.read(1 << 16)
+        stream.seek(size // 2)
+        seen += stream.read(1 << 16)
+    length = len(seen) / max(1, seen.count(b"\n") - layout.first_line)
+    return int(1.05 * size / max(2.0 * layout.width, length)) + 16
 
 
 def row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[int]) -> Iterator[list[Array]]:
@@ -201,7 +212,7 @@ def _cell(cell: str, file: str, layout: Layout, line: int, column: int) -> float
     except ValueError:
         name = layout.header[column] if column < len(layout.header) else f"#{column + 1}"
         raise LogError(
-            f"{file}: line {line}, column {column + 1} ('{name}'): '{cell[:40]}' found; a number was expected"
+            f"{file}: line {line}, column {column + 1} ('{name}'): '{one_line(cell[:40])}' found; a number was expected"
         ) from None
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.guard import guarded
 from pmsm_ctrl.importers.names import split_header
-from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.table import Array, Column, Table, one_line
 
 __all__ = ["open_parquet"]
 
@@ -39,13 +39,13 @@ def open_parquet(path: Path, file: str) -> Table:
     columns = tuple(_column(pyarrow, field) for field in fields)
 
     def load(indices: Sequence[int]) -> list[Array]:
-        wanted = list(dict.fromkeys(columns[i].header for i in indices))
+        wanted = list(dict.fromkeys(fields[i].name for i in indices))
         with guarded(file, "Parquet"), open(path, "rb") as stream:
             table = pyarrow.parquet.read_table(stream, columns=wanted)
-            return [_values(pyarrow, table[columns[i].header]) for i in indices]
+            return [_values(pyarrow, table[fields[i].name]) for i in indices]
 
     left = [name for name in schema.names if name not in {field.name for field in fields}]
-    notes = [f"columns that are no numbers left out: {', '.join(left[:12])}"] if left else []
+    notes = [f"columns that are no numbers left out: {one_line(', '.join(left[:12]))}"] if left else []
     return Table(
         file, "Parquet", columns, load, lambda c, k: f"column '{columns[c].header}', row {k + 1}", tuple(notes)
     )

@@ -6,15 +6,20 @@ of bytes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Column", "Table"]
+__all__ = ["Array", "Column", "Table", "one_line"]
 
 Array = NDArray[np.float64]
+
+
+def one_line(text: str) -> str:
+    """Return a text from a file fit to stand in a message: one line, single blanks, nothing unprintable."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,10 @@ class Column:
     group: int = 0
     is_time: bool = False
 
+    def __post_init__(self) -> None:
+        for field_name in ("name", "unit", "header"):
+            object.__setattr__(self, field_name, one_line(getattr(self, field_name)))
+
 
 @dataclass(frozen=True)
 class Table:
@@ -52,6 +61,8 @@ class Table:
         Takes (column index, sample) and returns the place in words a reader of the file understands.
     facts : dict
         What was understood of the layout (separator, decimal mark, encoding, ...), for the import report.
+    blocks : callable, optional
+        Like `load`, but yields the rows in blocks; only where all columns share one time base.
     """
 
     file: str
@@ -61,6 +72,7 @@ class Table:
     locate: Callable[[int, int], str]
     notes: tuple[str, ...] = ()
     facts: dict[str, str] = field(default_factory=dict)
+    blocks: Callable[[Sequence[int]], Iterator[list[Array]]] | None = None
 
     @property
     def groups(self) -> tuple[int, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.guard import guarded
 from pmsm_ctrl.importers.names import guess_channel, split_header
-from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.table import Array, Column, Table, one_line
 
 __all__ = ["open_tdms"]
 
@@ -66,7 +66,7 @@ def open_tdms(path: Path, file: str) -> Table:
     def locate(column: int, sample: int) -> str:
         return f"channel '{columns[column].header}', sample {sample + 1}"
 
-    notes = [f"channels that are no numbers left out: {', '.join(left[:12])}"] if left else []
+    notes = [f"channels that are no numbers left out: {one_line(', '.join(left[:12]))}"] if left else []
     return Table(file, "TDMS", tuple(columns), load, locate, tuple(notes))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pmsm_ctrl.importers import twincat
 from pmsm_ctrl.importers.layout import Layout, opening, place_header, separator_name
 from pmsm_ctrl.importers.names import guess_channel, split_header
-from pmsm_ctrl.importers.numbers import line_of_row, read_columns
+from pmsm_ctrl.importers.numbers import line_of_row, read_columns, row_blocks
 from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.log import CHANNELS
 
@@ -85,7 +85,8 @@ def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], k
             return read_columns(path, file, layout, indices)
         return _load_ragged(path, file, layout, columns, indices)
 
-    return Table(file, kind, columns, load, locate, tuple(notes), facts)
+    blocks = None if layout.ragged else lambda indices: row_blocks(path, file, layout, indices)
+    return Table(file, kind, columns, load, locate, tuple(notes), facts, blocks)
 
 
 def _load_ragged(
