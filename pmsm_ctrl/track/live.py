@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 class Reading(NamedTuple):
     """What is believed after a sample. `event` is one of `pmsm_ctrl.track.model.EVENTS`; `nis` is NaN unless a
-    measurement was judged."""  # noqa: D205, D209 - one sentence
+    measurement was judged."""
 
     t: float
     omega: float
@@ -187,22 +187,18 @@ class FrictionTracker:
         """Take a measurement in, reject it, or take it as the sign of a change."""
         m, s, kf = self._m, self._s, self._filter
         y, S = kf.innovation(z, direction)
-        event = model.UPDATED
-        if y * y > s[model.GATE] * S:
-            m[model.REJECTS] += 1.0
-            if m[model.REJECTS] < model.REJECTS_ARE_CHANGE:
-                self._restart(z)
-                return model.REJECTED, (y, S)
+        event = model.judge(m, s, y, S, direction)
+        if event == model.REJECTED:
+            self._restart(z)
+            return event, (y, S)
+        if event == model.CHANGE:
             self._doubt(y)
-            event = model.CHANGE
-        m[model.REJECTS] = 0.0
-        x = self._x()
         split = None
-        if event == model.UPDATED and model.constant_speed(m, s):
-            split = model.acceleration(
-                x[0], direction, x[1], x[2], x[3], x[4], m[model.TORQUE], m[model.KNOWN], 0.0
-            )[2:4]  # fmt: skip
-            event = model.CONSTANT
+        if model.constant_speed(m, s):
+            x = self._x()
+            rates = model.acceleration(x[0], direction, *x[1:5], m[model.TORQUE], m[model.KNOWN], 0.0)
+            split = rates[2], rates[3]
+            event = model.CONSTANT if event == model.UPDATED else event
         kf.update(z, direction, split)
         return event, (y, S)
 

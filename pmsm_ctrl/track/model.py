@@ -15,7 +15,7 @@ from pmsm_ctrl.effects.viscous import term as viscous
 from pmsm_ctrl.kernels import kernel
 
 __all__ = [
-    "EVENTS", "MEMORY", "SETTINGS", "STATES", "acceleration", "classify", "constant_speed", "fresh_speed",
+    "EVENTS", "MEMORY", "SETTINGS", "STATES", "acceleration", "classify", "constant_speed", "fresh_speed", "judge",
     "keep_split", "process_variance",
 ]  # fmt: skip
 
@@ -40,13 +40,18 @@ SETTINGS = PRIOR + SIZE
 # Numbers carried from sample to sample.
 (
     T_LAST, Z_LAST, TORQUE_LAST, KNOWN_LAST, SPEED_LAST, RUNNING, ELAPSED, MEAN, SPREAD, REJECTS, DT, SPEED,
-    TORQUE, KNOWN, SURGE, DUE,
-) = range(16)  # fmt: skip
-MEMORY = 16
+    TORQUE, KNOWN, SURGE, DUE, TREND, CALM,
+) = range(18)  # fmt: skip
+MEMORY = 18
 
 SPREAD_TIME = 1.0  # s over which the spread of abs(omega) is judged
 SPREAD_LIMIT = 0.02  # below this relative spread, F_c and F_v cannot be told apart
 REJECTS_ARE_CHANGE = 3  # so many rejected updates in a row are not outliers but a change of the axis
+# Innovations that keep pushing friction the same way: exponential mean over about 10, whose standard deviation
+# is sqrt(w / (2 - w)) for white ones. Beyond 5.5 of those friction has changed: once in 10 h by chance at 100 Hz.
+TREND_WEIGHT = 0.1
+TREND_LIMIT = 5.5 * (TREND_WEIGHT / (2.0 - TREND_WEIGHT)) ** 0.5
+CALM_TIME = 0.5  # s of motion after a change before the next one is looked for
 
 
 @kernel
@@ -123,11 +128,29 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
         m[ELAPSED] = 0.0
         return STARTED
     m[ELAPSED] += dt
+    m[CALM] += dt
     m[DUE] = 0.0
     if m[ELAPSED] > s[INTERVAL] - 0.5 * dt:
         m[DUE] = 1.0
         m[ELAPSED] = 0.0
     return PREDICTED
+
+
+@kernel
+def judge(m, s, y, S, direction):  # type: ignore[no-untyped-def]
+    """Whether an innovation `y` of variance `S` is taken in, rejected, or the sign of a change of the axis."""
+    if y * y > s[GATE] * S:
+        m[REJECTS] += 1.0
+        if m[REJECTS] < REJECTS_ARE_CHANGE:
+            return REJECTED
+        m[REJECTS], m[TREND], m[CALM] = 0.0, 0.0, 0.0
+        return CHANGE
+    m[REJECTS] = 0.0
+    m[TREND] += TREND_WEIGHT * (direction * y / S**0.5 - m[TREND])
+    if abs(m[TREND]) > TREND_LIMIT and m[CALM] > CALM_TIME:
+        m[TREND], m[CALM] = 0.0, 0.0
+        return CHANGE
+    return UPDATED
 
 
 @kernel

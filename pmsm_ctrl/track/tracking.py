@@ -291,7 +291,7 @@ def samples_of(design: Design, log: Log, measure: str, own: Iterable[Effect] = (
         raise LogError(f"{_where(log)}neither torque nor i_q (present: {', '.join(log)})")
     z = _unwrap(log["theta"]) if measure == "theta" else np.array(log["omega"])
     zero = np.zeros(len(log))
-    i_d, i_q = (log[name] if name in log else zero for name in ("i_d", "i_q"))
+    i_d, i_q = (log.channels.get(name, zero) for name in ("i_d", "i_q"))
     drive = np.asarray(log["torque"] if "torque" in log else drive_torque(design, i_d, i_q), dtype=np.float64)
     known, torque = KnownTorque(design, own), drive
     if "T_load" in log:
@@ -299,7 +299,7 @@ def samples_of(design: Design, log: Log, measure: str, own: Iterable[Effect] = (
     extra = zero
     if known:
         speed = np.concatenate([[0.0], np.diff(z) / np.diff(log.t)]) if measure == "theta" else z
-        theta = z if measure == "theta" else log["theta"] if "theta" in log else None
+        theta = z if measure == "theta" else log.channels.get("theta")
         signals = {"t": log.t, "omega": speed, "direction": np.sign(speed), "i_d": i_d, "i_q": i_q, "torque": drive}
         extra = known.over(signals if theta is None else {**signals, "theta": theta})
     return Samples(np.array(log.t), z, np.array(torque), np.array(extra), known.notes)

@@ -12,10 +12,40 @@ import numpy as np
 
 from pmsm_ctrl.kernels import kernel
 from pmsm_ctrl.track.model import (
-    CHANGE, CONSTANT, DRIFT, DT, DUE, F_C, F_V, FROM_ANGLE, GATE, INERTIA, INTERVAL, KNOWN, KNOWN_LAST, LAG, OMEGA,
-    PREDICTED, PRIOR, REJECTED, REJECTS, REJECTS_ARE_CHANGE, SIZE, SPEED, STANDSTILL, STARTED, T_LOAD,
-    THETA, TORQUE, TORQUE_LAST, UPDATED, R, acceleration, classify, constant_speed, fresh_speed,
-    keep_split, process_variance,
+    CHANGE,
+    CONSTANT,
+    DRIFT,
+    DT,
+    DUE,
+    F_C,
+    F_V,
+    FROM_ANGLE,
+    INERTIA,
+    INTERVAL,
+    KNOWN,
+    KNOWN_LAST,
+    LAG,
+    OMEGA,
+    PREDICTED,
+    PRIOR,
+    REJECTED,
+    SIZE,
+    SPEED,
+    STANDSTILL,
+    STARTED,
+    T_LOAD,
+    THETA,
+    TORQUE,
+    TORQUE_LAST,
+    UPDATED,
+    R,
+    acceleration,
+    classify,
+    constant_speed,
+    fresh_speed,
+    judge,
+    keep_split,
+    process_variance,
 )  # fmt: skip
 
 __all__ = ["run"]
@@ -165,26 +195,24 @@ def update(x, P, m, s, z, direction, h, u, v, K):
     """Take the measurement in, or reject it; return the event, the innovation and its variance."""
     y = z - measure(x, m, s, direction, h)
     S = innovation_variance(P, h, s, u)
-    event, innovation, variance = UPDATED, y, S
-    if y * y > s[GATE] * S:
-        m[REJECTS] += 1.0
-        if m[REJECTS] < REJECTS_ARE_CHANGE:
-            restart(x, P, m, s, z)
-            return REJECTED, innovation, variance
+    innovation, variance = y, S
+    event = judge(m, s, y, S, direction)
+    if event == REJECTED:
+        restart(x, P, m, s, z)
+        return event, innovation, variance
+    if event == CHANGE:
         for i in range(1, SIZE - 1):
             P[i, i] += max(s[PRIOR + i] - P[i, i], 0.0)
         P[OMEGA, OMEGA] += y * y if s[FROM_ANGLE] == 0.0 else (y / max(s[INTERVAL], m[DT])) ** 2
         S = innovation_variance(P, h, s, u)
-        event = CHANGE
-    m[REJECTS] = 0.0
     for i in range(SIZE):
         K[i] = u[i] / S
-    if event == UPDATED and P[F_C, F_C] > 0.0 and P[F_V, F_V] > 0.0 and constant_speed(m, s):
+    if P[F_C, F_C] > 0.0 and P[F_V, F_V] > 0.0 and constant_speed(m, s):
         _, _, d_c, d_v, _, _ = acceleration(
             x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE], m[KNOWN], 0.0
         )
         K[F_C], K[F_V] = keep_split(K[F_C], K[F_V], x[F_C], x[F_V], d_c, d_v)
-        event = CONSTANT
+        event = CONSTANT if event == UPDATED else event
     for i in range(SIZE):
         x[i] += K[i] * y
     joseph(P, K, h, u, v, s[R])

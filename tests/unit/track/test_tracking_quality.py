@@ -1,0 +1,160 @@
+"""How well F_c and F_v are tracked: bias, consistency, steps, drift, and what one speed cannot show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.identify import identify
+from pmsm_ctrl.simulate import Scenario, scenario, simulate
+from pmsm_ctrl.track import Settings, track
+
+F_C, F_V = 0.0213, 0.000168
+
+
+@pytest.fixture(scope="module")
+def design(request: pytest.FixtureRequest) -> Design:
+    return Design.read(request.config.rootpath / "designs" / "seed_motor.toml")
+
+
+def guessed(design: Design) -> Design:
+    """Return the design with start values 40 % off."""
+    return design.with_effect("coulomb", {"F_c": 1.4 * F_C}).with_effect("viscous", {"F_v": 0.6 * F_V})
+
+
+@pytest.mark.parametrize("measure", ["theta", "omega"])
+def test_bias_is_below_one_percent(design: Design, measure: str) -> None:
+    motion = scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0)
+    errors = []
+    for seed in range(8):
+        log = simulate(design, motion, seed=seed)
+        found = track(guessed(design), log, Settings(measure=measure))
+        settled = log.t > 4.0
+        errors.append([found.history[n][settled].mean() / true - 1.0 for n, true in (("F_c", F_C), ("F_v", F_V))])
+    assert np.all(np.abs(np.mean(errors, axis=0)) < 0.01)
+
+
+def test_nees_and_nis_keep_their_bands(design: Design) -> None:
+    """With 60 runs the share is known to about 3 %; 400 runs are in the slow test."""
+    found = consistency(design, 60, walking=False, first=500)
+    assert 0.86 <= found.nees <= 1.0
+    assert 0.86 <= found.nis <= 1.0
+    assert min(found.efficiency) > 0.75
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("walking", [False, True])
+def test_nees_and_nis_keep_their_bands_in_many_runs(design: Design, walking: bool) -> None:
+    found = consistency(design, 400, walking=walking, first=1000)
+    assert 0.93 <= found.nees <= 0.97
+    assert 0.93 <= found.nis <= 0.97
+    assert min(found.efficiency) > 0.9
+
+
+@pytest.mark.parametrize("share", [0.3, -0.3])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_step_of_coulomb_friction_is_followed_within_two_seconds(design: Design, share: float, seed: int) -> None:
+    truth = design.with_effect("step_of_F_c", {"dF_c": share * F_C, "t_0": 4.0})
+    log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0), truth=truth, seed=seed,
+                   own=(step_of_F_c,))  # fmt: skip
+    found = track(design, log)
+    assert settling(log.t, found.history["F_c"], F_C * (1.0 + share), 0.05, 4.0) < 2.0
+    assert found.counts["change"] >= 1
+    assert any("abruptly" in text for text in found.warnings)
+
+
+def test_thermal_drift_of_viscous_friction_lags_less_than_three_seconds(design: Design) -> None:
+    rate = 0.02 * F_V  # per second: in half a minute 60 %
+    truth = design.with_effect("ramp_of_F_v", {"rate": rate, "t_0": 4.0})
+    motion = scenario("triangle", design, speed=150.0, period=2.0, cycles=15.0)
+    lags = []
+    for seed in range(3):
+        log = simulate(design, motion, truth=truth, seed=seed, own=(ramp_of_F_v,))
+        behind = F_V + rate * np.maximum(log.t - 4.0, 0.0) - track(design, log).history["F_v"]
+        lags.append(behind[log.t > 12.0].mean() / rate)
+    assert max(lags) < 3.0
+    assert min(lags) > 0.0
+
+
+def test_warm_up_of_the_catalogue_is_followed(design: Design) -> None:
+    warm = {"dF_v": -0.4 * F_V, "dF_c": 0.0, "tau": 20.0}
+    log = simulate(
+        design,
+        scenario("triangle", design, speed=150.0, period=2.0, cycles=20.0),
+        truth=design.with_effect("thermal_drift", warm),
+        seed=1,
+    )
+    true = F_V + warm["dF_v"] * (1.0 - np.exp(-log.t / warm["tau"]))
+    late = log.t > 5.0
+    found = track(design, log)
+    assert np.sqrt(np.mean((found.history["F_v"] / true - 1.0)[late] ** 2)) < 0.04
+
+
+def test_at_constant_speed_the_split_is_kept_and_the_sum_followed(design: Design) -> None:
+    def references(t: np.ndarray) -> dict[str, np.ndarray]:
+        wave = np.where(t < 6.0, 150.0 * np.sin(np.pi * t), 0.0)
+        return {"omega_ref": wave + 100.0 * np.clip((t - 6.0) / 0.2, 0.0, 1.0)}
+
+    truth = design.with_effect("step_of_F_c", {"dF_c": 0.3 * F_C, "t_0": 18.0})
+    log = simulate(design, Scenario("constant", 24.0, references), truth=truth, seed=4, own=(step_of_F_c,))
+    found = track(design, log)
+    settled = log.t > 14.0
+    ratio = found.history["F_c"][settled] / found.history["F_v"][settled]
+    assert np.ptp(ratio) < 1e-9 * ratio[0]
+    total = found.history["F_c"][-1] + 100.0 * found.history["F_v"][-1]
+    assert total == pytest.approx(1.3 * F_C + 100.0 * F_V, rel=0.02)
+    assert abs(found.history["F_c"][-1] - 1.3 * F_C) < 2.0 * found.stderr["F_c"][-1]
+    assert found.correlation[-1] < -0.95
+    assert found.counts["constant speed"] > 500
+    alone = simulate(design, Scenario("alone", 20.0, lambda t: {"omega_ref": 100.0 * np.clip(t, 0.0, 1.0)}), seed=1)
+    assert any("only the sum" in text for text in track(design, alone).warnings)
+
+
+def test_online_and_offline_agree_within_their_errors(design: Design) -> None:
+    log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0), seed=11)
+    offline = identify(guessed(design), log).estimates
+    online = track(guessed(design), log, Settings(drift=0.0)).estimates
+    for name in ("F_c", "F_v"):
+        spread = np.hypot(offline[name].stderr, online[name].stderr)
+        assert abs(offline[name].value - online[name].value) < 3.0 * spread
+
+
+def test_load_torque_and_inertia_can_be_tracked_too(design: Design) -> None:
+    truth = design.with_effect("constant_load", {"T_0": 0.02}).with_parameters(J=1.08 * design.J)
+    log = simulate(design, scenario("triangle", design, speed=150.0, period=1.0, cycles=15.0), truth=truth, seed=5)
+    found = track(design, log, Settings(estimate=("T_load", "J")), adapt=False).estimates
+    for name, true in (("T_load", 0.02), ("J", truth.J), ("F_c", F_C), ("F_v", F_V)):
+        assert abs(found[name].value - true) < 3.5 * found[name].stderr, name
+    assert found["J"].value == pytest.approx(truth.J, rel=0.01)
+
+
+def test_known_effects_are_not_taken_for_friction(design: Design) -> None:
+    full = design.with_effect("cogging", {"a_s": 0.004, "a_c": 0.002, "order": 24.0}).with_effect(
+        "stribeck", {"dF_s": 0.01, "w_s": 8.0, "delta": 2.0}
+    )
+    log = simulate(full, scenario("triangle", design, speed=60.0, period=2.0, cycles=5.0), seed=2)
+    found = track(full, log)
+    assert found.history["F_c"][log.t > 4.0].mean() == pytest.approx(F_C, rel=0.015)
+    # a tracker that does not know them says that there is more than it models
+    assert any("does not model" in text for text in track(design, log).warnings)
+
+
+def test_saturated_current_leaves_the_estimates_right(design: Design) -> None:
+    weak = design.replace(drive={"i_max": 0.1})
+    log = simulate(weak, scenario("triangle", design, speed=150.0, period=1.0, cycles=10.0), seed=3)
+    assert np.mean(np.abs(log["i_q_ref"]) > 0.0999) > 0.1
+    found = track(weak, log)
+    settled = log.t > 4.0
+    assert found.history["F_c"][settled].mean() == pytest.approx(F_C, rel=0.02)
+    assert found.history["F_v"][settled].mean() == pytest.approx(F_V, rel=0.02)
+
+
+def test_wander_is_a_random_walk(rng: np.random.Generator) -> None:
+    """The truth of the consistency test has the variance that the filter assumes."""
+    from tracking_axes import walk
+
+    ends = np.array([walk(4.0, 1.0, 2.0, rng)[1:] for _ in range(2000)])
+    assert np.allclose(ends.std(axis=0), [2.0, 4.0], rtol=0.06)
+    assert wander.dry

@@ -1,0 +1,248 @@
+"""What must not upset the tracker, and that filterpy's filters and the compiled twin do the same."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError, RequestError
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.track import FrictionTracker, Settings, model, track
+from pmsm_ctrl.track.settings import numbers
+from pmsm_ctrl.track.tracking import Samples, filter_samples, samples_of
+
+F_C, F_V = 0.0213, 0.000168
+
+
+@pytest.fixture(scope="module")
+def design(request: pytest.FixtureRequest) -> Design:
+    return Design.read(request.config.rootpath / "designs" / "seed_motor.toml")
+
+
+@pytest.fixture(scope="module")
+def log(design: Design) -> Log:
+    return simulate(design, scenario("triangle", design, speed=150.0, period=1.0, cycles=4.0), seed=1)
+
+
+def positive_definite(P: np.ndarray) -> bool:
+    scale = np.sqrt(np.diag(P))
+    return bool(np.array_equal(P, P.T) and np.linalg.eigvalsh(P / np.outer(scale, scale)).min() > 0.0)
+
+
+def feed(tracker: FrictionTracker, log: Log) -> list:
+    names = ("t", "omega", "i_q", "theta", "i_d")
+    rows = zip(*(log[name].tolist() for name in names), strict=True)
+    return [tracker.update(t, omega, i_q, theta=theta, i_d=i_d) for t, omega, i_q, theta, i_d in rows]
+
+
+def damaged(samples: Samples, rng: np.random.Generator) -> Samples:
+    """Return samples with NaN, lost samples, a jump of the angle, a time that stands and a hole."""
+    z, torque, t = samples.z.copy(), samples.torque.copy(), samples.t.copy()
+    z[rng.integers(10, t.size, 20)] = np.nan
+    torque[rng.integers(10, t.size, 20)] = np.nan
+    z[2000:] += 0.7
+    t[1500] = t[1499]
+    t[3000:] += 0.5
+    keep = rng.random(t.size) > 0.01
+    return Samples(t[keep], z[keep], torque[keep], samples.known[keep])
+
+
+@pytest.mark.parametrize("measure", ["theta", "omega"])
+@pytest.mark.parametrize("estimate", [(), ("T_load", "J")])
+def test_twin_agrees_with_filterpy(design: Design, log: Log, measure: str, estimate: tuple[str, ...]) -> None:
+    chosen = Settings(measure=measure, estimate=estimate)
+    readings = feed(FrictionTracker(design, chosen), log)
+    found = track(design, log, chosen, adapt=False)
+    for name, values in (("F_c", found.history["F_c"]), ("F_v", found.history["F_v"]), ("omega", found.omega)):
+        assert np.allclose([getattr(r, name) for r in readings], values, rtol=1e-9, atol=1e-12)
+    assert np.allclose([r.stderr_F_c for r in readings], found.stderr["F_c"], rtol=1e-9)
+    assert np.allclose([r.stderr_F_v for r in readings], found.stderr["F_v"], rtol=1e-9)
+    assert np.allclose([r.nis for r in readings], found.nis, rtol=1e-6, atol=1e-9, equal_nan=True)
+    assert [r.event for r in readings] == [model.EVENTS[e] for e in found.events]
+
+
+def test_twin_agrees_with_filterpy_on_damaged_samples(design: Design, log: Log, rng: np.random.Generator) -> None:
+    chosen = Settings()
+    samples = damaged(samples_of(design, log, "theta"), rng)
+    out = filter_samples(design, chosen, numbers(design, chosen, log.period), samples)
+    tracker = FrictionTracker(design, chosen)
+    rows = zip(samples.t.tolist(), samples.z.tolist(), samples.torque.tolist(), samples.known.tolist(), strict=True)
+    readings = [tracker.step(*row) for row in rows]
+    assert np.allclose([r.F_c for r in readings], out.estimates[:, 1], rtol=1e-9)
+    assert np.allclose([r.F_v for r in readings], out.estimates[:, 2], rtol=1e-9)
+    assert {"invalid", "gap", "implausible"} <= {r.event for r in readings}
+
+
+def test_twin_agrees_with_filterpy_through_known_effects(design: Design) -> None:
+    full = design.with_effect("cogging", {"a_s": 0.004, "a_c": 0.002, "order": 24.0}).with_effect(
+        "load_dependent_friction", {"mu": 0.02}
+    )
+    log = simulate(full, scenario("triangle", design, speed=60.0, period=1.0, cycles=2.0), seed=2)
+    readings = feed(FrictionTracker(full), log)
+    assert np.allclose([r.F_c for r in readings], track(full, log, adapt=False).history["F_c"], rtol=1e-9)
+
+
+def test_unscented_filter_says_the_same(design: Design, log: Log) -> None:
+    extended = track(design, log, Settings(measure="theta"))
+    readings = feed(FrictionTracker(design, kind="unscented"), log)
+    last, sd = readings[-1], extended.estimates
+    assert abs(last.F_c - sd["F_c"].value) < 0.1 * sd["F_c"].stderr
+    assert abs(last.F_v - sd["F_v"].value) < 0.1 * sd["F_v"].stderr
+    assert last.stderr_F_c == pytest.approx(sd["F_c"].stderr, rel=0.01)
+
+
+@pytest.mark.parametrize("kind", ["extended", "unscented"])
+def test_covariance_stays_positive_definite_whatever_comes(
+    design: Design, log: Log, kind: str, rng: np.random.Generator
+) -> None:
+    samples = damaged(samples_of(design, log, "theta"), rng)
+    tracker = FrictionTracker(design, Settings(estimate=("T_load", "J")), kind=kind)
+    stop = 2500
+    rows = (samples.t, samples.z, samples.torque, samples.known)
+    for row in zip(*(values[:stop].tolist() for values in rows), strict=True):
+        tracker.step(*row)
+        assert positive_definite(tracker.P)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(0.0, 0.01),
+            st.floats(-400.0, 400.0) | st.just(math.nan) | st.just(math.inf),
+            st.floats(-3.0, 3.0) | st.just(math.nan),
+        ),
+        min_size=1,
+        max_size=60,
+    )
+)
+def test_garbage_leaves_the_covariance_positive_definite(rows: list[tuple[float, float, float]]) -> None:
+    motor = {"J": 9e-5, "K_t": 1.0}
+    tracker = FrictionTracker(
+        Design.from_dict(
+            {
+                "motor": motor,
+                "sensor": {"encoder_counts": 4096, "current_noise": 0.01},
+                "effects": [{"id": "coulomb", "F_c": 0.02}, {"id": "viscous", "F_v": 1e-4}],
+            }
+        ),
+        Settings(measure="omega", interval=0.003),
+    )
+    t = 0.0
+    for step, omega, i_q in rows:
+        t += step
+        tracker.update(t, omega, i_q)
+        assert positive_definite(tracker.P)
+        assert math.isfinite(tracker.state["F_c"])
+
+
+def test_a_sample_that_is_not_a_number_changes_nothing(design: Design, log: Log) -> None:
+    tracker = FrictionTracker(design)
+    feed(tracker, log.slice(0, 500))
+    before, P = tracker.state, tracker.P
+    t = float(log.t[500])
+    for bad in ({"theta": math.nan, "i_q": 0.1}, {"theta": 1.0, "i_q": math.nan}, {"theta": math.inf, "i_q": 0.0}):
+        assert tracker.update(t, 0.0, **bad).event == "invalid"
+    assert tracker.update(math.nan, 0.0, 0.0, theta=1.0).event == "invalid"
+    assert tracker.update(float(log.t[499]), 0.0, 0.0, theta=1.0).event == "invalid"
+    assert tracker.state == before
+    assert np.array_equal(tracker.P, P)
+    assert feed(tracker, log.slice(500, 1500))[-1].F_c == pytest.approx(F_C, rel=0.03)
+
+
+def test_an_hour_at_standstill(design: Design, log: Log) -> None:
+    first = samples_of(design, log, "theta")
+    n = 3_600_000
+    rng = np.random.default_rng(1)
+    counts = 2.0 * math.pi / 131072
+    pieces = [
+        (first.t, first.z, first.torque),
+        (first.t[-1] + 0.001 * np.arange(1, n + 1), first.z[-1] + counts * (rng.random(n) < 0.01),
+         0.004 * rng.standard_normal(n) + 0.01),
+    ]  # fmt: skip
+    pieces.append((first.t + pieces[1][0][-1] + 0.001, first.z - first.z[0] + first.z[-1], first.torque))
+    t, z, torque = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    chosen = Settings()
+    s = numbers(design, chosen, 0.001)
+    out = filter_samples(design, chosen, s, Samples(t, z, torque, np.zeros(t.size)))
+    moved, stood = len(first.t), len(first.t) + n
+    for k in (1, 2):
+        # all the while the estimates are where they were; the deviation says how long that is ago
+        assert np.ptp(out.estimates[moved + 20 : stood - 1, k]) == 0.0
+        assert out.variances[stood - 1, k] == pytest.approx(s[model.PRIOR + k], rel=1e-6)
+        assert out.variances[:, k].max() <= s[model.PRIOR + k] * (1.0 + 1e-12)
+        assert out.variances[-1, k] < 0.05 * s[model.PRIOR + k]
+    assert out.estimates[-1, 1] == pytest.approx(F_C, rel=0.03)
+    assert positive_definite(out.P[np.ix_(chosen.active, chosen.active)])
+
+
+@pytest.mark.parametrize("jump", [2.0 * math.pi / 131072 * 40, 0.02, 1.0, -300.0])
+def test_an_encoder_jump_is_rejected(design: Design, log: Log, jump: float) -> None:
+    theta = log["theta"].copy()
+    theta[2137:] += jump
+    clean, hurt = track(design, log), track(design, log.with_channels(theta=theta))
+    for name in ("F_c", "F_v"):
+        difference = np.abs(hurt.history[name] - clean.history[name])
+        assert difference.max() < 2.5 * clean.stderr[name][2137]
+        assert difference[-1] < 0.5 * clean.stderr[name][-1]
+
+
+def test_dropped_samples_are_bridged(design: Design, log: Log, rng: np.random.Generator) -> None:
+    keep = rng.random(len(log)) > 0.03
+    thinned = Log({name: values[keep] for name, values in log.channels.items()})
+    clean, hurt = track(design, log), track(design, thinned)
+    for name in ("F_c", "F_v"):
+        assert abs(hurt.history[name][-1] - clean.history[name][-1]) < 0.8 * clean.stderr[name][-1]
+
+
+def test_angle_that_wraps_at_a_turn(design: Design, log: Log) -> None:
+    wrapped = log.with_channels(theta=np.mod(log["theta"], 2.0 * np.pi))
+    assert track(design, wrapped).history["F_c"][-1] == pytest.approx(track(design, log).history["F_c"][-1], rel=1e-6)
+
+
+def test_result_renders(design: Design, log: Log) -> None:
+    found = track(design, log)
+    assert "F_c" in found.summary()
+    assert found.to_dict()["schema"] == "pmsm-ctrl/tracking/1"
+    assert len(found.section().tables[0][1]) == 12
+    axes = found.plot().axes
+    assert all(axis.get_ylabel() for axis in axes)
+    assert found.design_at(1e9).parameters("coulomb")["F_c"] == found.history["F_c"][-1]
+    assert found.design_at(-1.0).effects[-1].stderr
+
+
+def test_bad_requests_are_told(design: Design, log: Log) -> None:
+    with pytest.raises(RequestError, match="accepted: theta, omega"):
+        Settings(measure="speed")  # type: ignore[arg-type]
+    with pytest.raises(RequestError, match="accepted: T_load, J"):
+        Settings(estimate=("F_s",))
+    with pytest.raises(RequestError, match="prior_F_v"):
+        track(design.without_effect("viscous"), log)
+    with pytest.raises(RequestError, match="extended, unscented"):
+        FrictionTracker(design, kind="cubature")  # type: ignore[arg-type]
+    with pytest.raises(LogError, match="no channel 'theta'"):
+        track(design, Log({"t": log.t, "omega": log["omega"], "i_q": log["i_q"]}), Settings(measure="theta"))
+    with pytest.raises(LogError, match="neither torque nor i_q"):
+        track(design, Log({"t": log.t, "omega": log["omega"]}))
+    with pytest.raises(LogError, match="at least 3"):
+        track(design, log.slice(0, 2))
+
+
+def test_a_log_without_motion_gives_the_design_back(design: Design) -> None:
+    log = simulate(design, scenario("hold", design, duration=1.0), seed=1)
+    found = track(design, log)
+    assert found.history["F_c"][-1] == F_C
+    assert "never moved" in found.warnings[0]
+
+
+def test_settings_can_start_without_friction(design: Design, log: Log) -> None:
+    bare = design.without_effect("coulomb").without_effect("viscous")
+    found = track(bare, log, replace(Settings(), prior_F_c=0.05, prior_F_v=1e-3))
+    assert found.history["F_c"][-1] == pytest.approx(F_C, rel=0.1)
