@@ -242,6 +242,14 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
         signals[f"d{name}"] = derivative(signals[name], 1.0 / rate, processing.derivative)
     edge = processing.edge if processing.edge is not None else 4.0 / cutoff
     moving = _moving(signals["omega"], good, rate, cutoff, round(edge * rate), processing)
+    # A drive that runs at the log's own rate holds its torque between samples: nothing is missed then.
+    decimated = design.motor.electrical and design.drive.f_control > 1.5 * rate
+    spikes = _spikes(raw["torque"] if "torque" in raw else raw["i_q"]) if decimated else np.arange(0)
+    for k in spikes:
+        moving[max(0, k - round(2.0 * rate / cutoff)) : k + round(2.0 * rate / cutoff)] = False
+    if len(spikes):
+        share = 100.0 * len(spikes) / len(t)
+        notes = (*notes, f"the torque jumps between samples ({share:.2g} % of them): those moments are left out")
     keep = np.arange(0, len(t), max(1, round(rate / (2.5 * cutoff))))
     if int(moving[keep].sum()) < 20:
         raise LogError(f"{where}the axis moves for too short a time: {moving.sum() / rate:.3g} s usable")
@@ -264,6 +272,18 @@ def _motion(
     else:
         raise LogError(f"{where}neither theta nor omega (present: {', '.join(raw)})")
     return {"theta": theta, "omega": omega, "direction": np.sign(omega)}, derivative(omega, period, method)
+
+
+def _spikes(torque: Array) -> NDArray[np.int64]:
+    """Return the samples where the torque jumps: what it did in between was not sampled, and is aliased.
+
+    A jump is larger than a fifth of the torque's range and than ten times the scatter of all steps: the answer
+    of a stiff loop to a step of its reference, not the torque of a motion that the log can follow.
+    """
+    step = np.abs(np.diff(torque))
+    span = float(np.subtract(*np.quantile(torque, [0.9999, 0.0001])))
+    scatter = 1.4826 * float(np.median(step))
+    return np.flatnonzero(step > max(0.2 * span, 10.0 * scatter))
 
 
 def _unwrap(theta: Array) -> Array:
