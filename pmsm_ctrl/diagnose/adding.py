@@ -1,0 +1,48 @@
+"""add: take one effect into a design, fitted to a log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.outcome import fitted_design
+from pmsm_ctrl.diagnose.record import make_record
+from pmsm_ctrl.diagnose.refine import refine
+from pmsm_ctrl.diagnose.selection import Accepted, fit_design
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import lookup, with_own
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.log import Log
+
+__all__ = ["add"]
+
+
+def add(design: Design, log: Log, effect: str, *, own: Iterable[Effect] = ()) -> Design:
+    """Return the design with an effect added, all parameters fitted to the log, standard errors included.
+
+    The effect is taken whether or not the log calls for it: whether it does is what `diagnose` says.
+
+    Raises
+    ------
+    RequestError
+        For an unknown effect, one that is in the design already, or one that this log cannot determine.
+    """
+    own = tuple(own)
+    wanted = lookup(effect, own)
+    record = make_record(design, log)
+    fit = fit_design(design, record, (), with_own(own), own)
+    for trial in fit.trials:
+        if trial.candidate.effect.id != effect:
+            continue
+        if trial.singular:
+            raise RequestError(f"effect '{effect}': this log cannot tell it from what the design has; {_need(wanted)}")
+        trial = refine(fit.record, fit.solved, fit.whitener, trial)
+        accepted = (Accepted(wanted, trial.group.shape),)
+        after = fit_design(design, record, accepted, with_own(own), own, explore=False)
+        return fitted_design(design, after, accepted, record)
+    why = next((c.why_not for c in fit.closed if c.effect.id == effect), "the design has it already")
+    raise RequestError(f"effect '{effect}': {why or 'it has no column on this log'}; {_need(wanted)}")
+
+
+def _need(effect: Effect) -> str:
+    return f"it needs {effect.needs}"

@@ -1,0 +1,165 @@
+"""Which effects could be missing, with the grid over which each one's nonlinear parameters are searched."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.columns import Group, Unavailable, effect_group, missing_signals
+from pmsm_ctrl.diagnose.orders import strongest_orders
+from pmsm_ctrl.diagnose.record import Record
+from pmsm_ctrl.effects.base import Effect
+
+__all__ = ["Candidate", "candidates_for", "fixed_candidates", "periodic_candidates"]
+
+Array = NDArray[np.float64]
+
+# Effects of which an axis can have several, told apart by their order.
+REPEATED = ("cogging", "torque_ripple")
+# Structures that take the place of another one in the model: one is enough.
+ELECTRICAL_ORDERS = (1.0, 2.0, 6.0, 12.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One effect that might be missing.
+
+    Attributes
+    ----------
+    grid : tuple of shapes (values of the nonlinear parameters)
+    searched : int
+        Independent shapes tried, paid for in the significance.
+    why_not : str
+        Why it cannot be tried on this log; the grid is empty then.
+    """
+
+    effect: Effect
+    grid: tuple[Mapping[str, float], ...]
+    searched: int = 1
+    why_not: str = ""
+
+    def groups(self, record: Record) -> Iterator[Group]:
+        """Columns for every shape of the grid."""
+        for shape in self.grid:
+            try:
+                yield effect_group(record, self.effect, shape)
+            except Unavailable:
+                return
+
+    @property
+    def free(self) -> int:
+        """Number of nonlinear parameters that the search settles."""
+        return sum(len({s[name] for s in self.grid}) > 1 for name in (self.grid[0] if self.grid else {}))
+
+
+def candidates_for(
+    record: Record, design: Design, effects: Mapping[str, Effect], residual: Array, present: Iterable[str]
+) -> list[Candidate]:
+    """Return every candidate that is not in the model yet. `residual` is that of the torque, shape (m,)."""
+    out = []
+    present = set(present)
+    for effect in effects.values():
+        if effect.id in present and effect.id not in REPEATED:
+            continue
+        why = missing_signals(record, effect)
+        if why:
+            out.append(Candidate(effect, (), 1, why))
+            continue
+        if effect.id == "cogging":
+            out.append(_cogging(record, effect, residual))
+            continue
+        grid = tuple(_grid(record, effect))
+        out.append(Candidate(effect, grid, max(1, len(grid))))
+    return out
+
+
+def _cogging(record: Record, effect: Effect, residual: Array) -> Candidate:
+    orders, tried = strongest_orders(record, residual)
+    # the first mechanical order is called unbalance
+    grid = tuple({"order": float(k)} for k in orders if k > 1)
+    if not grid:
+        return Candidate(effect, (), 1, "no turn is slow enough to see an order above the first")
+    return Candidate(effect, grid, tried)
+
+
+def _grid(record: Record, effect: Effect) -> Iterator[dict[str, float]]:
+    own = _SHAPES.get(effect.id)
+    if own is not None:
+        yield from own(record)
+        return
+    axes = []
+    for p in effect.searched:
+        values = [p.start * f for f in (0.25, 0.5, 1.0, 2.0, 4.0)] if p.start else [p.start]
+        axes.append(sorted({float(min(max(v, p.lower), p.upper)) for v in values}))
+    for combination in itertools.product(*axes):
+        yield dict(zip((p.symbol for p in effect.searched), combination, strict=True))
+
+
+def _top(record: Record) -> float:
+    return float(np.quantile(np.abs(record.signals["omega"]), 0.99))
+
+
+def _stribeck(record: Record) -> Iterator[dict[str, float]]:
+    for w_s in np.geomspace(0.003, 0.4, 9) * _top(record):
+        for delta in (1.0, 2.0):
+            yield {"w_s": float(w_s), "delta": delta}
+
+
+def _power(record: Record) -> Iterator[dict[str, float]]:
+    for n in (0.33, 0.5, 2.0 / 3.0, 0.8, 1.3, 1.6, 2.0, 2.5, 3.0):
+        yield {"n": n}
+
+
+def _thermal(record: Record) -> Iterator[dict[str, float]]:
+    for share in (0.1, 0.3, 1.0, 3.0):
+        yield {"tau": share * record.duration}
+
+
+def _ripple(record: Record) -> Iterator[dict[str, float]]:
+    for order in ELECTRICAL_ORDERS:
+        yield {"order": order}
+
+
+def _spring(record: Record) -> Iterator[dict[str, float]]:
+    for f in (10.0, 16.0, 25.0, 40.0, 63.0, 100.0, 160.0, 250.0):
+        for zeta in (0.02, 0.15):
+            yield {"w_a": 2.0 * np.pi * f, "zeta": zeta}
+
+
+def _gap(record: Record) -> Iterator[dict[str, float]]:
+    for gap in (0.002, 0.005, 0.01, 0.02, 0.04, 0.08):
+        for f in (40.0, 120.0, 360.0):
+            for zeta in (0.1, 0.5):
+                yield {"gap": gap, "w_a": 2.0 * np.pi * f, "zeta": zeta}
+
+
+def _bristle(record: Record) -> Iterator[dict[str, float]]:
+    scale = 1.0 if not record.linear else float(np.ptp(record.signals["theta"])) / 100.0
+    for z_s in np.geomspace(2e-4, 0.2, 10) * scale:
+        yield {"z_s": float(z_s), "z_b": 0.5, "tau_z": 1e-3}
+
+
+def _dead(record: Record) -> Iterator[dict[str, float]]:
+    s = record.signals
+    level = float(np.quantile(np.hypot(s["i_d"], s["i_q"]), 0.9))
+    for share in (0.1, 0.3, 1.0, 2.0):
+        yield {"i_0": max(share * level, 1e-5)}
+
+
+_SHAPES = {
+    "stribeck": _stribeck,
+    "viscous_power": _power,
+    "thermal_drift": _thermal,
+    "torque_ripple": _ripple,
+    "compliance": _spring,
+    "backlash": _gap,
+    "presliding": _bristle,
+    "dead_time": _dead,
+}
+fixed_candidates = _SHAPES
+periodic_candidates = REPEATED

@@ -1,0 +1,182 @@
+"""What an effect adds to each balance, per unit of its linear parameters: columns over (balance, sample).
+
+A torque or voltage effect adds its term. A measurement effect spoils a channel, and the balances built from that
+channel are off by what follows to first order. A transmission adds what its load does differently from the rotor.
+All of it is evaluated with the effect's own term; nothing of its physics is written again here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.diagnose.motion import bristle_direction, load_behind_gap, load_behind_spring
+from pmsm_ctrl.diagnose.record import Record
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.evaluate import column, columns
+
+__all__ = ["Group", "Unavailable", "effect_group", "missing_signals"]
+
+Array = NDArray[np.float64]
+
+
+class Unavailable(Exception):
+    """This log or design cannot tell anything about an effect; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Columns that stand or fall together.
+
+    Attributes
+    ----------
+    effect : Effect or None
+        None for what every axis has (inertia, winding).
+    symbols : names of the linear parameters
+    values : array, shape (channels, m, k)
+    shape : the nonlinear parameters that the columns were built with
+    entry : position in the design's list, or -1
+    """
+
+    effect: Effect | None
+    symbols: tuple[str, ...]
+    values: Array
+    shape: Mapping[str, float]
+    entry: int = -1
+
+
+# A scale common to all torques is the torque constant's business: no column can tell it from the parameters.
+COMMON_SCALE = (("current_gain", "g"),)
+
+
+def missing_signals(record: Record, effect: Effect) -> str:
+    """Why the effect cannot be evaluated on this log; empty when it can."""
+    motor = record.design.motor
+    if effect.enters == "voltage" and "u_d" not in record.channels:
+        return "it shows in the voltages alone, and this log has no u_d and u_q"
+    if "p" in effect.signals and motor.p is None:
+        return "the design does not know the pole pairs"
+    if record.linear and ("theta" in effect.signals or effect.channels == ("theta",)):
+        return "a linear axis has no known period of position"
+    absent = [s for s in effect.signals if s not in record.signals and s not in ("p", "zeta", "travel")]
+    absent = [s for s in absent if s not in ("twist", "twist_rate")]
+    if absent and effect.id != "delay":
+        return f"the log has no {', '.join(absent)}"
+    return ""
+
+
+def effect_group(record: Record, effect: Effect, shape: Mapping[str, float], entry: int = -1) -> Group:
+    """Return the columns of an effect on a log, its nonlinear parameters given by `shape`.
+
+    Raises
+    ------
+    Unavailable
+        When the log or the design lacks what the effect needs.
+    """
+    why = missing_signals(record, effect)
+    if why:
+        raise Unavailable(why)
+    key = (effect.id, id(effect.term), *sorted(shape.items()))
+    symbols = _symbols(effect)
+    if key not in record.memo:
+        record.memo[key] = _build(record, effect, shape)
+    return Group(effect, symbols, record.memo[key], dict(shape), entry)
+
+
+def _symbols(effect: Effect) -> tuple[str, ...]:
+    if effect.structure == "transmission":
+        return ("J_load",)
+    if effect.structure == "bristle":
+        return ("level",)
+    return tuple(p.symbol for p in effect.linear if (effect.id, p.symbol) not in COMMON_SCALE)
+
+
+def _build(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array:
+    if effect.structure == "transmission":
+        parts = [_transmission(record, effect, shape)]
+    elif effect.structure == "bristle":
+        lag = bristle_direction(record, effect, shape) - record.signals["direction"]
+        parts = [{"torque": lag}]
+    else:
+        values = {p.symbol: p.start for p in effect.parameters} | dict(shape)
+        terms, _ = columns(effect, term_signals(record), values)
+        if not terms:
+            raise Unavailable("it has no parameter that multiplies a column")
+        enter = {"torque": _torque, "voltage": _voltage}.get(effect.enters)
+        if enter is None:
+            enter = _angle if effect.channels == ("theta",) else _current
+        if effect.structure == "delay" and "u_d" not in record.channels and record.design.motor.p is None:
+            enter = _late_torque
+        parts = [enter(record, terms[symbol]) for symbol in _symbols(effect)]
+    return np.stack([record.stack(part) for part in parts], axis=-1)
+
+
+def term_signals(record: Record) -> dict[str, Array | float]:
+    """Signals as the terms read them."""
+    signals: dict[str, Array | float] = {k: v for k, v in record.signals.items() if k != "alpha"}
+    if record.design.motor.p is not None:
+        signals["p"] = float(record.design.motor.p)
+    for name in ("di_d", "di_q"):
+        signals.setdefault(name, np.zeros(len(record.prepared.t)))
+    return signals
+
+
+def _torque(record: Record, term: Array) -> dict[str, Array]:
+    return {"torque": term}
+
+
+def _voltage(record: Record, term: Array) -> dict[str, Array]:
+    return {"u_d": term[0], "u_q": term[1]}
+
+
+def _current(record: Record, wrong: Array) -> dict[str, Array]:
+    """Balances built from currents that are measured less true by `wrong`, shape (2, n)."""
+    s, motor = record.signals, record.design.motor
+    d, q = wrong
+    if motor.p is None or motor.L_d is None or motor.L_q is None or motor.R is None:
+        return {"torque": record.design.K_t_assumed * q}
+    w = motor.p * s["omega"]
+    i_d = s.get("i_d", np.zeros_like(d))
+    salient = 1.5 * motor.p * (motor.L_d - motor.L_q)
+    out = {"torque": record.design.K_t_assumed * q + salient * (i_d * q + s["i_q"] * d)}
+    if "u_d" in record.channels:
+        out["u_d"] = -(motor.R * d + motor.L_d * record.rate_of(d) - w * motor.L_q * q)
+        out["u_q"] = -(motor.R * q + motor.L_q * record.rate_of(q) + w * motor.L_d * d)
+    return out
+
+
+def _late_torque(record: Record, wrong: Array) -> dict[str, Array]:
+    """Delay of a log that has a torque and no currents: measured less true torque is -tau dT/dt."""
+    return {"torque": -record.rate_of(record.signals["torque"])}
+
+
+def _angle(record: Record, wrong: Array) -> dict[str, Array]:
+    """Balances built from an angle that is measured less true by `wrong`, shape (n,).
+
+    The acceleration is wrong by its second derivative. The drive's frame is turned, and the magnets' flux stands
+    askew in it: u_d gains p^2 omega psi_f delta, u_q loses p psi_f times the false speed.
+    """
+    motor = record.design.motor
+    speed = record.rate_of(wrong)
+    out = {"torque": -record.design.J * record.rate_of(speed)}
+    if motor.p is not None and motor.psi_f is not None:
+        out["u_d"] = motor.p**2 * record.signals["omega"] * motor.psi_f * wrong
+        out["u_q"] = -motor.p * motor.psi_f * speed
+    return out
+
+
+def _transmission(record: Record, effect: Effect, shape: Mapping[str, float]) -> dict[str, Array]:
+    """T = J alpha + J_load (alpha_load - alpha): the load's acceleration against the rotor's."""
+    if "gap" in shape:
+        extra = load_behind_gap(record, effect, shape)
+    else:
+        extra = load_behind_spring(record, shape)
+    return {"torque": extra}
+
+
+def evaluate_term(record: Record, effect: Effect, parameters: Mapping[str, float]) -> Array:
+    """The term itself over the log, at the log's rate."""
+    return column(effect, term_signals(record), parameters)

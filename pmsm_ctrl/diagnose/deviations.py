@@ -1,0 +1,69 @@
+"""Wrong parameters: estimated inside their tolerance, and flagged where a log puts them significantly outside."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.selection import Fitted
+from pmsm_ctrl.identify.signals import axis_unit
+
+__all__ = ["parameter_deviations"]
+
+UNITS = {"J": "kg m^2", "R": "Ohm", "L_d": "H", "L_q": "H", "psi_f": "Wb", "K_t": "N m/A"}
+# The torque constant scales every torque that is identified with it: less is forgiven than on a datasheet.
+TORQUE_CONSTANT = 0.02
+
+
+def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], tuple[str, ...]]:
+    """Return the deviations, torque constant first, and hints in words."""
+    from pmsm_ctrl.diagnose.diagnosis import Deviation
+
+    values = dict(zip(fit.model.names, fit.solved.values, strict=True))
+    stderr = dict(zip(fit.model.names, fit.solved.stderr, strict=True))
+    motion = "linear" if fit.record.linear else "rotary"
+    out, hints = [], []
+    if "psi_f" in values and design.motor.p is not None:
+        factor = 1.5 * design.motor.p
+        estimate, error = factor * values["psi_f"], factor * stderr["psi_f"]
+        nominal = design.K_t_assumed
+        off = estimate / nominal - 1.0
+        flagged = abs(off) > TORQUE_CONSTANT and abs(estimate - nominal) > 4.0 * error
+        note = ""
+        if flagged:
+            note = (
+                f"the torque constant of the evaluation, {nominal:.4g} N m/A, is {100 * -off / (1 + off):+.1f} % off "
+                f"what the voltages say ({estimate:.4g}): J, F_c, F_v and every other torque are off alike"
+            )
+            hints.append(note)
+        out.append(Deviation("K_t", nominal, estimate, error, UNITS["K_t"], flagged, note))
+    for name in ("J", "psi_f", "R", "L_d", "L_q"):
+        if name not in values:
+            continue
+        nominal = design.J if name == "J" else float(getattr(design.motor, name))
+        tolerance = design.motor.tolerance.get(name, 0.15)
+        beyond = abs(values[name] / nominal - 1.0) * nominal - tolerance * nominal
+        flagged = beyond > 3.0 * stderr[name]
+        note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else ""
+        unit = axis_unit(UNITS[name], motion)
+        out.append(Deviation(name, nominal, float(values[name]), float(stderr[name]), unit, bool(flagged), note))
+    for k, name in enumerate(fit.model.names):
+        group = _group_of(fit, k)
+        if group is None or group.effect is None or group.entry < 0 or fit.model.nominal[k] == 0.0:
+            continue
+        symbol = name.split("#")[0]
+        p = group.effect.parameter(symbol)
+        value, error, nominal = fit.solved.values[k], fit.solved.stderr[k], fit.model.nominal[k]
+        if np.isfinite(error):
+            out.append(Deviation(name, float(nominal), float(value), float(error), axis_unit(p.unit, motion), False))
+    return tuple(out), tuple(hints)
+
+
+def _group_of(fit: Fitted, column: int) -> Any:
+    for position, group in enumerate(fit.model.groups):
+        where = fit.model.columns_of(position)
+        if where.start <= column < where.stop:
+            return group
+    return None

@@ -1,0 +1,222 @@
+"""diagnose: which effect is missing from a design, and the result that says so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.outcome import build_outcome
+from pmsm_ctrl.diagnose.record import Record, make_record
+from pmsm_ctrl.diagnose.selection import Selection, select
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import with_own
+from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.identify.signals import Processing
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.result import Estimate, Result, Section, jsonable
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Diagnosis", "DiagnosisStep", "Ranked", "diagnose"]
+
+Errors = Mapping[str, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class DiagnosisStep:
+    """One accepted effect.
+
+    Attributes
+    ----------
+    parameters : dict of symbol to Estimate
+    error_before, error_after, holdout_before, holdout_after : dict of balance to rms, unit and relative error
+        The held-out ones are empty without a held-out record.
+    """
+
+    effect: str
+    equivalents: tuple[str, ...]
+    parameters: Mapping[str, Estimate]
+    error_before: Errors
+    error_after: Errors
+    holdout_before: Errors
+    holdout_after: Errors
+    evidence: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One candidate of the last round: what it would explain, and why it was not taken."""
+
+    effect: str
+    explained: float
+    p_value: float
+    accepted: bool
+    why_not: str
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A base parameter, estimated inside its tolerance."""
+
+    parameter: str
+    nominal: float
+    estimate: float
+    stderr: float
+    unit: str
+    flagged: bool
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis(Result):
+    """Which effects a log says are missing from a design.
+
+    Attributes
+    ----------
+    verdict : {"consistent", "effects_missing", "unexplained", "not_excited"}
+    design : Design
+        With the accepted effects, their parameters and standard errors, and the base parameters refitted.
+    errors : dict of {"nominal", "base", "final", "noise_floor"} to balance to rms, unit, relative
+    next_experiment : dict or None
+    unexplained : str
+        What is left and on what it depends; empty when nothing is.
+    """
+
+    verdict: str
+    design: Design
+    errors: Mapping[str, Errors]
+    steps: tuple[DiagnosisStep, ...]
+    ranking: tuple[Ranked, ...]
+    parameter_deviations: tuple[Deviation, ...]
+    next_experiment: Mapping[str, Any] | None
+    reasons: tuple[str, ...]
+    unexplained: str
+    log_name: str
+    holdout_name: str
+    record: Record = field(repr=False)
+    selection: Selection = field(repr=False)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons to doubt the answer."""
+        return self.reasons
+
+    def summary(self) -> str:
+        """Return the verdict, the ladder of errors and the ranking as text, trust first."""
+        from pmsm_ctrl.diagnose.text import summary_text
+
+        return summary_text(self)
+
+    def plot(self) -> Figure:
+        """Draw the ladder of errors and the residual before and after."""
+        from pmsm_ctrl.diagnose.figures import ladder_figure
+
+        return ladder_figure(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the schema ``pmsm-ctrl/diagnosis/1``."""
+        return jsonable({
+            "schema": "pmsm-ctrl/diagnosis/1",
+            "verdict": self.verdict,
+            "log": self.log_name,
+            "holdout": self.holdout_name or None,
+            "errors": self.errors,
+            "steps": [
+                {
+                    "effect": s.effect,
+                    "equivalents": s.equivalents,
+                    "parameters": s.parameters,
+                    "error_before": s.error_before,
+                    "error_after": s.error_after,
+                    "holdout_before": s.holdout_before,
+                    "holdout_after": s.holdout_after,
+                    "evidence": s.evidence,
+                }
+                for s in self.steps
+            ],
+            "ranking": [vars(r) for r in self.ranking],
+            "parameter_deviations": [vars(d) for d in self.parameter_deviations],
+            "next_experiment": self.next_experiment,
+            "unexplained": self.unexplained,
+            "warnings": self.warnings,
+        })  # fmt: skip
+
+    def section(self) -> Section:
+        """Return the section of the report: ladder, ranking, residual maps, contributions."""
+        from pmsm_ctrl.diagnose.text import report_section
+
+        return report_section(self)
+
+
+def diagnose(
+    design: Design,
+    log: Log,
+    *,
+    holdout: Log | None = None,
+    own: Iterable[Effect] = (),
+    progress: Callable[[float], None] | None = None,
+    candidates: Iterable[str] | None = None,
+    processing: Processing | None = None,
+) -> Diagnosis:
+    """Name the physical effects that a design lacks, judged by a log.
+
+    The base parameters are re-estimated inside their tolerance; candidates are accepted one at a time by a
+    prewhitened group F-test (Holm over all candidates), the gain on left-out blocks, and the gain on the held-out
+    record; everything is refitted each time, until nothing passes.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+        With ``theta`` or ``omega``, and ``torque`` or ``i_q``; with ``u_d`` and ``u_q`` the winding is judged too.
+    holdout : Log, optional
+        Another record of the same axis; no effect is accepted that makes it worse.
+    own : iterable of Effect
+        A user's own candidates beside the catalogue.
+    progress : function, optional
+        Called with the share done, 0 to 1.
+    candidates : iterable of str, optional
+        Ids to choose from; the whole catalogue and the own effects when left out.
+    processing : Processing, optional
+        Filter, derivative and mask.
+
+    Raises
+    ------
+    LogError
+        When a channel is missing or the axis hardly moves.
+    DesignError, RequestError
+        When the design or `candidates` names an unknown effect.
+    """
+    own = tuple(own)
+    effects = with_own(own)
+    offered = _offered(effects, candidates)
+    record = make_record(design, log, processing)
+    other = make_record(design, holdout, processing) if holdout is not None else None
+    if progress is not None:
+        progress(0.1)
+    selection = select(design, record, offered, own, other, progress)
+    outcome = build_outcome(design, record, other, selection, offered, own)
+    if progress is not None:
+        progress(1.0)
+    return Diagnosis(
+        **outcome,
+        log_name=log.provenance.file or "the given log",
+        holdout_name=(holdout.provenance.file or "the held-out log") if holdout is not None else "",
+        record=record,
+        selection=selection,
+    )
+
+
+def _offered(effects: Mapping[str, Effect], candidates: Iterable[str] | None) -> dict[str, Effect]:
+    if candidates is None:
+        return dict(effects)
+    out = {}
+    for identifier in candidates:
+        if identifier not in effects:
+            raise RequestError(f"unknown effect '{identifier}'{nearest(identifier, effects)}")
+        out[identifier] = effects[identifier]
+    return out

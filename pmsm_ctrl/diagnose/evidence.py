@@ -1,0 +1,229 @@
+"""How much a candidate explains, how sure that is, and whether it would hold on data that were left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.diagnose.candidates import Candidate
+from pmsm_ctrl.diagnose.columns import Group
+from pmsm_ctrl.diagnose.model import Model, Solved, solve_model
+from pmsm_ctrl.diagnose.record import Record
+from pmsm_ctrl.diagnose.whitening import Whitener, make_whitener
+
+__all__ = ["Evidence", "Trial", "blocked_gain", "saturated_whitener", "try_candidate", "try_group"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate at its best shape, added to the model.
+
+    Attributes
+    ----------
+    gain : float
+        Fall of the whitened sum of squares.
+    score : float
+        The same less what its parameters cost (Schwarz).
+    p_value : float
+        Of the group F-test, the searched shapes paid for; not yet corrected for the number of candidates.
+    values, stderr : array, shape (k,)
+    share : float
+        Part of the fixable residual (above the noise floor) that it takes away, whitened.
+    direction : array, shape (rows,)
+        Whitened columns times values, orthogonal to the model: what it explains and nothing else does.
+    """
+
+    candidate: Candidate
+    group: Group
+    gain: float
+    score: float
+    p_value: float
+    values: Array
+    stderr: Array
+    direction: Array
+    wrong_sign: bool = False
+    singular: bool = False
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The gates one accepted or refused candidate went through."""
+
+    gain: float
+    p_value: float
+    p_holm: float
+    blocks: int
+    block_gain: float
+    block_stderr: float
+    material: float
+
+
+def saturated_whitener(record: Record, model: Model, extra: Iterable[Array]) -> Whitener:
+    """Fit the noise to what even a model with every candidate in it leaves over."""
+    columns = np.concatenate([model.matrix, *extra, _smooth(record)], axis=-1)
+    residual = np.zeros(record.target.shape)
+    lost = 0
+    for row in range(len(record.channels)):
+        w = (record.weight[row] * record.mask)[:, None]
+        a = columns[row] * w
+        norm = np.linalg.norm(a, axis=0)
+        a = a[:, norm > 0.0] / norm[norm > 0.0]
+        gram = a.T @ a
+        values, vectors = np.linalg.eigh(gram)
+        kept = values > 1e-9 * values[-1]
+        # a short log has no room for all of them: what the columns have in common comes first
+        room = max(10, int(_effective(w[:, 0]) / 8.0))
+        kept[: max(0, len(kept) - room)] = False
+        basis = a @ (vectors[:, kept] / np.sqrt(values[kept]))
+        target = record.target[row] * w[:, 0]
+        residual[row] = target - basis @ (basis.T @ target)
+        residual[row] -= basis @ (basis.T @ residual[row])
+        residual[row] = np.divide(residual[row], w[:, 0], out=np.zeros(len(target)), where=w[:, 0] > 0)
+        lost = max(lost, int(kept.sum()))
+    return make_whitener(record, residual, lost)
+
+
+def _effective(weight: Array) -> float:
+    """Number of samples of full weight that carry the same information."""
+    top = float(weight.max())
+    return float(np.sum(weight**2)) / top**2 if top > 0.0 else 0.0
+
+
+def _smooth(record: Record, count: int = 10) -> Array:
+    """Hat functions of speed and of time, in the torque balance: what no effect of the catalogue may explain."""
+    omega, t = record.at_grid(record.signals["omega"]), record.t
+    out = []
+    for x in (omega, t):
+        used = x[record.mask]
+        knots = np.unique(np.quantile(used, np.linspace(0.0, 1.0, count)))
+        for k in range(len(knots)):
+            hat = np.zeros(len(knots))
+            hat[k] = 1.0
+            column = np.zeros(record.target.shape)
+            column[0] = np.interp(x, knots, hat)
+            out.append(column)
+    return np.stack(out, axis=-1)
+
+
+def try_candidate(
+    record: Record, solved: Solved, whitener: Whitener, candidate: Candidate, shapes: Iterable[Group] | None = None
+) -> Trial | None:
+    """Return the candidate at the best of its shapes, or None when it has no column on this log."""
+    best: Trial | None = None
+    n = len(solved.rest)
+    for group in shapes if shapes is not None else candidate.groups(record):
+        trial = try_group(solved, whitener, candidate, group)
+        if best is None or (not trial.wrong_sign, trial.score) > (not best.wrong_sign, best.score):
+            best = trial
+    return best
+
+
+def try_group(solved: Solved, whitener: Whitener, candidate: Candidate, group: Group) -> Trial:
+    """Test one group of columns against the model."""
+    n = len(solved.rest)
+    rows = whitener(group.values)
+    size = np.linalg.norm(rows, axis=0)
+    z = np.vstack([rows, np.zeros((n - solved.rows, rows.shape[1]))])
+    left = z - solved.q @ (solved.q.T @ z)
+    left -= solved.q @ (solved.q.T @ left)
+    scale = np.where(size > 0.0, size, 1.0)
+    u, s, vt = np.linalg.svd(left / scale, full_matrices=False)
+    kept = s > 1e-2  # less than 1 % of its own left: the model has it already
+    k = int(kept.sum())
+    if k == 0:
+        nothing = np.zeros(len(size))
+        return Trial(candidate, group, 0.0, 0.0, 1.0, nothing, np.full(len(size), np.inf), np.zeros(n), singular=True)
+    u, inverse = u[:, kept], vt[kept].T / s[kept]
+    along = u.T @ solved.rest
+    values = inverse @ along / scale
+    stderr = np.sqrt(np.sum(inverse**2, axis=1)) / scale
+    gain = float(along @ along)
+    free = candidate.free
+    score = gain - (k + free) * np.log(max(n, 2))
+    wrong = _wrong_sign(group, values)
+    p = min(1.0, _f_tail(gain / k, k, max(solved.rows - solved.q.shape[1] - k, 1)) * max(candidate.searched, 1))
+    return Trial(candidate, group, gain, score, p, values, stderr, u @ along, wrong)
+
+
+def _wrong_sign(group: Group, values: Array) -> bool:
+    assert group.effect is not None
+    bounds = {p.symbol: (p.lower, p.upper) for p in group.effect.parameters}
+    bounds["level"] = (0.0, np.inf)
+    return any(not bounds[s][0] <= v <= bounds[s][1] for s, v in zip(group.symbols, values, strict=True))
+
+
+def _f_tail(f: float, k: int, dof: int) -> float:
+    from scipy.special import fdtrc
+
+    return float(fdtrc(k, dof, f))
+
+
+def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float]]:
+    """Cut time into contiguous blocks that each hold the same share of `weight`."""
+    order = np.argsort(t, kind="stable")
+    total = np.cumsum(weight[order])
+    if total[-1] <= 0.0:
+        return []
+    cuts = np.interp(np.linspace(0.0, 1.0, count + 1)[1:-1] * total[-1], total, t[order])
+    edges = np.concatenate([[t.min() - 1.0], cuts, [t.max() + 1.0]])
+    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+
+
+def blocked_gain(
+    record: Record, solved: Solved, whitener: Whitener, group: Group, direction: Array, count: int = 12
+) -> tuple[float, float, int]:
+    """Return the mean gain of held-out blocks, its standard error and the number of blocks.
+
+    Contiguous blocks that hold equal shares of what the candidate could explain; around each, samples within
+    the gap (1 s, or less where the noise forgets sooner) are used neither to fit nor to judge.
+    """
+    t = record.t[whitener.index]
+    rows = whitener(solved.model.matrix)
+    z = whitener(group.values)
+    y = whitener(record.target)
+    gap = min(1.0, max(3.0 * whitener.memory, 4.0 / record.prepared.cutoff))
+    known = np.isfinite(solved.model.sigma)
+    prior = np.diag(1.0 / solved.model.sigma[known]) @ np.eye(len(solved.model.sigma))[known]
+    target = solved.model.nominal[known] / solved.model.sigma[known]
+    info = direction[: solved.rows] ** 2
+    gains = []
+    for start, stop in equal_blocks(info, t, count):
+        test = (t >= start) & (t < stop)
+        train = (t < start - gap) | (t >= stop + gap)
+        if test.sum() < 3 or train.sum() < 50:
+            continue
+        small = _errors(rows, y, train, test, prior, target)
+        big = _errors(np.column_stack([rows, z]), y, train, test, np.pad(prior, ((0, 0), (0, z.shape[1]))), target)
+        gains.append(small - big)
+    if len(gains) < 3:
+        return 0.0, float("inf"), len(gains)
+    values = np.array(gains)
+    return float(values.mean()), float(values.std(ddof=1) / np.sqrt(len(values))), len(values)
+
+
+def _errors(a: Array, y: Array, train: Array, test: Array, prior: Array, target: Array) -> float:
+    x = np.vstack([a[train], prior])
+    b = np.concatenate([y[train], target])
+    scale = np.linalg.norm(x, axis=0)
+    scale[scale == 0.0] = 1.0
+    x = x / scale
+    gram = x.T @ x
+    ridge = 1e-10 * np.trace(gram) / len(gram)
+    beta = np.linalg.solve(gram + ridge * np.eye(len(gram)), x.T @ b) / scale
+    r = y[test] - a[test] @ beta
+    return float(r @ r)
+
+
+def effects_by_id(candidates: Iterable[Candidate]) -> Mapping[str, Candidate]:
+    """Candidates by the id of their effect."""
+    return {c.effect.id: c for c in candidates}
+
+
+def resolve(record: Record, model: Model, whitener: Whitener) -> Solved:
+    """Solve again; here so that callers need one module."""
+    return solve_model(record, model, whitener)

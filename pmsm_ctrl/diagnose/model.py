@@ -1,0 +1,188 @@
+"""The base model: inertia, winding, and the design's own effects, on all balances of a log, solved by GLS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.columns import Group, Unavailable, effect_group
+from pmsm_ctrl.diagnose.record import Record
+from pmsm_ctrl.diagnose.whitening import Whitener
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import bound_effects
+
+__all__ = ["Model", "Solved", "base_groups", "design_shape", "solve_model"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Groups of columns with nominal values, tolerances and bounds of their parameters.
+
+    Attributes
+    ----------
+    groups : tuple of Group
+    names, nominal : one each per column
+    sigma : array
+        How far the value may lie from the nominal one, as a prior; infinite where nothing is known.
+    """
+
+    groups: tuple[Group, ...]
+    names: tuple[str, ...]
+    nominal: Array
+    sigma: Array
+    matrix: Array
+
+    def plus(self, group: Group, prior: float = np.inf) -> Model:
+        """Return a copy with one more group."""
+        k = len(group.symbols)
+        count = sum(n.split("#")[0] in group.symbols for n in self.names) // max(k, 1)
+        names = tuple(f"{s}#{count + 1}" if count else s for s in group.symbols)
+        return Model(
+            (*self.groups, group),
+            (*self.names, *names),
+            np.concatenate([self.nominal, np.zeros(k)]),
+            np.concatenate([self.sigma, np.full(k, prior)]),
+            np.concatenate([self.matrix, group.values], axis=-1),
+        )
+
+    def columns_of(self, position: int) -> slice:
+        """Columns of the group at this position."""
+        start = sum(len(g.symbols) for g in self.groups[:position])
+        return slice(start, start + len(self.groups[position].symbols))
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A model fitted to a record with a noise model.
+
+    Attributes
+    ----------
+    values, stderr : array, shape (k,)
+    q : array, shape (rows + priors, rank)
+        Orthonormal basis of the whitened columns, priors included.
+    rest : array, shape (rows + priors,)
+        Whitened residual, priors included.
+    """
+
+    model: Model
+    values: Array
+    stderr: Array
+    q: Array
+    rest: Array
+    rows: int
+
+    def predicted(self, matrix: Array | None = None) -> Array:
+        """Predicted balances, shape (channels, m)."""
+        return (self.model.matrix if matrix is None else matrix) @ self.values
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squares of the whitened residual."""
+        return float(self.rest @ self.rest)
+
+
+def design_shape(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    """Nonlinear parameters of a design's entry, as the columns want them."""
+    if effect.structure == "transmission":
+        J_load, k, d = values["J_load"], values["k"], values["d"]
+        w = float(np.sqrt(k / max(J_load, 1e-12)))
+        shape = {"w_a": w, "zeta": d / (2.0 * max(J_load, 1e-12) * w)}
+        return {"gap": values["gap"], **shape} if "gap" in values else shape
+    return {p.symbol: values[p.symbol] for p in effect.searched}
+
+
+def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> tuple[Model, tuple[str, ...]]:
+    """Return the model of the design as it stands, and notes on effects that this log cannot evaluate."""
+    groups: list[Group] = []
+    nominal: list[float] = []
+    sigma: list[float] = []
+    tolerance = design.motor.tolerance
+    alpha = record.stack({"torque": record.signals["alpha"]})[..., None]
+    groups.append(Group(None, ("J",), alpha, {}))
+    nominal.append(design.J)
+    sigma.append(tolerance.get("J", 0.15) * design.J)
+    if "u_d" in record.channels:
+        _winding(design, record, groups, nominal, sigma)
+    notes = []
+    for entry, (effect, values) in enumerate(bound_effects(design, own)):
+        if effect.structure == "bristle":
+            continue
+        try:
+            group = effect_group(record, effect, design_shape(effect, values), entry)
+        except Unavailable as why:
+            notes.append(f"the design's {effect.id} is left out: {why}")
+            continue
+        if not np.any(group.values):
+            notes.append(f"the design's {effect.id} is never excited")
+        groups.append(group)
+        nominal += [values[s] for s in group.symbols]
+        sigma += [np.inf] * len(group.symbols)
+    names: list[str] = []
+    for group in groups:
+        for s in group.symbols:
+            twins = sum(n.split("#")[0] == s for n in names)
+            names.append(f"{s}#{twins + 1}" if twins else s)
+    matrix = np.concatenate([g.values for g in groups], axis=-1)
+    return Model(tuple(groups), tuple(names), np.array(nominal), np.array(sigma), matrix), tuple(notes)
+
+
+def _winding(design: Design, record: Record, groups: list[Group], nominal: list[float], sigma: list[float]) -> None:
+    """Add R, L_d, L_q, psi_f and two nuisances: the age of the voltage command and the angle it was turned by."""
+    from pmsm_ctrl.kernels.balance import voltage_d, voltage_q
+
+    s, motor = record.signals, design.motor
+    assert motor.p is not None
+    zero = np.zeros_like(s["omega"])
+    i_d, i_q, di_d, di_q, w, p = s["i_d"], s["i_q"], s["di_d"], s["di_q"], s["omega"], float(motor.p)
+    d, q = voltage_d.py_func, voltage_q.py_func
+    parts = {
+        # the balance is linear in these four: each column is the balance with that parameter 1 and the others 0
+        "R": (d(1.0, 0.0, 0.0, p, i_d, i_q, di_d, w), q(1.0, 0.0, 0.0, p, 0.0, i_d, i_q, di_q, w)),
+        "L_d": (d(0.0, 1.0, 0.0, p, i_d, i_q, di_d, w), q(0.0, 1.0, 0.0, p, 0.0, i_d, i_q, di_q, w)),
+        "L_q": (d(0.0, 0.0, 1.0, p, i_d, i_q, di_d, w), q(0.0, 0.0, 1.0, p, 0.0, i_d, i_q, di_q, w)),
+        "psi_f": (zero, q(0.0, 0.0, 0.0, p, 1.0, i_d, i_q, di_q, w)),
+        "tau_u": (record.rate_of(s["u_d"]), record.rate_of(s["u_q"])),
+        "tau_frame": (p * w * s["u_q"], -p * w * s["u_d"]),
+        # the controller's answer to what is measured beyond the modelled current, noise above all
+        # logs and drives share a clock: voltage is sampled just after the reference moved, always the same way
+        "kappa_d": (di_d, zero),
+        "kappa_q": (zero, di_q),
+        "answer_d": (s["i_d_meas"] - i_d, zero),
+        "answer_q": (zero, s["i_q_meas"] - i_q),
+    }
+    for name, (u_d, u_q) in parts.items():
+        groups.append(Group(None, (name,), record.stack({"u_d": u_d, "u_q": u_q})[..., None], {}))
+        if name.startswith("tau"):
+            nominal.append(0.0)
+            sigma.append(2e-3)
+        elif name.startswith(("answer", "kappa")):
+            nominal.append(0.0)
+            sigma.append(np.inf)
+        else:
+            value = float(getattr(motor, name))
+            nominal.append(value)
+            sigma.append(motor.tolerance.get(name, 0.15) * value)
+
+
+def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
+    """Solve by generalised least squares with the parameters' tolerances as priors."""
+    rows = whitener(model.matrix)
+    known = np.isfinite(model.sigma)
+    prior = np.diag(1.0 / model.sigma[known]) @ np.eye(len(model.sigma))[known]
+    a = np.vstack([rows, prior])
+    b = np.concatenate([whitener(record.target), model.nominal[known] / model.sigma[known]])
+    scale = np.linalg.norm(a, axis=0)
+    scale[scale == 0.0] = 1.0
+    u, s, vt = np.linalg.svd(a / scale, full_matrices=False)
+    kept = s > 1e-7 * s[0]
+    u = u[:, kept]
+    inverse = vt[kept].T / s[kept]
+    values = inverse @ (u.T @ b) / scale
+    stderr = np.sqrt(np.sum(inverse**2, axis=1)) / scale
+    return Solved(model, values, stderr, u, b - u @ (u.T @ b), len(rows))

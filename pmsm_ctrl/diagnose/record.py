@@ -1,0 +1,276 @@
+"""One log made ready for the diagnosis: measured balances on a thinned grid, and what columns are built from.
+
+Up to three balances: torque, u_d and u_q. Every balance and every column goes through the same zero-phase filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.identify.noise import stretches
+from pmsm_ctrl.identify.signals import Prepared, Processing, derivative, low_pass, prepare
+from pmsm_ctrl.log import Log
+
+__all__ = ["CHANNELS", "Record", "make_record", "with_direction", "with_modelled_torque"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CHANNELS = ("torque", "u_d", "u_q")
+
+# Below this share of the fast speed the direction is uncertain; see `_direction`.
+STANDSTILL = 0.0005
+# Height of the highest of a few hundred samples of noise, in its standard deviation.
+NOISE_PEAK = 4.5
+EDGE_PERIODS = 3.0
+# How far a voltage balance can be trusted: shares of the inductive drop and of the voltage.
+WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Balances of one log.
+
+    Attributes
+    ----------
+    signals : dict of str to array, shape (n,)
+        At the log's own rate: what terms read, plus ``alpha``, ``di_d``, ``di_q``.
+    channels : tuple of str
+        The balances this log has, out of `CHANNELS`.
+    target : array, shape (channels, m)
+        Filtered measured side.
+    mask : bool array, shape (m,)
+        Samples that take part.
+    weight : array, shape (channels, m)
+        Relative inverse noise level, at most 1: fast transients are aliased and count less.
+    """
+
+    design: Design
+    prepared: Prepared
+    signals: Mapping[str, Array]
+    channels: tuple[str, ...]
+    target: Array
+    mask: Mask
+    weight: Array
+    duration: float
+    notes: tuple[str, ...] = ()
+    memo: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False)
+
+    @property
+    def t(self) -> Array:
+        """Time of the thinned grid, s."""
+        return self.prepared.t[self.prepared.keep]
+
+    @property
+    def rate(self) -> float:
+        """Rate of the thinned grid, Hz."""
+        return self.prepared.thinned_rate
+
+    @property
+    def period(self) -> float:
+        """Sampling period of the log, s."""
+        return 1.0 / self.prepared.rate
+
+    @property
+    def linear(self) -> bool:
+        """Whether the axis is linear (m, N)."""
+        return self.prepared.motion == "linear"
+
+    def unit(self, channel: str) -> str:
+        """Unit of a balance."""
+        return ("N" if self.linear else "N m") if channel == "torque" else "V"
+
+    def shaped(self, values: Array) -> Array:
+        """Filter and thin a column given at the log's rate, shape (n,), to shape (m,)."""
+        return self.prepared.column(np.ascontiguousarray(np.broadcast_to(values, self.prepared.t.shape)))
+
+    def at_grid(self, values: Array) -> Array:
+        """Thin without filtering."""
+        return values[self.prepared.keep]
+
+    def stack(self, columns: Mapping[str, Array]) -> Array:
+        """Return a column over all balances, shape (channels, m), from those it enters at the log's rate."""
+        out = np.zeros(self.target.shape)
+        for row, name in enumerate(self.channels):
+            if name in columns:
+                out[row] = self.shaped(columns[name])
+        return out
+
+    def rate_of(self, values: Array) -> Array:
+        """Time derivative at the log's rate."""
+        return derivative(values, self.period)
+
+
+def make_record(design: Design, log: Log, processing: Processing | None = None) -> Record:
+    """Prepare a log for the diagnosis.
+
+    Raises
+    ------
+    LogError
+        When a channel is missing, or the axis never moves.
+    """
+    processing = processing or Processing(standstill=STANDSTILL)
+    prepared = prepare(design, log, processing)
+    raw = dict(prepared.signals)
+    signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
+    signals["t"] = prepared.t - prepared.t[0]
+    signals["alpha"] = prepared.alpha
+    if "i_q" in signals:
+        signals.setdefault("i_d", np.zeros_like(signals["i_q"]))
+    else:
+        signals["i_q"] = signals["torque"] / design.K_t_assumed
+    signals["torque_meas"], signals["i_q_meas"] = signals["torque"], signals["i_q"]
+    if "i_d" in signals:
+        signals["i_d_meas"] = signals["i_d"]
+        signals["i_d"] = _intended_i_d(log, prepared, signals["i_d"])
+    _add_slopes(signals, prepared)
+    driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
+    direction, sure = _direction(signals["omega"], driving, prepared)
+    signals["direction"] = direction
+    channels = ["torque"]
+    if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
+        channels += ["u_d", "u_q"]
+    sides = {"torque": driving, "u_d": signals.get("u_d"), "u_q": signals.get("u_q")}
+    target = np.array([prepared.column(sides[name]) for name in channels])
+    weight = [_calm(log, prepared, EDGE_PERIODS)]
+    for row, name in enumerate(channels[1:], start=1):
+        level = np.hypot(target[1], target[2])
+        weight.append(weight[0] * _voltage_weight(design, prepared, signals, level, _on_grid(log, prepared, name)))
+    moving = sure & _edges(prepared)
+    record = Record(
+        design, prepared, signals, tuple(channels), target, moving[prepared.keep],
+        np.array(weight), float(prepared.t[-1] - prepared.t[0]), prepared.notes,
+    )  # fmt: skip
+    return record
+
+
+def _edges(prepared: Prepared) -> Mask:
+    """False near both ends, where the filters start."""
+    inside = np.ones(len(prepared.t), dtype=bool)
+    edge = round(4.0 / prepared.cutoff * prepared.rate)
+    inside[:edge] = False
+    inside[-edge:] = False
+    return inside
+
+
+def _direction(omega: Array, driving: Array, prepared: Prepared) -> tuple[Array, Mask]:
+    """Direction of motion; while the shaft rests, the share of the dry friction that balances the drive.
+
+    Taking the sign of a resting shaft's speed for the direction would smear errors over the filter's memory into
+    the moving samples beside it.
+    """
+    top = float(np.quantile(np.abs(omega), 0.99))
+    rests = np.abs(omega) <= STANDSTILL * top
+    direction = np.sign(omega)
+    long = np.zeros(len(omega), dtype=bool)
+    for piece in stretches(rests):
+        if piece.stop - piece.start > 0.004 * prepared.rate:
+            long[piece] = True
+    free = ~long
+    columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free]
+    weights = np.linalg.lstsq(columns, driving[free], rcond=None)[0]
+    level = float(weights[1])
+    if level > 0.0 and long.any():
+        left = driving[long] - weights[0] * prepared.alpha[long] - weights[3]
+        direction[long] = np.clip(left / level, -1.0, 1.0)
+    elif long.any():
+        direction[long] = 0.0
+    sure = ~long
+    dilate = round(0.5 * prepared.rate / prepared.cutoff)
+    for piece in stretches(long):
+        sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
+    return direction, sure
+
+
+def _calm(log: Log, prepared: Prepared, periods: float) -> Array:
+    """Weight of each thinned sample from the drive signal's content above a quarter of the rate.
+
+    An edge that is faster than the sampling is logged up to one period too early or too late, always the same way
+    where the drive and the log share a clock. Its error in the filtered balance, against the noise there, is about
+    the height of the edge over the noise times the root of what the filter lets through; weights fall
+    steeply with that, for so many periods of the filter's cutoff on either side as it rings.
+    """
+    source = "torque" if "torque" in log else "i_q"
+    raw, rate = _on_grid(log, prepared, source), prepared.rate
+    fast = np.abs(raw - low_pass(raw, rate, 0.25 * rate))
+    noise = 1.4826 * float(np.median(fast))
+    if noise <= 0.0:
+        return np.ones(len(prepared.keep))
+    reach = 2 * round(periods * rate / prepared.cutoff) + 1
+    edge = np.maximum(_highest(fast, reach) / noise - NOISE_PEAK, 0.0)[prepared.keep]
+    passed = np.sqrt(2.0 * prepared.cutoff / rate)
+    return 1.0 / (1.0 + (passed * edge) ** 2) ** 2
+
+
+def _on_grid(log: Log, prepared: Prepared, name: str) -> Array:
+    """A channel as logged, on the uniform grid."""
+    same = len(log) == len(prepared.t)
+    return np.array(log[name] if same else np.interp(prepared.t, log.t, log[name]))
+
+
+def _highest(values: Array, reach: int) -> Array:
+    from scipy.ndimage import maximum_filter1d
+
+    return maximum_filter1d(values, reach)
+
+
+def _voltage_weight(design: Design, prepared: Prepared, signals: Mapping[str, Array], u: Array, raw: Array) -> Array:
+    """Weight of a voltage balance: its model is off by shares of the inductive drop and of the voltage itself."""
+    rate = prepared.rate
+    noise = float(np.std(raw - low_pass(raw, rate, 0.25 * rate))) * np.sqrt(2.0 * prepared.cutoff / rate) + 1e-12
+    L = max(design.motor.L_d or 0.0, design.motor.L_q or 0.0)
+    slope = np.hypot(signals["di_d"], signals["di_q"])
+    steep = _highest(low_pass(slope, rate, prepared.cutoff), 2 * round(0.5 * rate / prepared.cutoff) + 1)
+    wrong = np.hypot(WRONG_INDUCTIVE * L * steep[prepared.keep], WRONG_VOLTAGE * np.abs(u))
+    return 1.0 / (1.0 + (wrong / noise) ** 2)
+
+
+def _intended_i_d(log: Log, prepared: Prepared, i_d: Array) -> Array:
+    """The d-current without its noise: the reference where it is logged, else the slow part where there is any."""
+    if "i_d_ref" in log:
+        return _on_grid(log, prepared, "i_d_ref")
+    slow = low_pass(i_d, prepared.rate, 0.25 * prepared.cutoff)
+    noise = float(np.std(i_d - slow))
+    return slow if float(np.sqrt(np.mean(slow**2))) > 3.0 * noise else np.zeros_like(i_d)
+
+
+def _add_slopes(signals: dict[str, Array], prepared: Prepared) -> None:
+    for name in ("i_d", "i_q"):
+        if name in signals:
+            signals[f"d{name}"] = derivative(signals[name], 1.0 / prepared.rate)
+
+
+def with_modelled_torque(record: Record, predicted: Array) -> Record:
+    """Return a copy whose terms read the torque and current that the model predicts, not the measured ones.
+
+    A column made of the measured torque explains the measured torque, noise and missing effects included; and the
+    drive's voltage answers the noise of the measured current, which would be taken for a resistance.
+
+    Parameters
+    ----------
+    predicted : array, shape (m,)
+        Torque balance as the model predicts it, on the thinned grid.
+    """
+    from scipy.interpolate import CubicSpline
+
+    signals = dict(record.signals)
+    t = record.prepared.t
+    inside = np.clip(t, record.t[0], record.t[-1])
+    torque = CubicSpline(record.t, predicted)(inside) + signals.get("T_load", np.zeros_like(t))
+    signals["torque"] = torque
+    motor, per_ampere = record.design.motor, np.full(len(t), record.design.K_t_assumed)
+    if motor.p is not None and motor.L_d is not None and motor.L_q is not None and "i_d" in signals:
+        per_ampere = per_ampere + 1.5 * motor.p * (motor.L_d - motor.L_q) * signals["i_d"]
+    signals["i_q"] = torque / per_ampere
+    _add_slopes(signals, record.prepared)
+    return replace(record, signals=signals, memo={})
+
+
+def with_direction(record: Record, direction: Array) -> Record:
+    """Return a copy in which dry friction follows this direction instead."""
+    return replace(record, signals={**record.signals, "direction": direction}, memo={})

@@ -1,0 +1,71 @@
+"""Refining a candidate's nonlinear parameters around the best point of its grid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pmsm_ctrl.diagnose.columns import Unavailable, effect_group
+from pmsm_ctrl.diagnose.evidence import Trial, try_group
+from pmsm_ctrl.diagnose.model import Solved
+from pmsm_ctrl.diagnose.record import Record
+from pmsm_ctrl.diagnose.whitening import Whitener
+
+__all__ = ["refine"]
+
+FIXED = ("order",)  # whole numbers
+
+
+def refine(record: Record, solved: Solved, whitener: Whitener, trial: Trial, rounds: int = 3) -> Trial:
+    """Return the trial with its nonlinear parameters improved by a pattern search in their logarithm.
+
+    The steps begin at half the distance of the grid and are halved whenever nothing gets better.
+    """
+    grid = trial.candidate.grid
+    free = [n for n in trial.group.shape if n not in FIXED and len({s[n] for s in grid}) > 1]
+    if not free:
+        return trial
+    step = {name: _spacing(name, trial.group.shape, grid) for name in free}
+    best = trial
+    halved = 0
+    for _ in range(4 * rounds):
+        better = False
+        for name in free:
+            for sign in (1.0, -1.0):
+                shape = dict(best.group.shape)
+                shape[name] = _inside(trial, name, shape[name] * float(np.exp(sign * step[name])))
+                tried = _tried(record, solved, whitener, best, shape)
+                if tried is not None and not tried.wrong_sign and tried.gain > best.gain * (1.0 + 1e-9):
+                    best, better = tried, True
+                    break
+        if not better:
+            step = {name: 0.5 * size for name, size in step.items()}
+            halved += 1
+            if halved >= rounds:
+                break
+    return best
+
+
+def _tried(
+    record: Record, solved: Solved, whitener: Whitener, trial: Trial, shape: Mapping[str, float]
+) -> Trial | None:
+    try:
+        group = effect_group(record, trial.candidate.effect, shape)
+    except Unavailable:
+        return None
+    return try_group(solved, whitener, trial.candidate, group)
+
+
+def _spacing(name: str, shape: Mapping[str, float], grid: tuple[Mapping[str, float], ...]) -> float:
+    values = sorted({s[name] for s in grid})
+    position = values.index(shape[name])
+    near = values[position + 1] if position + 1 < len(values) else values[position - 1]
+    return 0.5 * abs(float(np.log(near / shape[name])))
+
+
+def _inside(trial: Trial, name: str, value: float) -> float:
+    for p in trial.candidate.effect.parameters:
+        if p.symbol == name:
+            return float(min(max(value, p.lower), p.upper))
+    return value

@@ -1,0 +1,334 @@
+"""Forward selection with gates: effects are accepted one at a time, everything refitted and rewhitened each time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.candidates import REPEATED, Candidate, candidates_for
+from pmsm_ctrl.diagnose.columns import effect_group
+from pmsm_ctrl.diagnose.evidence import Evidence, Trial, blocked_gain, saturated_whitener, try_candidate
+from pmsm_ctrl.diagnose.model import Model, Solved, base_groups, solve_model
+from pmsm_ctrl.diagnose.motion import bristle_direction
+from pmsm_ctrl.diagnose.record import Record, with_direction, with_modelled_torque
+from pmsm_ctrl.diagnose.refine import refine
+from pmsm_ctrl.diagnose.whitening import Whitener
+from pmsm_ctrl.effects.base import Effect
+
+__all__ = ["Accepted", "Fitted", "Step", "fit_design", "select"]
+
+Array = NDArray[np.float64]
+
+SIGNIFICANCE = 0.01  # family-wise, by Holm
+BLOCK_ERRORS = 2.8  # standard errors that the held-out gain must reach
+MATERIAL = 0.004  # smallest contribution worth a name, as a share of the balance's size where it acts
+MOST_STEPS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Accepted:
+    """An effect that was taken in, with its nonlinear parameters."""
+
+    effect: Effect
+    shape: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The design plus accepted effects, fitted to one log.
+
+    Attributes
+    ----------
+    record : Record
+        With modelled torque in its signals.
+    error, relative : dict of balance to rms residual and to its share of the measured balance
+    """
+
+    record: Record
+    model: Model
+    whitener: Whitener
+    solved: Solved
+    trials: tuple[Trial, ...]
+    closed: tuple[Candidate, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def residual(self) -> Array:
+        """Measured less predicted, shape (channels, m)."""
+        return self.record.target - self.solved.predicted()
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One accepted effect: the trial that won, its evidence and the rivals it cannot be told from."""
+
+    trial: Trial
+    evidence: Evidence
+    equivalents: tuple[str, ...]
+    before: Fitted
+    after: Fitted | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The whole way: fits before and after every step, and why the rest was refused."""
+
+    fits: tuple[Fitted, ...]
+    steps: tuple[Step, ...]
+    accepted: tuple[Accepted, ...]
+    refused: Mapping[str, str] = field(default_factory=dict)
+
+
+def _assemble(design: Design, record: Record, accepted: Iterable[Accepted], own: Iterable[Effect]) -> tuple[
+    Model, tuple[str, ...]
+]:  # fmt: skip
+    model, notes = base_groups(design, record, own)
+    for one in accepted:
+        if one.effect.structure != "bristle":
+            model = model.plus(effect_group(record, one.effect, one.shape))
+    return model, notes
+
+
+def fit_design(
+    design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
+    own: tuple[Effect, ...] = (), explore: bool = True,
+) -> Fitted:  # fmt: skip
+    """Fit the design with the accepted effects, and try every candidate on what is left."""
+    for one in (*_bristles(design, effects), *accepted):
+        if one.effect.structure == "bristle":
+            record = with_direction(record, bristle_direction(record, one.effect, one.shape))
+    model, notes = _assemble(design, record, accepted, own)
+    rough = solve_model(record, model, saturated_whitener(record, model, ()))
+    record = with_modelled_torque(record, rough.predicted()[0])
+    model, notes = _assemble(design, record, accepted, own)
+    rough = solve_model(record, model, saturated_whitener(record, model, ()))
+    present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
+    residual = record.target[0] - rough.predicted()[0]
+    candidates = candidates_for(record, design, effects, residual, present)
+    whitener = saturated_whitener(record, model, [g.values for c in candidates for g in c.groups(record)])
+    solved = solve_model(record, model, whitener)
+    if not explore:
+        return Fitted(record, model, whitener, solved, (), (), notes)
+    trials, closed = [], []
+    for candidate in candidates:
+        trial = try_candidate(record, solved, whitener, candidate)
+        if trial is None:
+            closed.append(candidate)
+        else:
+            trials.append(trial)
+    trials = _refined(record, solved, whitener, trials)
+    trials.sort(key=lambda t: (t.wrong_sign or t.singular, -t.score))
+    return Fitted(record, model, whitener, solved, tuple(trials), tuple(closed), notes)
+
+
+def _bristles(design: Design, effects: Mapping[str, Effect]) -> list[Accepted]:
+    found = []
+    for entry in design.effects:
+        effect = effects.get(entry.id)
+        if effect is not None and effect.structure == "bristle":
+            values = effect.values(entry)
+            if values["z_s"] > 0.0:
+                found.append(Accepted(effect, values))
+    return found
+
+
+def _refined(record: Record, solved: Solved, whitener: Whitener, trials: list[Trial]) -> list[Trial]:
+    """Refine the shapes of the few that matter."""
+    best = sorted((t for t in trials if not t.wrong_sign), key=lambda t: -t.score)[:6]
+    return [refine(record, solved, whitener, t) if t in best and t.score > 0.0 else t for t in trials]
+
+
+def select(
+    design: Design,
+    record: Record,
+    effects: Mapping[str, Effect],
+    own: tuple[Effect, ...] = (),
+    holdout: Record | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Selection:
+    """Accept effects until nothing passes the gates."""
+    accepted: tuple[Accepted, ...] = ()
+    fit = fit_design(design, record, accepted, effects, own)
+    fits, steps = [fit], []
+    refused: dict[str, str] = {}
+    for number in range(MOST_STEPS):
+        refused = {}
+        won = _winner(fit, refused)
+        while won is not None:
+            trial, evidence = won
+            new = (*_reshaped(accepted, fit), Accepted(trial.candidate.effect, trial.group.shape))
+            after = fit_design(design, record, new, effects, own)
+            why = _objection(after, fit) or _holdout_objection(design, holdout, accepted, new, fit, after, effects, own)
+            if not why:
+                break
+            refused[_name(trial)] = why
+            won = _winner(fit, refused)
+        if won is None:
+            break
+        steps.append(Step(trial, evidence, _equivalents(fit, trial), fit, after))
+        accepted, fit = new, after
+        fits.append(fit)
+        if progress is not None:
+            progress(min(0.9, 0.2 + 0.7 * (number + 1) / MOST_STEPS))
+    return Selection(tuple(fits), tuple(steps), accepted, refused)
+
+
+def _reshaped(accepted: tuple[Accepted, ...], fit: Fitted) -> tuple[Accepted, ...]:
+    return accepted
+
+
+def _name(trial: Trial) -> str:
+    order = trial.group.shape.get("order")
+    effect = trial.candidate.effect.id
+    return f"{effect} {order:g}" if effect in REPEATED and order else effect
+
+
+def holm(p_values: list[float]) -> list[float]:
+    """Holm's step-down corrected p-values, in the given order. Source: S. Holm, Scand. J. Statist. 6 (1979) 65."""
+    order = np.argsort(p_values)
+    out = np.empty(len(p_values))
+    worst = 0.0
+    for rank, k in enumerate(order):
+        worst = max(worst, min(1.0, (len(p_values) - rank) * p_values[k]))
+        out[k] = worst
+    return out.tolist()
+
+
+def _winner(fit: Fitted, refused: dict[str, str]) -> tuple[Trial, Evidence] | None:
+    """Return the best candidate that passes every gate, writing down why the ones before it do not."""
+    p_holm = dict(zip(map(id, fit.trials), holm([t.p_value for t in fit.trials]), strict=True))
+    for trial in fit.trials:
+        name = _name(trial)
+        if name in refused:
+            continue
+        why, evidence = _gates(fit, trial, p_holm[id(trial)])
+        if evidence is not None and not why:
+            return trial, evidence
+        refused[name] = why
+    return None
+
+
+def _gates(fit: Fitted, trial: Trial, p_holm: float) -> tuple[str, Evidence | None]:
+    if trial.singular:
+        return "this log cannot tell it from what the model has already", None
+    if trial.wrong_sign:
+        return "its parameters come out beyond their bounds", None
+    if p_holm > SIGNIFICANCE or trial.score <= 0.0:
+        return f"not significant (corrected p = {p_holm:.2g})", None
+    material = _material(fit, trial)
+    if material < MATERIAL:
+        return f"significant but immaterial: {100 * material:.2g} % of the balance where it acts", None
+    mean, stderr, blocks = blocked_gain(fit.record, fit.solved, fit.whitener, trial.group, trial.direction)
+    evidence = Evidence(trial.gain, trial.p_value, p_holm, blocks, mean, stderr, material)
+    if not mean > BLOCK_ERRORS * stderr:
+        return f"does not hold on left-out blocks (gain {mean:.3g} +- {stderr:.2g})", evidence
+    return "", evidence
+
+
+def _material(fit: Fitted, trial: Trial) -> float:
+    """Size of what only this effect explains against the balance, on the tenth of the samples where it is largest."""
+    rec = fit.record
+    columns = np.concatenate([fit.model.matrix, trial.group.values], axis=-1)
+    best = 0.0
+    for row in range(len(rec.channels)):
+        w = rec.weight[row] * rec.mask
+        a = columns[row] * w[:, None]
+        size = np.linalg.norm(a, axis=0)
+        a = a / np.where(size > 0.0, size, 1.0)
+        base, own = a[:, : fit.model.matrix.shape[-1]], a[:, fit.model.matrix.shape[-1] :]
+        if not np.any(own):
+            continue
+        scale = np.where(size > 0.0, size, 1.0)[fit.model.matrix.shape[-1] :]
+        left = own - base @ np.linalg.lstsq(base, own, rcond=1e-8)[0]
+        part = np.abs(left @ (trial.values * scale))
+        full = np.abs(rec.target[row] * w)
+        count = max(10, len(part) // 10)
+        where = np.argsort(part)[-count:]
+        level = np.sqrt(np.mean(full[rec.mask] ** 2))
+        best = max(best, float(np.sqrt(np.mean(part[where] ** 2)) / max(level, 1e-300)))
+    return best
+
+
+def _equivalents(fit: Fitted, trial: Trial) -> tuple[str, ...]:
+    """Effects whose best explanation of the same rows is nearly as good and nearly the same."""
+    own = trial.direction
+    size = float(own @ own)
+    found = []
+    for other in fit.trials:
+        if (
+            other is trial
+            or other.wrong_sign
+            or other.singular
+            or other.candidate.effect.id == trial.candidate.effect.id
+        ):
+            continue
+        # what the rival leaves of what this one explains
+        along = float(own @ other.direction)
+        left = size - along**2 / max(float(other.direction @ other.direction), 1e-300)
+        if left < max(12.0, 0.03 * size):
+            found.append(other.candidate.effect.id)
+    ids = [*found]
+    for effect in trial.candidate.effect.look_alikes:
+        singular = next((t for t in fit.trials if t.candidate.effect.id == effect and t.singular), None)
+        if singular is not None and effect not in ids:
+            ids.append(effect)
+    return tuple(ids)
+
+
+def _objection(after: Fitted, before: Fitted) -> str:
+    """An effect that makes one balance worse to please another is not the missing one."""
+    old, new = errors(before.record, before.residual), errors(after.record, after.residual)
+    for name, (rms, _) in new.items():
+        if rms > 1.03 * old[name][0]:
+            return f"makes the {name} balance worse"
+    return ""
+
+
+def _holdout_objection(
+    design: Design, holdout: Record | None, old: tuple[Accepted, ...], new: tuple[Accepted, ...],
+    before: Fitted, after: Fitted, effects: Mapping[str, Effect], own: tuple[Effect, ...],
+) -> str:  # fmt: skip
+    if holdout is None:
+        return ""
+    first = holdout_error(design, holdout, old, before, effects, own)
+    second = holdout_error(design, holdout, new, after, effects, own)
+    worse = {name: (first[name][0], second[name][0]) for name in first}
+    if sum(b / a for a, b in worse.values() if a > 0) / len(worse) < 1.0:
+        return ""
+    return "makes the held-out record worse"
+
+
+def holdout_error(
+    design: Design, holdout: Record, accepted: tuple[Accepted, ...], fit: Fitted, effects: Mapping[str, Effect],
+    own: tuple[Effect, ...],
+) -> dict[str, tuple[float, float]]:  # fmt: skip
+    """Return rms error and its share per balance on another record, with the parameters of the fit."""
+    record = holdout
+    for one in (*_bristles(design, effects), *accepted):
+        if one.effect.structure == "bristle":
+            record = with_direction(record, bristle_direction(record, one.effect, one.shape))
+    common = [row for row, name in enumerate(record.channels) if name in fit.record.channels]
+    for _ in range(2):
+        model, _ = _assemble(design, record, accepted, own)
+        by_name = dict(zip(fit.solved.model.names, fit.solved.values, strict=True))
+        values = np.array([by_name.get(name, 0.0) for name in model.names])
+        predicted = model.matrix @ values
+        record = with_modelled_torque(record, predicted[0])
+    return errors(record, record.target - predicted, [record.channels[row] for row in common])
+
+
+def errors(record: Record, residual: Array, channels: Iterable[str] | None = None) -> dict[str, tuple[float, float]]:
+    """Rms residual and its share of the measured balance, moving samples only."""
+    out = {}
+    for row, name in enumerate(record.channels):
+        if channels is not None and name not in channels:
+            continue
+        used = record.mask
+        size = float(np.sqrt(np.mean(record.target[row][used] ** 2)))
+        rms = float(np.sqrt(np.mean(residual[row][used] ** 2)))
+        out[name] = (rms, rms / size if size > 0.0 else float("nan"))
+    return out

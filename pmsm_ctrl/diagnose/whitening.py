@@ -1,0 +1,110 @@
+"""Prewhitening: an autoregressive model per balance turned into one sparse matrix that makes rows independent.
+
+Within every stretch of samples the first ones use the models of lower order, so that none is lost.
+Source: G. E. P. Box, G. M. Jenkins, Time Series Analysis, 1976, ch. 7; J. P. Burg 1975 for the coefficients.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.diagnose.record import Record
+from pmsm_ctrl.identify.noise import burg, stretches
+
+__all__ = ["Whitener", "make_whitener"]
+
+Array = NDArray[np.float64]
+MAX_ORDER = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Whitener:
+    """Rows made independent and of unit variance.
+
+    Attributes
+    ----------
+    matrices : one sparse matrix per balance, shape (used samples, m)
+    sigma : array, shape (channels,)
+        Noise of each balance, rms, in its unit, before whitening, samples of full weight.
+    index : array of int
+        Thinned sample of each whitened row, all balances in order.
+    """
+
+    matrices: tuple[Any, ...]
+    sigma: Array
+    index: NDArray[np.int64]
+    channel: NDArray[np.int64]
+    memory: float
+
+    def __call__(self, values: Array) -> Array:
+        """Whiten values of shape (channels, m) or (channels, m, k) into shape (rows,) or (rows, k)."""
+        return np.concatenate([matrix @ values[row] for row, matrix in enumerate(self.matrices)])
+
+
+def make_whitener(record: Record, residual: Array, lost: int) -> Whitener:
+    """Fit the noise of each balance to a residual of shape (channels, m) and return the whitener.
+
+    `lost` is the number of columns that were fitted away in each balance.
+    """
+    matrices, sigma, index, channel = [], [], [], []
+    memory = 0.0
+    for row in range(len(record.channels)):
+        weighted = residual[row] * record.weight[row]
+        matrix, level, used, reach = _channel(weighted, record.mask, record.weight[row], lost, record.rate)
+        matrices.append(matrix)
+        sigma.append(level)
+        index.append(used)
+        channel.append(np.full(len(used), row))
+        memory = max(memory, reach)
+    return Whitener(tuple(matrices), np.array(sigma), np.concatenate(index), np.concatenate(channel), memory)
+
+
+def _channel(
+    weighted: Array, mask: NDArray[np.bool_], weight: Array, lost: int, rate: float
+) -> tuple[Any, float, NDArray[np.int64], float]:
+    from scipy.sparse import csr_matrix
+
+    parts = stretches(mask)
+    pieces = [weighted[part] for part in parts]
+    n = int(mask.sum())
+    limit = max(0, min(MAX_ORDER, n // 20, max(len(piece) for piece in pieces) // 3))
+    models, variances = burg(pieces, limit)
+    orders = np.arange(limit + 1)
+    best = int(np.argmin(n * np.log(np.maximum(variances, 1e-300)) + orders * np.log(n)))
+    inflate = n / max(n - lost, n // 4)
+    rows, cols, data = [], [], []
+    used = np.flatnonzero(mask)
+    base = 0
+    for part in parts:
+        length = part.stop - part.start
+        for order in range(min(best, length)):
+            scale = 1.0 / np.sqrt(max(variances[order] * inflate, 1e-300))
+            rows += [base + order] * (order + 1)
+            cols += list(range(part.start + order, part.start - 1, -1))
+            data += [scale, *(models[order] * scale)]
+        steady = np.arange(best, length)
+        scale = 1.0 / np.sqrt(max(variances[best] * inflate, 1e-300))
+        for lag, coefficient in enumerate([1.0, *models[best]]):
+            rows += (base + steady).tolist()
+            cols += (part.start + steady - lag).tolist()
+            data += [coefficient * scale] * len(steady)
+        base += length
+    values = np.asarray(data) * weight[np.asarray(cols, dtype=np.int64)]
+    matrix = csr_matrix((values, (rows, cols)), shape=(len(used), len(mask)))
+    level = float(np.sqrt(variances[0] * inflate))
+    return matrix, level, used, _memory(models[best], rate)
+
+
+def _memory(a: Array, rate: float) -> float:
+    """Time after which the noise has forgotten all but 5 % of itself, s."""
+    from pmsm_ctrl.identify.noise import autocorrelation
+
+    if len(a) == 0:
+        return 1.0 / rate
+    r = np.abs(autocorrelation(a, int(2.0 * rate) + 2))
+    above = np.flatnonzero(r > 0.05)
+    return float((above[-1] + 1) / rate)
