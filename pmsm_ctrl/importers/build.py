@@ -85,7 +85,7 @@ def _time_columns(table: Table, assignment: Assignment) -> dict[int, int]:
         own = next((i for i, c in enumerate(table.columns) if c.group == group and c.is_time), None)
         if own is None:
             column = table.columns[source.column]
-            raise LogError(f"{table.file}: column '{column.header or column.name}' has no time column of its own")
+            raise LogError(f"{table.file}: column '{column.label}' has no time column of its own")
         out[group] = own
     return out
 
@@ -101,7 +101,7 @@ def _time_gain(table: Table, assignment: Assignment, index: int) -> float:
     si, factor = UNITS.get(unit_spelling(unit), ("s", 1.0))
     if si != "s":
         column = table.columns[index]
-        raise LogError(f"{table.file}: time column '{column.header}' has unit [{column.unit}]; s was expected")
+        raise LogError(f"{table.file}: time column '{column.label}' has unit [{column.unit}]; s was expected")
     return factor
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.names import guess_channel, is_unit, split_header
+from pmsm_ctrl.importers.table import one_line
 from pmsm_ctrl.log import CHANNELS
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
 ]
 
 SAMPLE = 1 << 18  # bytes that are looked at
+MAX_LINE = 1 << 24  # bytes; what is longer is no table
 SEPARATORS = (";", "\t", ",", "|", " ")
 _NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$|\s*[+-]?(nan|inf|infinity)\s*$", re.IGNORECASE)
 
@@ -128,6 +130,8 @@ def pieces(path: str | Path, encoding: str, size: int = 1 << 25) -> Iterator[byt
             cut = block.rfind(b"\n") + 1
             if not cut:
                 rest += block
+                if len(rest) > MAX_LINE:
+                    raise LogError(f"{path}: a line longer than {MAX_LINE >> 20} MB; rows of numbers were expected")
                 continue
             yield rest + block[:cut] if rest else block[:cut]
             rest = block[cut:]
@@ -318,7 +322,7 @@ def _refuse_text_above(
         if len(row) == len(rows[first]) and column is not None:
             name = split_header(rows[top][column])[0] if column < len(rows[top]) else f"#{column + 1}"
             place = f"line {i + 1}, column {column + 1} ('{name}')"
-            raise LogError(f"{file}: {place}: '{row[column][:40]}' found; a number was expected")
+            raise LogError(f"{file}: {one_line(place)}: '{one_line(row[column][:40])}' found; a number was expected")
         if any(row):
             raise LogError(f"{file}: line {i + 1}: {len(row)} cells found; {len(rows[first])} were expected")
 

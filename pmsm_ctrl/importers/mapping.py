@@ -1,4 +1,18 @@
-"""From a file's columns to the channels of a log: mapped, canonical, or guessed with the guess stated."""
+"""From a file's columns to the channels of a log: mapped, canonical, or guessed with the guess stated.
+
+A design's table, here for the ``speed_test1.txt`` of the LAAS MN4004 bench, whose fourth column is the reference::
+
+    [log.channels]
+    t = "Time [s]"
+    theta = "Position [rad]"
+    omega = "Velocity [rad/s]"
+    omega_ref = "Reference Velocity [rad/s]"
+    i_q = "Iq [A]"
+
+A column is named by its header, its name without the unit, or its number (``"#3 [rpm]"``). A drive's own unit
+needs a factor: torque in per mille of 2.4 N m is ``torque = "Torque actual value [‰]"`` with
+``[log.scale] torque = 0.0024``.
+"""
 
 from __future__ import annotations
 
@@ -120,7 +134,7 @@ def find_column(table: Table, channel: str, spec: str) -> tuple[int, str]:
 
 
 def _shown(columns: tuple[Column, ...]) -> str:
-    names = [column.header or column.name for column in columns]
+    names = [column.label for column in columns]
     return ", ".join(names[:20]) + (f", ... {len(names)} in all" if len(names) > 20 else "")
 
 
@@ -141,9 +155,9 @@ def _unmapped(table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: b
 
 
 def _plausible(column: Column, channel: str) -> bool:
-    """Whether the stated unit, if known, fits the channel on some kind of axis."""
+    """Whether the stated unit fits the channel on some kind of axis; no unit does, an unknown one does not."""
     si = UNITS.get(unit_spelling(column.unit), ("", 0.0))[0]
-    return not si or si in CHANNELS[channel][:2] or si == "1"
+    return not column.unit or si in CHANNELS[channel][:2]
 
 
 def _motion(
@@ -169,13 +183,15 @@ def _source(table: Table, channel: str, index: int, stated: str, how: str, scale
     target = CHANNELS[channel][1 if motion == "linear" else 0]
     spelled = stated or column.unit
     unit = unit_spelling(spelled) if spelled else target
-    place = f"{table.file}: column {index + 1} ('{column.header or column.name}')"
+    place = f"{table.file}: column {index + 1} ('{column.label}')"
     if unit not in UNITS:
         if scale is not None:
             return Source(channel, index, spelled, 1.0, scale, how, factor_unknown=True)
         accepted = ", ".join(known for known, (si, _) in UNITS.items() if si == target)
         near = nearest(spelled, UNITS)
-        raise LogError(f"{place}: unknown unit [{spelled}] for '{channel}'{near} (accepted: {accepted})")
+        raise LogError(
+            f"{place}: unknown unit [{spelled}] for '{channel}'{near} (accepted: {accepted}; or a factor in [log.scale])"
+        )
     si, factor = UNITS[unit]
     if si != target and scale is None:
         accepted = ", ".join(known for known, (known_si, _) in UNITS.items() if known_si == target)
@@ -194,27 +210,33 @@ def _require(table: Table, sources: tuple[Source, ...]) -> None:
             continue
         if not present.intersection(group):
             wanted = " or ".join(f"'{name}'" for name in group)
+            _explain_unit(table, group, wanted)
             raise LogError(
                 f"{table.file}: no channel {wanted}; found the columns {_shown(table.columns)} "
                 f"(name one in [log.channels] or as {group[-1]} = 'column [unit]')"
             )
 
 
+def _explain_unit(table: Table, group: tuple[str, ...], wanted: str) -> None:
+    """Refuse a column whose name would fit, but whose unit does not, with the way out."""
+    for column in table.columns:
+        channel = guess_channel(column.name)
+        if channel in group and column.unit:
+            what = f"column '{column.label}' would be '{channel}', but its unit [{column.unit}] does not fit"
+            raise LogError(f"{table.file}: no channel {wanted}; {what}: map it and give its factor in [log.scale]")
+
+
 def _notes(table: Table, sources: tuple[Source, ...]) -> list[str]:
     notes = []
     for source in sources:
         column = table.columns[source.column]
-        shown = column.header or column.name
+        shown = column.label
         if source.how != "canonical" or source.assumed_unit or source.gain != 1.0:
             unit = f"[{source.unit}]" + (", unit assumed" if source.assumed_unit else "")
             factor = f", factor {source.gain:.9g}" if source.gain != 1.0 else ""
             notes.append(f"{source.channel} {source.how} from '{shown}' {unit}{factor}")
     used = {source.column for source in sources}
-    ignored = [
-        c.header or c.name
-        for i, c in enumerate(table.columns)
-        if i not in used and not c.is_time and (c.header or c.name)
-    ]
+    ignored = [c.label for i, c in enumerate(table.columns) if i not in used and not c.is_time and c.label]
     if ignored:
         more = f", ... {len(ignored)} in all" if len(ignored) > 12 else ""
         notes.append(f"not used: {', '.join(ignored[:12])}{more}")

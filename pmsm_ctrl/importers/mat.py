@@ -112,6 +112,6 @@ def _grouped(file: str, kind: str, vectors: list[tuple[str, Array]], scalars: li
         return [vectors[i][1] for i in indices]
 
     def locate(column: int, sample: int) -> str:
-        return f"variable '{columns[column].header}', sample {sample + 1}"
+        return f"variable '{columns[column].label}', sample {sample + 1}"
 
     return Table(file, kind, tuple(columns), load, locate, tuple(notes))

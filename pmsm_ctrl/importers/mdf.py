@@ -48,7 +48,7 @@ def open_mdf(path: Path, file: str) -> Table:
         return [np.frombuffer(raw[a:b], dtype=np.float64) for a, b in pairwise(ends)]
 
     def locate(column: int, sample: int) -> str:
-        return f"channel '{columns[column].header}', group {columns[column].group}, sample {sample + 1}"
+        return f"channel '{columns[column].label}', group {columns[column].group}, sample {sample + 1}"
 
     left = answer["left"]
     notes = [f"channels that are no numbers left out: {one_line(', '.join(left[:12]))}"] if left else []

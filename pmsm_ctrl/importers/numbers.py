@@ -65,7 +65,9 @@ def row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[in
     """Yield the rows in blocks, one array per column, so that a file may be larger than memory."""
     for c in columns:
         if c in layout.text_columns:
-            raise LogError(f"{file}: column {c + 1} ('{layout.header[c]}') holds text; numbers were expected")
+            raise LogError(
+                f"{file}: column {c + 1} ('{one_line(layout.header[c][:60])}') holds text; numbers were expected"
+            )
     large = os.path.getsize(path) >= PYARROW_FROM
     for index, piece in enumerate(_data_pieces(path, layout)):
         blocks = parse_pyarrow(piece, layout, columns) if large else None
@@ -210,7 +212,7 @@ def _cell(cell: str, file: str, layout: Layout, line: int, column: int) -> float
             raise ValueError
         return float(text)
     except ValueError:
-        name = layout.header[column] if column < len(layout.header) else f"#{column + 1}"
+        name = one_line(layout.header[column][:60]) if column < len(layout.header) else f"#{column + 1}"
         raise LogError(
             f"{file}: line {line}, column {column + 1} ('{name}'): '{one_line(cell[:40])}' found; a number was expected"
         ) from None

@@ -46,9 +46,7 @@ def open_parquet(path: Path, file: str) -> Table:
 
     left = [name for name in schema.names if name not in {field.name for field in fields}]
     notes = [f"columns that are no numbers left out: {one_line(', '.join(left[:12]))}"] if left else []
-    return Table(
-        file, "Parquet", columns, load, lambda c, k: f"column '{columns[c].header}', row {k + 1}", tuple(notes)
-    )
+    return Table(file, "Parquet", columns, load, lambda c, k: f"column '{columns[c].label}', row {k + 1}", tuple(notes))
 
 
 def _usable(pyarrow: Any, kind: Any) -> bool:

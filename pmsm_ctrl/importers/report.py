@@ -129,7 +129,7 @@ class ImportReport(Result):
             for channel, column, unit, gain, how, span, step, limit in self._rows()
         ]
         if self.unused:
-            lines.append(f"  not used: {', '.join(self.unused)}")
+            lines.append(f"  not used: {', '.join(self.unused[:20])}{', ...' if len(self.unused) > 20 else ''}")
         return "\n".join([*lines, "", self.table.rstrip()])
 
     def plot(self) -> Figure:
@@ -195,7 +195,7 @@ def describe(
 
     log, table, assignment = read_all(path, design, mapping)
     used = {source.column for source in assignment.sources}
-    unused = [c.header or c.name for i, c in enumerate(table.columns) if i not in used and not c.is_time]
+    unused = [c.label for i, c in enumerate(table.columns) if i not in used and not c.is_time]
     with np.errstate(all="ignore"):
         return ImportReport(
             log=log,
@@ -214,7 +214,7 @@ def _channel(log: Log, table: Table, source: Source) -> ChannelReport:
     column, values = table.columns[source.column], log[source.channel]
     return ChannelReport(
         channel=source.channel,
-        column=column.header or column.name,
+        column=column.label,
         unit=log.unit(source.channel),
         stated_unit=source.unit,
         gain=source.gain,

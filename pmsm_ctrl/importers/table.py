@@ -44,6 +44,12 @@ class Column:
     group: int = 0
     is_time: bool = False
 
+    @property
+    def label(self) -> str:
+        """The column as a message shows it."""
+        text = self.header or self.name
+        return text if len(text) <= 60 else f"{text[:57]}..."
+
     def __post_init__(self) -> None:
         for field_name in ("name", "unit", "header"):
             object.__setattr__(self, field_name, one_line(getattr(self, field_name)))

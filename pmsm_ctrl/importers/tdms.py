@@ -64,7 +64,7 @@ def open_tdms(path: Path, file: str) -> Table:
             return [_values(content, sources[i]) for i in indices]
 
     def locate(column: int, sample: int) -> str:
-        return f"channel '{columns[column].header}', sample {sample + 1}"
+        return f"channel '{columns[column].label}', sample {sample + 1}"
 
     notes = [f"channels that are no numbers left out: {one_line(', '.join(left[:12]))}"] if left else []
     return Table(file, "TDMS", tuple(columns), load, locate, tuple(notes))

@@ -78,7 +78,7 @@ def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], k
         notes.insert(0, f"read as {layout.encoding} text, separator {facts['separator']}, decimal {mark}")
 
     def locate(column: int, row: int) -> str:
-        return f"line {line_of_row(path, layout, row)}, column {column + 1} ('{columns[column].header}')"
+        return f"line {line_of_row(path, layout, row)}, column {column + 1} ('{columns[column].label}')"
 
     def load(indices: Sequence[int]) -> list[Array]:
         if not layout.ragged:

@@ -8,6 +8,7 @@ numbers use a point. The last row may be ``EOF``.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -91,9 +92,10 @@ def _columns(
         row = meta.get(key, [])
         return row[i] if i < len(row) else ""
 
+    group, begins = -1, set(starts)
     for i in range(width):
-        group = sum(start <= i for start in starts) - 1
-        if i in starts:
+        group += i in begins
+        if i in begins:
             columns.append(Column(name="Time", unit="ms", header=time_header, group=group, is_time=True))
             continue
         name = names[i] if i < len(names) else f"#{i + 1}"
@@ -110,11 +112,11 @@ def _columns(
 
 def _unique(columns: list[Column], meta: dict[str, list[str]]) -> tuple[Column, ...]:
     """Tell channels of one name apart by their symbol."""
-    names = [column.name for column in columns]
+    times = Counter(column.name for column in columns)
     symbols = meta.get("SymbolName", [])
     return tuple(
         replace(column, header=symbols[i])
-        if not column.is_time and names.count(column.name) > 1 and i < len(symbols) and symbols[i]
+        if not column.is_time and times[column.name] > 1 and i < len(symbols) and symbols[i]
         else column
         for i, column in enumerate(columns)
     )

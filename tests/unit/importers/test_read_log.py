@@ -214,3 +214,45 @@ def test_ambiguous_name_asks_for_a_number(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="'x' appears 2 times; name it by its number: #2 or #3"):
         read_log(write(tmp_path, text), mapping={"theta": "x [rad]"})
     assert read_log(write(tmp_path, text), mapping={"theta": "#3 [rad]"})["theta"][0] == 2.0
+
+
+def test_per_mille_of_rated_torque_needs_a_factor(tmp_path: Path) -> None:
+    """CiA 402 gives torque in per mille of the rated torque, which only the design knows."""
+    text = "Time [s];Velocity actual value [rpm];Torque actual value [‰]\n0;1;100\n1;2;200\n2;3;300\n"
+    path = write(tmp_path, text)
+    with pytest.raises(
+        LogError, match=r"'Torque actual value \[‰\]' would be 'torque', but its unit \[‰\] does not fit"
+    ):
+        read_log(path)
+    with pytest.raises(LogError, match=r"unknown unit \[‰\] for 'torque' .*or a factor in \[log.scale\]"):
+        read_log(path, mapping={"torque": "Torque actual value"})
+    table = design({
+        "channels": {"t": "Time", "omega": "Velocity actual value", "torque": "Torque actual value"},
+        "scale": {"torque": 0.0024},
+    })  # fmt: skip
+    assert read_log(path, table)["torque"].tolist() == [0.24, 0.48, pytest.approx(0.72)]
+
+
+def test_a_guessed_extra_of_unknown_unit_does_not_stop_the_import(tmp_path: Path) -> None:
+    log = read_log(write(tmp_path, "t [s],theta [rad],i_q [A],Motor temp [foo]\n0,1,2,3\n1,2,3,4\n2,2,3,4\n"))
+    assert list(log) == ["t", "theta", "i_q"]
+    assert "not used: Motor temp [foo]" in log.provenance.notes
+
+
+def test_a_line_without_end_is_refused_soon(tmp_path: Path) -> None:
+    path = tmp_path / "long.csv"
+    with open(path, "wb") as stream:
+        stream.write(b"t [s],theta [rad],i_q [A]\n0,1,2\n1,2,3\n")
+        for _ in range(40):
+            stream.write(b"1" * (1 << 20))
+    with pytest.raises(LogError, match="a line longer than 16 MB"):
+        read_log(path)
+
+
+def test_twenty_thousand_columns(tmp_path: Path) -> None:
+    names = [f"x{k}" for k in range(20000)]
+    text = ",".join(["t [s]", "theta [rad]", *names, "i_q [A]"]) + "\n"
+    text += "".join(",".join([str(k), *["1"] * 20002]) + "\n" for k in range(3))
+    log = read_log(write(tmp_path, text))
+    assert list(log) == ["t", "theta", "i_q"]
+    assert max(map(len, log.provenance.notes)) < 500
