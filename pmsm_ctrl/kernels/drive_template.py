@@ -14,7 +14,8 @@ from math import isfinite
 
 from pmsm_ctrl.kernels import inlined, kernel
 from pmsm_ctrl.kernels.balance import torque_em, voltage_d, voltage_q
-from pmsm_ctrl.kernels.rotation import cos_small, hexagon_scale, normal, quantise, sin_small
+from pmsm_ctrl.kernels.control import current_control, record
+from pmsm_ctrl.kernels.rotation import cos_small, normal, quantise, sin_small
 
 # <imports>
 
@@ -124,6 +125,45 @@ def step_smooth(y, t, h, held, machine, effects):
     return runge_kutta(y, t, h, 0.0, held, machine, effects)
 
 
+@inlined
+def measure(y, p, counts, current_noise, noise, effects):
+    """What the drive's sensors say: angle, and the currents in the frame of that angle."""
+    i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]  # noqa: F841 - an effect may read them
+    # <parameters>
+    theta_m = quantise(theta, counts)  # <encoder>
+    angle = p * (theta - theta_m)
+    c, s = cos_small(angle), sin_small(angle)
+    i_d_m = c * i_d - s * i_q
+    i_q_m = s * i_d + c * i_q
+    # <measure current>
+    if current_noise > 0.0:
+        i_d_m += current_noise * normal(noise)
+        i_q_m += current_noise * normal(noise)
+    return theta_m, i_d_m, i_q_m
+
+
+@inlined
+def speed_control(gains, memory, theta_m, reference, T_s):
+    """Position P and speed PI with feedforward: return the new memory and the current reference.
+
+    The memory is the integrator, the last angle, the filtered speed and the filtered reference.
+    """
+    K_s, b_s, a_speed, a_ref, K_v, k_omega, k_alpha, i_max = gains
+    I_s, theta_last, omega_hat, omega_filtered = memory
+    omega_hat += a_speed * ((theta_m - theta_last) / T_s - omega_hat)
+    omega_filtered += a_ref * (k_omega * reference[1] - omega_filtered)
+    omega_ref = omega_filtered
+    if K_v > 0.0:
+        omega_ref += K_v * (reference[0] - theta_m)
+    e = omega_ref - omega_hat
+    wanted = K_s * e + I_s + k_alpha * reference[2] + reference[3]
+    # <compensation>
+    i_q_ref = min(max(wanted, -i_max), i_max)
+    # What the limit takes away is fed back, so that the integrator never winds up.
+    I_s += b_s * (K_s * e + i_q_ref - wanted)
+    return (I_s, theta_m, omega_hat, omega_filtered), i_q_ref
+
+
 @kernel
 def run(n, k, states, plant, controller, effects, inputs, out, noise):
     """Run `n` control periods from tick `k`; fill `out` with logged rows and leave the state in `states`.
@@ -131,98 +171,50 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
     Returns the rows written, or ``-1 - tick`` when a state stops being finite.
     """
     machine = plant[0], plant[1], plant[2], plant[3], plant[4], plant[5]
-    R, L_d, L_q, p, psi_f, J = machine
+    p = plant[3]
     u_dc, T, counts, current_noise = plant[6], plant[7], plant[8], plant[9]
     steps, divider, log_divider, delay = int(plant[10]), int(plant[11]), int(plant[12]), int(plant[13])
-    K_c_d, b_c_d, K_c_q, b_c_q = controller[0], controller[1], controller[2], controller[3]
-    K_s, b_s, a_speed, a_ref = controller[4], controller[5], controller[6], controller[7]
-    K_v, k_omega, k_alpha, i_max = controller[8], controller[9], controller[10], controller[11]
-    L_d_hat, L_q_hat, psi_hat = controller[12], controller[13], controller[14]
+    c = controller
+    current_gains = c[0], c[1], c[2], c[3], c[12], c[13], c[14]
+    speed_gains = c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11]
     # <parameters>
     y = (states[0], states[1], states[2], states[3])  # <load states>
-    I_d, I_q, I_s = states[4], states[5], states[6]
-    theta_last, omega_hat, i_q_ref, i_d_ref = states[7], states[8], states[9], states[10]
-    u_d_next, u_q_next, angle_next, omega_filtered = states[11], states[12], states[13], states[14]
+    I_d, I_q = states[4], states[5]
+    speed_memory = (states[6], states[7], states[8], states[14])
+    i_ref = (states[10], states[9])
+    u_d_next, u_q_next, angle_next = states[11], states[12], states[13]
     # <load memory>
     h = T / steps
-    T_s = T * divider
     row = 0
     # Counters, because a division of integers takes as long as half a Runge-Kutta stage.
     to_speed, to_log = -k % divider, -k % log_divider
     j = -1 if to_speed == 0 else 0
     for _ in range(n):
         t = k * T
-        i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]
-        if to_speed == 0:
-            j += 1
-        T_load = inputs[j, 5]
-        theta_m = quantise(theta, counts)  # <encoder>
-        # The controller lives in the frame of the angle it measures.
-        angle = p * (theta - theta_m)
-        c, s = cos_small(angle), sin_small(angle)
-        i_d_m = c * i_d - s * i_q
-        i_q_m = s * i_d + c * i_q
-        # <measure current>
-        if current_noise > 0.0:
-            i_d_m += current_noise * normal(noise)
-            i_q_m += current_noise * normal(noise)
-
+        theta_m, i_d_m, i_q_m = measure(y, p, counts, current_noise, noise, effects)
+        i_m = (i_d_m, i_q_m)
         # <delay line>
-
         if to_speed == 0:
             to_speed = divider
-            omega_hat += a_speed * ((theta_m - theta_last) / T_s - omega_hat)
-            theta_last = theta_m
-            omega_filtered += a_ref * (k_omega * inputs[j, 1] - omega_filtered)
-            omega_ref = omega_filtered
-            if K_v > 0.0:
-                omega_ref += K_v * (inputs[j, 0] - theta_m)
-            e = omega_ref - omega_hat
-            wanted = K_s * e + I_s + k_alpha * inputs[j, 2] + inputs[j, 3]
-            # <compensation>
-            i_q_ref = min(max(wanted, -i_max), i_max)
-            # What the limit takes away is fed back, so that the integrator never winds up.
-            I_s += b_s * (K_s * e + i_q_ref - wanted)
-            i_d_ref = inputs[j, 4]
-
-        # Current control: PI, decoupling and EMF feedforward, inside the voltage hexagon.
-        e_d = i_d_ref - i_d_m
-        e_q = i_q_ref - i_q_m
-        u_d = K_c_d * e_d + I_d - p * omega_hat * L_q_hat * i_q_m
-        u_q = K_c_q * e_q + I_q + p * omega_hat * (L_d_hat * i_d_m + psi_hat)
-        angle_command = p * (theta_m + (delay + 0.5) * T * omega_hat)
-        scale = hexagon_scale(u_d, u_q, angle_command, u_dc)
-        I_d += b_c_d * (K_c_d * e_d + (scale - 1.0) * u_d)
-        I_q += b_c_q * (K_c_q * e_q + (scale - 1.0) * u_q)
-        u_d *= scale
-        u_q *= scale
-
+            j += 1
+            speed_memory, i_q_ref = speed_control(speed_gains, speed_memory, theta_m, inputs[j], T * divider)
+            i_ref = (inputs[j, 4], i_q_ref)
+        omega_hat = speed_memory[2]
+        angle = p * (theta_m + (delay + 0.5) * T * omega_hat)
+        I_d, I_q, u_d, u_q = current_control(current_gains, I_d, I_q, i_ref, i_m, p * omega_hat, angle, u_dc)
         if to_log == 0:
             to_log = log_divider
-            if not (isfinite(omega) and isfinite(i_d) and isfinite(i_q)):
+            if not (isfinite(y[0]) and isfinite(y[1]) and isfinite(y[2])):
                 return -1 - k
-            out[row, 0] = t
-            out[row, 1] = theta_m
-            out[row, 2] = omega_hat
-            out[row, 3] = i_d_m  # <log i_d>
-            out[row, 4] = i_q_m  # <log i_q>
-            out[row, 5] = i_d_ref
-            out[row, 6] = i_q_ref
-            out[row, 7] = u_d
-            out[row, 8] = u_q
-            out[row, 9] = inputs[j, 1]
-            out[row, 10] = inputs[j, 0]
-            out[row, 11] = T_load
-            out[row, 12] = theta
-            out[row, 13] = omega
+            record(out, row, t, y, theta_m, omega_hat, i_m, i_ref, u_d, u_q, inputs[j])
+            # <log current>
             # <log>
             row += 1
-
         if delay == 1:
-            held = (u_d_next, u_q_next, angle_next, T_load)
-            u_d_next, u_q_next, angle_next = u_d, u_q, angle_command
+            held = (u_d_next, u_q_next, angle_next, inputs[j, 5])
+            u_d_next, u_q_next, angle_next = u_d, u_q, angle
         else:
-            held = (u_d, u_q, angle_command, T_load)
+            held = (u_d, u_q, angle, inputs[j, 5])
         for m in range(steps):
             y = step_smooth(y, t + m * h, h, held, machine, effects)  # <step>
         k += 1
@@ -230,8 +222,8 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
         to_log -= 1
 
     states[0], states[1], states[2], states[3] = y[0], y[1], y[2], y[3]  # <store states>
-    states[4], states[5], states[6] = I_d, I_q, I_s
-    states[7], states[8], states[9], states[10] = theta_last, omega_hat, i_q_ref, i_d_ref
-    states[11], states[12], states[13], states[14] = u_d_next, u_q_next, angle_next, omega_filtered
+    states[4], states[5], states[10], states[9] = I_d, I_q, i_ref[0], i_ref[1]
+    states[6], states[7], states[8], states[14] = speed_memory
+    states[11], states[12], states[13] = u_d_next, u_q_next, angle_next
     # <store memory>
     return row

@@ -181,7 +181,7 @@ def _bristle(effects: list[tuple[int, Effect]], offset: int, dry: list[tuple[int
             "start = (held[0], held[1], held[2], held[3], zeta, y[3])",
             "y = runge_kutta(y, t + m * h, h, 1.0, start, machine, effects)",
             "i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]",
-            "torque = torque_em(p, psi_f, L_d, L_q, i_d, i_q)",
+            "torque = torque_em(p, machine[4], machine[1], machine[2], i_d, i_q)",
             f"level, rest = {level('omega')}, {level('0.0')}",
             f"zeta = {_call(k, effect, travel='theta - start[5]', limit='level / rest')}[0]",
         ],
@@ -197,13 +197,14 @@ def _delay(effects: list[tuple[int, Effect]], offset: int) -> dict[str, list[str
     return {
         "load memory": [f"line = states[{offset}:{offset + 2 * half}]"],
         "delay line": [
-            f"line[2 * (k % {half})], line[2 * (k % {half}) + 1] = i_d_m, i_q_m",
+            f"line[2 * (k % {half})], line[2 * (k % {half}) + 1] = i_m",
             f"age = e{k}_tau / T",
             "part = age - int(age)",
             f"newer, older = 2 * ((k - int(age)) % {half}), 2 * ((k - int(age) - 1) % {half})",
+            "i_d_late = (1.0 - part) * line[newer] + part * line[older]",
+            "i_q_late = (1.0 - part) * line[newer + 1] + part * line[older + 1]",
         ],
-        "log i_d": ["out[row, 3] = (1.0 - part) * line[newer] + part * line[older]"],
-        "log i_q": ["out[row, 4] = (1.0 - part) * line[newer + 1] + part * line[older + 1]"],
+        "log current": ["out[row, 3], out[row, 4] = i_d_late, i_q_late"],
     }
 
 
@@ -237,7 +238,7 @@ def _compiled(text: str, effects: tuple[Effect, ...]) -> ModuleType:
 
 @lru_cache(maxsize=16)
 def _plain(text: str, effects: tuple[Effect, ...]) -> ModuleType:
-    from pmsm_ctrl.kernels import balance, rotation
+    from pmsm_ctrl.kernels import balance, control, rotation
 
     module = ModuleType("drive_twin")
     # The same text with `kernel` doing nothing; it is the package's own, not a user's.
@@ -245,7 +246,7 @@ def _plain(text: str, effects: tuple[Effect, ...]) -> ModuleType:
         "from pmsm_ctrl.kernels import inlined, kernel\n", "inlined = kernel = lambda function: function\n"
     )
     exec(compile(text, "drive_twin", "exec"), module.__dict__)
-    for library in (balance, rotation):
+    for library in (balance, control, rotation):
         module.__dict__.update({name: getattr(library, name).py_func for name in library.__all__})
     module.__dict__.update({f"e{k}_term": effect.py_term for k, effect in enumerate(effects)})
     return module

@@ -1,0 +1,33 @@
+"""What no effect changes: the current controller and a row of the log. Compiled once for all combinations."""
+
+# mypy: ignore-errors
+
+from pmsm_ctrl.kernels import inlined
+from pmsm_ctrl.kernels.rotation import hexagon_scale
+
+__all__ = ["current_control", "record"]
+
+
+@inlined
+def current_control(gains, I_d, I_q, i_ref, i_m, omega_e, angle, u_dc):
+    """PI, decoupling and EMF feedforward inside the voltage hexagon: return the integrators and the voltage."""
+    K_d, b_d, K_q, b_q, L_d_hat, L_q_hat, psi_hat = gains
+    e_d = i_ref[0] - i_m[0]
+    e_q = i_ref[1] - i_m[1]
+    u_d = K_d * e_d + I_d - omega_e * L_q_hat * i_m[1]
+    u_q = K_q * e_q + I_q + omega_e * (L_d_hat * i_m[0] + psi_hat)
+    scale = hexagon_scale(u_d, u_q, angle, u_dc)
+    I_d += b_d * (K_d * e_d + (scale - 1.0) * u_d)
+    I_q += b_q * (K_q * e_q + (scale - 1.0) * u_q)
+    return I_d, I_q, u_d * scale, u_q * scale
+
+
+@inlined
+def record(out, row, t, y, theta_m, omega_hat, i_m, i_ref, u_d, u_q, reference):
+    """Write one row of the log."""
+    out[row, 0], out[row, 1], out[row, 2] = t, theta_m, omega_hat
+    out[row, 3], out[row, 4] = i_m
+    out[row, 5], out[row, 6] = i_ref
+    out[row, 7], out[row, 8] = u_d, u_q
+    out[row, 9], out[row, 10], out[row, 11] = reference[1], reference[0], reference[5]
+    out[row, 12], out[row, 13] = y[3], y[2]
