@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pmsm_ctrl.console import NEGATIVE, command_line, finish, parse_map, progress_bar, run, write_json
+from pmsm_ctrl.console import NEGATIVE, command_line, finish, parse_map, parse_values, progress_bar, run, write_json
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -85,16 +85,22 @@ def simulate(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="the log to write, canonical CSV")],
     scenario: Annotated[str, typer.Option("--scenario", "-s", metavar="NAME", help="the motion")] = "sweep",
     truth: Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")] = None,
+    parameters: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="a parameter of the motion, such as speed_max=100"),
+    ] = None,
     seed: SeedOption = 0,
     json_file: JsonOption = None,
 ) -> None:
     """Simulate the sampled drive and write its log."""
+    from pmsm_ctrl.simulate import scenario as named_scenario
     from pmsm_ctrl.simulate import simulate as run_simulation
 
     believed = _design(design)
+    motion = named_scenario(scenario, believed, **parse_values(parameters))
     with progress_bar(f"simulate {scenario}") as progress:
         log = run_simulation(
-            believed, scenario, truth=_design(truth) if truth is not None else None, seed=seed, progress=progress
+            believed, motion, truth=_design(truth) if truth is not None else None, seed=seed, progress=progress
         )
     log.write_csv(output)
     print(f"{output}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
@@ -260,34 +266,35 @@ def import_log(
 
 @app.command()
 def effects(
-    identifier: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="only this one")] = None,
+    identifier: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="this one in full")] = None,
+    design: Annotated[
+        Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="simulate the effect's signature on it")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="draw the signature: .svg, .png or .pdf")
+    ] = None,
     json_file: JsonOption = None,
+    report: ReportOption = None,
 ) -> None:
-    """List the catalogue of effects."""
-    from pmsm_ctrl.effects import CATALOGUE, lookup
+    """List the catalogue of effects, or one entry in full with a plot of its signature."""
+    from pmsm_ctrl.effects import CATALOGUE
+    from pmsm_ctrl.errors import RequestError
+    from pmsm_ctrl.report.catalogue import catalogue_table, describe_effect, save_figure
 
-    chosen = [lookup(identifier)] if identifier is not None else list(CATALOGUE.values())
-    rows = []
-    for effect in chosen:
-        parameters = [
-            {"symbol": p.symbol, "unit": p.unit, "start": p.start, "lower": p.lower, "upper": p.upper,
-             "linear": p.linear, "description": p.description}
-            for p in effect.parameters
-        ]  # fmt: skip
-        rows.append(
-            {"id": effect.id, "title": effect.title, "enters": effect.enters, "equation": effect.equation,
-             "source": effect.source, "parameters": parameters, "needs": effect.needs,
-             "look_alikes": effect.look_alikes, "validated": effect.validated}
-        )  # fmt: skip
-        print(f"{effect.id}: {effect.title} ({effect.enters})\n    {effect.equation}")
-        for p in effect.parameters:
-            print(f"    {p.symbol} [{p.unit}]: {p.description}; {p.lower:g} to {p.upper:g}")
-        print(f"    needs: {effect.needs}")
-        for other, why in effect.look_alikes.items():
-            print(f"    like {other}: {why}")
-        print(f"    validated: {effect.validated}\n    source: {effect.source}\n")
-    if json_file is not None:
-        write_json(json_file, "effects", {"effects": rows})
+    if identifier is None:
+        if design is not None or output is not None or report is not None:
+            raise RequestError("effects: --design, --output and --report belong to one effect; name it")
+        print(catalogue_table())
+        if json_file is not None:
+            write_json(json_file, "effects", {"effects": [describe_effect(name).to_dict() for name in CATALOGUE]})
+        return
+    if output is not None and design is None:
+        raise RequestError("--output: a signature is simulated on a design; name one with --design")
+    entry = describe_effect(identifier, _design(design) if design is not None else None)
+    finish("effects", entry, json_file=json_file, report=report)
+    if output is not None:
+        save_figure(entry.plot(), output)
+        print(f"signature: {output}")
 
 
 def _describe(log: Log) -> dict[str, object]:

@@ -18,7 +18,7 @@ from pmsm_ctrl.files import write_text
 if TYPE_CHECKING:
     from pmsm_ctrl.result import Result
 
-__all__ = ["BAD_INPUT", "DONE", "NEGATIVE", "finish", "parse_map", "progress_bar", "run", "write_json"]
+__all__ = ["BAD_INPUT", "DONE", "NEGATIVE", "finish", "parse_map", "parse_values", "progress_bar", "run", "write_json"]
 
 DONE, NEGATIVE, BAD_INPUT = 0, 1, 2
 INTERNAL = 70  # EX_SOFTWARE of sysexits.h: a fault of the program, not of its input
@@ -116,6 +116,24 @@ def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(label, total=1.0)
         yield lambda share: progress.update(task, completed=share)
+
+
+def parse_values(entries: Sequence[str] | None) -> dict[str, float]:
+    """Turn ``speed_max=100`` entries of ``--set`` into numbers by name.
+
+    Raises
+    ------
+    RequestError
+        For an entry that is not NAME=NUMBER.
+    """
+    values: dict[str, float] = {}
+    for entry in entries or ():
+        name, _, text = (part.strip() for part in entry.partition("="))
+        try:
+            values[name] = float(text)
+        except ValueError:
+            raise RequestError(f"--set '{entry}': NAME=NUMBER was expected, such as speed_max=100") from None
+    return values
 
 
 def write_json(path: Path, verb: str, data: Mapping[str, Any]) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,30 +13,68 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, lookup, with_own
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.files import atomic_path
 from pmsm_ctrl.result import Result, Section
 from pmsm_ctrl.simulate import scenario, simulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["CatalogueEntry", "catalogue_rows", "describe_effect"]
+__all__ = ["CatalogueEntry", "catalogue_table", "describe_effect", "save_figure", "spoken"]
 
 Array = NDArray[Any]
-HEADER = ("id", "enters", "term", "parameters", "needs")
+FORMATS = (".svg", ".png", ".pdf")
+# The few LaTeX words the equations use, as a terminal can show them.
+SPOKEN = {
+    r"\mathrm{sgn}": "sgn", r"\mathrm{dz}": "dz", r"\omega": "ω", r"\theta": "θ", r"\varphi": "φ", r"\delta": "δ",
+    r"\tau": "τ", r"\mu": "μ", r"\Delta": "Δ", r"\zeta": "ζ", r"\alpha": "α", r"\beta": "β", r"\sin": "sin ",
+    r"\cos": "cos ", r"\quad": "  ", r"\to": "->", r"\frac{dθ}{z_s}": "dθ/z_s", r"\sqrt": "sqrt", r"\,": " ",
+}  # fmt: skip
 
 
-def catalogue_rows(own: Iterable[Effect] = ()) -> list[tuple[str, ...]]:
-    """Return one row per effect: id, where it enters, equation (LaTeX), parameters with units, what it needs."""
-    return [
-        (
-            effect.id,
-            effect.enters,
-            effect.equation,
-            ", ".join(f"{p.symbol} [{p.unit}]" for p in effect.parameters),
-            effect.needs,
-        )
-        for effect in with_own(own).values()
-    ]
+def spoken(equation: str) -> str:
+    """Return a LaTeX equation as plain text."""
+    for word, sign in SPOKEN.items():
+        equation = equation.replace(word, sign)
+    return equation.replace("{", "").replace("}", "").replace("\\", "")
+
+
+def catalogue_table(own: Iterable[Effect] = ()) -> str:
+    """Return the catalogue as a table: id, where it enters, term, parameters with units, what it needs to be seen."""
+    import io
+
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="Effects (friction positive for positive speed)")
+    for name in ("id", "enters", "term", "parameters", "needs, to be seen"):
+        table.add_column(name, overflow="fold", no_wrap=name == "id")
+    for effect in with_own(own).values():
+        parameters = "\n".join(f"{p.symbol} [{p.unit}]" for p in effect.parameters)
+        row = (effect.id, effect.enters, spoken(effect.equation), parameters, effect.needs)
+        table.add_row(*(text.replace("[", r"\[") for text in row), end_section=True)
+    width = max(120, Console().width)
+    console = Console(file=io.StringIO(), width=width)
+    with console.capture() as captured:
+        console.print(table)
+    return captured.get().rstrip()
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
+    """Write a figure, atomically.
+
+    Raises
+    ------
+    RequestError
+        For a format other than SVG, PNG and PDF.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in FORMATS:
+        raise RequestError(f"{target}: pictures are written as {', '.join(FORMATS)}")
+    with atomic_path(target) as temporary:
+        figure.savefig(temporary, format=target.suffix.lower()[1:], dpi=150)
+    return target
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +108,7 @@ class CatalogueEntry(Result):
         lines = [
             f"{effect.id}: {effect.title}",
             f"  enters      {effect.enters}",
-            f"  term        {effect.equation}",
+            f"  term        {spoken(effect.equation)}",
             "  parameters  " + "\n              ".join(
                 f"{p.symbol} [{p.unit}] {p.lower:g} .. {p.upper:g}: {p.description}"
                 + (" (a column of the regression)" if p.linear else " (searched)")
@@ -116,6 +156,8 @@ class CatalogueEntry(Result):
 
     def section(self) -> Section:
         """Return the entry as a report section."""
+        if self.residual is None:
+            return Section(self.effect.title, tuple(self.summary().splitlines()))
         caption = "Left over speed, right over one turn: the shape by which a diagnosis knows this effect."
         return Section(self.effect.title, tuple(self.summary().splitlines()), figures=((self.plot(), caption),))
 

@@ -141,8 +141,8 @@ def test_effects_lists_the_whole_catalogue(tmp_path: Path, capsys: pytest.Captur
     assert data["schema"] == "pmsm-ctrl/effects/1"
     assert [row["id"] for row in data["effects"]] == list(CATALOGUE)
     for effect in CATALOGUE.values():
-        assert effect.equation in out
-        assert effect.needs in out
+        assert f"│ {effect.id} " in out
+        assert effect.needs.split()[0] in out  # the cells are folded
 
 
 # ---- what is refused --------------------------------------------------------------------------------------------
@@ -307,3 +307,52 @@ def test_interrupted_command_leaves_nothing_behind(tmp_path: Path, sent: signal.
     assert "Traceback" not in shown
     assert target.read_text(encoding="utf-8") == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["out.txt"]
+
+
+def test_one_effect_in_full_with_its_signature(
+    tmp_path: Path, designs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "cogging.svg"
+    assert call("effects", "cogging", "--design", designs / "seed_motor.toml", "--output", picture) == 0
+    shown = capsys.readouterr().out
+    assert "A_k sin (kθ + φ_k)" in shown
+    assert "mechanical order k" in shown
+    assert picture.read_text(encoding="utf-8").startswith("<?xml")
+
+
+def test_simulate_takes_parameters_of_the_motion(tmp_path: Path, designs: Path) -> None:
+    log = tmp_path / "short.csv"
+    words = ("--set", "speed_max=20", "--set", "speed_step=20", "--set", "dwell=0.2")
+    assert call("simulate", designs / "seed_motor.toml", "--scenario", "sweep", "--output", log, *words) == 0
+    omega_ref = np.genfromtxt(log, delimiter=",", skip_header=1)[:, 8]
+    assert np.abs(omega_ref).max() == 20.0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--set", "speed_max"], "NAME=NUMBER was expected"),
+        (["--set", "speed_mx=3"], "did you mean 'speed_max'"),
+    ],
+)
+def test_bad_motion_parameters(
+    tmp_path: Path, designs: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("simulate", designs / "seed_motor.toml", "--output", tmp_path / "x.csv", *words) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "x.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["effects", "--output", "x.svg"], "name it"),
+        (["effects", "cogging", "--output", "x.svg"], "name one with --design"),
+        (["effects", "cogging", "--design", "DESIGN", "--output", "x.bmp"], "pictures are written as"),
+    ],
+)
+def test_bad_requests_to_effects(
+    designs: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(*(str(designs / "seed_motor.toml") if word == "DESIGN" else word for word in words)) == 2
+    assert said in capsys.readouterr().err
