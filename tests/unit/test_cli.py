@@ -324,7 +324,7 @@ def test_simulate_takes_parameters_of_the_motion(tmp_path: Path, designs: Path) 
     log = tmp_path / "short.csv"
     words = ("--set", "speed_max=20", "--set", "speed_step=20", "--set", "dwell=0.2")
     assert call("simulate", designs / "seed_motor.toml", "--scenario", "sweep", "--output", log, *words) == 0
-    omega_ref = np.genfromtxt(log, delimiter=",", skip_header=1)[:, 8]
+    omega_ref = np.genfromtxt(log, delimiter=",", skip_header=1)[:, 9]
     assert np.abs(omega_ref).max() == 20.0
 
 
