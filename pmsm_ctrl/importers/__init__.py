@@ -17,6 +17,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, PmsmCtrlError, RequestError
 from pmsm_ctrl.files import sha256
 from pmsm_ctrl.importers.build import channels_of, pieces_of
+from pmsm_ctrl.importers.clock import with_clock
 from pmsm_ctrl.importers.mapping import Assignment, assign
 from pmsm_ctrl.importers.plausibility import check
 from pmsm_ctrl.importers.report import ImportReport, describe
@@ -47,7 +48,7 @@ def read_log(
         Its [log] table maps foreign columns to channels; its motion decides between rotary and linear units.
     mapping
         Channel to column, ``{"omega": "speed [rpm]"}``; goes before the design's table. ``"#3 [rpm]"`` is the
-        third column.
+        third column, ``{"t": "every 0.125 ms"}`` the time of a file without one.
 
     Returns
     -------
@@ -67,7 +68,7 @@ def read_all(
 ) -> tuple[Log, Table, Assignment]:
     """Return the log of `read_log` with the table and the assignment that led to it."""
     target, file = _existing(path)
-    table = open_table(target, design)
+    table, mapping = with_clock(open_table(target, design), design, mapping)
     assignment = assign(table, design, mapping)
     # hashing a large file takes a second; a thread of its own hides it behind the parsing
     with ThreadPoolExecutor(max_workers=1) as pool:
@@ -102,12 +103,12 @@ def read_pieces(
     if rows < 1:
         raise RequestError(f"pieces of {rows} rows; at least 1 was expected")
     target, file = _existing(path)
-    table = open_table(target, design)
+    table, spelled = with_clock(open_table(target, design), design, mapping)
     if table.blocks is None:
         whole = read_log(path, design, mapping)
         yield from (whole.slice(start, start + rows) for start in range(0, len(whole), rows))
         return
-    assignment = assign(table, design, mapping)
+    assignment = assign(table, design, spelled)
     provenance = Provenance(file, "", table.format, (*table.notes, *assignment.notes))
     for channels in pieces_of(table, assignment, rows):
         log = Log(channels, motion=assignment.motion, provenance=provenance)

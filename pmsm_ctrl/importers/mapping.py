@@ -189,9 +189,8 @@ def _source(table: Table, channel: str, index: int, stated: str, how: str, scale
             return Source(channel, index, spelled, 1.0, scale, how, factor_unknown=True)
         accepted = ", ".join(known for known, (si, _) in UNITS.items() if si == target)
         near = nearest(spelled, UNITS)
-        raise LogError(
-            f"{place}: unknown unit [{spelled}] for '{channel}'{near} (accepted: {accepted}; or a factor in [log.scale])"
-        )
+        what = f"unknown unit [{spelled}] for '{channel}'{near}"
+        raise LogError(f"{place}: {what} (accepted: {accepted}; or a factor in [log.scale])")
     si, factor = UNITS[unit]
     if si != target and scale is None:
         accepted = ", ".join(known for known, (known_si, _) in UNITS.items() if known_si == target)
@@ -211,9 +210,10 @@ def _require(table: Table, sources: tuple[Source, ...]) -> None:
         if not present.intersection(group):
             wanted = " or ".join(f"'{name}'" for name in group)
             _explain_unit(table, group, wanted)
+            example = "'column [unit]' or 'every 1 ms'" if group == ("t",) else "'column [unit]'"
             raise LogError(
                 f"{table.file}: no channel {wanted}; found the columns {_shown(table.columns)} "
-                f"(name one in [log.channels] or as {group[-1]} = 'column [unit]')"
+                f"(name one in [log.channels] or as {group[-1]} = {example})"
             )
 
 

@@ -244,6 +244,8 @@ def log_table(table: Table, assignment: Assignment) -> str:
 def _spelled(table: Table, source: Source) -> str:
     """The shortest mapping that leads back to this column: its name, or its number where names are not unique."""
     column = table.columns[source.column]
+    if source.channel == "t" and column.header.startswith("every "):
+        return column.header
     for text in (f"{column.name} [{source.unit}]", f"{column.header} [{source.unit}]"):
         try:
             if find_column(table, source.channel, text) == (source.column, source.unit):

@@ -10,7 +10,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers import read_log
+from pmsm_ctrl.importers import read_log, read_pieces
 from pmsm_ctrl.log import Log
 
 GOOD = "t [s],theta [rad],i_q [A]\n0,0,1\n0.001,0.1,2\n0.002,0.2,3\n0.003,0.3,2\n"
@@ -256,3 +256,26 @@ def test_twenty_thousand_columns(tmp_path: Path) -> None:
     log = read_log(write(tmp_path, text))
     assert list(log) == ["t", "theta", "i_q"]
     assert max(map(len, log.provenance.notes)) < 500
+
+
+@pytest.mark.parametrize("spec", ["every 0.125 ms", "every 125us", "EVERY 0,000125 s"])
+def test_a_file_without_time_gets_a_clock(tmp_path: Path, spec: str) -> None:
+    text = "Position [deg];Iq [A]\n" + "".join(f"{k},5;{k % 3}\n" for k in range(50))
+    log = read_log(write(tmp_path, text), mapping={"t": spec})
+    np.testing.assert_allclose(log.t, 0.000125 * np.arange(50), rtol=1e-15)
+    assert log["i_q"][4] == 1.0
+    parts = list(read_pieces(tmp_path / "log.csv", mapping={"t": spec}, rows=7))
+    assert np.concatenate([part.t for part in parts]).tobytes() == log.t.tobytes()
+
+
+@pytest.mark.parametrize(
+    "spec", ["every 0 ms", "every -1 ms", "every x ms", "every 1 A", "every nan s", "every 1e999 s"]
+)
+def test_a_clock_without_a_period(tmp_path: Path, spec: str) -> None:
+    with pytest.raises(LogError, match=r"a period such as 'every 0.125 ms' was expected"):
+        read_log(write(tmp_path, "Position;Iq\n1;2\n2;3\n"), mapping={"t": spec})
+
+
+def test_no_time_says_how_to_give_one(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"no channel 't'.* or 'every 1 ms'"):
+        read_log(write(tmp_path, "Position;Iq\n1;2\n2;3\n"))

@@ -51,6 +51,23 @@ def test_the_table_reproduces_the_log(tmp_path: Path, name: str) -> None:
     reproduce(write(tmp_path, FILES[name]), tmp_path, "linear" if name == "linear" else "rotary")
 
 
+def test_the_table_keeps_a_clock(tmp_path: Path) -> None:
+    path = write(tmp_path, "Position;Iq\n1;2\n2;3\n")
+    assert 't = "every 0.125 ms"' in describe(path, mapping={"t": "every 0.125 ms"}).table
+
+
+@pytest.mark.parametrize("scenario", ["triangle", "identification", "trapezoid", "positioning", "reversal"])
+def test_simulated_logs_raise_no_doubt_and_show_the_speed_filter(tmp_path: Path, designs: Path, scenario: str) -> None:
+    from pmsm_ctrl.simulate import simulate
+
+    design = Design.read(designs / "seed_motor.toml")
+    report = describe(simulate(design, scenario).write_csv(tmp_path / "log.csv"), design)
+    assert report.warnings == ()
+    assert report.velocity[0] == pytest.approx(1.0, abs=0.02)
+    (delay,) = report.delays
+    assert delay.seconds == pytest.approx(design.sensor.speed_filter, abs=1e-4)
+
+
 def test_the_table_keeps_a_scale(tmp_path: Path) -> None:
     design = Design.from_dict(PLAIN | {"log": {"channels": {"t": "a [ms]", "theta": "b [inc]", "torque": "c [V]"},
                                                "scale": {"theta": 1e-3, "torque": 35.15}}})  # fmt: skip

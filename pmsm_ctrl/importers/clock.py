@@ -1,0 +1,78 @@
+"""A time column for files that have none: ``t = "every 0.125 ms"`` in the mapping."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.names import unit_spelling
+from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.units import UNITS
+
+__all__ = ["with_clock"]
+
+_EVERY = re.compile(r"\s*every\s+(.*)", re.IGNORECASE)
+_PERIOD = re.compile(r"(\d[\d.,]*(?:e[+-]?\d+)?)\s*([^\W\d]+)\s*$", re.IGNORECASE)
+
+
+def with_clock(
+    table: Table, design: Design | None, mapping: Mapping[str, str] | None
+) -> tuple[Table, Mapping[str, str] | None]:
+    """Return the table with a computed time column where the mapping of `t` asks for one, and the mapping to it.
+
+    Raises
+    ------
+    LogError
+        When the period is not a positive time.
+    """
+    spec = (mapping or {}).get("t") or (design.log.channels.get("t") if design is not None else None)
+    asked = _EVERY.match(spec) if spec else None
+    if asked is None:
+        return table, mapping
+    match = _PERIOD.match(asked[1])
+    period, unit = _seconds(match[1], match[2]) if match else (math.nan, "")
+    if match is None or unit != "s" or not 0.0 < period < math.inf:
+        raise LogError(f"{table.file}: [log] t = '{spec}': a period such as 'every 0.125 ms' was expected")
+    last = len(table.columns)
+    clock = Column(name="Time", unit="s", header=f"every {match[1]} {match[2]}", group=table.columns[0].group)
+
+    def load(indices: Sequence[int]) -> list[Array]:
+        return _filled(indices, table.load([i for i in indices if i != last] or [0]), last, period, 0)
+
+    def blocks(indices: Sequence[int]) -> Iterator[list[Array]]:
+        assert table.blocks is not None
+        first = 0
+        for block in table.blocks([i for i in indices if i != last] or [0]):
+            yield _filled(indices, block, last, period, first)
+            first += block[0].size
+
+    timed = replace(
+        table,
+        columns=(*table.columns, clock),
+        load=load,
+        blocks=blocks if table.blocks is not None else None,
+        locate=lambda column, row: f"row {row + 1}" if column == last else table.locate(column, row),
+    )
+    return timed, {**(mapping or {}), "t": f"#{last + 1}"}
+
+
+def _seconds(number: str, unit: str) -> tuple[float, str]:
+    si, factor = UNITS.get(unit_spelling(unit), ("", 0.0))
+    try:
+        return float(number.replace(",", ".")) * factor, si
+    except ValueError:
+        return math.nan, si
+
+
+def _filled(indices: Sequence[int], values: list[Array], last: int, period: float, first: int) -> list[Array]:
+    """Put the clock among the loaded columns."""
+    loaded = iter(values)
+    # multiplied, not added up: the error of the period must not grow with the row
+    clock: Array = np.arange(first, first + values[0].size, dtype=np.float64) * period
+    return [clock if i == last else next(loaded) for i in indices]
