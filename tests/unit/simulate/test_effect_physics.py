@@ -56,7 +56,7 @@ def test_breakaway_at_exactly_F_s_whatever_the_step(bare, f_control, steps, sign
     assert sign * released["theta_true"][-1] < 0.0
 
 
-def test_stick_slip_of_a_mass_pulled_through_a_spring(bare):
+def test_stick_slip_of_a_mass_pulled_through_a_spring(bare, checked):
     """Period and amplitude of the limit cycle of N. Amontons' block on a belt, undamped, F_s above F_c.
 
     A flywheel of 10^4 kg m^2 turning at v is the other end of the spring. Slip: w(t) = v (1 - cos) + dF/sqrt(kJ) sin;
@@ -76,20 +76,20 @@ def test_stick_slip_of_a_mass_pulled_through_a_spring(bare):
     starts = np.flatnonzero((w[1:] > 0.0) & (w[:-1] == 0.0))
     periods = np.diff(log.t[starts])[2:]
     assert len(periods) > 10
-    assert periods.mean() == pytest.approx(slip + stick, rel=0.01)
+    checked("stick-slip period [s]", periods.mean(), slip + stick, rel=0.01)
     assert periods.std() < 0.002 * periods.mean()
     amplitude = np.diff(theta[starts])[2:]
-    assert amplitude.mean() == pytest.approx(v * (slip + stick), rel=0.01)
-    assert w[starts[2] :].max() == pytest.approx(v + np.hypot(v, dF / root), rel=0.01)
+    checked("stick-slip amplitude [rad]", amplitude.mean(), v * (slip + stick), rel=0.01)
+    checked("stick-slip peak speed [rad/s]", w[starts[2] :].max(), v + np.hypot(v, dF / root), rel=0.01)
 
 
-def test_stribeck_curve_in_steady_state(ideal):
+def test_stribeck_curve_in_steady_state(ideal, checked):
     design = ideal.with_effect("stribeck", {"dF_s": 0.015, "w_s": 5.0, "delta": 2.0})
     for speed in (1.0, 3.0, 5.0, 8.0, 20.0, 100.0, -4.0):
         log = simulate(design, Scenario("steady", 1.5, lambda t, w=speed: {"omega_ref": np.full(len(t), w)}))
         torque = 1.032 * log["i_q"][-200:].mean()
         curve = F_C + 0.015 * np.exp(-((speed / 5.0) ** 2)) + 0.000168 * abs(speed)
-        assert torque == pytest.approx(np.sign(speed) * curve, rel=0.005), speed
+        checked(f"Stribeck curve at {speed:g} rad/s [N m]", torque, np.sign(speed) * curve, rel=0.005)
 
 
 # -- presliding --------------------------------------------------------------------------------------------------
@@ -102,21 +102,21 @@ def swinging(mean, size, frequency):
 BRISTLE = {"z_s": 1e-3, "z_b": 0.5, "tau_z": 2e-3}
 
 
-def test_presliding_stiffness(bare):
+def test_presliding_stiffness(bare, checked):
     """A load below the elastic share winds the bristle up like a spring of stiffness F_c / z_s."""
     design = bare.with_effect("presliding", BRISTLE)
     log = simulate(design, free(0.5, Constant(-0.3 * F_C)), keep_truth=True)
-    assert log["theta_true"][-1] == pytest.approx(0.3 * F_C / (F_C / 1e-3), rel=1e-6)
+    checked("presliding deflection under 0.3 F_c [rad]", log["theta_true"][-1], 0.3 * 1e-3, rel=1e-6)
 
 
-def test_presliding_loops_close(bare):
+def test_presliding_loops_close(bare, checked):
     """Between the elastic share and breakaway the loop has an area, and closes after each period."""
     design = bare.with_effect("presliding", BRISTLE).replace(sensor={"log_divider": 16})
     log = simulate(design, free(4.0, swinging(0.0, 0.85 * F_C, 5.0)), keep_truth=True)
     period = 200  # samples at 1 kHz
     last, before = log["theta_true"][-period:], log["theta_true"][-2 * period : -period]
     swing = np.ptp(last)
-    assert np.abs(last - before).max() < 1e-3 * swing
+    checked("presliding loop, gap between periods / swing", np.abs(last - before).max() / swing, 0.0, at_most=1e-3)
     torque = -log["T_load"][-period:]
     area = abs(np.trapezoid(torque, last))
     assert area > 0.05 * swing * 2 * 0.85 * F_C
@@ -137,15 +137,17 @@ def lugre_drift(mean, size, frequency, cycles, sigma_0, step):
     return np.array(trace)
 
 
-def test_no_drift_over_1e5_cycles_where_plain_lugre_drifts(bare):
+def test_no_drift_over_1e5_cycles_where_plain_lugre_drifts(bare, checked):
     mean, size, frequency = 0.3 * F_C, 0.15 * F_C, 200.0
     design = bare.with_effect("presliding", BRISTLE).replace(sensor={"log_divider": 80 * 500})
     log = simulate(design, free(501.0, swinging(mean, size, frequency)), keep_truth=True)
     theta = log["theta_true"][log.t > 1.0]
-    assert np.ptp(theta) < 1e-9  # 10^5 cycles, sampled once every 500 at the same phase
+    # sampled once every 500 cycles, at the same phase
+    checked("drift in 1e5 cycles below breakaway [rad]", np.ptp(theta), 0.0, at_most=1e-9)
     lugre = lugre_drift(mean, size, frequency, 1000, F_C / 1e-3, 1.0 / (200 * frequency))
     per_cycle = (lugre[-1] - lugre[len(lugre) // 2]) / 500
-    assert per_cycle * 1e5 > 100 * 1e-3  # hundreds of breakaway deflections
+    # plain LuGre creeps by hundreds of breakaway deflections
+    checked("the same, plain LuGre (its drift, negative) [rad]", -per_cycle * 1e5, 0.0, at_most=-100 * 1e-3)
 
 
 def test_breakaway_force_falls_with_the_loading_rate(bare):
@@ -201,7 +203,7 @@ def crossings(t, x):
 
 
 @pytest.mark.parametrize(("J_load", "k"), [(5e-5, 20.0), (8e-5, 5.0), (2e-5, 100.0)])
-def test_two_mass_resonance_and_antiresonance(bare, J_load, k):
+def test_two_mass_resonance_and_antiresonance(bare, checked, J_load, k):
     kick = lambda t: {"T_load": np.where(t < 0.002, 0.004, 0.0)}  # noqa: E731
     spring = {"J_load": J_load, "k": k, "d": 0.0}
     floating = simulate(
@@ -209,16 +211,18 @@ def test_two_mass_resonance_and_antiresonance(bare, J_load, k):
     )
     twist = (floating["theta_true"] - floating["theta_load"])[floating.t > 0.01]
     resonance = np.sqrt(k * (1.0 / J_load + 1.0 / (J - J_load))) / (2 * np.pi)
-    assert 1.0 / crossings(floating.t[floating.t > 0.01], twist) == pytest.approx(resonance, rel=0.005)
+    found = 1.0 / crossings(floating.t[floating.t > 0.01], twist)
+    checked(f"resonance, k = {k:g} [Hz]", found, resonance, rel=0.005)
     # Friction holds the motor: what is left swings at the antiresonance.
     held = simulate(bare.with_effect("compliance", spring), free(1.0, kick), keep_truth=True)
     assert np.all(held["theta_true"] == 0.0)
     load = held["theta_load"][held.t > 0.01]
     antiresonance = np.sqrt(k / J_load) / (2 * np.pi)
-    assert 1.0 / crossings(held.t[held.t > 0.01], load) == pytest.approx(antiresonance, rel=0.005)
+    found = 1.0 / crossings(held.t[held.t > 0.01], load)
+    checked(f"antiresonance, k = {k:g} [Hz]", found, antiresonance, rel=0.005)
 
 
-def test_backlash_gap_is_traversed_with_conserved_momentum(bare):
+def test_backlash_gap_is_traversed_with_conserved_momentum(bare, checked):
     gap, J_load, pulse, width = 0.02, 4e-5, 0.01, 0.005
     design = bare.without_effect("coulomb").with_effect("backlash", {"gap": gap, "J_load": J_load, "k": 50.0, "d": 0.0})
     push = free(0.5, lambda t: {"T_load": np.where(t < width, -pulse, 0.0)})
@@ -229,14 +233,14 @@ def test_backlash_gap_is_traversed_with_conserved_momentum(bare):
     momentum = ((J - J_load) * w + J_load * load_speed)[after][:-1]
     given = pulse * width
     # gradient() of a contact is inexact where the flanks meet; the free flights are exact
-    assert np.median(momentum) == pytest.approx(given, rel=2e-2)
+    checked("momentum across the backlash gap [N m s]", np.median(momentum), given, rel=2e-2)
     free_flight = after & (np.abs(theta - load) < 0.499 * gap)
     assert np.ptp(w[free_flight & (log.t < 0.0105)]) == 0.0  # before the first contact the motor has not moved
     # The collision is elastic (d = 0): relative speed is reversed, v_motor = 2 J_l u / (J_l + J_m).
     u = load_speed[np.flatnonzero(log.t > width + 2e-4)[0]]
     first_contact = np.flatnonzero(w > 0)[0]
     later = np.flatnonzero((log.t > log.t[first_contact]) & (np.abs(theta - load) < 0.49 * gap))[5]
-    assert w[later] == pytest.approx(2 * J_load * u / J, rel=1e-2)
+    checked("motor speed after an elastic contact [rad/s]", w[later], 2 * J_load * u / J, rel=1e-2)
 
 
 def test_a_gap_and_a_spring_together_use_the_springs_constants(bare):
@@ -250,7 +254,7 @@ def test_a_gap_and_a_spring_together_use_the_springs_constants(bare):
 # -- dead time ---------------------------------------------------------------------------------------------------
 
 
-def test_dead_time_sixth_harmonic_of_the_current(project_root):
+def test_dead_time_sixth_harmonic_of_the_current(project_root, checked):
     """A six-step error voltage of amplitude 4/3 dU at a steady speed, against R, L and the rotation's coupling.
 
     The averaged model solved by harmonic balance, without any time integration.
@@ -286,7 +290,7 @@ def test_dead_time_sixth_harmonic_of_the_current(project_root):
         current = np.fft.ifft(spectrum * n)
     for order, found in ((6, measured), (-6, mirrored)):
         analytic = spectrum[order]
-        assert abs(found) == pytest.approx(abs(analytic), rel=0.03)
+        checked(f"dead time, current harmonic {order:+d} [A]", abs(found), abs(analytic), rel=0.03)
         assert abs(np.angle(found / analytic)) < 0.05
 
 
