@@ -177,7 +177,10 @@ class _Measurement:
     own: tuple[Effect, ...]
 
     def changed(self, design: Design, truth: Design) -> _Measurement:
-        return _Measurement(design, truth, self.cascade, self.speed, self.seed, self.own)
+        """The same gains promised for one design and measured on another plant."""
+        c = self.cascade
+        cascade = Cascade.of(design, c.current, c.speed, c.position, at=self.speed, own=self.own)
+        return _Measurement(design, truth, cascade, self.speed, self.seed, self.own)
 
     def promised(self, name: str) -> Any:
         if name == "current":
@@ -261,25 +264,28 @@ def _judge(name: str, loop: MeasuredLoop, measure: _Measurement) -> list[Figure]
 
 def _explain(name: str, measure: _Measurement) -> str:
     """Take the drive's imperfections away one after the other until the promise is met; say which it was."""
-    plant = measure.truth or measure.design
+    design, plant = measure.design, measure.truth or measure.design
     ideal = {"encoder_counts": 0, "current_noise": 0.0}
-    extra = [e.id for e in plant.effects if e.id not in EXPECTED]
-    plain = plant
+    extra = list(dict.fromkeys(e.id for e in plant.effects if e.id not in EXPECTED))
+    variants = [("ideal sensors", design, plant.replace(sensor=ideal))]
+    variants += [(f"no {effect}", design.without_effect(effect), plant.without_effect(effect)) for effect in extra]
+    bare, believed = plant, design
     for effect in extra:
-        plain = plain.without_effect(effect)
-    variants: list[tuple[str, Design]] = [("ideal sensors", plant.replace(sensor=ideal))]
-    variants += [(f"no {effect}", plant.without_effect(effect)) for effect in dict.fromkeys(extra)]
-    variants.append(("ideal sensors and none of the extra effects", plain.replace(sensor=ideal)))
+        bare, believed = bare.without_effect(effect), believed.without_effect(effect)
+    variants.append(("ideal sensors and none of the extra effects", believed, bare.replace(sensor=ideal)))
     if measure.truth is not None:
-        variants.append(("the plant that the design assumes", measure.design))
-    for what, changed in variants:
-        loop = measure.changed(measure.design, changed).loop(name)
+        variants.append(("the plant that the design assumes", design, design))
+    for what, promised_for, changed in variants:
+        loop = measure.changed(promised_for, changed).loop(name)
         promise, found = loop.promised_margins, loop.margins
         if (
             abs(found.crossover / promise.crossover - 1.0) <= BANDWIDTH_TOLERANCE
             and abs(found.phase_margin - promise.phase_margin) <= PHASE_TOLERANCE
         ):
-            return f"with {what}: {found.crossover:.4g} Hz and {found.phase_margin:.1f} deg"
+            return (
+                f"with {what} {found.crossover:.4g} Hz and {found.phase_margin:.1f} deg are measured, "
+                f"{promise.crossover:.4g} Hz and {promise.phase_margin:.1f} deg promised"
+            )
     return ""
 
 

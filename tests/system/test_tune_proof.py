@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import lookup
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune import proof as proof_of  # noqa: F401 - loaded here so that its import is not timed
 from pmsm_ctrl.tune.optimise import optimise
@@ -99,14 +100,28 @@ def test_a_difference_that_nothing_explains_fails(seed):
     assert "3 failed" in bad.summary().splitlines()[0]
 
 
-def test_dead_time_explains_a_current_loop_that_is_slower_than_promised(seed):
-    design = seed.design.with_effect("dead_time", {"dU": 8.0, "i_0": 0.3})
-    found = prove(design)
-    figures = {f.name: f for f in found.figures if f.loop == "current loop"}
+@pytest.mark.parametrize(
+    ("effect", "parameters", "loop"),
+    [
+        ("dead_time", {"dU": 6.0, "i_0": 0.05}, "current loop"),
+        ("backlash", {"gap": 0.01, "J_load": 4e-5, "k": 100.0, "d": 0.02}, "speed loop"),
+        ("load_dependent_friction", {"mu": 0.08}, "speed loop"),
+    ],
+)
+def test_an_effect_that_bends_a_loop_is_named(seed, effect, parameters, loop):
+    # The friction under load is linear on either side of zero torque only; the test signal crosses it.
+    found = prove(seed.design.with_effect(effect, parameters))
+    explained = [f for f in found.figures if f.verdict == "explained" and f.loop == loop]
     assert found.passed
-    for figure in figures.values():
-        if figure.verdict == "explained":
-            assert "dead_time" in figure.explanation
+    assert explained
+    assert all(f"with no {effect}" in figure.explanation for figure in explained)
+
+
+@pytest.mark.parametrize("effect", ["cogging", "torque_ripple"])
+def test_an_effect_that_only_adds_torque_leaves_the_promise_alone(seed, effect):
+    parameters = dict(lookup(effect).example)
+    found = prove(seed.design.with_effect(effect, parameters))
+    assert all(f.verdict == "met" for f in found.figures if f.verdict != "shown")
 
 
 def test_a_measurement_that_would_reverse_or_saturate_is_refused(seed):
