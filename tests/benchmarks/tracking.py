@@ -1,0 +1,93 @@
+"""What tracking promises, as one table: ``python -m tests.benchmarks.tracking [runs]``.
+
+Speeds are taken in alternating pairs of processor time, so that a busy machine slows both alike.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.track import FrictionTracker, Settings, track
+from pmsm_ctrl.track.settings import numbers
+from pmsm_ctrl.track.tracking import filter_samples, samples_of
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "unit" / "track"))
+
+from tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c  # noqa: E402
+
+F_C, F_V = 0.0213, 0.000168
+
+
+def speeds(design: Design, log: Log, kind: str, pairs: int = 5) -> tuple[float, float]:
+    """Return samples per second of processor time: filterpy's filter, the compiled twin."""
+    settings = Settings()
+    samples = samples_of(design, log, "theta")
+    s = numbers(design, settings, log.period)
+    rows = list(zip(samples.t.tolist(), samples.z.tolist(), samples.torque.tolist(), strict=True))[:4000]
+    filter_samples(design, settings, s, samples)
+    slow, fast = [], []
+    for _ in range(pairs):
+        tracker = FrictionTracker(design, settings, kind=kind)  # type: ignore[arg-type]
+        start = time.process_time()
+        for row in rows:
+            tracker.step(*row)
+        slow.append((time.process_time() - start) / len(rows))
+        start = time.process_time()
+        for _ in range(20):
+            filter_samples(design, settings, s, samples)
+        fast.append((time.process_time() - start) / 20 / len(log))
+    return 1.0 / float(np.median(slow)), 1.0 / float(np.median(fast))
+
+
+def row(name: str, figure: str, wanted: str) -> None:
+    """Print one line of the table."""
+    print(f"| {name} | {figure} | {wanted} |", flush=True)
+
+
+def main() -> None:
+    """Print the table."""
+    runs = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
+    design = Design.read(ROOT / "designs" / "seed_motor.toml")
+    triangle = scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0)
+    log = simulate(design, triangle, seed=1)
+    print("| what | measured | wanted |\n|---|---|---|")
+    for kind in ("extended", "unscented"):
+        slow, fast = speeds(design, log, kind)
+        row(f"samples/s, filterpy's {kind} filter and the twin", f"{slow:,.0f} and {fast:,.0f}, {fast / slow:.0f} x",
+            "500 x" if kind == "extended" else "")  # fmt: skip
+    steps = []
+    for seed in range(20):
+        for share in (0.3, -0.3):
+            truth = design.with_effect("step_of_F_c", {"dF_c": share * F_C, "t_0": 4.0})
+            moved = simulate(design, triangle, truth=truth, seed=seed, own=(step_of_F_c,))
+            steps.append(settling(moved.t, track(design, moved).history["F_c"], F_C * (1.0 + share), 0.05, 4.0))
+    row("30 % step of F_c followed to 5 %, s", f"median {np.median(steps):.2f}, worst of 40 {max(steps):.2f}", "< 2")
+    lags = []
+    for seed in range(10):
+        rate = 0.02 * F_V
+        truth = design.with_effect("ramp_of_F_v", {"rate": rate, "t_0": 4.0})
+        motion = scenario("triangle", design, speed=150.0, period=2.0, cycles=15.0)
+        moved = simulate(design, motion, truth=truth, seed=seed, own=(ramp_of_F_v,))
+        behind = F_V + rate * np.maximum(moved.t - 4.0, 0.0) - track(design, moved).history["F_v"]
+        lags.append(float(behind[moved.t > 12.0].mean()) / rate)
+    row("lag behind a drift of F_v, s", f"mean {np.mean(lags):.2f}, worst of 10 {max(lags):.2f}", "< 3")
+    for walking in (False, True):
+        for measure in ("theta", "omega"):
+            c = consistency(design, runs, walking=walking, measure=measure, first=1000)
+            label = f"from {measure}, friction {'walks' if walking else 'constant'}, {runs} runs"
+            row(f"NEES, NIS inside their 95 % bands, {label}", f"{100 * c.nees:.1f} %, {100 * c.nis:.1f} %", "93-97 %")
+            row(f"bias of F_c, F_v, {label}", f"{100 * c.bias[0]:+.3f} %, {100 * c.bias[1]:+.3f} %", "< 1 %")
+            row(f"efficiency (Cramer-Rao bound / error), {label}",
+                f"{c.efficiency[0]:.2f}, {c.efficiency[1]:.2f}", "printed")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
