@@ -48,6 +48,8 @@ class Group:
     entry: int = -1
 
 
+# What terms read that is no channel of a log but follows from the motion.
+STATES = ("p", "zeta", "travel", "limit", "twist", "twist_rate")
 # A scale common to all torques is the torque constant's business: no column can tell it from the parameters.
 COMMON_SCALE = (("current_gain", "g"),)
 
@@ -61,8 +63,7 @@ def missing_signals(record: Record, effect: Effect) -> str:
         return "the design does not know the pole pairs"
     if record.linear and ("theta" in effect.signals or effect.channels == ("theta",)):
         return "a linear axis has no known period of position"
-    absent = [s for s in effect.signals if s not in record.signals and s not in ("p", "zeta", "travel")]
-    absent = [s for s in absent if s not in ("twist", "twist_rate")]
+    absent = [s for s in effect.signals if s not in record.signals and s not in STATES]
     if absent and effect.id != "delay":
         return f"the log has no {', '.join(absent)}"
     return ""

@@ -21,8 +21,8 @@ def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], 
     """Return the deviations, torque constant first, and hints in words."""
     from pmsm_ctrl.diagnose.diagnosis import Deviation
 
-    values = dict(zip(fit.model.names, fit.solved.values, strict=True))
-    stderr = dict(zip(fit.model.names, fit.solved.stderr, strict=True))
+    values = dict(zip(fit.model.names, fit.plain.values, strict=True))
+    stderr = dict(zip(fit.model.names, fit.plain.stderr, strict=True))
     motion = "linear" if fit.record.linear else "rotary"
     out, hints = [], []
     if "psi_f" in values and design.motor.p is not None:
@@ -55,7 +55,7 @@ def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], 
             continue
         symbol = name.split("#")[0]
         p = group.effect.parameter(symbol)
-        value, error, nominal = fit.solved.values[k], fit.solved.stderr[k], fit.model.nominal[k]
+        value, error, nominal = fit.plain.values[k], fit.plain.stderr[k], fit.model.nominal[k]
         if np.isfinite(error):
             out.append(Deviation(name, float(nominal), float(value), float(error), axis_unit(p.unit, motion), False))
     return tuple(out), tuple(hints)

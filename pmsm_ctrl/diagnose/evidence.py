@@ -48,6 +48,13 @@ class Trial:
     direction: Array
     wrong_sign: bool = False
     singular: bool = False
+    plain_gain: float = 0.0
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether a nonlinear parameter ran into its bound: the shape wants to be another one."""
+        bounds = {p.symbol: (p.lower, p.upper) for p in self.candidate.effect.searched}
+        return any(v in bounds.get(s, ()) for s, v in self.group.shape.items() if s != "delta")
 
 
 @dataclass(frozen=True)
@@ -63,8 +70,12 @@ class Evidence:
     material: float
 
 
-def saturated_whitener(record: Record, model: Model, extra: Iterable[Array]) -> Whitener:
-    """Fit the noise to what even a model with every candidate in it leaves over."""
+def saturated_whitener(record: Record, model: Model, extra: Iterable[Array]) -> tuple[Whitener, Whitener]:
+    """Fit the noise to what even a model with every candidate in it leaves over.
+
+    Returns the prewhitener, and the same noise without its correlation: point estimates use that one, because
+    whitening shifts the weight to high frequencies, where differentiation and timing errors live.
+    """
     columns = np.concatenate([model.matrix, *extra, _smooth(record)], axis=-1)
     residual = np.zeros(record.target.shape)
     lost = 0
@@ -85,7 +96,7 @@ def saturated_whitener(record: Record, model: Model, extra: Iterable[Array]) -> 
         residual[row] -= basis @ (basis.T @ residual[row])
         residual[row] = np.divide(residual[row], w[:, 0], out=np.zeros(len(target)), where=w[:, 0] > 0)
         lost = max(lost, int(kept.sum()))
-    return make_whitener(record, residual, lost)
+    return make_whitener(record, residual, lost), make_whitener(record, residual, lost, 0)
 
 
 def _effective(weight: Array) -> float:
@@ -145,15 +156,20 @@ def try_group(solved: Solved, whitener: Whitener, candidate: Candidate, group: G
     gain = float(along @ along)
     free = candidate.free
     score = gain - (k + free) * np.log(max(n, 2))
-    wrong = _wrong_sign(group, values)
+    wrong = _wrong_sign(group, values, solved)
     p = min(1.0, _f_tail(gain / k, k, max(solved.rows - solved.q.shape[1] - k, 1)) * max(candidate.searched, 1))
     return Trial(candidate, group, gain, score, p, values, stderr, u @ along, wrong)
 
 
-def _wrong_sign(group: Group, values: Array) -> bool:
+def _wrong_sign(group: Group, values: Array, solved: Solved) -> bool:
+    """Whether a linear parameter lies where physics does not allow it."""
     assert group.effect is not None
     bounds = {p.symbol: (p.lower, p.upper) for p in group.effect.parameters}
-    bounds["level"] = (0.0, np.inf)
+    known = dict(zip(solved.model.names, solved.values, strict=True))
+    # a load is a part of the inertia that is worth the name; a bristle carries the dry friction and nothing else
+    bounds["J_load"] = (0.02 * known["J"], known["J"])
+    dry = abs(known.get("F_c", 0.0)) + abs(known.get("dF_s", 0.0))
+    bounds["level"] = (0.5 * dry, 2.0 * dry) if dry > 0.0 else (0.0, np.inf)
     return any(not bounds[s][0] <= v <= bounds[s][1] for s, v in zip(group.symbols, values, strict=True))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.whitening import Whitener
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 
-__all__ = ["Model", "Solved", "base_groups", "design_shape", "solve_model"]
+__all__ = ["Model", "Solved", "base_groups", "design_shape", "solve_model", "with_honest_errors"]
 
 Array = NDArray[np.float64]
 
@@ -76,6 +76,7 @@ class Solved:
     q: Array
     rest: Array
     rows: int
+    inverse: Array  # parameters from the rows: values = inverse @ q' @ b
 
     def predicted(self, matrix: Array | None = None) -> Array:
         """Predicted balances, shape (channels, m)."""
@@ -170,6 +171,32 @@ def _winding(design: Design, record: Record, groups: list[Group], nominal: list[
             sigma.append(motor.tolerance.get(name, 0.15) * value)
 
 
+def with_honest_errors(solved: Solved, weights: Whitener, whitener: Whitener) -> Solved:
+    """Return a fit by weighted least squares with standard errors that allow for the noise's correlation.
+
+    With the weights V and the prewhitener W (W'W the inverse covariance) the estimate is ``P V y`` and its
+    covariance ``P V (W'W)^-1 V' P'``; priors add their own unit variance.
+    """
+    from scipy.sparse.linalg import spsolve_triangular
+
+    start = 0
+    covariance = np.zeros((len(solved.values), len(solved.values)))
+    P = solved.inverse @ solved.q.T
+    for fine, coarse in zip(whitener.matrices, weights.matrices, strict=True):
+        used = np.asarray(coarse.sum(axis=1)).ravel() > 0.0
+        columns = np.unique(fine.indices)
+        count = fine.shape[0]
+        scale = np.asarray(coarse.sum(axis=1)).ravel()
+        block = (P[:, start : start + count] * np.where(used, scale, 0.0)).T  # rows: samples in order
+        square = fine[:, columns].tocsr()
+        back = spsolve_triangular(square.T.tocsr(), block, lower=False) if count else block
+        covariance += back.T @ back
+        start += count
+    prior = P[:, start:]
+    covariance += prior @ prior.T
+    return replace(solved, stderr=np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+
+
 def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
     """Solve by generalised least squares with the parameters' tolerances as priors."""
     rows = whitener(model.matrix)
@@ -185,4 +212,4 @@ def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
     inverse = vt[kept].T / s[kept]
     values = inverse @ (u.T @ b) / scale
     stderr = np.sqrt(np.sum(inverse**2, axis=1)) / scale
-    return Solved(model, values, stderr, u, b - u @ (u.T @ b), len(rows))
+    return Solved(model, values, stderr, u, b - u @ (u.T @ b), len(rows), inverse / scale[:, None])

@@ -81,7 +81,7 @@ def _gap_loop(term: Any) -> Any:
 
 
 def bristle_direction(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array:
-    """Friction of the bristle as a share of breakaway along the measured motion, shape (n,)."""
+    """Friction of the bristle as a share of the dry friction along the measured motion, shape (n,)."""
     key = ("bristle", effect.term)
     loop = _LOOPS.get(key)
     if loop is None:
@@ -98,7 +98,7 @@ def _bristle_loop(term: Any) -> Any:
         zeta = 0.0
         for n in range(len(theta)):
             travel = theta[n] - theta[n - 1] if n > 0 else 0.0
-            zeta, out[n] = term(zeta, travel, omega[n], z_s, z_b, tau_z)
+            zeta, out[n] = term(zeta, travel, omega[n], 1.0, z_s, z_b, tau_z)
 
     import numba
 

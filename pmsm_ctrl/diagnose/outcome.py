@@ -80,10 +80,10 @@ def _errors(design: Design, record: Record, selection: Selection) -> dict[str, A
     first, last = selection.fits[0], selection.fits[-1]
     nominal = first.model.nominal.copy()
     free = ~np.isfinite(first.model.sigma) & (nominal == 0.0)
-    nominal[free] = first.solved.values[free]  # nuisances have no nominal value
+    nominal[free] = first.plain.values[free]  # nuisances have no nominal value
     for k, name in enumerate(first.model.names):
         if name.startswith("tau_"):
-            nominal[k] = first.solved.values[k]
+            nominal[k] = first.plain.values[k]
     residual = first.record.target - first.model.matrix @ nominal
     floor = {
         name: (float(last.whitener.sigma[row]), float(last.whitener.sigma[row] / _size(record, row)))
@@ -118,7 +118,7 @@ def fitted_parameters(fit: Fitted, accepted: tuple[Accepted, ...], number: int, 
     if position is not None:
         columns = fit.model.columns_of(position)
         for symbol, value, error in zip(
-            fit.model.groups[position].symbols, fit.solved.values[columns], fit.solved.stderr[columns], strict=True
+            fit.model.groups[position].symbols, fit.plain.values[columns], fit.plain.stderr[columns], strict=True
         ):
             linear[symbol] = float(value)
             stderr[symbol] = float(error)
@@ -162,7 +162,7 @@ def fitted_design(design: Design, fit: Fitted, accepted: tuple[Accepted, ...], r
         found, stderr = dict(entry.parameters), dict(entry.stderr)
         if group.effect.structure == "term":
             for symbol, value, error in zip(
-                group.symbols, fit.solved.values[columns], fit.solved.stderr[columns], strict=True
+                group.symbols, fit.plain.values[columns], fit.plain.stderr[columns], strict=True
             ):
                 p = group.effect.parameter(symbol)
                 if np.isfinite(error):
@@ -170,7 +170,7 @@ def fitted_design(design: Design, fit: Fitted, accepted: tuple[Accepted, ...], r
                     stderr[symbol] = float(error)
         entries[group.entry] = entry.model_copy(update={"parameters": found, "stderr": stderr})
     out = design.replace_effects(tuple(entries))
-    J = dict(zip(fit.model.names, fit.solved.values, strict=True))["J"]
+    J = dict(zip(fit.model.names, fit.plain.values, strict=True))["J"]
     if J > design.load.J / design.load.gear**2:
         out = out.with_parameters(J=float(J))
     for number, one in enumerate(accepted):

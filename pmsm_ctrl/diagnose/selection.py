@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED, Candidate, candidates_for
 from pmsm_ctrl.diagnose.columns import effect_group
-from pmsm_ctrl.diagnose.evidence import Evidence, Trial, blocked_gain, saturated_whitener, try_candidate
-from pmsm_ctrl.diagnose.model import Model, Solved, base_groups, solve_model
+from pmsm_ctrl.diagnose.evidence import Evidence, Trial, blocked_gain, saturated_whitener, try_candidate, try_group
+from pmsm_ctrl.diagnose.model import Model, Solved, base_groups, solve_model, with_honest_errors
 from pmsm_ctrl.diagnose.motion import bristle_direction
 from pmsm_ctrl.diagnose.record import Record, with_direction, with_modelled_torque
 from pmsm_ctrl.diagnose.refine import refine
@@ -27,6 +27,8 @@ SIGNIFICANCE = 0.01  # family-wise, by Holm
 BLOCK_ERRORS = 2.8  # standard errors that the held-out gain must reach
 MATERIAL = 0.004  # smallest contribution worth a name, as a share of the balance's size where it acts
 MOST_STEPS = 8
+# Two candidates that explain the same to within this share differ by nothing but their flexibility.
+PARSIMONY = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,7 @@ class Fitted:
     model: Model
     whitener: Whitener
     solved: Solved
+    plain: Solved
     trials: tuple[Trial, ...]
     closed: tuple[Candidate, ...]
     notes: tuple[str, ...] = ()
@@ -59,7 +62,7 @@ class Fitted:
     @property
     def residual(self) -> Array:
         """Measured less predicted, shape (channels, m)."""
-        return self.record.target - self.solved.predicted()
+        return self.record.target - self.plain.predicted()
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,27 +105,54 @@ def fit_design(
         if one.effect.structure == "bristle":
             record = with_direction(record, bristle_direction(record, one.effect, one.shape))
     model, notes = _assemble(design, record, accepted, own)
-    rough = solve_model(record, model, saturated_whitener(record, model, ()))
+    rough = solve_model(record, model, saturated_whitener(record, model, ())[1])
     record = with_modelled_torque(record, rough.predicted()[0])
     model, notes = _assemble(design, record, accepted, own)
-    rough = solve_model(record, model, saturated_whitener(record, model, ()))
+    rough = solve_model(record, model, saturated_whitener(record, model, ())[1])
     present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
     residual = record.target[0] - rough.predicted()[0]
     candidates = candidates_for(record, design, effects, residual, present)
-    whitener = saturated_whitener(record, model, [g.values for c in candidates for g in c.groups(record)])
+    whitener, weights = saturated_whitener(record, model, [g.values for c in candidates for g in c.groups(record)])
     solved = solve_model(record, model, whitener)
+    plain = with_honest_errors(solve_model(record, model, weights), weights, whitener)
     if not explore:
-        return Fitted(record, model, whitener, solved, (), (), notes)
+        return Fitted(record, model, whitener, solved, plain, (), (), notes)
     trials, closed = [], []
     for candidate in candidates:
-        trial = try_candidate(record, solved, whitener, candidate)
+        trial = try_candidate(record, plain, weights, candidate)
         if trial is None:
             closed.append(candidate)
         else:
             trials.append(trial)
-    trials = _refined(record, solved, whitener, trials)
-    trials.sort(key=lambda t: (t.wrong_sign or t.singular, -t.score))
-    return Fitted(record, model, whitener, solved, tuple(trials), tuple(closed), notes)
+    trials = [judged(solved, whitener, t) for t in _refined(record, plain, weights, trials)]
+    trials = in_order(trials)
+    return Fitted(record, model, whitener, solved, plain, tuple(trials), tuple(closed), notes)
+
+
+def judged(solved: Solved, whitener: Whitener, trial: Trial) -> Trial:
+    """Keep a trial's shape and size, found with plain weights, and judge its significance prewhitened."""
+    sure = try_group(solved, whitener, trial.candidate, trial.group)
+    return replace(
+        trial, plain_gain=trial.gain, gain=sure.gain, score=sure.score, p_value=sure.p_value,
+        direction=sure.direction, singular=trial.singular or sure.singular,
+    )  # fmt: skip
+
+
+def in_order(trials: list[Trial]) -> list[Trial]:
+    """Sort by what they explain of the residual; of two that explain the same the simpler one comes first."""
+    left = sorted(trials, key=lambda t: (t.wrong_sign or t.singular, t.at_bound, -t.plain_gain))
+    out: list[Trial] = []
+    while left:
+        first = left[0]
+        alike = [
+            t
+            for t in left
+            if t.plain_gain >= PARSIMONY * first.plain_gain and not (t.wrong_sign or t.singular or t.at_bound)
+        ]
+        chosen = min(alike, key=lambda t: (len(t.values) + t.candidate.free, -t.plain_gain)) if alike else first
+        out.append(chosen)
+        left.remove(chosen)
+    return out
 
 
 def _bristles(design: Design, effects: Mapping[str, Effect]) -> list[Accepted]:
@@ -285,6 +315,12 @@ def _objection(after: Fitted, before: Fitted) -> str:
     for name, (rms, _) in new.items():
         if rms > 1.03 * old[name][0]:
             return f"makes the {name} balance worse"
+    bounds = {p.symbol: (p.lower, p.upper) for g in after.model.groups if g.effect for p in g.effect.parameters}
+    for k, name in enumerate(after.model.names):
+        low, high = bounds.get(name.split("#")[0], (-np.inf, np.inf))
+        value, slack = after.plain.values[k], 3.0 * after.plain.stderr[k]
+        if not low - slack <= value <= high + slack:
+            return f"drives {name} to {value:.3g}, beyond its bounds"
     return ""
 
 
@@ -314,7 +350,7 @@ def holdout_error(
     common = [row for row, name in enumerate(record.channels) if name in fit.record.channels]
     for _ in range(2):
         model, _ = _assemble(design, record, accepted, own)
-        by_name = dict(zip(fit.solved.model.names, fit.solved.values, strict=True))
+        by_name = dict(zip(fit.plain.model.names, fit.plain.values, strict=True))
         values = np.array([by_name.get(name, 0.0) for name in model.names])
         predicted = model.matrix @ values
         record = with_modelled_torque(record, predicted[0])

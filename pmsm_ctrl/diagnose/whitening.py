@@ -45,16 +45,17 @@ class Whitener:
         return np.concatenate([matrix @ values[row] for row, matrix in enumerate(self.matrices)])
 
 
-def make_whitener(record: Record, residual: Array, lost: int) -> Whitener:
+def make_whitener(record: Record, residual: Array, lost: int, most: int = MAX_ORDER) -> Whitener:
     """Fit the noise of each balance to a residual of shape (channels, m) and return the whitener.
 
-    `lost` is the number of columns that were fitted away in each balance.
+    `lost` is the number of columns that were fitted away in each balance; `most` the highest order, 0 for weights
+    alone.
     """
     matrices, sigma, index, channel = [], [], [], []
     memory = 0.0
     for row in range(len(record.channels)):
         weighted = residual[row] * record.weight[row]
-        matrix, level, used, reach = _channel(weighted, record.mask, record.weight[row], lost, record.rate)
+        matrix, level, used, reach = _channel(weighted, record.mask, record.weight[row], lost, record.rate, most)
         matrices.append(matrix)
         sigma.append(level)
         index.append(used)
@@ -64,14 +65,14 @@ def make_whitener(record: Record, residual: Array, lost: int) -> Whitener:
 
 
 def _channel(
-    weighted: Array, mask: NDArray[np.bool_], weight: Array, lost: int, rate: float
+    weighted: Array, mask: NDArray[np.bool_], weight: Array, lost: int, rate: float, most: int
 ) -> tuple[Any, float, NDArray[np.int64], float]:
     from scipy.sparse import csr_matrix
 
     parts = stretches(mask)
     pieces = [weighted[part] for part in parts]
     n = int(mask.sum())
-    limit = max(0, min(MAX_ORDER, n // 20, max(len(piece) for piece in pieces) // 3))
+    limit = max(0, min(most, n // 20, max(len(piece) for piece in pieces) // 3))
     models, variances = burg(pieces, limit)
     orders = np.arange(limit + 1)
     best = int(np.argmin(n * np.log(np.maximum(variances, 1e-300)) + orders * np.log(n)))

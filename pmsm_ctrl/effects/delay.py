@@ -19,7 +19,9 @@ effect = Effect(
     source="A. Janot, M. Gautier, M. Brunot, EMPS benchmark (2019): synchronous sampling assumed, and not met",
     enters="measurement",
     structure="delay",
-    parameters=(Parameter("tau", "s", 0.0, 0.0, 3e-3, "age of the logged currents", linear=True),),
+    parameters=(
+        Parameter("tau", "s", 0.0, -3e-3, 3e-3, "age of the logged currents; negative: the angle is older", linear=True),
+    ),
     term=term,
     example={"tau": 0.0005},
     needs="fast changes of acceleration",

@@ -136,8 +136,8 @@ def _check_structures(bound: list[tuple[Effect, dict[str, float]]], plant: Plant
                 f"total inertia of {plant.J:g} kg m^2"
             )
         longest = plant.period * (MEMORY["delay"] // 2 - 2)
-        if effect.structure == "delay" and values["tau"] > longest:
-            raise DesignError(f"{label}.tau: found {values['tau']:g} s; at most {longest:g} s can be simulated")
+        if effect.structure == "delay" and not 0.0 <= values["tau"] <= longest:
+            raise DesignError(f"{label}.tau: found {values['tau']:g} s; 0 to {longest:g} s can be simulated")
         if effect.structure == "bristle":
             _soften(values, bound, plant)
 
