@@ -292,8 +292,7 @@ class FrictionTracker:
     def process_noise(self, J: float) -> Array:
         """Return the covariance that torque noise adds in one step, in the filter's vector."""
         dt = self._m[model.DT]
-        g = dt / J
-        q = model.process_variance(self._m, self._s) * g * g
+        q = model.process_variance(self._m, self._s) / (J * J)
         push = np.zeros(model.SIZE)
         push[model.OMEGA] = 1.0
         if self._s[model.FROM_ANGLE]:

@@ -177,10 +177,10 @@ def fresh_speed(m, s, by_F_c, P_cc, alpha):  # type: ignore[no-untyped-def]
 
 @kernel
 def process_variance(m, s):  # type: ignore[no-untyped-def]
-    """Variance of the mean torque over a step: noise, and what a surge between two samples hides."""
-    white = s[TORQUE_DENSITY] / m[DT]
-    surge = m[SURGE] * m[SURGE] - 18.0 * white  # three standard deviations of a difference are noise
-    return white + max(surge, 0.0) / 12.0
+    """Variance of the torque's integral over a step, (N m s)^2: noise, and what a surge between samples hides."""
+    white = s[TORQUE_DENSITY] * m[DT]
+    surge = m[SURGE] * m[DT]
+    return white + max(surge * surge - 18.0 * white, 0.0) / 12.0  # 3 standard deviations of a difference are noise
 
 
 @kernel
