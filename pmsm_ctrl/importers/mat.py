@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.guard import guarded
+from pmsm_ctrl.importers.isolated import ask
 from pmsm_ctrl.importers.names import split_header
 from pmsm_ctrl.importers.table import Array, Column, Table, one_line
 
@@ -24,12 +26,17 @@ def open_mat(path: Path, file: str) -> Table:
     LogError
         When the file is damaged or holds no numeric vectors.
     """
-    import scipy.io
-
-    with guarded(file, "MAT"):
-        content = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
-    content = {name: value for name, value in content.items() if not name.startswith("__")}
-    return _table(file, "MATLAB v5", _numeric(content))
+    answer, values = ask("mat_worker", "MAT", path, file)
+    content: dict[str, Array | None] = {}
+    place = 0
+    for name, shape in answer["variables"]:
+        if shape is None:
+            content[name] = None
+            continue
+        size = math.prod(shape)
+        content[name] = np.frombuffer(values, dtype=np.float64, count=size, offset=place).reshape(shape)
+        place += 8 * size
+    return _table(file, "MATLAB v5", content)
 
 
 def open_hdf5(path: Path, file: str) -> Table:
@@ -53,31 +60,15 @@ def open_hdf5(path: Path, file: str) -> Table:
                 found[name.replace("/", ".")] = item[()]
 
         content.visititems(visit)
-    return _table(file, "MATLAB v7.3", _numeric(found))
+    return _table(file, "MATLAB v7.3", {name: np.asarray(value, dtype=np.float64) for name, value in found.items()})
 
 
-def _numeric(content: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str, Array | str]:
-    """Flatten structs to dotted names; what is no numeric array becomes its description."""
-    out: dict[str, Array | str] = {}
-    for name, value in content.items():
-        array = np.asarray(value) if not hasattr(value, "toarray") else np.empty((2, 2), dtype=object)
-        full = f"{prefix}{name}"
-        if array.dtype.names and array.size == 1 and depth < 4:
-            record = array.reshape(-1)[0]
-            out |= _numeric({field: record[field] for field in array.dtype.names}, f"{full}.", depth + 1)
-        elif array.dtype.kind in "fiub" and array.dtype.names is None:
-            out[full] = np.asarray(array, dtype=np.float64)
-        else:
-            out[full] = "not numeric"
-    return out
-
-
-def _table(file: str, kind: str, content: dict[str, Array | str]) -> Table:
+def _table(file: str, kind: str, content: dict[str, Array | None]) -> Table:
     vectors: list[tuple[str, Array]] = []
     scalars: list[str] = []
     left: list[str] = []
     for name, value in content.items():
-        if isinstance(value, str):
+        if value is None:
             left.append(name)
         elif value.size == 1:
             scalars.append(f"{name} = {value.reshape(-1)[0]:.9g}")

@@ -1,7 +1,6 @@
-"""The part of the MDF reader that runs in a process of its own: ``python -m pmsm_ctrl.importers.mdf_worker``.
+"""The part of the MDF reader that runs in a process of its own: asammdf's C code crashes on some damaged files.
 
-asammdf decodes with C code that crashes on some damaged files; in a process of its own it takes nobody with it.
-The answer on standard output is one line of JSON, followed by the float64 values of the columns asked for.
+Started by `pmsm_ctrl.importers.isolated`; imports nothing of this package.
 """
 
 from __future__ import annotations

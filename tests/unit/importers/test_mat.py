@@ -89,6 +89,37 @@ def test_unequal_lengths_and_no_vectors(tmp_path: Path) -> None:
         read_log(path)
 
 
+def test_a_reader_that_crashes_takes_nobody_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, CONTENT)
+    crash = tmp_path / "crash"
+    crash.write_text("#!/bin/sh\nkill -SEGV $$\n")
+    crash.chmod(0o755)
+    monkeypatch.setattr("sys.executable", str(crash))
+    with pytest.raises(LogError, match=r"log\.mat: damaged MAT file \(its reader crashed\)"):
+        read_log(path)
+    monkeypatch.setattr("sys.executable", str(tmp_path / "nothing"))
+    with pytest.raises(LogError, match="the MAT reader cannot be started"):
+        read_log(path)
+
+
+def test_flipped_bytes_never_escape(tmp_path: Path, rng: np.random.Generator) -> None:
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, CONTENT | {"s": {"a": 1.0, "b": "x"}})
+    content = path.read_bytes()
+    for _ in range(4):
+        damaged = bytearray(content)
+        for place in rng.integers(126, len(content), 6):
+            damaged[place] = rng.integers(0, 256)
+        path.write_bytes(damaged)
+        message = ""
+        try:
+            read_log(path)
+        except LogError as error:
+            message = str(error)
+        assert "\n" not in message
+
+
 @pytest.mark.parametrize("cut", [10, 127, 200, 1000])
 def test_a_file_cut_short(tmp_path: Path, cut: int) -> None:
     path = tmp_path / "log.mat"
