@@ -10,14 +10,19 @@ from __future__ import annotations
 
 from math import isfinite, nan
 
+import numba
+
 from pmsm_ctrl.effects.coulomb import term as coulomb
 from pmsm_ctrl.effects.viscous import term as viscous
-from pmsm_ctrl.kernels import kernel
+from pmsm_ctrl.kernels import OPTIONS
 
 __all__ = [
     "EVENTS", "MEMORY", "SETTINGS", "STATES", "acceleration", "classify", "constant_speed", "fresh_speed", "judge",
     "keep_split", "process_variance",
 ]  # fmt: skip
+
+# Called from Python by filterpy's filters, and compiled into the twin's loop (1.2 x faster than calls).
+shared = numba.njit(**{**OPTIONS, "forceinline": True})
 
 # States in the order of the full vector; what is not estimated has no variance and drops out of the algebra.
 STATES = ("omega", "F_c", "F_v", "T_load", "J", "theta")
@@ -54,7 +59,7 @@ TREND_LIMIT = 5.5 * (TREND_WEIGHT / (2.0 - TREND_WEIGHT)) ** 0.5
 CALM_TIME = 0.5  # s of motion after a change before the next one is looked for
 
 
-@kernel
+@shared
 def acceleration(
     omega: float,
     direction: float,
@@ -82,7 +87,7 @@ def acceleration(
     return alpha, -slope * share, -coulomb(direction, 1.0) * share, by_F_v, -share, -alpha * per_J
 
 
-@kernel
+@shared
 def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-def]
     """Look at a new sample and return its event; `m` (MEMORY numbers) is brought up to date.
 
@@ -136,7 +141,7 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
     return PREDICTED
 
 
-@kernel
+@shared
 def judge(m, s, y, S, direction):  # type: ignore[no-untyped-def]
     """Whether an innovation `y` of variance `S` is taken in, rejected, or the sign of a change of the axis."""
     if y * y > s[GATE] * S:
@@ -153,14 +158,14 @@ def judge(m, s, y, S, direction):  # type: ignore[no-untyped-def]
     return UPDATED
 
 
-@kernel
+@shared
 def constant_speed(m, s):  # type: ignore[no-untyped-def]
     """Whether abs(omega) has varied too little, over SPREAD_TIME, to tell F_c from F_v."""
     limit = SPREAD_LIMIT * m[MEAN]
     return m[SPREAD] - s[SPEED_NOISE] * s[SPEED_NOISE] < limit * limit
 
 
-@kernel
+@shared
 def fresh_speed(m, s, by_F_c, P_cc, alpha):  # type: ignore[no-untyped-def]
     """Speed from the last samples alone, its variance, and its covariance with the angle."""
     dt = m[DT]
@@ -175,7 +180,7 @@ def fresh_speed(m, s, by_F_c, P_cc, alpha):  # type: ignore[no-untyped-def]
     return m[SPEED] + lag * alpha, variance, shared
 
 
-@kernel
+@shared
 def process_variance(m, s):  # type: ignore[no-untyped-def]
     """Variance of the torque's integral over a step, (N m s)^2: noise, and what a surge between samples hides."""
     white = s[TORQUE_DENSITY] * m[DT]
@@ -183,7 +188,7 @@ def process_variance(m, s):  # type: ignore[no-untyped-def]
     return white + max(surge * surge - 18.0 * white, 0.0) / 12.0  # 3 standard deviations of a difference are noise
 
 
-@kernel
+@shared
 def keep_split(K_c, K_v, F_c, F_v, by_F_c, by_F_v):  # type: ignore[no-untyped-def]
     """Turn the gain so that it changes F_c and F_v in proportion, with the same effect on their sum."""
     level = F_c * by_F_c + F_v * by_F_v

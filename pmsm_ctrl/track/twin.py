@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from pmsm_ctrl.kernels import inlined, kernel
-from pmsm_ctrl.track import model
 from pmsm_ctrl.track.model import (
     CHANGE,
     CONSTANT,
@@ -40,18 +39,16 @@ from pmsm_ctrl.track.model import (
     TORQUE_LAST,
     UPDATED,
     R,
+    acceleration,
+    classify,
+    constant_speed,
+    fresh_speed,
+    judge,
+    keep_split,
+    process_variance,
 )  # fmt: skip
 
 __all__ = ["run"]
-
-# The same functions, compiled into the loop (1.2 x) instead of called.
-acceleration, classify, judge, process_variance, constant_speed, fresh_speed, keep_split = (
-    inlined(shared.py_func)
-    for shared in (
-        model.acceleration, model.classify, model.judge, model.process_variance, model.constant_speed,
-        model.fresh_speed, model.keep_split,
-    )
-)  # fmt: skip
 
 
 @inlined
