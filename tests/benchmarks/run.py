@@ -162,7 +162,7 @@ def main() -> None:
     show("Against the same loop in C (alternating pairs, median of ratios)", against_c(design, 11 if quick else 41))
     show("Against simulators in Python (the same drive and reversal)", against_others(design))
     show("Long runs", long_runs())
-    show("Batch", batch(design, 100 if quick else 1000, 1 if quick else 3))
+    show("Batch", batch(design, 100 if quick else 1000, 1))
     show("Start-up", start_up(1 if quick else 3))
 
 
