@@ -21,7 +21,7 @@ from pmsm_ctrl.track.tracking import filter_samples, samples_of
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "unit" / "track"))
 
-from tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c  # noqa: E402
+from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c  # noqa: E402
 
 F_C, F_V = 0.0213, 0.000168
 

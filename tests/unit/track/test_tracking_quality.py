@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander
+from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.identify import identify
@@ -153,7 +153,7 @@ def test_saturated_current_leaves_the_estimates_right(design: Design) -> None:
 
 def test_wander_is_a_random_walk(rng: np.random.Generator) -> None:
     """The truth of the consistency test has the variance that the filter assumes."""
-    from tracking_axes import walk
+    from tests.unit.track.tracking_axes import walk
 
     ends = np.array([walk(4.0, 1.0, 2.0, rng)[1:] for _ in range(2000)])
     assert np.allclose(ends.std(axis=0), [2.0, 4.0], rtol=0.06)
