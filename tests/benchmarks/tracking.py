@@ -19,7 +19,7 @@ from pmsm_ctrl.track.settings import numbers
 from pmsm_ctrl.track.tracking import filter_samples, samples_of
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "unit" / "track"))
+sys.path.insert(0, str(ROOT))
 
 from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c  # noqa: E402
 
