@@ -92,7 +92,7 @@ def tables(draw: st.DrawFn) -> bytes:
     return (ending.join(lines) + draw(st.sampled_from(["", ending, "\x1a"]))).encode()
 
 
-@settings(BOUNDED, max_examples=600)
+@settings(BOUNDED, max_examples=400)
 @given(tables())
 @example(b"t [s],theta [rad],i_q [A]\n0,1,2\n1,5e-324,1.7976931348623157e308\n2,-1.7976931348623157e308,3\n")
 def test_any_table(content: bytes) -> None:
