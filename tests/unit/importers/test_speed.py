@@ -30,13 +30,16 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_ten_million_rows(large: Path) -> None:
-    start = time.perf_counter()
+    start, used = time.perf_counter(), time.process_time()
     log = read_log(large)
-    seconds = time.perf_counter() - start
-    print(f"{ROWS} rows, 4 columns, {large.stat().st_size / 1e6:.0f} MB: {seconds:.2f} s")
+    seconds, used = time.perf_counter() - start, time.process_time() - used
+    size = large.stat().st_size / 1e6
+    print(f"{ROWS} rows, 4 columns, {size:.0f} MB: {seconds:.2f} s on the clock, {used:.2f} s of all processors")
     assert len(log) == ROWS
     assert log["theta"][-1] == 40.0 * (1.0 - np.cos(np.pi * (np.arange(ROWS) * 62.5e-6)))[-1]
-    assert seconds < 10.0
+    # Work, not the clock: other programs on the machine must not decide. With two free processors the clock
+    # shows less than this sum over the threads.
+    assert used < 10.0
 
 
 @pytest.mark.slow
