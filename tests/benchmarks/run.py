@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.simulate import scenario
+from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.simulate.batch import simulate_batch
 from tests.benchmarks import others
 from tests.benchmarks.twin import LANES, Pair, alternate, compile_twin, gcc, lanes_rate, with_six
@@ -136,10 +136,13 @@ def batch(design: Design, drives: int, pairs: int) -> Iterator[Row]:
         return
     with tempfile.TemporaryDirectory() as folder:
         best = lanes_rate(Path(folder), design)
-    alone = drives * motion.duration / np.median(one)
+    start = time.process_time()  # of this process alone, whatever else runs
+    for one_design in designs[:20]:
+        simulate(one_design, motion)
+    alone = 20 * motion.duration / (time.process_time() - start)
     yield (
         f"{LANES} drives side by side in C, one core",
-        f"{best:,.0f} simulated s/s: {best / alone:.1f} x one core above",
+        f"{best:,.0f} simulated s/s: {best / alone:.1f} x one by one",
         "",
     )
 
