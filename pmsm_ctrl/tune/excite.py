@@ -18,6 +18,7 @@ from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, simulate
+from pmsm_ctrl.tune.sampled import FAINT
 
 __all__ = ["Multisine", "measure_current_loop", "measure_position_loop", "measure_speed_loop", "multisine"]
 
@@ -72,6 +73,12 @@ def multisine(period: float, low: float, high: float, *, count: int = 160, perio
     for line, phase in zip(lines, phases, strict=True):
         samples += np.cos(2.0 * math.pi * line * k / n + phase)
     return Multisine(samples / np.abs(samples).max(), lines, period, periods)
+
+
+def _held(share: Array, divider: int) -> Array:
+    """Content of a reference that is held over `divider` periods, at shares of the rate at which it changes."""
+    turn = np.exp(-2j * math.pi * np.outer(np.arange(divider), share) / divider)
+    return np.asarray(np.abs(turn.mean(axis=0)))
 
 
 def _spectrum(log: Log, name: str, n: int, periods: int, lines: NDArray[np.intp]) -> Complex:
@@ -164,7 +171,7 @@ def measure_current_loop(
     lines = np.unique(np.concatenate(images))
     lines = lines[(lines > 0) & (lines < total // 2)]
     share = lines / n
-    lines = lines[np.abs(np.sinc(share)) > 1.0 / 6.0]
+    lines = lines[_held(share, divider) > FAINT]
     current = _spectrum(log, "i_q", total, signal.periods, lines)
     reference = _spectrum(log, "i_q_ref", total, signal.periods, lines)
     return lines / (n * signal.period), np.asarray(current / (reference - current), dtype=np.complex128)

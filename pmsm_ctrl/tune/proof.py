@@ -24,7 +24,7 @@ from pmsm_ctrl.tune.excite import (
 )
 from pmsm_ctrl.tune.margins import Margins, margins, response
 from pmsm_ctrl.tune.noise import noise
-from pmsm_ctrl.tune.sampled import Cascade, current_loop
+from pmsm_ctrl.tune.sampled import Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
 
 __all__ = ["BANDWIDTH_TOLERANCE", "PHASE_TOLERANCE", "Figure", "MeasuredLoop", "Proof", "prove"]
@@ -184,7 +184,8 @@ class _Measurement:
 
     def promised(self, name: str) -> Any:
         if name == "current":
-            return current_loop(self.design, self.cascade.current)
+            period = 1.0 / self.design.drive.f_control
+            return self.cascade.current_response(frequencies(period, 1e-3, 1500))
         if name == "speed":
             assert self.cascade.speed is not None
             return open_loop(self.cascade, self.cascade.speed)
@@ -236,7 +237,8 @@ class _Measurement:
         keep = frequency <= max(top, 4.0 * promise.crossover)
         frequency, L = frequency[keep], L[keep]
         omega = 2.0 * math.pi * frequency
-        return MeasuredLoop(name, frequency, L, response(model, omega), margins(ct.frd(L, omega)), promise)
+        curve = response(self.cascade.current_response(omega), omega) if name == "current" else response(model, omega)
+        return MeasuredLoop(name, frequency, L, curve, margins(ct.frd(L, omega)), promise)
 
 
 def _judge(name: str, loop: MeasuredLoop, measure: _Measurement) -> list[Figure]:

@@ -32,6 +32,9 @@ def warnings(tuning: Tuning) -> tuple[str, ...]:
     for name, found in tuning.margins.items():
         out += [f"{name} loop misses a requirement: {item}" for item in tuning.requirements.missed(found)]
     out += [f"worst corner of the tolerances, {item}" for item in tuning.robustness.missed]
+    for item in tuning.points:
+        if item.margins is not None and (missed := tuning.requirements.missed(item.margins)):
+            out.append(f"speed loop at {item.point.speed:.3g} rad/s and {item.point.load:.3g} N m: {', '.join(missed)}")
     resonant = tuning.resonance
     if resonant is not None and resonant.slowed:
         cure = resonant.proposed
@@ -114,6 +117,20 @@ def _resistance(tuning: Tuning) -> Table:
         ("current ripple from current noise", _number(1e3 * n.current_ripple), "mA rms"),
         ("torque ripple from both", _number(1e3 * n.torque_ripple), "mN m rms"),
     )  # fmt: skip
+
+
+def _point_table(tuning: Tuning) -> Table:
+    rows = []
+    for item in tuning.points:
+        p, m = item.point, item.margins
+        rows.append((
+            _number(p.speed), _number(p.load), p.case, _number(p.i_q), _number(p.friction_slope), _number(item.slowest),
+            _number(m.crossover) if m else "nothing moves", _number(m.phase_margin) if m else "-",
+        ))  # fmt: skip
+    return (
+        "speed [rad/s]", "load [N m]", "shaft", "i_q [A]", "friction slope [N m s/rad]", "slowest pole [1/s]",
+        "crossover [Hz]", "phase margin [deg]",
+    ), tuple(rows)  # fmt: skip
 
 
 def _delay_table(tuning: Tuning) -> Table:
@@ -209,6 +226,7 @@ def _tables(tuning: Tuning) -> list[tuple[str, Table]]:
         ("Gains", _gains(tuning)),
         ("Margins of the discrete loops as they run", _margins(tuning)),
         ("Delay of the current loop, by the way it is written", _delay_table(tuning)),
+        ("Operating points and the speed loop there", _point_table(tuning)),
         ("Resistance to loads and noise", _resistance(tuning)),
         (f"Tolerances ({tuning.robustness.corners} points, worst named)", _robust_table(tuning)),
     ]
@@ -229,13 +247,12 @@ def summary(tuning: Tuning) -> str:
 
 def section(tuning: Tuning) -> Section:
     """Return the section of the report."""
-    stuck, sliding = tuning.points
+    sliding = tuning.cascade.model.point
     paragraphs = [
         f"Trust: {_trust(tuning)}.",
         *(f"Warning: {item}." for item in tuning.warnings),
-        f"Operating points: sliding at {sliding.speed:.4g} rad/s with i_q = {sliding.i_q:.4g} A and a friction slope "
-        f"of {sliding.friction_slope:.4g} N m s/rad; at standstill the shaft is {stuck.case}. The analytic Jacobian "
-        f"and python-control's numerical one agree to {tuning.linear_deviation:.1e}.",
+        f"Linearised about {sliding.speed:.4g} rad/s, i_q = {sliding.i_q:.4g} A. The analytic Jacobian and "
+        f"python-control's numerical one agree to {tuning.linear_deviation:.1e} at every operating point.",
         f"Speed loop: {tuning.delays.explain_speed()}. Current loop: {tuning.delays.explain_current()}.",
         "Discretisation: PI by forward Euler, first-order filters exact, the voltage held for one control period; the "
         "margins are those of the sampled loops, found by python-control.",
@@ -286,6 +303,10 @@ def to_dict(tuning: Tuning) -> dict[str, Any]:
             "missed": r.missed,
             "slowed": r.slowed,
         },
+        "operating_points": [
+            {**vars(item.point), "slowest_pole": item.slowest, "speed_loop": item.margins and item.margins.to_dict()}
+            for item in tuning.points
+        ],
         "warnings": tuning.warnings,
     }
     if resonant is not None:

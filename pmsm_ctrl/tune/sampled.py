@@ -21,9 +21,11 @@ from pmsm_ctrl.design import CurrentLoop, Design, PositionLoop, SpeedLoop
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.linearise import Linearisation, linearise
 
-__all__ = ["Biquad", "Cascade", "current_loop", "frequencies", "pi", "smoothing", "speed_plant"]
+__all__ = ["FAINT", "Biquad", "Cascade", "current_loop", "frequencies", "pi", "smoothing", "speed_plant"]
 
 Array = NDArray[np.float64]
+
+FAINT = 1.0 / 6.0  # share of a held reference below which its images excite too little to measure by
 
 INPUTS = ("omega_ref", "theta_ref", "i_q_add", "T_load", "angle_noise", "i_q_ref")
 OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load")
@@ -142,10 +144,7 @@ class Cascade:
         angle = self.position is not None or "theta" in outputs
         n, m = self._size(), len(INPUTS)
         states, results = self._period(np.eye(n, n + m), np.eye(m, n + m, k=n))
-        keep = np.ones(n, bool)
-        keep[3] = False  # the travel within a period is carried by its own state
-        keep[self._first] = angle
-        keep[n - 2 :] = self.speed is not None
+        keep = self._kept(angle)
         rows = [OUTPUTS.index(name) for name in outputs]
         columns = [n + INPUTS.index(name) for name in inputs]
         return ct.ss(
@@ -172,14 +171,44 @@ class Cascade:
         """Return i_q at the control periods after a unit step of `i_q_ref`, the shaft free and the EMF fed forward."""
         bare = replace(self, speed=None, position=None)
         state = np.zeros((bare._size(), 1))
-        trace: list[float] = []
+        trace: list[Array] = []
         inputs = np.zeros((len(INPUTS), 1))
         inputs[INPUTS.index("i_q_ref")] = 1.0
         for _ in range(math.ceil(duration / self.period)):
             state, _ = bare._period(state, inputs, trace)
-        return np.asarray(trace)
+        return np.concatenate(trace)
 
-    def _period(self, state: Array, inputs: Array, trace: list[float] | None = None) -> tuple[Array, Array]:
+    def current_response(self, omega: Array) -> Any:
+        """Open current loop (control.FRD) with the shaft free, as a measurement sees it: current over error.
+
+        The reference is held for a speed period, the current is looked at in every control period; both are
+        compared at the same frequency, beyond the speed loop's own Nyquist frequency as well. Frequencies
+        (rad/s) that the held reference hardly contains are left out, as they are from a measurement.
+        """
+        bare = replace(self, speed=None, position=None)
+        n = bare._size()
+        trace: list[Array] = []
+        states, _ = bare._period(np.eye(n, n + 1), np.vstack([np.zeros((5, n + 1)), np.eye(1, n + 1, k=n)]), trace)
+        keep = bare._kept(angle=False)
+        ticks = np.array(trace)
+        system = ct.ss(
+            states[keep][:, :n][:, keep], states[keep][:, n:], ticks[:, :n][:, keep], ticks[:, n:], self.period
+        )
+        response = system(np.exp(1j * omega * self.period), squeeze=False)[:, 0, :]
+        turn = np.exp(-1j * np.outer(np.arange(len(ticks)), omega) * self.period / len(ticks))
+        reference, current = turn.mean(axis=0), (turn * response).mean(axis=0)
+        seen = np.abs(reference) > FAINT
+        return ct.frd((current / (reference - current))[seen], omega[seen])
+
+    def _kept(self, angle: bool) -> Array:
+        """Mask of the states that the map needs; the others would be integrators that nothing sees."""
+        keep = np.ones(self._size(), bool)
+        keep[3] = False  # the travel within a period is carried by its own state
+        keep[self._first] = angle
+        keep[-2:] = self.speed is not None
+        return keep
+
+    def _period(self, state: Array, inputs: Array, trace: list[Array] | None = None) -> tuple[Array, Array]:
         """Carry states (rows) through one speed period; every operation here is linear in them."""
         n = self._first
         T, T_s = 1.0 / self.design.drive.f_control, self.period
@@ -218,7 +247,7 @@ class Cascade:
         i_q_ref: Array,
         T_load: Array,
         T: float,
-        trace: list[float] | None = None,
+        trace: list[Array] | None = None,
     ) -> tuple[Array, Array, Array, Array]:
         """Carry plant and current controllers through the control periods of one speed period."""
         Phi, Gamma = self._discrete()
@@ -230,7 +259,7 @@ class Cascade:
         for _ in range(design.drive.speed_divider):
             i_d, i_q = x[0].copy(), x[1].copy()
             if trace is not None:
-                trace.append(float(i_q[0]))
+                trace.append(i_q)
             e_d, e_q = -i_d, i_q_ref - i_q
             u_d = K_d * e_d + I_d - m.p * L_q * (point.speed * i_q + point.i_q * omega_hat)
             u_q = loop.K_p * e_q + I_q + m.p * (L_d * point.speed * i_d + (L_d * point.i_d + psi) * omega_hat)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from pmsm_ctrl.design import CurrentLoop, Design, Loops, SpeedLoop
@@ -27,9 +28,12 @@ from pmsm_ctrl.tune.proof import prove as run_proof
 from pmsm_ctrl.tune.requirements import Requirements
 from pmsm_ctrl.tune.resonance import Resonance, resonance, resonance_frequencies, slow_down
 from pmsm_ctrl.tune.robust import Robustness, robust_gains, robustness
-from pmsm_ctrl.tune.sampled import Cascade, current_loop
+from pmsm_ctrl.tune.sampled import Cascade, current_loop, frequencies
 
 __all__ = ["Tuning", "UnstableLoopError", "assess", "tune"]
+
+
+FREE = "current, shaft free"  # the current loop as it is measured: the EMF moves with it
 
 
 class UnstableLoopError(RequestError):
@@ -47,6 +51,22 @@ class UnstableLoopError(RequestError):
         self.figure = figure
 
 
+@dataclass(frozen=True)
+class PointMargins:
+    """An operating point, its poles, and the margins of the speed loop there.
+
+    Attributes
+    ----------
+    point : OperatingPoint
+    slowest : rad/s, real part of the slowest pole of the drive without control (0 for a stuck shaft)
+    margins : Margins of the speed loop, None for a stuck shaft: what it does then moves nothing
+    """
+
+    point: OperatingPoint
+    slowest: float
+    margins: Margins | None
+
+
 @dataclass(frozen=True, eq=False)
 class Tuning(Result):
     """Tuned loops, what they promise, and what was measured of it.
@@ -57,10 +77,11 @@ class Tuning(Result):
         The design with its loops set.
     methods : how each loop was tuned
     cascade : the linear sampled cascade that the promises are made for
-    points : operating points looked at (standstill stuck, sliding)
-    linear_deviation : largest difference between the analytic and the numerical linearisation
+    points : operating points looked at, standstill first, with the speed loop's margins where it slides
+    linear_deviation : largest difference between the analytic and the numerical linearisation at any of them
     delays, delay_models : small time constants by name; margins by each way to write the delay
-    margins : by loop, of the discrete loops as they run
+    margins : by loop, of the discrete loops as they run; "current" is that of the winding alone,
+        "current, shaft free" has the EMF of the moving shaft and its late feedforward in it
     highest : Hz by loop, the highest crossover that the delays allow at 45 deg
     stiffness, noise, robustness, resonance, proof : see their classes; resonance and proof may be None
     promised : step responses by name
@@ -70,7 +91,7 @@ class Tuning(Result):
     design: Design
     methods: Mapping[str, str]
     cascade: Cascade
-    points: tuple[OperatingPoint, ...]
+    points: tuple[PointMargins, ...]
     linear_deviation: float
     delays: Delays
     delay_models: tuple[DelayModel, ...]
@@ -330,8 +351,13 @@ def _assemble(
                 name,
                 plots.unstable_figure(name, loop, found[name]),
             )
-    stuck = linearise(tuned, 0.0, own=own)
-    sliding = cascade.model
+    d_axis = current_loop(tuned, loops.current, "d")
+    if not margins(d_axis, brief=True).stable:
+        figure = plots.unstable_figure("current (d)", d_axis, margins(d_axis, brief=True))
+        raise UnstableLoopError("current loop, d axis: unstable with the gains given; reduce them", "current", figure)
+    free = frequencies(1.0 / tuned.drive.f_control, 1e-3, 1500)
+    found = {"current": found.pop("current"), FREE: margins(cascade.current_response(free)), **found}
+    points, deviation = _points(tuned, loops, at, own)
     rigid_cascade = Cascade.of(rigid(tuned), loops.current, at=at, own=own)
     crossover = found["speed"].crossover
     promised = {
@@ -345,8 +371,8 @@ def _assemble(
         design=tuned,
         methods=methods,
         cascade=cascade,
-        points=(stuck.point, sliding.point),
-        linear_deviation=sliding.deviation,
+        points=points,
+        linear_deviation=deviation,
         delays=delays(tuned, loops.current),
         delay_models=compare_delay_models(tuned, loops.current),
         margins=found,
@@ -361,6 +387,28 @@ def _assemble(
         promised=promised,
         requirements=requirements,
     )
+
+
+def _points(tuned: Design, loops: Loops, at: float, own: tuple[Effect, ...]) -> tuple[tuple[PointMargins, ...], float]:
+    """Look at standstill and at slow, usual and fast running, unloaded and loaded, as far as the drive reaches."""
+    load = 0.3 * tuned.K_t * tuned.drive.i_max if math.isfinite(tuned.drive.i_max) else 0.0
+    wanted = [(0.0, 0.0), *((share * at, torque) for share in (0.01, 0.1, 1.0, 5.0) for torque in (0.0, load))]
+    found, deviations = [], [0.0]
+    for speed, torque in dict.fromkeys(wanted):
+        try:
+            model = linearise(tuned, speed, torque, own=own)
+        except RequestError:
+            continue  # more current or voltage than the drive has: not a point it can run at
+        poles = [p for p in np.linalg.eigvals(np.delete(np.delete(model.A, 3, 0), 3, 1)) if abs(p) > 1e-9]
+        if model.point.case == "stuck":
+            found.append(PointMargins(model.point, 0.0, None))
+            continue
+        deviations.append(model.deviation)
+        cascade = Cascade(tuned, tuned, model, loops.current, loops.speed)
+        grid = frequencies(cascade.period, 1e-3, 600)
+        judged = margins(speed_methods.open_loop(cascade, loops.speed), grid, brief=True)
+        found.append(PointMargins(model.point, float(max(p.real for p in poles)), judged))
+    return tuple(found), max(deviations)
 
 
 def _proved(
