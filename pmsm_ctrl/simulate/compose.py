@@ -18,6 +18,7 @@ from types import ModuleType
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import cache_folder
+from pmsm_ctrl.simulate.feedforward import compensation_lines
 
 __all__ = ["BARE_STATES", "MEMORY", "load", "memory", "source"]
 
@@ -28,9 +29,9 @@ MEMORY = {"transmission": 2, "bristle": 1, "delay": 512}
 _TEMPLATE = Path(__file__).resolve().parent.parent / "kernels" / "drive_template.py"
 
 
-def source(effects: Sequence[Effect]) -> str:
-    """Return the drive kernel's source for these effects, in this order."""
-    lines = _lines(effects)
+def source(effects: Sequence[Effect], compensated: Sequence[Effect] = ()) -> str:
+    """Return the drive kernel's source for these effects, in this order, and those its controller compensates."""
+    lines = _lines(effects) | {"compensation": compensation_lines(compensated)}
     out = []
     for line in _TEMPLATE.read_text(encoding="utf-8").splitlines():
         mark = _MARK.search(line)
@@ -48,14 +49,18 @@ def source(effects: Sequence[Effect]) -> str:
 
 
 @lru_cache(maxsize=256)
-def _source(effects: tuple[Effect, ...]) -> str:
-    return source(effects)
+def _source(effects: tuple[Effect, ...], compensated: tuple[Effect, ...]) -> str:
+    return source(effects, compensated)
 
 
-def load(effects: Sequence[Effect], *, compiled: bool = True) -> ModuleType:
-    """Return the module with `run` for these effects; `compiled=False` gives the readable twin in plain Python."""
-    text = _source(tuple(effects))
-    return _compiled(text, tuple(effects)) if compiled else _plain(text, tuple(effects))
+def load(effects: Sequence[Effect], compensated: Sequence[Effect] = (), *, compiled: bool = True) -> ModuleType:
+    """Return the module with `run` for these effects; `compiled=False` gives the readable twin in plain Python.
+
+    `compensated` are the effects that the controller feeds forward; their values come with the references.
+    """
+    plant, drive = tuple(effects), tuple(compensated)
+    text = _source(plant, drive)
+    return _compiled(text, plant, drive) if compiled else _plain(text, plant, drive)
 
 
 def memory(effects: Sequence[Effect]) -> dict[str, int]:
@@ -216,9 +221,9 @@ def _fingerprint(effect: Effect) -> bytes:
 
 
 @lru_cache(maxsize=256)
-def _compiled(text: str, effects: tuple[Effect, ...]) -> ModuleType:
+def _compiled(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect, ...]) -> ModuleType:
     digest = hashlib.sha256(text.encode())
-    for effect in effects:
+    for effect in (*effects, *compensated):
         digest.update(_fingerprint(effect))
     name = f"drive_{digest.hexdigest()[:16]}"
     folder = cache_folder() / "generated"
@@ -232,12 +237,13 @@ def _compiled(text: str, effects: tuple[Effect, ...]) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     module.__dict__.update({f"e{k}_term": effect.term for k, effect in enumerate(effects)})
+    module.__dict__.update({f"f{k}_term": effect.term for k, effect in enumerate(compensated)})
     spec.loader.exec_module(module)
     return module
 
 
 @lru_cache(maxsize=16)
-def _plain(text: str, effects: tuple[Effect, ...]) -> ModuleType:
+def _plain(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect, ...]) -> ModuleType:
     from pmsm_ctrl.kernels import balance, control, rotation
 
     module = ModuleType("drive_twin")
@@ -249,4 +255,5 @@ def _plain(text: str, effects: tuple[Effect, ...]) -> ModuleType:
     for library in (balance, control, rotation):
         module.__dict__.update({name: getattr(library, name).py_func for name in library.__all__})
     module.__dict__.update({f"e{k}_term": effect.py_term for k, effect in enumerate(effects)})
+    module.__dict__.update({f"f{k}_term": effect.py_term for k, effect in enumerate(compensated)})
     return module

@@ -15,6 +15,7 @@ from pmsm_ctrl.effects import SIGNALS, Effect, bound_effects
 from pmsm_ctrl.errors import DesignError, SimulationError
 from pmsm_ctrl.log import Log, Provenance, Segment
 from pmsm_ctrl.simulate.compose import BARE_STATES, MEMORY, load, memory
+from pmsm_ctrl.simulate.feedforward import Feedforward
 from pmsm_ctrl.simulate.parameters import Controller, Plant
 from pmsm_ctrl.simulate.scenarios import Scenario
 from pmsm_ctrl.simulate.scenarios import scenario as named_scenario
@@ -83,10 +84,11 @@ def simulate(
     bound = [(effect, values) for effect, values in bound_effects(plant_design, own) if effect.active(values)]
     _check_structures(bound, plant, plant_design)
     active = [effect for effect, _ in bound]
-    module = load(active, compiled=compiled)
+    feedforward = Feedforward.of(design, own)
+    module = load(active, feedforward.effects if feedforward else (), compiled=compiled)
     effects = tuple(value for _, values in bound for value in values.values()) or (0.0,)
     states = _start(motion, plant, active)
-    table = _run(module, motion, plant, controller, effects, states, seed, progress)
+    table = _run(module, motion, plant, controller, effects, states, seed, progress, feedforward)
     names = [name for name in LOGGED if keep_truth or name not in TRUTHS]
     if "transmission" not in memory(active) and keep_truth:
         names.remove("theta_load")
@@ -169,6 +171,7 @@ def _run(
     states: Array,
     seed: int,
     progress: Callable[[float], None] | None,
+    feedforward: Feedforward | None,
 ) -> Array:
     """Return the logged rows, shape (n, len(LOGGED)); memory grows only with the rows kept."""
     total = max(1, round(motion.duration / plant.period))
@@ -182,6 +185,8 @@ def _run(
         n = min(chunk, total - k)
         ticks = np.arange(k // plant.speed_divider, -(-(k + n) // plant.speed_divider))
         inputs = motion.inputs(ticks * period_s)
+        if feedforward is not None:
+            inputs = feedforward.widen(inputs)
         wrote = module.run(
             n, k, states, plant.array(), controller.array(), effects, inputs, out[row:], noise
         )  # fmt: skip

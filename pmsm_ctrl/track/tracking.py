@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 UNITS = {"F_c": "N m", "F_v": "N m s/rad", "T_load": "N m", "J": "kg m^2"}
 LINEAR_UNITS = {"F_c": "N", "F_v": "N s/m", "T_load": "N", "J": "kg"}
-WIDE = 3.0  # mean normalised innovation squared above which the torque noise is raised
+WIDE = 1.5  # mean normalised innovation squared above which the torque noise is raised
 TABLE_ROWS = 12
 
 
@@ -211,7 +211,7 @@ def track(
     reasons = [*samples.notes]
     s = numbers(design, settings, log.period)
     first = s[model.TORQUE_DENSITY]
-    for _ in range(6):
+    for _ in range(12):
         out = filter_samples(design, settings, s, samples)
         nis = out.innovations[:, 0] ** 2 / out.innovations[:, 1]
         judged = np.isfinite(nis)

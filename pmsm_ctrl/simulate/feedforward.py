@@ -1,0 +1,112 @@
+"""Friction compensation as it runs in the drive: the believed effects, evaluated in the speed controller's period.
+
+The terms are the effects' own. Their values travel as further columns of the references, so that a changed gain or
+parameter needs no new kernel, and values that change with time (an adaptive compensation) need nothing special.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import Effect, bound_effects
+from pmsm_ctrl.errors import DesignError
+
+__all__ = ["FIRST", "Feedforward", "compensation_lines"]
+
+Array = NDArray[Any]
+
+FIRST = 6  # references come first in a row of inputs
+HEAD = 5  # gain, smoothing width, 1 for the reference speed, K_t, p
+# What a compensator in the drive can read. Torque is what the controller asks for without it.
+READABLE = ("omega", "direction", "theta", "torque", "i_q", "i_d", "p")
+
+
+@dataclass(frozen=True, eq=False)
+class Feedforward:
+    """The effects that a design compensates, and the numbers that go with them.
+
+    Attributes
+    ----------
+    effects : tuple of Effect
+    values : array, shape (m,)
+        Gain, smoothing width in rad/s, whether the reference speed is used, K_t, p, then the parameters in order.
+    names : tuple of str
+        What the values are: ``gain``, ``smoothing``, ``reference``, ``K_t``, ``p``, ``coulomb.F_c``, ...
+    notes : tuple of str
+        Effects that a compensator cannot evaluate.
+    """
+
+    effects: tuple[Effect, ...]
+    values: Array
+    names: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, design: Design, own: Iterable[Effect] = ()) -> Feedforward | None:
+        """Read the compensation of a design; None when its gain is 0 or none of its effects does anything.
+
+        Raises
+        ------
+        DesignError
+            When it names an effect that the design does not have.
+        """
+        chosen = design.compensation
+        if chosen.gain == 0.0:
+            return None
+        present = {entry.id for entry in design.effects}
+        for name in chosen.effects:
+            if name not in present and name not in ("coulomb", "viscous"):
+                raise DesignError(
+                    f"{design.source or design.name}: compensation.effects: '{name}' is not among the design's effects"
+                    f" ({', '.join(sorted(present)) or 'none'})"
+                )
+        head = (chosen.gain, chosen.smoothing, float(chosen.source != "measured"), design.K_t_assumed)
+        values, names = [*head, float(design.motor.p or 0)], ["gain", "smoothing", "reference", "K_t", "p"]
+        effects, notes = [], []
+        for effect, parameters in bound_effects(design, own):
+            if effect.id not in chosen.effects or not effect.active(parameters):
+                continue
+            if effect.enters != "torque" or effect.structure != "term" or not set(effect.signals) <= set(READABLE):
+                notes.append(f"{effect.id} cannot be compensated: the drive cannot evaluate it from its own signals")
+                continue
+            effects.append(effect)
+            values += parameters.values()
+            names += [f"{effect.id}.{symbol}" for symbol in parameters]
+        return cls(tuple(effects), np.array(values), tuple(names), tuple(notes)) if effects else None
+
+    def widen(self, inputs: Array) -> Array:
+        """Return the references with the compensation's values beside them, shape (n, 6 + m)."""
+        return np.hstack([inputs, np.broadcast_to(self.values, (inputs.shape[0], self.values.size))])
+
+
+def compensation_lines(effects: Sequence[Effect]) -> list[str]:
+    """Return the lines of the speed controller that add the feedforward to the current it wants.
+
+    The sign of the speed is exact for a width of 0, else a straight line through zero over +- the width.
+    """
+    if not effects:
+        return []
+    lines = [
+        "c_gain, c_width, c_reference = reference[6], reference[7], reference[8]",
+        "c_K_t, p = reference[9], reference[10]",
+        "omega = reference[1] if c_reference != 0.0 else omega_hat",
+        "direction = 0.0 if omega == 0.0 else (1.0 if omega > 0.0 else -1.0)",
+        "direction = direction if c_width == 0.0 else min(max(omega / c_width, -1.0), 1.0)",
+        "theta, i_d, i_q, torque = theta_m, reference[4], wanted, c_K_t * wanted",
+    ]
+    column = FIRST + HEAD
+    calls = []
+    for k, effect in enumerate(effects):
+        own = {}
+        for parameter in effect.parameters:
+            own[parameter.symbol] = f"reference[{column}]"
+            column += 1
+        calls.append(f"f{k}_term({', '.join(own.get(name, name) for name in effect.arguments)})")
+    lines.append(f"wanted += c_gain * ({' + '.join(calls)}) / c_K_t")
+    return lines
