@@ -139,13 +139,13 @@ def _current(record: Record, wrong: Array) -> dict[str, Array]:
     d, q = wrong
     if motor.p is None or motor.L_d is None or motor.L_q is None or motor.R is None:
         return {"torque": record.design.K_t_assumed * q}
-    w = motor.p * s["omega"]
     i_d = s.get("i_d", np.zeros_like(d))
     salient = 1.5 * motor.p * (motor.L_d - motor.L_q)
     out = {"torque": record.design.K_t_assumed * q + salient * (i_d * q + s["i_q"] * d)}
     if "u_d" in record.channels:
-        out["u_d"] = -(motor.R * d + motor.L_d * record.rate_of(d) - w * motor.L_q * q)
-        out["u_q"] = -(motor.R * q + motor.L_q * record.rate_of(q) + w * motor.L_d * d)
+        # i_q follows from the motion here and is right; the loop holds the measured i_d, so the true one is off
+        out["u_d"] = -(motor.R * d + motor.L_d * record.rate_of(d))
+        out["u_q"] = -motor.p * s["omega"] * motor.L_d * d
     return out
 
 

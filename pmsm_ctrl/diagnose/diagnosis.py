@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
 from pmsm_ctrl.diagnose.record import Record, make_record
 from pmsm_ctrl.diagnose.selection import Selection, select
@@ -97,6 +98,7 @@ class Diagnosis(Result):
     unexplained: str
     log_name: str
     holdout_name: str
+    left: Leftover | None = field(repr=False)
     record: Record = field(repr=False)
     selection: Selection = field(repr=False)
 

@@ -2,11 +2,146 @@
 
 from __future__ import annotations
 
-from pmsm_ctrl.diagnose.selection import Fitted
+from collections.abc import Iterator
+from dataclasses import dataclass
 
-__all__ = ["leftover"]
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.diagnose.columns import Group
+from pmsm_ctrl.diagnose.evidence import blocked_gain, f_tail
+from pmsm_ctrl.diagnose.orders import order_spectrum
+from pmsm_ctrl.diagnose.selection import BLOCK_ERRORS, SIGNIFICANCE, Fitted, holm
+
+__all__ = ["Leftover", "leftover"]
+
+Array = NDArray[np.float64]
+
+# A curve that no effect stands behind has to explain more than an effect before it is worth a word.
+MATERIAL = 0.01
 
 
-def leftover(fit: Fitted) -> str:
-    """Return one sentence on what is left and on what it depends; empty when nothing is."""
-    return ""
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """A dependence that is left, fitted by a smooth curve as a stopgap.
+
+    Attributes
+    ----------
+    coordinate : str
+    channel : str
+        The balance it shows in.
+    share : float
+        Part of the residual's variance that the curve explains.
+    curve : (array, array)
+        Coordinate and residual, SI units.
+    """
+
+    coordinate: str
+    channel: str
+    share: float
+    p_value: float
+    text: str
+    curve: tuple[Array, Array]
+
+
+def leftover(fit: Fitted) -> Leftover | None:
+    """Return the coordinate that what is left depends on most; None when it depends on none."""
+    found = []
+    for coordinate, row, x, columns in _coordinates(fit):
+        values = np.zeros((*fit.record.target.shape, columns.shape[1]))
+        values[row] = columns
+        found.append(_tested(fit, coordinate, row, x, values))
+    found = [f for f in found if f is not None]
+    if not found:
+        return None
+    for f, p in zip(found, holm([f[0] for f in found]), strict=True):
+        f[0] = p
+    for p, material, share, coordinate, row, x, values, direction in sorted(found, key=lambda f: -f[2]):
+        if p > SIGNIFICANCE or material < MATERIAL:
+            continue
+        group = Group(None, tuple(f"c{k}" for k in range(values.shape[-1])), values, {})
+        mean, stderr, _, p_rank = blocked_gain(fit.record, fit.solved, fit.whitener, group, direction)
+        if mean > BLOCK_ERRORS * stderr or (p_rank < SIGNIFICANCE and mean > 0.0):
+            return _described(fit, coordinate, row, share, p, x, values)
+    return None
+
+
+def _coordinates(fit: Fitted) -> Iterator[tuple[str, int, Array, Array]]:
+    rec = fit.record
+    s = rec.signals
+    omega, alpha = rec.at_grid(s["omega"]), rec.shaped(s["alpha"])
+    current = rec.shaped(s["i_q"])
+    for row, name in enumerate(rec.channels):
+        if name != "torque" and row == 0:
+            continue
+        yield "speed", row, omega, _hats(omega, rec.mask, 12)
+        yield "current", row, current, _hats(current, rec.mask, 8)
+        if name == "torque":
+            yield "acceleration", row, alpha, _hats(alpha, rec.mask, 8)
+            yield "time since start", row, rec.t, _hats(rec.t, rec.mask, 8)
+            if "temperature" in s and np.ptp(s["temperature"]) > 0.0:
+                warm = rec.at_grid(s["temperature"])
+                yield "temperature", row, warm, _hats(warm, rec.mask, 5)
+            if not rec.linear:
+                yield from _turns(fit, row)
+
+
+def _turns(fit: Fitted, row: int) -> Iterator[tuple[str, int, Array, Array]]:
+    """Harmonics of the angle, alone and with the direction."""
+    rec = fit.record
+    theta, direction = rec.signals["theta"], rec.signals["direction"]
+    _, score = order_spectrum(rec, fit.residual[row])
+    orders = sorted({1, 2, *(int(k) + 1 for k in np.argsort(score)[::-1][:3])})
+    waves = [f(k * theta) for k in orders for f in (np.sin, np.cos)]
+    columns = np.column_stack([rec.shaped(w) for w in waves] + [rec.shaped(w * direction) for w in waves[:4]])
+    yield f"position (orders {', '.join(map(str, orders))})", row, np.mod(rec.at_grid(theta), 2.0 * np.pi), columns
+
+
+def _hats(x: Array, mask: NDArray[np.bool_], count: int) -> Array:
+    knots = np.unique(np.quantile(x[mask], np.linspace(0.0, 1.0, count)))
+    if len(knots) < 3:
+        return np.zeros((len(x), 1))
+    return np.column_stack([np.interp(x, knots, np.eye(len(knots))[k]) for k in range(len(knots))])
+
+
+def _tested(fit: Fitted, coordinate: str, row: int, x: Array, values: Array) -> list | None:  # type: ignore[type-arg]
+    gains = []
+    for solved, whitener in ((fit.solved, fit.whitener), (fit.plain, fit.weights)):
+        z = whitener(values)
+        z = np.vstack([z, np.zeros((len(solved.rest) - solved.rows, z.shape[1]))])
+        size = np.linalg.norm(z, axis=0)
+        z = z[:, size > 0.0] / size[size > 0.0]
+        z -= solved.q @ (solved.q.T @ z)
+        u, sing, _ = np.linalg.svd(z, full_matrices=False)
+        u = u[:, sing > 0.03]
+        if u.shape[1] == 0:
+            return None
+        along = u.T @ solved.rest
+        gains.append((float(along @ along), u.shape[1], u @ along))
+    gain, k, direction = gains[0]
+    p = f_tail(gain / k, k, max(fit.solved.rows - fit.solved.q.shape[1] - k, 1))
+    used = fit.whitener.channel == row
+    plain = gains[1][2][: fit.plain.rows][used]
+    rest = fit.plain.rest[: fit.plain.rows][used]
+    part = np.sort(np.abs(plain))[-max(10, len(plain) // 10) :] * fit.whitener.sigma[row]
+    level = np.sqrt(np.mean((fit.record.target[row] * fit.record.weight[row])[fit.record.mask] ** 2))
+    share = float(plain @ plain / max(rest @ rest, 1e-300))
+    material = float(np.sqrt(np.mean(part**2)) / max(level, 1e-300))
+    return [p, material, share, coordinate, row, x, values, direction]
+
+
+def _described(fit: Fitted, coordinate: str, row: int, share: float, p: float, x: Array, values: Array) -> Leftover:
+    rec = fit.record
+    w = rec.weight[row] * rec.mask
+    residual = fit.residual[row]
+    a = values[row] * w[:, None]
+    curve = values[row] @ np.linalg.lstsq(a, residual * w, rcond=1e-6)[0]
+    order = np.argsort(x[rec.mask])
+    xs, ys = x[rec.mask][order], curve[rec.mask][order]
+    peak = xs[int(np.argmax(np.abs(ys)))]
+    name = rec.channels[row]
+    text = (
+        f"{100 * share:.0f} % of what is left of the {name} balance depends on {coordinate}, up to "
+        f"{np.max(np.abs(ys)):.2g} {rec.unit(name)} near {peak:.3g}; no effect of the catalogue explains it"
+    )
+    return Leftover(coordinate, name, share, p, text, (xs, ys))

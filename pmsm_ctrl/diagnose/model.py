@@ -134,7 +134,7 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
 
 
 def _winding(design: Design, record: Record, groups: list[Group], nominal: list[float], sigma: list[float]) -> None:
-    """Add R, L_d, L_q, psi_f and two nuisances: the age of the voltage command and the angle it was turned by."""
+    """Add R, L_d, L_q, psi_f and nuisances: age and angle of the voltage command, its sampling."""
     from pmsm_ctrl.kernels.balance import voltage_d, voltage_q
 
     s, motor = record.signals, design.motor
@@ -154,15 +154,13 @@ def _winding(design: Design, record: Record, groups: list[Group], nominal: list[
         # logs and drives share a clock: voltage is sampled just after the reference moved, always the same way
         "kappa_d": (di_d, zero),
         "kappa_q": (zero, di_q),
-        "answer_d": (s["i_d_meas"] - i_d, zero),
-        "answer_q": (zero, s["i_q_meas"] - i_q),
     }
     for name, (u_d, u_q) in parts.items():
         groups.append(Group(None, (name,), record.stack({"u_d": u_d, "u_q": u_q})[..., None], {}))
         if name.startswith("tau"):
             nominal.append(0.0)
             sigma.append(2e-3)
-        elif name.startswith(("answer", "kappa")):
+        elif name.startswith("kappa"):
             nominal.append(0.0)
             sigma.append(np.inf)
         else:

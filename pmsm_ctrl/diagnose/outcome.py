@@ -53,11 +53,11 @@ def build_outcome(
     deviations, hints = parameter_deviations(design, final)
     left = leftover(final)
     verdict = "effects_missing" if steps else "consistent"
-    if left and not steps:
+    if left is not None and not steps:
         verdict = "unexplained"
     reasons = [*record.notes, *final.notes, *hints]
-    if left:
-        reasons.append(left)
+    if left is not None:
+        reasons.append(left.text)
     return {
         "verdict": verdict,
         "design": fitted_design(design, final, selection.accepted, record),
@@ -67,7 +67,8 @@ def build_outcome(
         "parameter_deviations": deviations,
         "next_experiment": next_experiment(design, selection, effects, own),
         "reasons": tuple(reasons),
-        "unexplained": left,
+        "unexplained": left.text if left is not None else "",
+        "left": left,
     }
 
 
@@ -105,7 +106,7 @@ def _evidence(step: Step) -> dict[str, Any]:
     e = step.evidence
     return {
         "chi2_gain": e.gain, "p_value": e.p_value, "p_holm": e.p_holm, "blocks": e.blocks,
-        "block_gain": e.block_gain, "block_stderr": e.block_stderr, "material_share": e.material,
+        "block_gain": e.block_gain, "block_stderr": e.block_stderr, "p_rank": e.p_rank, "material_share": e.material,
     }  # fmt: skip
 
 

@@ -28,6 +28,8 @@ STANDSTILL = 0.0005
 # Height of the highest of a few hundred samples of noise, in its standard deviation.
 NOISE_PEAK = 4.5
 EDGE_PERIODS = 3.0
+# Share of the rounded kink that stays as an error of the moment of reversal.
+ROUNDED = 0.15
 # How far a voltage balance can be trusted: shares of the inductive drop and of the voltage.
 WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
 
@@ -130,14 +132,14 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
         signals["i_d"] = _intended_i_d(log, prepared, signals["i_d"])
     _add_slopes(signals, prepared)
     driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
-    direction, sure = _direction(signals["omega"], driving, prepared)
+    direction, sure, kink = _direction(signals["omega"], driving, prepared)
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
         channels += ["u_d", "u_q"]
     sides = {"torque": driving, "u_d": signals.get("u_d"), "u_q": signals.get("u_q")}
     target = np.array([prepared.column(sides[name]) for name in channels])
-    weight = [_calm(log, prepared, EDGE_PERIODS)]
+    weight = [_calm(log, prepared, EDGE_PERIODS) * _turning(log, prepared, signals, kink, processing)]
     for row, name in enumerate(channels[1:], start=1):
         level = np.hypot(target[1], target[2])
         weight.append(weight[0] * _voltage_weight(design, prepared, signals, level, _on_grid(log, prepared, name)))
@@ -158,7 +160,7 @@ def _edges(prepared: Prepared) -> Mask:
     return inside
 
 
-def _direction(omega: Array, driving: Array, prepared: Prepared) -> tuple[Array, Mask]:
+def _direction(omega: Array, driving: Array, prepared: Prepared) -> tuple[Array, Mask, tuple[float, float]]:
     """Direction of motion; while the shaft rests, the share of the dry friction that balances the drive.
 
     Taking the sign of a resting shaft's speed for the direction would smear errors over the filter's memory into
@@ -181,10 +183,39 @@ def _direction(omega: Array, driving: Array, prepared: Prepared) -> tuple[Array,
     elif long.any():
         direction[long] = 0.0
     sure = ~long
-    dilate = round(0.5 * prepared.rate / prepared.cutoff)
+    dilate = round(prepared.rate / prepared.cutoff)
     for piece in stretches(long):
         sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
-    return direction, sure
+    return direction, sure, (max(level, 0.0), float(weights[0]))
+
+
+def _turning(
+    log: Log, prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], processing: Processing
+) -> Array:
+    """Weight around reversals: the moment at which friction turns is known only so well.
+
+    Friction jumps by twice its level F, the acceleration by 2 F / J, and the low-pass before differentiation rounds
+    that kink off; half a sample comes on top. The torque is off by 2 F for that long.
+    """
+    level, J = kink
+    rate, omega = prepared.rate, signals["omega"]
+    if level <= 0.0 or J <= 0.0:
+        return np.ones(len(prepared.keep))
+    wide = processing.prefilter if processing.prefilter is not None else 2.5 * prepared.cutoff
+    rounded = ROUNDED * 2.0 * level / J / (2.0 * np.pi * wide)
+    turns = np.flatnonzero(np.diff(np.sign(omega)) != 0)
+    slope = np.abs(low_pass(prepared.alpha, rate, prepared.cutoff))[turns]
+    unsure = 0.5 / rate + np.minimum(rounded / np.maximum(slope, 1e-12), 1.0 / prepared.cutoff)
+    wrong = np.zeros(len(omega))
+    np.maximum.at(wrong, turns, 2.0 * level * unsure * 2.0 * prepared.cutoff)
+    wrong = _highest(wrong, 2 * round(rate / prepared.cutoff) + 1)[prepared.keep]
+    source = "torque" if "torque" in log else "i_q"
+    raw = _on_grid(log, prepared, source)
+    scale = float(np.std(signals["torque_meas"]) / max(float(np.std(signals["i_q_meas"])), 1e-300))
+    fast = raw - low_pass(raw, rate, 0.25 * rate)
+    noise = 1.4826 * float(np.median(np.abs(fast))) * (1.0 if source == "torque" else scale)
+    noise *= np.sqrt(4.0 * prepared.cutoff / rate)
+    return 1.0 / (1.0 + (wrong / max(noise, 1e-300)) ** 2)
 
 
 def _calm(log: Log, prepared: Prepared, periods: float) -> Array:

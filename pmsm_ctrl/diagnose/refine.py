@@ -65,6 +65,8 @@ def _spacing(name: str, shape: Mapping[str, float], grid: tuple[Mapping[str, flo
 
 
 def _inside(trial: Trial, name: str, value: float) -> float:
+    if name == "zeta":  # a transmission that is damped more than this is no spring
+        return float(min(max(value, 1e-3), 0.7))
     for p in trial.candidate.effect.parameters:
         if p.symbol == name:
             return float(min(max(value, p.lower), p.upper))

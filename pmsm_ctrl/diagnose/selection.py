@@ -55,6 +55,7 @@ class Fitted:
     whitener: Whitener
     solved: Solved
     plain: Solved
+    weights: Whitener
     trials: tuple[Trial, ...]
     closed: tuple[Candidate, ...]
     notes: tuple[str, ...] = ()
@@ -106,7 +107,7 @@ def fit_design(
             record = with_direction(record, bristle_direction(record, one.effect, one.shape))
     model, notes = _assemble(design, record, accepted, own)
     rough = solve_model(record, model, saturated_whitener(record, model, ())[1])
-    record = with_modelled_torque(record, rough.predicted()[0])
+    record = with_modelled_torque(record, _true_torque(model, rough))
     model, notes = _assemble(design, record, accepted, own)
     rough = solve_model(record, model, saturated_whitener(record, model, ())[1])
     present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
@@ -116,7 +117,7 @@ def fit_design(
     solved = solve_model(record, model, whitener)
     plain = with_honest_errors(solve_model(record, model, weights), weights, whitener)
     if not explore:
-        return Fitted(record, model, whitener, solved, plain, (), (), notes)
+        return Fitted(record, model, whitener, solved, plain, weights, (), (), notes)
     trials, closed = [], []
     for candidate in candidates:
         trial = try_candidate(record, plain, weights, candidate)
@@ -126,14 +127,14 @@ def fit_design(
             trials.append(trial)
     trials = [judged(solved, whitener, t) for t in _refined(record, plain, weights, trials)]
     trials = in_order(trials)
-    return Fitted(record, model, whitener, solved, plain, tuple(trials), tuple(closed), notes)
+    return Fitted(record, model, whitener, solved, plain, weights, tuple(trials), tuple(closed), notes)
 
 
 def judged(solved: Solved, whitener: Whitener, trial: Trial) -> Trial:
     """Keep a trial's shape and size, found with plain weights, and judge its significance prewhitened."""
     sure = try_group(solved, whitener, trial.candidate, trial.group)
     return replace(
-        trial, plain_gain=trial.gain, gain=sure.gain, score=sure.score, p_value=sure.p_value,
+        trial, plain_gain=trial.gain, plain_direction=trial.direction, gain=sure.gain, score=sure.score, p_value=sure.p_value,
         direction=sure.direction, singular=trial.singular or sure.singular,
     )  # fmt: skip
 
@@ -152,6 +153,20 @@ def in_order(trials: list[Trial]) -> list[Trial]:
         chosen = min(alike, key=lambda t: (len(t.values) + t.candidate.free, -t.plain_gain)) if alike else first
         out.append(chosen)
         left.remove(chosen)
+    return out
+
+
+def _true_torque(model: Model, fit: Solved) -> Array:
+    """Torque that acts: the balance without what is only measured wrongly."""
+    return fit.predicted()[0] - _false_torque(model, fit.values)
+
+
+def _false_torque(model: Model, values: Array) -> Array:
+    out = np.zeros(model.matrix.shape[1])
+    for position, group in enumerate(model.groups):
+        if group.effect is not None and group.effect.channels == ("i_d", "i_q"):
+            columns = model.columns_of(position)
+            out += model.matrix[0][:, columns] @ values[columns]
     return out
 
 
@@ -252,34 +267,24 @@ def _gates(fit: Fitted, trial: Trial, p_holm: float) -> tuple[str, Evidence | No
     material = _material(fit, trial)
     if material < MATERIAL:
         return f"significant but immaterial: {100 * material:.2g} % of the balance where it acts", None
-    mean, stderr, blocks = blocked_gain(fit.record, fit.solved, fit.whitener, trial.group, trial.direction)
-    evidence = Evidence(trial.gain, trial.p_value, p_holm, blocks, mean, stderr, material)
-    if not mean > BLOCK_ERRORS * stderr:
+    mean, stderr, blocks, p_rank = blocked_gain(fit.record, fit.solved, fit.whitener, trial.group, trial.direction)
+    evidence = Evidence(trial.gain, trial.p_value, p_holm, blocks, mean, stderr, p_rank, material)
+    if not (mean > BLOCK_ERRORS * stderr or (p_rank < 0.5 * SIGNIFICANCE and mean > 0.0)):
         return f"does not hold on left-out blocks (gain {mean:.3g} +- {stderr:.2g})", evidence
     return "", evidence
 
 
 def _material(fit: Fitted, trial: Trial) -> float:
     """Size of what only this effect explains against the balance, on the tenth of the samples where it is largest."""
-    rec = fit.record
-    columns = np.concatenate([fit.model.matrix, trial.group.values], axis=-1)
     best = 0.0
-    for row in range(len(rec.channels)):
-        w = rec.weight[row] * rec.mask
-        a = columns[row] * w[:, None]
-        size = np.linalg.norm(a, axis=0)
-        a = a / np.where(size > 0.0, size, 1.0)
-        base, own = a[:, : fit.model.matrix.shape[-1]], a[:, fit.model.matrix.shape[-1] :]
-        if not np.any(own):
+    for row in range(len(fit.record.channels)):
+        part = np.abs(trial.plain_direction[: fit.plain.rows][fit.whitener.channel == row]) * fit.whitener.sigma[row]
+        if not np.any(part):
             continue
-        scale = np.where(size > 0.0, size, 1.0)[fit.model.matrix.shape[-1] :]
-        left = own - base @ np.linalg.lstsq(base, own, rcond=1e-8)[0]
-        part = np.abs(left @ (trial.values * scale))
-        full = np.abs(rec.target[row] * w)
         count = max(10, len(part) // 10)
-        where = np.argsort(part)[-count:]
-        level = np.sqrt(np.mean(full[rec.mask] ** 2))
-        best = max(best, float(np.sqrt(np.mean(part[where] ** 2)) / max(level, 1e-300)))
+        largest = np.partition(part, -count)[-count:]
+        level = np.sqrt(np.mean((fit.record.target[row] * fit.record.weight[row])[fit.record.mask] ** 2))
+        best = max(best, float(np.sqrt(np.mean(largest**2)) / max(level, 1e-300)))
     return best
 
 
@@ -353,7 +358,7 @@ def holdout_error(
         by_name = dict(zip(fit.plain.model.names, fit.plain.values, strict=True))
         values = np.array([by_name.get(name, 0.0) for name in model.names])
         predicted = model.matrix @ values
-        record = with_modelled_torque(record, predicted[0])
+        record = with_modelled_torque(record, predicted[0] - _false_torque(model, values))
     return errors(record, record.target - predicted, [record.channels[row] for row in common])
 
 
