@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pmsm_ctrl.console import NEGATIVE, command_line, finish, parse_map, parse_values, progress_bar, run, write_json
+from pmsm_ctrl.console import (
+    NEGATIVE,
+    command_line,
+    finish,
+    parse_map,
+    parse_values,
+    progress_bar,
+    run,
+    write_json,
+    write_report,
+)
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -114,6 +124,24 @@ def tune(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with its loops set")
     ] = None,
+    current: Annotated[
+        str, typer.Option("--current", help="modulus_optimum, pole_cancellation or bandwidth")
+    ] = "modulus_optimum",
+    speed: Annotated[
+        str, typer.Option("--speed", help="symmetrical_optimum, pole_placement or bandwidth")
+    ] = "symmetrical_optimum",
+    current_bandwidth: Annotated[
+        float | None, typer.Option("--current-bandwidth", metavar="HZ", help="crossover of the current loop")
+    ] = None,
+    speed_bandwidth: Annotated[
+        float | None, typer.Option("--speed-bandwidth", metavar="HZ", help="crossover of the speed loop")
+    ] = None,
+    phase_margin: Annotated[
+        float, typer.Option("--phase-margin", metavar="DEG", help="for the methods that take one")
+    ] = 60.0,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="judge the gains of the design instead of finding others")
+    ] = False,
     robust: Annotated[bool, typer.Option("--robust", help="keep the margins at every corner of the tolerance")] = False,
     prove: Annotated[bool, typer.Option("--prove/--no-prove", help="measure the loops on the simulated drive")] = True,
     seed: SeedOption = 0,
@@ -121,11 +149,24 @@ def tune(
     report: ReportOption = None,
 ) -> None:
     """Tune the loops from the datasheet; status 1 when a margin falls short."""
+    from pmsm_ctrl.tune import UnstableLoopError, assess
     from pmsm_ctrl.tune import tune as run_tuning
 
     believed = _design(design)
-    with progress_bar(f"tune {believed.name}") as progress:
-        result = run_tuning(believed, robust=robust, prove=prove, seed=seed, progress=progress)
+    try:
+        with progress_bar(f"tune {believed.name}") as progress:
+            if keep:
+                result = assess(believed, prove=prove, seed=seed)
+            else:
+                result = run_tuning(
+                    believed, current=current, speed=speed, current_bandwidth=current_bandwidth,
+                    speed_bandwidth=speed_bandwidth, phase_margin=phase_margin, robust=robust, prove=prove, seed=seed,
+                    progress=progress,
+                )  # fmt: skip
+    except UnstableLoopError as error:
+        if report is not None:  # the loop's Nyquist plot tells more than the line on stderr
+            write_report(report, error.section())
+        raise
     finish("tune", result, json_file=json_file, report=report)
     if output is not None:
         result.design.write(output)

@@ -16,9 +16,20 @@ from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.files import write_text
 
 if TYPE_CHECKING:
-    from pmsm_ctrl.result import Result
+    from pmsm_ctrl.result import Result, Section
 
-__all__ = ["BAD_INPUT", "DONE", "NEGATIVE", "finish", "parse_map", "parse_values", "progress_bar", "run", "write_json"]
+__all__ = [
+    "BAD_INPUT",
+    "DONE",
+    "NEGATIVE",
+    "finish",
+    "parse_map",
+    "parse_values",
+    "progress_bar",
+    "run",
+    "write_json",
+    "write_report",
+]
 
 DONE, NEGATIVE, BAD_INPUT = 0, 1, 2
 INTERNAL = 70  # EX_SOFTWARE of sysexits.h: a fault of the program, not of its input
@@ -150,11 +161,15 @@ def finish(verb: str, result: Result, *, json_file: Path | None = None, report: 
     if json_file is not None:
         write_json(json_file, verb, result.to_dict())
     if report is not None:
-        from pmsm_ctrl.report import render
+        write_report(report, result.section())
 
-        section = result.section()
-        write_text(report, render(section.title, [section], command=command_line()))
-        print(f"report: {report}")
+
+def write_report(path: Path, section: Section) -> None:
+    """Write one section as an HTML page of its own and print where it is."""
+    from pmsm_ctrl.report import render
+
+    write_text(path, render(section.title, [section], command=command_line()))
+    print(f"report: {path}")
 
 
 def command_line() -> str:

@@ -13,17 +13,18 @@ if TYPE_CHECKING:
     from pmsm_ctrl.tune.margins import Margins, margins
     from pmsm_ctrl.tune.optimise import optimise
     from pmsm_ctrl.tune.proof import Proof, prove
-    from pmsm_ctrl.tune.tuning import Tuning, tune
+    from pmsm_ctrl.tune.tuning import Tuning, UnstableLoopError, assess, tune
 
 __all__ = [
-    "Linearisation", "Margins", "OperatingPoint", "Proof", "Tuning", "linearise", "margins", "optimise", "prove",
-    "tune",
+    "Linearisation", "Margins", "OperatingPoint", "Proof", "Tuning", "UnstableLoopError", "assess", "linearise",
+    "margins", "optimise", "prove", "tune",
 ]  # fmt: skip
 
 _HOME = {
     "Linearisation": "linearise", "OperatingPoint": "linearise", "linearise": "linearise",
     "Margins": "margins", "margins": "margins", "optimise": "optimise",
     "Proof": "proof", "prove": "proof", "Tuning": "tuning", "tune": "tuning",
+    "UnstableLoopError": "tuning", "assess": "tuning",
 }  # fmt: skip
 
 

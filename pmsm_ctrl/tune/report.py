@@ -13,7 +13,9 @@ from pmsm_ctrl.tune.drive_units import NOTE
 if TYPE_CHECKING:
     from pmsm_ctrl.tune.tuning import Tuning
 
-__all__ = ["section", "summary", "to_dict", "warnings"]
+AS_GIVEN = "as given in the design"  # the method of gains that were only judged
+
+__all__ = ["AS_GIVEN", "section", "summary", "to_dict", "warnings"]
 
 Table = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
 
@@ -238,7 +240,8 @@ def _tables(tuning: Tuning) -> list[tuple[str, Table]]:
 
 def summary(tuning: Tuning) -> str:
     """Return the tuning as text, trust first."""
-    lines = [f"{tuning.design.name}: loops tuned; {_trust(tuning)}"]
+    done = "judged as given" if tuning.methods["speed"] == AS_GIVEN else "tuned"
+    lines = [f"{tuning.design.name}: loops {done}; {_trust(tuning)}"]
     lines += [f"warning: {item}" for item in tuning.warnings]
     for title, table in _tables(tuning):
         lines += ["", title, _text(table)]

@@ -50,6 +50,11 @@ class UnstableLoopError(RequestError):
         self.loop = loop
         self.figure = figure
 
+    def section(self) -> Section:
+        """Return the section of a report that shows it."""
+        caption = "The open loop encloses the critical point: closed, it oscillates with growing amplitude."
+        return Section("An unstable loop", (f"{self}.",), (), ((self.figure, caption),))
+
 
 @dataclass(frozen=True)
 class PointMargins:
@@ -304,7 +309,7 @@ def assess(
     if design.loops is None:
         raise RequestError(f"{design.source or design.name}: loops: missing, there are no gains to judge; tune first")
     at = at if at is not None else default_speed(design)
-    given = dict.fromkeys(("current", "speed", "position"), "as given in the design")
+    given = dict.fromkeys(("current", "speed", "position"), report.AS_GIVEN)
     cascade = Cascade.of(design, design.loops.current, design.loops.speed, at=at, own=own)
     found = _assemble(
         design, design.loops, given, requirements, at, own, None,

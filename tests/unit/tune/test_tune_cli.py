@@ -1,0 +1,54 @@
+"""`pmsm-ctrl tune`: the table, the files it writes, and answers to bad requests."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from pmsm_ctrl.cli import app
+from pmsm_ctrl.console import run
+from pmsm_ctrl.design import Design
+
+
+def test_tune_prints_the_table_and_writes_what_was_asked(designs, tmp_path, capsys):
+    files = {name: tmp_path / name for name in ("new.toml", "tuning.json", "tuning.html")}
+    status = run(app, [
+        "tune", str(designs / "seed_motor.toml"), "--no-prove", "--output", str(files["new.toml"]),
+        "--json", str(files["tuning.json"]), "--report", str(files["tuning.html"]),
+    ])  # fmt: skip
+    out = capsys.readouterr().out
+    assert status == 0
+    assert out.startswith("seed_motor: loops tuned; every margin is kept")
+    assert "Margins of the discrete loops as they run" in out
+    written = Design.read(files["new.toml"])
+    told = json.loads(files["tuning.json"].read_text())
+    assert written.loops.speed.K_p == pytest.approx(told["loops"]["speed"]["K_p"])
+    assert "Tuning of the loops" in files["tuning.html"].read_text()
+    capsys.readouterr()
+    assert run(app, ["tune", str(files["new.toml"]), "--keep", "--no-prove"]) == 0
+    assert capsys.readouterr().out.startswith("seed_motor: loops judged as given; every margin is kept")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--speed", "bandwidth", "--speed-bandwidth", "500"], "the highest bandwidth that keeps 60 deg"),
+        (["--current", "bandwidth", "--current-bandwidth", "5000"], "93.75 us of delay"),
+        (["--current", "optimum"], "unknown method 'optimum'"),
+    ],
+)
+def test_a_bad_request_gets_an_answer(designs, capsys, options, message):
+    assert run(app, ["tune", str(designs / "seed_motor.toml"), "--no-prove", *options]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_an_unstable_loop_is_named_and_shown(designs, tmp_path, capsys):
+    hot = Design.read(designs / "seed_motor.toml").replace(loops={"speed": {"K_p": 1.0, "T_n": 0.01}})
+    path, page = hot.write(tmp_path / "hot.toml"), tmp_path / "hot.html"
+    assert run(app, ["tune", str(path), "--keep", "--report", str(page)]) == 2
+    assert "speed loop: unstable with the gains given" in capsys.readouterr().err
+    assert "An unstable loop" in page.read_text()
+    assert "svg" in page.read_text()
