@@ -27,6 +27,7 @@ def build_outcome(
     from pmsm_ctrl.diagnose.diagnosis import DiagnosisStep
     from pmsm_ctrl.diagnose.deviations import parameter_deviations
     from pmsm_ctrl.diagnose.experiment import next_experiment
+    from pmsm_ctrl.diagnose.ironloss import friction_excess, step_of, with_excess
     from pmsm_ctrl.diagnose.leftover import leftover
 
     final = selection.fits[-1]
@@ -50,7 +51,12 @@ def build_outcome(
                 evidence=_evidence(step),
             )
         )
+    fitted = fitted_design(design, final, selection.accepted, record)
     deviations, hints = parameter_deviations(design, final)
+    excess = None if steps else friction_excess(design, final, effects)
+    if excess is not None:
+        steps.append(step_of(record, excess, table))
+        fitted = with_excess(design, fitted, excess)
     left = leftover(final)
     verdict = "effects_missing" if steps else "consistent"
     if left is not None and not steps:
@@ -60,12 +66,12 @@ def build_outcome(
         reasons.append(left.text)
     return {
         "verdict": verdict,
-        "design": fitted_design(design, final, selection.accepted, record),
+        "design": fitted,
         "errors": _errors(design, record, selection),
         "steps": tuple(steps),
         "ranking": _ranking(selection),
         "parameter_deviations": deviations,
-        "next_experiment": next_experiment(design, selection, effects, own),
+        "next_experiment": next_experiment(design, fitted, selection, effects, own),
         "reasons": tuple(reasons),
         "unexplained": left.text if left is not None else "",
         "left": left,

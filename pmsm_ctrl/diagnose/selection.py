@@ -37,6 +37,7 @@ class Accepted:
 
     effect: Effect
     shape: Mapping[str, float]
+    grid: tuple[Mapping[str, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +206,8 @@ def select(
         won = _winner(fit, refused)
         while won is not None:
             trial, evidence = won
-            new = (*_reshaped(accepted, fit), Accepted(trial.candidate.effect, trial.group.shape))
+            new = (*accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid))
+            new = _reshaped(design, record, new, effects, own)
             after = fit_design(design, record, new, effects, own)
             why = _objection(after, fit) or _holdout_objection(design, holdout, accepted, new, fit, after, effects, own)
             if not why:
@@ -222,8 +224,23 @@ def select(
     return Selection(tuple(fits), tuple(steps), accepted, refused)
 
 
-def _reshaped(accepted: tuple[Accepted, ...], fit: Fitted) -> tuple[Accepted, ...]:
-    return accepted
+def _reshaped(
+    design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
+    own: tuple[Effect, ...],
+) -> tuple[Accepted, ...]:  # fmt: skip
+    """Refine the nonlinear parameters of the effects taken earlier, now that another one is in."""
+    out = list(accepted)
+    for k, one in enumerate(accepted[:-1]):
+        if len(one.grid) < 2 or set(one.shape) <= {"order"} or one.effect.structure == "bristle":
+            continue
+        others = (*out[:k], *out[k + 1 :])
+        fit = fit_design(design, record, others, {}, own)
+        candidate = Candidate(one.effect, (*one.grid, one.shape), len(one.grid))
+        trial = try_group(fit.plain, fit.weights, candidate, effect_group(fit.record, one.effect, one.shape))
+        best = refine(fit.record, fit.plain, fit.weights, trial)
+        if not best.wrong_sign:
+            out[k] = Accepted(one.effect, best.group.shape, one.grid)
+    return tuple(out)
 
 
 def _name(trial: Trial) -> str:

@@ -42,10 +42,11 @@ def _step_text(d: Diagnosis) -> list[str]:
             for s, e in step.parameters.items()
         )
         lines.append(f"  + {step.effect}: {numbers}")
-        lines.append(
-            f"      p = {step.evidence['p_holm']:.2g} after Holm; left-out blocks gain "
-            f"{step.evidence['block_gain']:.3g} +- {step.evidence['block_stderr']:.2g}"
-        )
+        if step.evidence["blocks"]:
+            lines.append(
+                f"      p = {step.evidence['p_holm']:.2g} after Holm; left-out blocks gain "
+                f"{step.evidence['block_gain']:.3g} +- {step.evidence['block_stderr']:.2g}"
+            )
         if step.equivalents:
             lines.append(f"      this log cannot tell it from: {', '.join(step.equivalents)}")
     return lines
