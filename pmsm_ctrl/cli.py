@@ -285,24 +285,16 @@ def import_log(
     mapping: MapOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Show what was understood of a foreign log."""
-    from pmsm_ctrl.importers import read_log
+    """Show what was understood of a foreign log, and the [log] table that reads it again."""
+    from pmsm_ctrl.files import write_text
+    from pmsm_ctrl.importers import describe
 
-    log = read_log(file, _design(design) if design is not None else None, parse_map(mapping))
-    origin = log.provenance
-    print(f"{file}: {origin.importer}, {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz")
-    for name in log:
-        print(f"  {name:<12} [{log.unit(name)}]  {log[name].min():.5g} to {log[name].max():.5g}")
-    for text in origin.warnings:
-        print(f"  warning: {text}")
-    for text in origin.notes:
-        print(f"  note: {text}")
+    result = describe(file, _design(design) if design is not None else None, parse_map(mapping))
+    finish("import", result, json_file=json_file)
     if output is not None:
-        log.write_csv(output)
-        print(f"log: {output}")
-    if json_file is not None:
-        notes = {"notes": origin.notes, "warnings": origin.warnings, "importer": origin.importer}
-        write_json(json_file, "import", {"file": str(file), "sha256": origin.sha256} | _describe(log) | notes)
+        result.log.write_csv(output)
+        table = write_text(output.with_name(f"{output.stem}.log.toml"), result.table)
+        print(f"log: {output}\nits [log] table, for a design: {table}")
 
 
 @app.command()

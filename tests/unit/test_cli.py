@@ -126,7 +126,9 @@ def test_map_names_foreign_columns(tmp_path: Path, design: Path, capsys: pytest.
     result = tmp_path / "i.json"
     maps = ["--map", "t=zeit [s]", "-m", "omega=drehzahl [rpm]", "-m", "torque=moment [Nm]"]
     assert call("import", foreign, *maps, "--json", result, "--output", tmp_path / "canonical.csv") == 0
-    assert json.loads(result.read_text())["channels"] == {"t": "s", "omega": "rad/s", "torque": "N m"}
+    found = json.loads(result.read_text())["channels"]
+    assert {name: channel["unit"] for name, channel in found.items()} == {"t": "s", "omega": "rad/s", "torque": "N m"}
+    assert 'omega = "drehzahl [rpm]"' in (tmp_path / "canonical.log.toml").read_text()
     assert (tmp_path / "canonical.csv").read_text().startswith("t [s],omega [rad/s],torque [N m]\n")
     # 600 rpm is 20 pi rad/s
     assert f"{-20 * np.pi:.3g}"[:5] in capsys.readouterr().out
