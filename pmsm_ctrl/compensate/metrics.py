@@ -1,0 +1,112 @@
+"""What friction does to a motion, in numbers, from a log with the truth in it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.log import Log
+
+__all__ = ["UNITS", "Metrics", "measure"]
+
+Array = NDArray[np.float64]
+
+REVERSAL_WINDOW = 0.1  # s around a change of the reference speed's sign
+SETTLE = 0.3  # s of rest that belong to the motion before
+CYCLE_TURNS = 4  # changes of direction at rest that make a limit cycle
+
+UNITS = {
+    "rms": "rad", "peak": "rad", "reversal_peak": "rad", "stuck": "1", "cycle_amplitude": "rad",
+    "cycle_frequency": "Hz", "effort": "A", "noise": "A",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Errors and side effects of one run.
+
+    Attributes
+    ----------
+    rms, peak : position error, rad
+    reversal_peak : largest error within 0.1 s after a change of direction, rad
+    stuck : share of the commanded motion during which the axis stands
+    cycle_amplitude, cycle_frequency : limit cycle while the reference rests, rad and Hz; 0 when there is none
+    effort : rms of the current reference, A
+    noise : rms of its change from sample to sample over sqrt(2), reversals left out, A
+    """
+
+    rms: float
+    peak: float
+    reversal_peak: float
+    stuck: float
+    cycle_amplitude: float
+    cycle_frequency: float
+    effort: float
+    noise: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the metrics by name."""
+        return asdict(self)
+
+
+def measure(log: Log, skip: float = 0.0) -> Metrics:
+    """Return the metrics of a run under position control, leaving out its first `skip` seconds.
+
+    Raises
+    ------
+    LogError
+        When the log lacks the true motion or the position reference.
+    """
+    for name in ("theta_ref", "theta_true", "omega_true", "omega_ref", "i_q_ref"):
+        if name not in log:
+            raise LogError(f"metrics of a compensation need '{name}' (present: {', '.join(log)})")
+    used = log.t >= log.t[0] + skip
+    error = (log["theta_ref"] - log["theta_true"])[used]
+    omega, reference = log["omega_true"][used], log["omega_ref"][used]
+    current, period = log["i_q_ref"][used], log.period
+    commanded = reference != 0.0
+    turned = _turns(reference)
+    window = np.zeros(error.size, dtype=bool)
+    for k in turned:
+        window[k : k + round(REVERSAL_WINDOW / period)] = True
+    quiet = np.ones(error.size - 1, dtype=bool)
+    quiet[np.minimum(turned, error.size - 2)] = False
+    quiet[np.maximum(turned - 1, 0)] = False
+    amplitude, frequency = _cycle(log["theta_true"][used], omega, commanded, period)
+    return Metrics(
+        rms=float(np.sqrt(np.mean(error**2))),
+        peak=float(np.max(np.abs(error))),
+        reversal_peak=float(np.max(np.abs(error[window]))) if window.any() else 0.0,
+        stuck=float(np.mean(omega[commanded] == 0.0)) if commanded.any() else 0.0,
+        cycle_amplitude=amplitude,
+        cycle_frequency=frequency,
+        effort=float(np.sqrt(np.mean(current**2))),
+        noise=float(np.sqrt(np.mean(np.diff(current)[quiet] ** 2) / 2.0)) if quiet.any() else 0.0,
+    )
+
+
+def _turns(reference: Array) -> NDArray[np.intp]:
+    """Samples at which the reference starts in a direction other than its last one."""
+    moving = np.flatnonzero(reference)
+    signs = np.sign(reference[moving])
+    change = np.flatnonzero(np.diff(signs) != 0) + 1
+    return np.concatenate([moving[:1], moving[change]])
+
+
+def _cycle(theta: Array, omega: Array, commanded: NDArray[np.bool_], period: float) -> tuple[float, float]:
+    """Largest limit cycle while the reference rests: half its width and its frequency."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], commanded, [True]]).astype(np.int8)))
+    worst = (0.0, 0.0)
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        first = start + round(SETTLE / period)
+        if stop - first < round(SETTLE / period):
+            continue
+        moving = omega[first:stop][omega[first:stop] != 0.0]
+        turns = int(np.sum(np.diff(np.sign(moving)) != 0))
+        amplitude = 0.5 * float(np.ptp(theta[first:stop]))
+        if turns >= CYCLE_TURNS and amplitude > worst[0]:
+            worst = amplitude, turns / (2.0 * (stop - first) * period)
+    return worst

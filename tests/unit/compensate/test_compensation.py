@@ -1,0 +1,209 @@
+"""Compensation: what it gains over inertia feedforward alone, what it costs when wrong, where it stops being safe."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, measure, study_motions
+from pmsm_ctrl.compensate.metrics import Metrics
+from pmsm_ctrl.compensate.study import CompensationStudy
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import lookup
+from pmsm_ctrl.errors import DesignError, LogError
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import Scenario, scenario, simulate
+from pmsm_ctrl.simulate.feedforward import Feedforward, compensation_lines
+
+
+@pytest.fixture(scope="module")
+def design(request: pytest.FixtureRequest) -> Design:
+    return Design.read(request.config.rootpath / "designs" / "seed_motor.toml")
+
+
+@pytest.fixture(scope="module")
+def rich(design: Design) -> Design:
+    """Return the design with Stribeck friction and cogging."""
+    return design.with_effect("stribeck", {"dF_s": 0.01, "w_s": 2.0, "delta": 2.0}).with_effect(
+        "cogging", {"a_s": 0.004, "a_c": 0.0, "order": 24.0}
+    )
+
+
+@pytest.fixture(scope="module")
+def study(rich: Design) -> CompensationStudy:
+    return compensate(rich, gains=(0.0, 0.5, 1.0, 1.5))
+
+
+def test_targets_with_the_right_parameters(study: CompensationStudy) -> None:
+    assert study.change("all effects", "rms") < -0.80
+    assert study.change("all effects", "reversal_peak") < -0.85
+
+
+def test_target_with_all_parameters_wrong_by_a_fifth(study: CompensationStudy) -> None:
+    for factor in (0.8, 1.2):
+        assert study.change("all effects", "rms", factor) < -0.60
+
+
+def test_diagnosed_effects_are_worth_compensating(study: CompensationStudy) -> None:
+    for motion in ("reversal", "creep", "triangle"):
+        partial, full = (study.change(name, "rms", motion=motion) for name in ("Coulomb + viscous", "all effects"))
+        assert full < partial - 0.15
+
+
+def test_tracking_repairs_wrong_parameters(study: CompensationStudy) -> None:
+    for factor in (0.8, 1.2):
+        assert study.change("adaptive", "rms", factor) < study.change("all effects", "rms", factor) - 0.05
+
+
+def test_perfect_model_is_the_limit(study: CompensationStudy) -> None:
+    best = study.change("perfect model")
+    assert all(best <= study.change(name) + 1e-9 for name in ("Coulomb + viscous", "all effects"))
+
+
+def test_measured_speed_has_the_narrower_window(study: CompensationStudy) -> None:
+    reference, measured = study.windows["reference"], study.windows["measured"]
+    assert reference.safe >= 1.0
+    assert measured.safe <= 1.0
+    assert measured.rms[-1] > 2.0 > reference.rms[-1]
+
+
+def test_result_renders(study: CompensationStudy) -> None:
+    assert "safe up to" in study.summary()
+    assert study.to_dict()["schema"] == "pmsm-ctrl/compensation/1"
+    assert len(study.section().tables) == 2
+    assert all(axis.get_ylabel() for axis in study.plot().axes)
+
+
+def test_friction_gets_no_credit_for_inertia_and_delay(design: Design) -> None:
+    """Without friction the baseline's error is a hundredth of that with friction."""
+    base = baseline(design)
+    motion = study_motions(design)["reversal 10 rad/s"]
+    errors = {}
+    for name, plant in (("with", design), ("without", design.replace_effects(()))):
+        errors[name] = measure(simulate(base, motion, truth=plant, keep_truth=True)).rms
+    assert errors["without"] < 0.1 * errors["with"]
+
+
+def test_kernel_does_what_the_terms_say(rich: Design) -> None:
+    """The current reference differs by exactly the believed friction over K_t, where nothing else differs."""
+    still = rich.replace(drive={"i_max": 10.0}).replace_effects(rich.effects)
+    motion = Scenario("one", 0.02, lambda t: {"omega_ref": np.full(t.shape, 3.0)}, omega_0=3.0)
+    loops = still.loops
+    assert loops is not None
+    quiet = still.replace(sensor={"current_noise": 0.0})
+    believed = compensated(quiet, ["coulomb", "viscous", "stribeck"], gain=0.7)
+    first = [simulate(d, motion, truth=quiet)["i_q_ref"][0] for d in (believed, quiet)]
+    friction = 0.0213 + 0.000168 * 3.0 + 0.01 * np.exp(-((3.0 / 2.0) ** 2))
+    assert first[0] - first[1] == pytest.approx(0.7 * friction / 1.032, rel=1e-12)
+
+
+@pytest.mark.parametrize("source", ["reference", "measured"])
+def test_compiled_kernel_is_its_plain_twin(rich: Design, source: str) -> None:
+    believed = compensated(baseline(rich), ["coulomb", "viscous", "stribeck", "cogging"], source=source, smoothing=0.3)
+    motion = Scenario("short", 0.03, scenario("reversal", rich, speed=2.0, frequency=10.0).references, "position")
+    compiled, plain = (simulate(believed, motion, truth=rich, compiled=c) for c in (True, False))
+    assert np.allclose(compiled["i_q_ref"], plain["i_q_ref"], rtol=1e-9, atol=1e-12)
+
+
+def test_zero_gain_is_no_compensation_bit_for_bit(design: Design) -> None:
+    off = design.model_copy(update={"compensation": design.compensation.model_copy(update={"gain": 0.0})})
+    motion = scenario("reversal", design, speed=2.0, cycles=1.0)
+    assert np.array_equal(simulate(off, motion)["i_q"], simulate(design, motion)["i_q"])
+    assert Feedforward.of(off) is None
+
+
+def test_what_cannot_be_compensated_is_told(design: Design) -> None:
+    warm = design.with_effect("thermal_drift", {"dF_v": 1e-4})
+    told = Feedforward.of(compensated(warm, ["coulomb", "thermal_drift"]))
+    assert told is not None
+    assert "thermal_drift cannot be compensated" in told.notes[0]
+    with pytest.raises(DesignError, match="not among the design's effects"):
+        Feedforward.of(compensated(design, ["coulomb", "cogging"]))
+    with pytest.raises(DesignError, match="identify it first"):
+        compensate(design.replace_effects(()))
+    assert compensation_lines(()) == []
+    assert compensation_lines((lookup("coulomb"),))[-1].startswith("wanted += c_gain")
+
+
+def test_metrics_against_a_made_up_log() -> None:
+    t = np.arange(4000) / 1000.0
+    moving = t < 2.0
+    omega_ref = np.where(moving, np.where(t < 1.0, 1.0, -1.0), 0.0)
+    theta_ref = np.where(t < 1.0, t, np.where(moving, 2.0 - t, 0.0))
+    # half a milliradian behind, ten after each start, and a cycle of 3 mrad at 5 Hz during the rest
+    error = np.where(moving, 0.0005, 0.0)
+    error[0:20] = error[1000:1020] = 0.010
+    wave = np.where(moving, 0.0, 0.003 * np.sin(2.0 * np.pi * 5.0 * t))
+    omega = np.where(moving, omega_ref, 0.003 * 10.0 * np.pi * np.cos(2.0 * np.pi * 5.0 * t))
+    omega[200:300] = 0.0
+    found = measure(Log({
+        "t": t, "theta_ref": theta_ref, "theta_true": theta_ref - error + wave, "omega_ref": omega_ref,
+        "omega_true": omega, "i_q_ref": np.full(t.size, 0.02),
+    }))  # fmt: skip
+    assert found.reversal_peak == pytest.approx(0.010)
+    assert found.peak == pytest.approx(0.010)
+    assert found.stuck == pytest.approx(0.05)
+    assert found.cycle_amplitude == pytest.approx(0.003, rel=0.01)
+    assert found.cycle_frequency == pytest.approx(5.0, rel=0.07)
+    assert found.effort == pytest.approx(0.02)
+    assert found.noise == pytest.approx(0.0, abs=1e-15)
+    with pytest.raises(LogError, match="theta_true"):
+        measure(Log({"t": t, "theta_ref": theta_ref}))
+
+
+def test_window_ends_before_the_first_gain_that_cycles() -> None:
+    def run(gain: float, factor: float, motion: str) -> Metrics:
+        cycle = 0.01 if gain * factor > 0.75 else 0.0
+        return Metrics(1.0 - 0.5 * gain * factor, 1.0, 1.0, 0.0, cycle, 2.0 * (cycle > 0.0), 0.1, 0.0)
+
+    window = gain_window(run, ["any"], "measured", gains=(0.0, 0.2, 0.4, 0.6, 0.8, 1.0))
+    assert window.safe == 0.6  # 0.6 * 1.2 = 0.72 is below, 0.8 * 1.2 is above
+    assert window.best == 0.6
+    assert window.cycle[-1] == 0.01
+
+
+def random_drive(design: Design, rng: np.random.Generator) -> Design:
+    """Return a drive with other inertia, friction and encoder, its speed loop scaled with the inertia."""
+    J = 9e-5 * 10.0 ** rng.uniform(-0.3, 1.0)
+    F_c = 0.0213 * 10.0 ** rng.uniform(-0.5, 0.5)
+    assert design.loops is not None
+    speed = {"K_p": 0.0274 * J / 9e-5 * rng.uniform(0.6, 1.2), "T_n": 0.0127 * rng.uniform(0.8, 3.0)}
+    changed = design.with_parameters(J=J).replace(
+        sensor={"encoder_counts": int(2 ** rng.integers(13, 21))},
+        loops={"speed": speed, "position": {"K_v": rng.uniform(10.0, 40.0), "acceleration_feedforward": 1.0}},
+    )
+    return (
+        changed.with_effect("coulomb", {"F_c": F_c})
+        .with_effect("viscous", {"F_v": 0.000168 * 10.0 ** rng.uniform(-0.5, 0.5)})
+        .with_effect("stribeck", {"dF_s": F_c * rng.uniform(0.0, 0.8), "w_s": rng.uniform(0.5, 5.0), "delta": 2.0})
+    )
+
+
+def check_window(drive: Design, seed: int, rng: np.random.Generator) -> None:
+    """The window of one drive holds for gains between those swept, another seed and other parameter errors."""
+    found = compensate(drive, gains=(0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5), seed=seed)
+    base, motions = baseline(drive), study_motions(drive)
+    for source, window in found.windows.items():
+        for name in ("reversal 2 rad/s", "positioning"):
+            believed = compensated(
+                base, ["coulomb", "viscous", "stribeck"], gain=rng.uniform(0.0, window.safe) or 1e-6,
+                factor=rng.uniform(0.8, 1.2), source=source,
+            )  # fmt: skip
+            with_it, without = (
+                measure(simulate(d, motions[name], truth=drive, seed=seed + 7, keep_truth=True))
+                for d in (believed, base)
+            )
+            assert with_it.cycle_amplitude <= 1.5 * without.cycle_amplitude, (source, name, window.safe)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_cycles_inside_the_safe_window(design: Design, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    check_window(random_drive(design, rng), seed, rng)
+
+
+@pytest.mark.slow
+def test_nothing_cycles_inside_the_safe_window_of_300_drives(design: Design) -> None:
+    for seed in range(100, 400):
+        rng = np.random.default_rng(seed)
+        check_window(random_drive(design, rng), seed, rng)
