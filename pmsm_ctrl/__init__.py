@@ -13,28 +13,36 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pmsm_ctrl.compare import compare
     from pmsm_ctrl.design import Design
+    from pmsm_ctrl.diagnose import add, diagnose
     from pmsm_ctrl.identify import identify, sweep
     from pmsm_ctrl.importers import read_log
     from pmsm_ctrl.log import Log
     from pmsm_ctrl.report import study
     from pmsm_ctrl.simulate import simulate
+    from pmsm_ctrl.track import track
     from pmsm_ctrl.tune import tune
 
 # public name -> the module that holds it; frozen by tests/unit/test_public_api.py
 _EXPORTS = {
     "Design": "pmsm_ctrl.design",
     "Log": "pmsm_ctrl.log",
+    "add": "pmsm_ctrl.diagnose",
     "compare": "pmsm_ctrl.compare",
+    "diagnose": "pmsm_ctrl.diagnose",
     "identify": "pmsm_ctrl.identify",
     "read_log": "pmsm_ctrl.importers",
     "simulate": "pmsm_ctrl.simulate",
     "study": "pmsm_ctrl.report",
     "sweep": "pmsm_ctrl.identify",
+    "track": "pmsm_ctrl.track",
     "tune": "pmsm_ctrl.tune",
 }
 
 __version__ = "0.1.0"
-__all__ = ["Design", "Log", "compare", "identify", "read_log", "simulate", "study", "sweep", "tune"]
+__all__ = [
+    "Design", "Log", "add", "compare", "diagnose", "identify", "read_log", "simulate", "study", "sweep",
+    "track", "tune",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

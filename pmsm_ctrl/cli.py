@@ -246,6 +246,71 @@ def compare(
 
 
 @app.command()
+def diagnose(
+    log: LogArgument,
+    design: DesignOption,
+    holdout: HoldoutOption = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with what was found")
+    ] = None,
+    mapping: MapOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Name the physical effect that the design lacks, and watch the error fall."""
+    from pmsm_ctrl.diagnose import diagnose as run_diagnosis
+
+    believed = _design(design)
+    other = _log(holdout, believed, mapping) if holdout is not None else None
+    measured = _log(log, believed, mapping)
+    with progress_bar(f"diagnose {log.name}") as progress:
+        result = run_diagnosis(believed, measured, holdout=other, progress=progress)
+    finish("diagnosis", result, json_file=json_file, report=report)
+    if output is not None:
+        result.design.write(output)
+        print(f"design: {output}")
+
+
+@app.command()
+def add(
+    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="an id of the catalogue")],
+    design: DesignOption,
+    log: Annotated[Path, typer.Option("--log", metavar="LOG", help="the log its parameters are fitted to")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="the design to write")],
+    mapping: MapOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Add an effect to a design, its parameters fitted to a log."""
+    from pmsm_ctrl.diagnose import add as run_adding
+
+    believed = _design(design)
+    result = run_adding(believed, _log(log, believed, mapping), effect)
+    result.write(output)
+    print(f"{output}: {believed.name} with {effect}")
+    for entry in result.effects:
+        for symbol, value in entry.parameters.items():
+            error = f" +- {entry.stderr[symbol]:.2g}" if symbol in entry.stderr else ""
+            print(f"  {entry.id:<28} {symbol:<8} {value:.5g}{error}")
+    if json_file is not None:
+        write_json(json_file, "add", {"effect": effect, "design": result.to_dict()})
+
+
+@app.command()
+def track(
+    log: LogArgument,
+    design: DesignOption,
+    mapping: MapOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Track F_c and F_v over a log with a Kalman filter."""
+    from pmsm_ctrl.track import track as run_tracking
+
+    believed = _design(design)
+    finish("track", run_tracking(believed, _log(log, believed, mapping)), json_file=json_file, report=report)
+
+
+@app.command()
 def study(
     design: DesignArgument,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="a measured log of this axis")] = None,

@@ -14,12 +14,15 @@ import pmsm_ctrl
 PUBLIC = [
     "Design",
     "Log",
+    "add",
     "compare",
+    "diagnose",
     "identify",
     "read_log",
     "simulate",
     "study",
     "sweep",
+    "track",
     "tune",
 ]
 VERBS = [name for name in PUBLIC if name[0].islower()]
