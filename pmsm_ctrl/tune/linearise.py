@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect, bound_effects
+from pmsm_ctrl.effects import Effect, bound_effects, lookup
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.kernels import balance
 from pmsm_ctrl.simulate.parameters import Plant
@@ -287,7 +287,7 @@ class SecondMass:
     d: float  # N m s/rad
 
 
-def second_mass(design: Design, own: Iterable[Effect] = ()) -> SecondMass | None:
+def second_mass(design: Design) -> SecondMass | None:
     """Return the second mass of a design, or None for a rigid axis.
 
     Raises
@@ -295,7 +295,8 @@ def second_mass(design: Design, own: Iterable[Effect] = ()) -> SecondMass | None
     RequestError
         When the load's inertia is not smaller than the total.
     """
-    found = {effect.id: values for effect, values in bound_effects(design, own) if effect.id in TWO_MASS}
+    where = f"{design.source}: " if design.source else ""
+    found = {e.id: lookup(e.id).values(e, where) for e in design.effects if e.id in TWO_MASS}
     for name in TWO_MASS:
         values = found.get(name)
         if values is None or values["J_load"] == 0.0:

@@ -237,7 +237,11 @@ class _Measurement:
         keep = frequency <= max(top, 4.0 * promise.crossover)
         frequency, L = frequency[keep], L[keep]
         omega = 2.0 * math.pi * frequency
-        curve = response(self.cascade.current_response(omega), omega) if name == "current" else response(model, omega)
+        if name == "current":
+            model = self.cascade.current_response(omega)
+            seen = np.isin(omega, model.omega)
+            frequency, L, omega = frequency[seen], L[seen], omega[seen]
+        curve = response(model, omega)
         return MeasuredLoop(name, frequency, L, curve, margins(ct.frd(L, omega)), promise)
 
 

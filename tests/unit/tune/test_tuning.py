@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.design import CurrentLoop, Design, Loops, PositionLoop, SpeedLoop
+from pmsm_ctrl.effects import Effect, Parameter, kernel
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.tune.margins import margins, response
 from pmsm_ctrl.tune.noise import h2_norm, noise
@@ -231,6 +232,24 @@ def test_requirements_name_what_is_missed(root):
 def test_every_method_tunes_a_whole_cascade(root, options):
     found = tune(Design.read(root / "servo_2kw.toml"), prove=False, **options)
     assert all(m.stable is not False for m in found.margins.values())
+    assert found.defended
+
+
+@kernel
+def seal_drag(omega: float, direction: float, k_seal: float) -> float:
+    """k_seal sqrt(abs(omega)) sgn(omega)."""
+    return k_seal * math.sqrt(abs(omega)) * direction
+
+
+def test_a_users_own_effect_is_in_the_model_and_in_the_proof(root):
+    own = Effect(
+        id="seal_drag", title="Wiper seal", equation=r"k\sqrt{|\omega|}", source="a user", enters="torque",
+        parameters=(Parameter("k_seal", "N m", 0.0, 0.0, 1.0, "drag", linear=True),), term=seal_drag, needs="speeds",
+    )  # fmt: skip
+    design = Design.read(root / "seed_motor.toml").with_effect("seal_drag", {"k_seal": 0.004})
+    found = tune(design, own=(own,))
+    slope = 0.000168 + 0.5 * 0.004 / math.sqrt(found.cascade.model.point.speed)
+    assert found.cascade.model.point.friction_slope == pytest.approx(slope, rel=1e-6)
     assert found.defended
 
 
