@@ -218,3 +218,38 @@ def other_log(effect: str, seed: int, *, strength: float = 1.0, kind: int | None
         "effects": [{"id": "coulomb", "F_c": F_c * off(0.1)}, {"id": "viscous", "F_v": F_v * off(0.1)}],
     })  # fmt: skip
     return design, log
+
+
+def judge(seeds: int, clean: int) -> None:
+    """Print what the diagnosis says of every hidden effect, and how often it raises a false alarm."""
+    from rich.progress import track
+
+    from pmsm_ctrl.diagnose import diagnose
+
+    cases = [(effect, seed) for effect in HIDDEN if effect != "none" for seed in range(seeds)]
+    cases += [("none", 100 + seed) for seed in range(clean)]
+    rows: dict[str, list[str]] = {}
+    for effect, seed in track(cases, description="diagnosing"):
+        result = diagnose(*other_log(effect, seed))
+        named = "+".join(step.effect for step in result.steps) or result.verdict
+        first = result.steps[0] if result.steps else None
+        right = first is not None and effect in (first.effect, *first.equivalents)
+        rows.setdefault(effect, []).append(("" if right else "(!) ") + named)
+    hits = total = 0
+    for effect, answers in rows.items():
+        if effect != "none":
+            hits += sum(not answer.startswith("(!)") for answer in answers)
+            total += len(answers)
+        print(f"{effect:28s} {', '.join(answers)}")
+    alarms = sum("consistent" not in answer for answer in rows.get("none", []))
+    print(f"named first: {hits} of {total}; false alarms: {alarms} of {clean}")
+
+
+if __name__ == "__main__":
+    import argparse
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=3, help="logs per hidden effect")
+    parser.add_argument("--clean", type=int, default=20, help="logs without a hidden effect")
+    words = parser.parse_args()
+    judge(words.seeds, words.clean)
