@@ -45,7 +45,7 @@ HIDDEN: dict[str, dict[int, float]] = {
 
 
 @numba.njit(cache=True)
-def _simulate(m, x, ref, dt, n_current, n_speed, n_log, gains, counts, noise, colour, seed):  # noqa: PLR0915
+def _simulate(m, x, ref, dt, n_current, n_speed, n_log, gains, counts, noise, colour, seed):
     R, L_d, L_q, p, psi, J, F_c, F_v = m
     np.random.seed(seed)  # noqa: NPY002 - numba's own generator
     n = ref.size
