@@ -30,6 +30,8 @@ NOISE_PEAK = 4.5
 EDGE_PERIODS = 3.0
 # Share of the rounded kink that stays as an error of the moment of reversal.
 ROUNDED = 0.15
+# No model of a real axis is better than this share of the torque; errors below it need no care.
+WRONG_TORQUE = 0.02
 # How far a voltage balance can be trusted: shares of the inductive drop and of the voltage.
 WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
 
@@ -116,7 +118,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
     LogError
         When a channel is missing, or the axis never moves.
     """
-    processing = processing or Processing(standstill=STANDSTILL)
+    processing = processing or Processing(standstill=STANDSTILL, cutoff=_band(log))
     prepared = prepare(design, log, processing)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
@@ -139,16 +141,56 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
         channels += ["u_d", "u_q"]
     sides = {"torque": driving, "u_d": signals.get("u_d"), "u_q": signals.get("u_q")}
     target = np.array([prepared.column(sides[name]) for name in channels])
-    weight = [_calm(log, prepared, EDGE_PERIODS) * _turning(log, prepared, signals, kink, processing)]
+    source = "torque" if "torque" in log else "i_q"
+    calm = _calm(_on_grid(log, prepared, source), prepared, EDGE_PERIODS)
+    sound = _punctual(log, prepared)
+    if "theta" in log and not sound.all():  # a speed that jumps from sample to sample is a lying time stamp or a lost count
+        steady = _calm(np.gradient(np.unwrap(_on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)
+        calm = calm * steady
+        sound = sound & (steady > 0.02)
+    weight = [calm * _turning(log, prepared, signals, kink, processing)]
     for row, name in enumerate(channels[1:], start=1):
         level = np.hypot(target[1], target[2])
         weight.append(weight[0] * _voltage_weight(design, prepared, signals, level, _on_grid(log, prepared, name)))
     moving = sure & _edges(prepared)
     record = Record(
-        design, prepared, signals, tuple(channels), target, moving[prepared.keep],
+        design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), prepared.notes,
     )  # fmt: skip
     return record
+
+
+def _punctual(log: Log, prepared: Prepared) -> Mask:
+    """Nothing around time stamps that miss their turn by more than half a period, unless they are everywhere."""
+    step = np.diff(log.t)
+    late = np.flatnonzero(np.abs(step - log.period) > 0.5 * log.period)
+    keep = np.ones(len(prepared.t), dtype=bool)
+    reach = 1.5 / prepared.cutoff
+    for k in late:
+        first, last = np.searchsorted(prepared.t, [log.t[k] - reach, log.t[k + 1] + reach])
+        keep[first:last] = False
+    return keep[prepared.keep] if keep.mean() > 0.4 else np.ones(len(prepared.keep), dtype=bool)
+
+
+def _band(log: Log) -> float:
+    """Low-pass for the balances, Hz: 40 Hz, or more where the drive torque itself lives above that.
+
+    Ninety-five per cent of what the drive signal holds above its noise floor has to pass; the floor is the level of
+    the uppermost quarter of the spectrum.
+    """
+    from scipy.signal import welch
+
+    source = "torque" if "torque" in log else "i_q"
+    values = log[source] if source in log else log["t"]
+    rate = (len(log) - 1) / log.duration
+    usual = min(40.0, rate / 8.0)
+    frequency, power = welch(values - np.mean(values), rate, nperseg=min(len(values), 2048))
+    excess = np.maximum(power - np.median(power[frequency > 0.375 * rate]), 0.0)
+    total = np.cumsum(excess)
+    if total[-1] <= 0.0:
+        return usual
+    reach = float(frequency[int(np.searchsorted(total, 0.95 * total[-1]))])
+    return usual if reach < 0.8 * usual else float(min(max(usual, 1.5 * reach), rate / 8.0))
 
 
 def _edges(prepared: Prepared) -> Mask:
@@ -215,10 +257,11 @@ def _turning(
     fast = raw - low_pass(raw, rate, 0.25 * rate)
     noise = 1.4826 * float(np.median(np.abs(fast))) * (1.0 if source == "torque" else scale)
     noise *= np.sqrt(4.0 * prepared.cutoff / rate)
+    noise = float(np.hypot(noise, WRONG_TORQUE * np.std(signals["torque_meas"])))
     return 1.0 / (1.0 + (wrong / max(noise, 1e-300)) ** 2)
 
 
-def _calm(log: Log, prepared: Prepared, periods: float) -> Array:
+def _calm(raw: Array, prepared: Prepared, periods: float) -> Array:
     """Weight of each thinned sample from the drive signal's content above a quarter of the rate.
 
     An edge that is faster than the sampling is logged up to one period too early or too late, always the same way
@@ -226,14 +269,15 @@ def _calm(log: Log, prepared: Prepared, periods: float) -> Array:
     the height of the edge over the noise times the root of what the filter lets through; weights fall
     steeply with that, for so many periods of the filter's cutoff on either side as it rings.
     """
-    source = "torque" if "torque" in log else "i_q"
-    raw, rate = _on_grid(log, prepared, source), prepared.rate
+    rate = prepared.rate
     fast = np.abs(raw - low_pass(raw, rate, 0.25 * rate))
-    noise = 1.4826 * float(np.median(fast))
+    noise = float(np.hypot(1.4826 * np.median(fast), WRONG_TORQUE * np.std(raw)))
     if noise <= 0.0:
         return np.ones(len(prepared.keep))
     reach = 2 * round(periods * rate / prepared.cutoff) + 1
-    edge = np.maximum(_highest(fast, reach) / noise - NOISE_PEAK, 0.0)[prepared.keep]
+    peaks = _highest(fast, reach)[prepared.keep] / noise
+    # where every stretch has such peaks they are the drive's ripple, not single edges
+    edge = np.maximum(peaks - max(NOISE_PEAK, float(np.median(peaks))), 0.0)
     passed = np.sqrt(2.0 * prepared.cutoff / rate)
     return 1.0 / (1.0 + (passed * edge) ** 2) ** 2
 

@@ -380,7 +380,7 @@ def holdout_error(
 
 
 def errors(record: Record, residual: Array, channels: Iterable[str] | None = None) -> dict[str, tuple[float, float]]:
-    """Rms residual and its share of the measured balance, moving samples only."""
+    """Rms residual and its share of the measured balance: moving samples."""
     out = {}
     for row, name in enumerate(record.channels):
         if channels is not None and name not in channels:
