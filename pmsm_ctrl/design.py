@@ -214,7 +214,7 @@ class EffectEntry(Part):
 class Compensation(Part):
     """Feedforward friction compensation."""
 
-    source: Literal["reference", "measured", "adaptive"] = "reference"
+    source: Literal["reference", "commanded", "measured", "adaptive"] = "reference"
     gain: NonNegative = Field(default=0.0, description="share of the modelled friction that is fed forward")
     smoothing: NonNegative = Field(default=0.0, description="speed over which the sign is smoothed, rad/s")
     effects: tuple[str, ...] = Field(default=("coulomb", "viscous"), description="effects that are compensated")

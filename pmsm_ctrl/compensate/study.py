@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["CompensationStudy", "Row", "baseline", "compensate", "compensated"]
 
 WRONG = (0.8, 1.0, 1.2)
+SOURCES = ("reference", "commanded", "measured")
 SWEEP_MOTIONS = ("reversal 2 rad/s", "creep 1 rad/s", "positioning")
 
 
@@ -97,7 +98,7 @@ class CompensationStudy(Result):
 
         figure = Figure(figsize=(8.0, 5.0), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True)
-        for (source, window), colour in zip(self.windows.items(), ("#0072B2", "#D55E00"), strict=False):
+        for (source, window), colour in zip(self.windows.items(), ("#0072B2", "#009E73", "#D55E00"), strict=False):
             percent = 100.0 * window.gains
             upper.plot(percent, 100.0 * window.rms, "o-", color=colour, markersize=3, label=f"by {source} speed")
             lower.plot(percent, 1e3 * window.cycle, "o-", color=colour, markersize=3)
@@ -172,17 +173,25 @@ def baseline(design: Design) -> Design:
 
 def compensated(
     design: Design, effects: Iterable[str], *, gain: float = 1.0, source: str = "reference", factor: float = 1.0,
-    smoothing: float = 0.0, own: Iterable[Effect] = (),
+    smoothing: float | None = None, own: Iterable[Effect] = (),
 ) -> Design:  # fmt: skip
-    """Return the design with these effects compensated, their linear parameters off by `factor`."""
+    """Return the design with these effects compensated, their linear parameters off by `factor`.
+
+    The sign of the commanded speed, which follows the measured angle, is smoothed over what five counts of the
+    encoder make of it, unless `smoothing` or the design says otherwise.
+    """
     chosen, own = tuple(effects), tuple(own)
     entries = []
     for entry, (effect, values) in zip(design.effects, bound_effects(design, own), strict=True):
         if effect.id in chosen:
             values = values | {p.symbol: values[p.symbol] * factor for p in effect.linear}
         entries.append(entry.model_copy(update={"parameters": values}))
+    width = design.compensation.smoothing if smoothing is None else smoothing
+    if smoothing is None and width == 0.0 and source == "commanded" and design.loops is not None:
+        turn = 1.0 if design.motion == "linear" else 2.0 * np.pi
+        width = float(5.0 * design.loops.position.K_v * turn / (design.sensor.encoder_counts or 1 << 20))
     changed = design.compensation.model_copy(
-        update={"gain": gain, "source": source, "smoothing": smoothing, "effects": chosen}
+        update={"gain": gain, "source": source, "smoothing": width, "effects": chosen}
     )
     return design.replace_effects(tuple(entries)).model_copy(update={"compensation": changed})
 
@@ -228,10 +237,14 @@ def compensate(
         return measure(simulate(believed, motion, truth=plant, seed=seed, own=own, keep_truth=True))
 
     table = [Row("none", name, 1.0, run(base, motion)) for name, motion in motions.items()]
-    variants = {"Coulomb + viscous": simple, "all effects": every}
-    for variant, chosen in variants.items():
+    variants = {
+        "Coulomb + viscous": (simple, "reference"),
+        "all effects": (every, "reference"),
+        "all effects, commanded speed": (every, "commanded"),
+    }
+    for variant, (chosen, source) in variants.items():
         for factor in WRONG:
-            believed = compensated(base, chosen, factor=factor, own=own)
+            believed = compensated(base, chosen, factor=factor, source=source, own=own)
             table += [Row(variant, name, factor, run(believed, motion)) for name, motion in motions.items()]
     for factor in (0.8, 1.2):
         learnt = _learnt(compensated(base, every, gain=0.0, factor=factor, own=own), plant, own, seed)
@@ -240,13 +253,13 @@ def compensate(
     right = base.replace_effects(plant.effects)
     table += [Row("perfect model", name, 1.0, run(_perfect(right, own), motion)) for name, motion in motions.items()]
     windows = {}
-    for done, source in enumerate(("reference", "measured")):
+    for done, source in enumerate(SOURCES):
         hint = describing_function_limit(base) if source == "measured" else None
         windows[source] = gain_window(
             _swept(run, base, every, source, motions, own), SWEEP_MOTIONS, source, gains=gains, hint=hint
         )
         if progress is not None:
-            progress(0.5 * (done + 1))
+            progress((done + 1) / len(SOURCES))
     return CompensationStudy(design, tuple(table), windows, _doubts(table, windows, full.notes))
 
 

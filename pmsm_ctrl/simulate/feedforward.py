@@ -22,7 +22,9 @@ __all__ = ["FIRST", "Feedforward", "compensation_lines"]
 Array = NDArray[Any]
 
 FIRST = 6  # references come first in a row of inputs
-HEAD = 5  # gain, smoothing width, 1 for the reference speed, K_t, p
+HEAD = 5  # gain, smoothing width, number of the source, K_t, p
+# The speed whose friction is fed forward: the drive's own; the motion's; that plus what the position controller adds.
+SOURCES = {"measured": 0.0, "reference": 1.0, "adaptive": 1.0, "commanded": 2.0}
 # What a compensator in the drive can read. Torque is what the controller asks for without it.
 READABLE = ("omega", "direction", "theta", "torque", "i_q", "i_d", "p")
 
@@ -35,9 +37,9 @@ class Feedforward:
     ----------
     effects : tuple of Effect
     values : array, shape (m,)
-        Gain, smoothing width in rad/s, whether the reference speed is used, K_t, p, then the parameters in order.
+        Gain, smoothing width in rad/s, the source's number, K_t, p, then the parameters in order.
     names : tuple of str
-        What the values are: ``gain``, ``smoothing``, ``reference``, ``K_t``, ``p``, ``coulomb.F_c``, ...
+        What the values are: ``gain``, ``smoothing``, ``source``, ``K_t``, ``p``, ``coulomb.F_c``, ...
     notes : tuple of str
         Effects that a compensator cannot evaluate.
     """
@@ -66,8 +68,8 @@ class Feedforward:
                     f"{design.source or design.name}: compensation.effects: '{name}' is not among the design's effects"
                     f" ({', '.join(sorted(present)) or 'none'})"
                 )
-        head = (chosen.gain, chosen.smoothing, float(chosen.source != "measured"), design.K_t_assumed)
-        values, names = [*head, float(design.motor.p or 0)], ["gain", "smoothing", "reference", "K_t", "p"]
+        head = (chosen.gain, chosen.smoothing, SOURCES[chosen.source], design.K_t_assumed)
+        values, names = [*head, float(design.motor.p or 0)], ["gain", "smoothing", "source", "K_t", "p"]
         effects, notes = [], []
         for effect, parameters in bound_effects(design, own):
             if effect.id not in chosen.effects or not effect.active(parameters):
@@ -95,7 +97,7 @@ def compensation_lines(effects: Sequence[Effect]) -> list[str]:
     lines = [
         "c_gain, c_width, c_reference = reference[6], reference[7], reference[8]",
         "c_K_t, p = reference[9], reference[10]",
-        "omega = reference[1] if c_reference != 0.0 else omega_hat",
+        "omega = reference[1] if c_reference == 1.0 else (omega_ref if c_reference == 2.0 else omega_hat)",
         "direction = 0.0 if omega == 0.0 else (1.0 if omega > 0.0 else -1.0)",
         "direction = direction if c_width == 0.0 else min(max(omega / c_width, -1.0), 1.0)",
         "theta, i_d, i_q, torque = theta_m, reference[4], wanted, c_K_t * wanted",

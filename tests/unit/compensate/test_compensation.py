@@ -55,6 +55,27 @@ def test_tracking_repairs_wrong_parameters(study: CompensationStudy) -> None:
         assert study.change("adaptive", "rms", factor) < study.change("all effects", "rms", factor) - 0.05
 
 
+@pytest.mark.parametrize(("T_n", "K_v", "counts"), [(0.005, 20.0, 131072), (0.005, 60.0, 4096), (0.02, 20.0, 131072)])
+def test_hunting_is_gone_with_the_commanded_speed(design: Design, T_n: float, K_v: float, counts: int) -> None:
+    """A soft, integrating speed loop on strong stiction hunts; the motion's own speed, zero at rest, cannot help."""
+    hunting = design.with_effect("stribeck", {"dF_s": 0.04, "w_s": 1.0, "delta": 2.0}).replace(
+        sensor={"encoder_counts": counts},
+        loops={"speed": {"K_p": 0.01, "T_n": T_n}, "position": {"K_v": K_v, "acceleration_feedforward": 1.0}},
+    )
+    motion = scenario("s_curve", design, distance=0.5, speed=5.0, acceleration=50.0, jerk=1000.0, dwell=3.0, cycles=1.0)
+    base, found = baseline(hunting), {}
+    for name, believed in (
+        ("none", base),
+        ("commanded", compensated(base, ["coulomb", "viscous", "stribeck"], source="commanded", gain=0.9)),
+        ("simple", compensated(base, ["coulomb", "viscous"], source="commanded")),
+    ):
+        found[name] = measure(simulate(believed, motion, truth=hunting, seed=1, keep_truth=True))
+    assert found["none"].cycle_amplitude > 0.01
+    assert found["none"].cycle_frequency > 1.0
+    assert found["commanded"].cycle_amplitude == found["simple"].cycle_amplitude == 0.0
+    assert found["commanded"].rms < 0.4 * found["none"].rms
+
+
 def test_perfect_model_is_the_limit(study: CompensationStudy) -> None:
     best = study.change("perfect model")
     assert all(best <= study.change(name) + 1e-9 for name in ("Coulomb + viscous", "all effects"))
@@ -97,7 +118,7 @@ def test_kernel_does_what_the_terms_say(rich: Design) -> None:
     assert first[0] - first[1] == pytest.approx(0.7 * friction / 1.032, rel=1e-12)
 
 
-@pytest.mark.parametrize("source", ["reference", "measured"])
+@pytest.mark.parametrize("source", ["reference", "commanded", "measured"])
 def test_compiled_kernel_is_its_plain_twin(rich: Design, source: str) -> None:
     believed = compensated(baseline(rich), ["coulomb", "viscous", "stribeck", "cogging"], source=source, smoothing=0.3)
     motion = Scenario("short", 0.03, scenario("reversal", rich, speed=2.0, frequency=10.0).references, "position")
