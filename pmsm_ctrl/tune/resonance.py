@@ -103,7 +103,7 @@ def _candidates(cascade: Cascade, peak: float, nyquist: float) -> list[Biquad]:
 
 def slow_down(
     cascade: Cascade, make: Any, requirements: Requirements, *, steps: int = 40, ratio: float = 1.15
-) -> tuple[SpeedLoop, Margins, int]:
+) -> tuple[SpeedLoop, Margins, float]:
     """Return the fastest gains of a family that keep the requirements.
 
     Parameters
@@ -114,7 +114,7 @@ def slow_down(
 
     Returns
     -------
-    speed, margins, steps taken
+    speed, margins, factor by which it is slower than asked
 
     Raises
     ------
@@ -125,7 +125,7 @@ def slow_down(
         speed = make(ratio**k)
         found = margins(open_loop(cascade, speed))
         if not requirements.missed(found):
-            return speed, found, k
+            return speed, found, ratio**k
     raise RequestError(
         f"speed loop: even {ratio ** (steps - 1):.0f} times slower it misses {', '.join(requirements.missed(found))}"
     )

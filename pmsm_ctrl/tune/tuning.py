@@ -231,28 +231,27 @@ def tune(
     gains = current_methods.tune_current(design, current, bandwidth=current_bandwidth, phase_margin=phase_margin)
 
     family = _SpeedFamily(stiff, at, own, speed, speed_bandwidth, phase_margin, damping, a)
-    asked_speed = family.gains(1.0, gains)
-    speed_gains, slowed, robustness_found = asked_speed, False, None
+    asked_current, asked_speed = gains, family.gains(1.0, gains)
+    speed_gains, slowed, robustness_found = asked_speed, 1.0, None
     if robust:
         gains, speed_gains, robustness_found = robust_gains(
             design, gains, family.gains, requirements=requirements, at=at, own=own
         )
-        slowed = robustness_found.slowed > 1.0
+        slowed = robustness_found.slowed
     elif resonance_frequencies(design) is not None:
         real = Cascade.of(design, gains, at=at, own=own)
-        speed_gains, _, taken = slow_down(real, lambda factor: family.gains(factor, gains), requirements)
-        slowed = taken > 0
+        speed_gains, _, slowed = slow_down(real, lambda factor: family.gains(factor, gains), requirements)
     cascade = Cascade.of(design, gains, speed_gains, at=at, own=own)
     place = position.tune_position(cascade, gain=position_gain)
     methods = {
-        "current": _named(current, current_bandwidth),
-        "speed": _named(speed, speed_bandwidth) + (", slowed down to keep the margins" if slowed else ""),
+        "current": _named(current, current_bandwidth, asked_current.K_p / gains.K_p),
+        "speed": _named(speed, speed_bandwidth, slowed),
         "position": "proportional with feedforward" + ("" if position_gain is None else ", gain as asked"),
     }
     loops = Loops(current=gains, speed=speed_gains, position=place)
     found = _assemble(
         design, loops, methods, requirements, at, own, robustness_found,
-        resonance(cascade, asked_speed, requirements, slowed),
+        resonance(cascade, asked_speed, requirements, slowed > 1.0),
     )  # fmt: skip
     return _proved(found, prove, at, seed, own, progress)
 
@@ -327,9 +326,11 @@ def _check(design: Design) -> None:
     Plant.of(design)
 
 
-def _named(method: str, bandwidth: float | None) -> str:
+def _named(method: str, bandwidth: float | None, slowed: float) -> str:
     words = method.replace("_", " ")
-    return words if bandwidth is None else f"{words}, {bandwidth:g} Hz asked"
+    if bandwidth is not None:
+        words += f", {bandwidth:g} Hz asked"
+    return words if slowed == 1.0 else f"{words}, slowed down {slowed:.3g} times to keep the margins"
 
 
 def _assemble(
