@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import Diagnosis, diagnose
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.files import sha256, write_text
@@ -21,6 +22,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.report.page import Headline, render
 from pmsm_ctrl.result import Result, Section, jsonable
 from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.tune import Tuning, tune
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -124,42 +126,33 @@ def study(
     own = tuple(own)
     path = _target(design, output)
     advance = progress or (lambda share: None)
-    results: dict[str, Result] = {}
-    skipped: list[str] = []
-    lacking = _lacking(design)
-    if lacking and log is None:
-        raise DesignError(
-            f"{design.source or design.name}: {lacking}, so it cannot be simulated; give a log with --log"
-        )
-    if lacking:
-        skipped.append(f"the simulated speed sweep, because {lacking}")
-    else:
-        results["sweep"] = sweep(design, seed=seed, progress=lambda share: advance(0.4 * share))
-        if is_reference(design):
-            results["paper"] = paper_table(design, seed=seed)
-    advance(0.7)
-    record = simulate(design, "identification", seed=seed, own=own) if log is None else log
-    advance(0.8)
-    identification = identify(design, record, own=own)
-    if log is None:
-        identification = replace(identification, log_name="a simulated identification motion")
-    results["identify"] = identification
+    results, skipped = _simulated_parts(design, log is None, seed, own, advance)
+    tuned = results.get("tune")
+    drive = tuned.design if design.loops is None and isinstance(tuned, Tuning) else design
+    record = simulate(drive, "identification", seed=seed, own=own) if log is None else log
+    identification = identify(drive, record, own=own)
     comparison = compare(identification.design, record, holdout=holdout, own=own)
     if log is None:
+        identification = replace(identification, log_name="a simulated identification motion")
         comparison = replace(comparison, log_name="the simulated motion")
-    results["compare"] = comparison
-    advance(0.9)
+    results |= {"identify": identification, "compare": comparison}
+    advance(0.8)
     swept = results.get("sweep")
-    headline = _measured(design, record, identification)
     if log is None and isinstance(swept, SweepResult):
         headline = _simulated(design, swept, identification)
+    else:
+        found = diagnose(drive, record, holdout=holdout, own=own, progress=lambda s: advance(0.8 + 0.15 * s))
+        results["diagnose"] = found
+        headline = _measured(design, record, found)
     outcome = Study(identification.design, path, headline, results, tuple(skipped))
     text = render(
         f"Study of {design.name}",
         [_section(verb, result) for verb, result in results.items()],
         headline=headline,
         warnings=[*(f"Left out: {text}" for text in skipped), *_import_warnings(log, holdout)],
-        facts=_facts(design, [record] if holdout is None else [record, holdout], None if lacking else seed),
+        facts=_facts(
+            design, [record] if holdout is None else [record, holdout], seed if design.motor.electrical else None
+        ),
         design_toml=design.to_toml(),
         command=command,
     )
@@ -182,11 +175,31 @@ def _import_warnings(*logs: Log | None) -> list[str]:
     return [f"{log.provenance.file}: {text}" for log in logs if log is not None for text in log.provenance.warnings]
 
 
-def _lacking(design: Design) -> str:
-    """Return what keeps the design from being simulated, or an empty text."""
-    missing = [] if design.motor.electrical else ["the motor's electrical data"]
-    missing += [] if design.loops is not None else ["the loops"]
-    return f"the design lacks {' and '.join(missing)}" if missing else ""
+def _simulated_parts(
+    design: Design, needed: bool, seed: int, own: tuple[Effect, ...], advance: Callable[[float], None]
+) -> tuple[dict[str, Result], list[str]]:
+    """Return what the design alone can show, by verb, and what it cannot.
+
+    Raises
+    ------
+    DesignError
+        When there is nothing else to show, and the design cannot be simulated.
+    """
+    if not design.motor.electrical:
+        lacking = "the design lacks the motor's electrical data"
+        if needed:
+            where = design.source or design.name
+            raise DesignError(f"{where}: {lacking}, so it cannot be simulated; give a log with --log")
+        return {}, [f"the tuning and the simulated speed sweep, because {lacking}"]
+    results: dict[str, Result] = {}
+    tuned = tune(design, seed=seed, own=own, progress=lambda share: advance(0.3 * share))
+    results["tune"] = tuned
+    drive = design if design.loops is not None else tuned.design
+    results["sweep"] = sweep(drive, seed=seed, progress=lambda share: advance(0.3 + 0.3 * share))
+    if is_reference(design):
+        results["paper"] = paper_table(drive, seed=seed)
+    advance(0.7)
+    return results, []
 
 
 def is_reference(design: Design) -> bool:
@@ -239,19 +252,25 @@ def _simulated(design: Design, swept: SweepResult, found: Identification) -> Hea
     return Headline(done, verdict, worst <= ACCEPTED_PERCENT if deviations else None, tuple(numbers))
 
 
-def _measured(design: Design, log: Log, found: Identification) -> Headline:
-    """Say what the identified model leaves unexplained in a measured log."""
-    share = f"{100 * found.relative_error:.2f} %"
-    drive = "force" if design.motion == "linear" else "torque"
+def _measured(design: Design, log: Log, found: Diagnosis) -> Headline:
+    """Say which effects the measured log calls for, and what the error falls to."""
     name = log.provenance.file or "a given log"
-    done = f"The axis {design.name} was identified from {name}, {log.duration:.3g} s at {log.rate:.4g} Hz."
-    verdict = f"the identified model leaves {share} of the measured {drive} unexplained."
-    numbers = [
-        (f"{e.value:.4g} {e.unit}", f"{symbol}, standard error {e.stderr:.1g}")
-        for symbol, e in found.estimates.items()
-        if symbol in ("F_c", "F_v")
-    ]
-    return Headline(done, verdict, None, (*numbers, (share, f"of the {drive} is left unexplained")))
+    done = f"The axis {design.name} was diagnosed from {name}, {log.duration:.3g} s at {log.rate:.4g} Hz."
+    before, after = (100.0 * found.errors[rung]["torque"]["relative"] for rung in ("nominal", "final"))
+    drive = "force" if design.motion == "linear" else "torque"
+    named = ", ".join(step.effect for step in found.steps)
+    verdicts = {
+        "consistent": f"the design explains the log: no effect is missing, {after:.2f} % of the {drive} is left.",
+        "effects_missing": f"{named} missing: the error falls from {before:.2f} to {after:.2f} % of the {drive}.",
+        "unexplained": f"something is left that no effect of the catalogue explains: {found.unexplained}.",
+        "not_excited": f"this log cannot tell: it leaves {after:.2f} % of the {drive}, and excites too little.",
+    }
+    numbers = (
+        (f"{before:.2f} %", f"of the {drive} left unexplained by the design as given"),
+        (f"{after:.2f} %", "left with the effects that were found"),
+        (str(len(found.steps)), "effects missing from the design"),
+    )
+    return Headline(done, verdicts[found.verdict], found.verdict == "consistent" or None, numbers)
 
 
 def _facts(design: Design, logs: Iterable[Log], seed: int | None) -> dict[str, str]:
