@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.columns import Group, Unavailable, effect_group, missing_signals
+from pmsm_ctrl.diagnose.columns import Group, UnavailableError, effect_group, missing_signals
 from pmsm_ctrl.diagnose.orders import strongest_orders
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["Candidate", "candidates_for", "fixed_candidates", "periodic_candidates"]
+__all__ = ["REPEATED", "Candidate", "candidates_for"]
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Candidate:
         for shape in self.grid:
             try:
                 yield effect_group(record, self.effect, shape)
-            except Unavailable:
+            except UnavailableError:
                 return
 
     @property
@@ -161,5 +161,3 @@ _SHAPES = {
     "presliding": _bristle,
     "dead_time": _dead,
 }
-fixed_candidates = _SHAPES
-periodic_candidates = REPEATED

@@ -18,12 +18,12 @@ from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.evaluate import column, columns
 
-__all__ = ["Group", "Unavailable", "effect_group", "missing_signals"]
+__all__ = ["Group", "UnavailableError", "effect_group", "missing_signals"]
 
 Array = NDArray[np.float64]
 
 
-class Unavailable(Exception):
+class UnavailableError(Exception):
     """This log or design cannot tell anything about an effect; the message says why."""
 
 
@@ -74,12 +74,12 @@ def effect_group(record: Record, effect: Effect, shape: Mapping[str, float], ent
 
     Raises
     ------
-    Unavailable
+    UnavailableError
         When the log or the design lacks what the effect needs.
     """
     why = missing_signals(record, effect)
     if why:
-        raise Unavailable(why)
+        raise UnavailableError(why)
     key = (effect.id, id(effect.term), *sorted(shape.items()))
     symbols = _symbols(effect)
     if key not in record.memo:
@@ -105,14 +105,22 @@ def _build(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array:
         values = {p.symbol: p.start for p in effect.parameters} | dict(shape)
         terms, _ = columns(effect, term_signals(record), values)
         if not terms:
-            raise Unavailable("it has no parameter that multiplies a column")
-        enter = {"torque": _torque, "voltage": _voltage}.get(effect.enters)
-        if enter is None:
-            enter = _angle if effect.channels == ("theta",) else _current
-        if effect.structure == "delay" and "u_d" not in record.channels and record.design.motor.p is None:
-            enter = _late_torque
-        parts = [enter(record, terms[symbol]) for symbol in _symbols(effect)]
+            raise UnavailableError("it has no parameter that multiplies a column")
+        parts = [_entering(record, effect, terms[symbol]) for symbol in _symbols(effect)]
     return np.stack([record.stack(part) for part in parts], axis=-1)
+
+
+def _entering(record: Record, effect: Effect, term: Array) -> dict[str, Array]:
+    """What a term per unit does to each balance, at the log's rate."""
+    if effect.enters == "torque":
+        return {"torque": term}
+    if effect.enters == "voltage":
+        return {"u_d": term[0], "u_q": term[1]}
+    if effect.channels == ("theta",):
+        return _angle(record, term)
+    if effect.structure == "delay" and record.design.motor.p is None:
+        return _late_torque(record)
+    return _current(record, term)
 
 
 def term_signals(record: Record) -> dict[str, Array | float]:
@@ -123,14 +131,6 @@ def term_signals(record: Record) -> dict[str, Array | float]:
     for name in ("di_d", "di_q"):
         signals.setdefault(name, np.zeros(len(record.prepared.t)))
     return signals
-
-
-def _torque(record: Record, term: Array) -> dict[str, Array]:
-    return {"torque": term}
-
-
-def _voltage(record: Record, term: Array) -> dict[str, Array]:
-    return {"u_d": term[0], "u_q": term[1]}
 
 
 def _current(record: Record, wrong: Array) -> dict[str, Array]:
@@ -149,7 +149,7 @@ def _current(record: Record, wrong: Array) -> dict[str, Array]:
     return out
 
 
-def _late_torque(record: Record, wrong: Array) -> dict[str, Array]:
+def _late_torque(record: Record) -> dict[str, Array]:
     """Delay of a log that has a torque and no currents: measured less true torque is -tau dT/dt."""
     return {"torque": -record.rate_of(record.signals["torque"])}
 
@@ -171,11 +171,7 @@ def _angle(record: Record, wrong: Array) -> dict[str, Array]:
 
 def _transmission(record: Record, effect: Effect, shape: Mapping[str, float]) -> dict[str, Array]:
     """T = J alpha + J_load (alpha_load - alpha): the load's acceleration against the rotor's."""
-    if "gap" in shape:
-        extra = load_behind_gap(record, effect, shape)
-    else:
-        extra = load_behind_spring(record, shape)
-    return {"torque": extra}
+    return {"torque": load_behind_gap(record, effect, shape) if "gap" in shape else load_behind_spring(record, shape)}
 
 
 def evaluate_term(record: Record, effect: Effect, parameters: Mapping[str, float]) -> Array:

@@ -6,11 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
-from pmsm_ctrl.diagnose.record import Record, make_record
+from pmsm_ctrl.diagnose.record import STANDSTILL, Record, make_record
 from pmsm_ctrl.diagnose.selection import Selection, select
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import with_own
@@ -197,7 +196,8 @@ def diagnose(
     effects = with_own(own)
     offered = _offered(effects, candidates)
     record = make_record(design, log, processing)
-    other = make_record(design, holdout, processing) if holdout is not None else None
+    same = processing or Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
+    other = make_record(design, holdout, same) if holdout is not None else None
     if progress is not None:
         progress(0.1)
     selection = select(design, record, offered, own, other, progress)

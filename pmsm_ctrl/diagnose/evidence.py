@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.columns import Group
-from pmsm_ctrl.diagnose.model import Model, Solved, solve_model
+from pmsm_ctrl.diagnose.model import Model, Solved
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.whitening import Whitener, make_whitener
 
@@ -128,7 +128,6 @@ def try_candidate(
 ) -> Trial | None:
     """Return the candidate at the best of its shapes, or None when it has no column on this log."""
     best: Trial | None = None
-    n = len(solved.rest)
     for group in shapes if shapes is not None else candidate.groups(record):
         trial = try_group(solved, whitener, candidate, group)
         if best is None or (not trial.wrong_sign, trial.score) > (not best.wrong_sign, best.score):
@@ -235,7 +234,12 @@ def _rank_test(gains: Array) -> float:
     return float(wilcoxon(gains, alternative="greater").pvalue)
 
 
-def _errors(a: Array, y: Array, train: Array, test: Array, prior: Array, target: Array) -> float:
+def _errors(
+    a: Array, y: Array, train: NDArray[np.bool_], test: NDArray[np.bool_], prior: Array, target: Array
+) -> float:
+    """Sum of squares on the test rows of a model fitted to the training rows."""
+    a: Array, y: Array, train: NDArray[np.bool_], test: NDArray[np.bool_], prior: Array, target: Array
+) -> float:
     x = np.vstack([a[train], prior])
     b = np.concatenate([y[train], target])
     scale = np.linalg.norm(x, axis=0)
@@ -246,13 +250,3 @@ def _errors(a: Array, y: Array, train: Array, test: Array, prior: Array, target:
     beta = np.linalg.solve(gram + ridge * np.eye(len(gram)), x.T @ b) / scale
     r = y[test] - a[test] @ beta
     return float(r @ r)
-
-
-def effects_by_id(candidates: Iterable[Candidate]) -> Mapping[str, Candidate]:
-    """Candidates by the id of their effect."""
-    return {c.effect.id: c for c in candidates}
-
-
-def resolve(record: Record, model: Model, whitener: Whitener) -> Solved:
-    """Solve again; here so that callers need one module."""
-    return solve_model(record, model, whitener)

@@ -44,25 +44,37 @@ class Leftover:
     curve: tuple[Array, Array]
 
 
+@dataclass(frozen=True, eq=False)
+class _Tested:
+    """One coordinate with its curve's columns, significance and size."""
+
+    coordinate: str
+    row: int
+    x: Array
+    values: Array
+    p_value: float
+    share: float
+    material: float
+    direction: Array
+
+
 def leftover(fit: Fitted) -> Leftover | None:
     """Return the coordinate that what is left depends on most; None when it depends on none."""
     found = []
     for coordinate, row, x, columns in _coordinates(fit):
         values = np.zeros((*fit.record.target.shape, columns.shape[1]))
         values[row] = columns
-        found.append(_tested(fit, coordinate, row, x, values))
-    found = [f for f in found if f is not None]
-    if not found:
-        return None
-    for f, p in zip(found, holm([f[0] for f in found]), strict=True):
-        f[0] = p
-    for p, material, share, coordinate, row, x, values, direction in sorted(found, key=lambda f: -f[2]):
-        if p > SIGNIFICANCE or material < MATERIAL:
+        tested = _tested(fit, coordinate, row, x, values)
+        if tested is not None:
+            found.append(tested)
+    corrected = holm([f.p_value for f in found])
+    for one, p in sorted(zip(found, corrected, strict=True), key=lambda pair: -pair[0].share):
+        if p > SIGNIFICANCE or one.material < MATERIAL:
             continue
-        group = Group(None, tuple(f"c{k}" for k in range(values.shape[-1])), values, {})
-        mean, stderr, _, p_rank = blocked_gain(fit.record, fit.solved, fit.whitener, group, direction)
-        if mean > BLOCK_ERRORS * stderr or (p_rank < SIGNIFICANCE and mean > 0.0):
-            return _described(fit, coordinate, row, share, p, x, values)
+        group = Group(None, tuple(f"c{k}" for k in range(one.values.shape[-1])), one.values, {})
+        mean, stderr, _, p_rank = blocked_gain(fit.record, fit.solved, fit.whitener, group, one.direction)
+        if mean > BLOCK_ERRORS * stderr or (p_rank < 0.5 * SIGNIFICANCE and mean > 0.0):
+            return _described(fit, one, p)
     return None
 
 
@@ -104,7 +116,7 @@ def _hats(x: Array, mask: NDArray[np.bool_], count: int) -> Array:
     return np.column_stack([np.interp(x, knots, np.eye(len(knots))[k]) for k in range(len(knots))])
 
 
-def _tested(fit: Fitted, coordinate: str, row: int, x: Array, values: Array) -> list | None:  # type: ignore[type-arg]
+def _tested(fit: Fitted, coordinate: str, row: int, x: Array, values: Array) -> _Tested | None:
     gains = []
     for solved, whitener in ((fit.solved, fit.whitener), (fit.plain, fit.weights)):
         z = whitener(values)
@@ -127,21 +139,20 @@ def _tested(fit: Fitted, coordinate: str, row: int, x: Array, values: Array) -> 
     level = np.sqrt(np.mean((fit.record.target[row] * fit.record.weight[row])[fit.record.mask] ** 2))
     share = float(plain @ plain / max(rest @ rest, 1e-300))
     material = float(np.sqrt(np.mean(part**2)) / max(level, 1e-300))
-    return [p, material, share, coordinate, row, x, values, direction]
+    return _Tested(coordinate, row, x, values, p, share, material, direction)
 
 
-def _described(fit: Fitted, coordinate: str, row: int, share: float, p: float, x: Array, values: Array) -> Leftover:
-    rec = fit.record
+def _described(fit: Fitted, one: _Tested, p: float) -> Leftover:
+    rec, row = fit.record, one.row
     w = rec.weight[row] * rec.mask
-    residual = fit.residual[row]
-    a = values[row] * w[:, None]
-    curve = values[row] @ np.linalg.lstsq(a, residual * w, rcond=1e-6)[0]
-    order = np.argsort(x[rec.mask])
-    xs, ys = x[rec.mask][order], curve[rec.mask][order]
+    a = one.values[row] * w[:, None]
+    curve = one.values[row] @ np.linalg.lstsq(a, fit.residual[row] * w, rcond=1e-6)[0]
+    order = np.argsort(one.x[rec.mask])
+    xs, ys = one.x[rec.mask][order], curve[rec.mask][order]
     peak = xs[int(np.argmax(np.abs(ys)))]
     name = rec.channels[row]
     text = (
-        f"{100 * share:.0f} % of what is left of the {name} balance depends on {coordinate}, up to "
+        f"{100 * one.share:.0f} % of what is left of the {name} balance depends on {one.coordinate}, up to "
         f"{np.max(np.abs(ys)):.2g} {rec.unit(name)} near {peak:.3g}; no effect of the catalogue explains it"
     )
-    return Leftover(coordinate, name, share, p, text, (xs, ys))
+    return Leftover(one.coordinate, name, one.share, p, text, (xs, ys))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.columns import Group, Unavailable, effect_group
+from pmsm_ctrl.diagnose.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.whitening import Whitener
 from pmsm_ctrl.effects.base import Effect
@@ -116,7 +116,7 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
             continue
         try:
             group = effect_group(record, effect, design_shape(effect, values), entry)
-        except Unavailable as why:
+        except UnavailableError as why:
             notes.append(f"the design's {effect.id} is left out: {why}")
             continue
         if not np.any(group.values):

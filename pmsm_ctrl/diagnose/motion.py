@@ -59,7 +59,7 @@ def load_behind_gap(record: Record, effect: Effect, shape: Mapping[str, float]) 
 
 
 def _gap_loop(term: Any) -> Any:
-    def loop(out, theta, omega, period, substeps, gap, k, d):  # type: ignore[no-untyped-def]  # noqa: D103
+    def loop(out, theta, omega, period, substeps, gap, k, d):  # type: ignore[no-untyped-def]
         h = period / substeps
         load, speed = theta[0], omega[0]
         for n in range(len(theta)):
@@ -94,7 +94,7 @@ def bristle_direction(record: Record, effect: Effect, shape: Mapping[str, float]
 
 
 def _bristle_loop(term: Any) -> Any:
-    def loop(out, theta, omega, z_s, z_b, tau_z):  # type: ignore[no-untyped-def]  # noqa: D103
+    def loop(out, theta, omega, z_s, z_b, tau_z):  # type: ignore[no-untyped-def]
         zeta = 0.0
         for n in range(len(theta)):
             travel = theta[n] - theta[n - 1] if n > 0 else 0.0

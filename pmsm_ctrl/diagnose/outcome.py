@@ -24,8 +24,9 @@ def build_outcome(
     own: tuple[Effect, ...],
 ) -> dict[str, Any]:  # fmt: skip
     """Return the fields of a `Diagnosis`."""
-    from pmsm_ctrl.diagnose.diagnosis import DiagnosisStep
     from pmsm_ctrl.diagnose.deviations import parameter_deviations
+    from pmsm_ctrl.diagnose.diagnosis import DiagnosisStep
+    from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
     from pmsm_ctrl.diagnose.experiment import next_experiment
     from pmsm_ctrl.diagnose.ironloss import friction_excess, step_of, with_excess
     from pmsm_ctrl.diagnose.leftover import leftover
@@ -59,7 +60,13 @@ def build_outcome(
         fitted = with_excess(design, fitted, excess)
     left = leftover(final)
     verdict = "effects_missing" if steps else "consistent"
-    if left is not None and not steps:
+    blind = not_excited(final)
+    if blind:
+        hints = (*hints, blind)
+        verdict = verdict if steps else "not_excited"
+    hidden = hidden_by_motion(final, effects)
+    hints = (*hints, *(f"{name}: {why}" for name, why in hidden.items()))
+    if left is not None and not steps and verdict == "consistent":
         verdict = "unexplained"
     reasons = [*record.notes, *final.notes, *hints]
     if left is not None:
@@ -69,7 +76,7 @@ def build_outcome(
         "design": fitted,
         "errors": _errors(design, record, selection),
         "steps": tuple(steps),
-        "ranking": _ranking(selection),
+        "ranking": _ranking(selection, hidden),
         "parameter_deviations": deviations,
         "next_experiment": next_experiment(design, fitted, selection, effects, own),
         "reasons": tuple(reasons),
@@ -178,7 +185,7 @@ def fitted_design(design: Design, fit: Fitted, accepted: tuple[Accepted, ...], r
         entries[group.entry] = entry.model_copy(update={"parameters": found, "stderr": stderr})
     out = design.replace_effects(tuple(entries))
     J = dict(zip(fit.model.names, fit.plain.values, strict=True))["J"]
-    if J > design.load.J / design.load.gear**2:
+    if design.load.J / design.load.gear**2 < J:
         out = out.with_parameters(J=float(J))
     for number, one in enumerate(accepted):
         found_parameters = fitted_parameters(fit, accepted, number, record)
@@ -189,7 +196,7 @@ def fitted_design(design: Design, fit: Fitted, accepted: tuple[Accepted, ...], r
     return out
 
 
-def _ranking(selection: Selection) -> tuple[Any, ...]:
+def _ranking(selection: Selection, hidden: Mapping[str, str]) -> tuple[Any, ...]:
     """Accepted effects in order, then the candidates of the last round, best first."""
     from pmsm_ctrl.diagnose.diagnosis import Ranked
 
@@ -202,7 +209,7 @@ def _ranking(selection: Selection) -> tuple[Any, ...]:
         name = trial.candidate.effect.id
         order = trial.group.shape.get("order")
         key = f"{name} {order:g}" if name in REPEATED and order else name
-        why = selection.refused.get(key, "what is left does not need it")
+        why = hidden.get(name) or selection.refused.get(key, "what is left does not need it")
         rows.append(Ranked(name, _share(trial, start), trial.p_value, False, why))
     rows += [Ranked(c.effect.id, 0.0, 1.0, False, c.why_not or "it has no column on this log") for c in last.closed]
     return tuple(rows)

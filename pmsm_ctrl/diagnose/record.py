@@ -139,17 +139,18 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
         channels += ["u_d", "u_q"]
-    sides = {"torque": driving, "u_d": signals.get("u_d"), "u_q": signals.get("u_q")}
-    target = np.array([prepared.column(sides[name]) for name in channels])
+    target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     source = "torque" if "torque" in log else "i_q"
     calm = _calm(_on_grid(log, prepared, source), prepared, EDGE_PERIODS)
     sound = _punctual(log, prepared)
-    if "theta" in log and not sound.all():  # a speed that jumps from sample to sample is a lying time stamp or a lost count
+    if (
+        "theta" in log and not sound.all()
+    ):  # a speed that jumps from sample to sample is a lying time stamp or a lost count
         steady = _calm(np.gradient(np.unwrap(_on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)
         calm = calm * steady
         sound = sound & (steady > 0.02)
     weight = [calm * _turning(log, prepared, signals, kink, processing)]
-    for row, name in enumerate(channels[1:], start=1):
+    for name in channels[1:]:
         level = np.hypot(target[1], target[2])
         weight.append(weight[0] * _voltage_weight(design, prepared, signals, level, _on_grid(log, prepared, name)))
     moving = sure & _edges(prepared)
@@ -210,7 +211,7 @@ def _direction(omega: Array, driving: Array, prepared: Prepared) -> tuple[Array,
     """
     top = float(np.quantile(np.abs(omega), 0.99))
     rests = np.abs(omega) <= STANDSTILL * top
-    direction = np.sign(omega)
+    direction = _timed_sign(omega)
     long = np.zeros(len(omega), dtype=bool)
     for piece in stretches(rests):
         if piece.stop - piece.start > 0.004 * prepared.rate:
@@ -231,13 +232,24 @@ def _direction(omega: Array, driving: Array, prepared: Prepared) -> tuple[Array,
     return direction, sure, (max(level, 0.0), float(weights[0]))
 
 
+def _timed_sign(omega: Array) -> Array:
+    """Sign of the speed whose area is right where it changes between two samples."""
+    sign = np.sign(omega)
+    turns = np.flatnonzero(sign[:-1] * sign[1:] < 0.0)
+    share = omega[turns] / (omega[turns] - omega[turns + 1])
+    nearest = turns + (share > 0.5)
+    out = sign.copy()
+    out[nearest] += sign[turns] * (2.0 * share - 1.0)
+    return out
+
+
 def _turning(
     log: Log, prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], processing: Processing
 ) -> Array:
     """Weight around reversals: the moment at which friction turns is known only so well.
 
     Friction jumps by twice its level F, the acceleration by 2 F / J, and the low-pass before differentiation rounds
-    that kink off; half a sample comes on top. The torque is off by 2 F for that long.
+    that kink off; a tenth of a sample comes on top. The torque is off by 2 F for that long.
     """
     level, J = kink
     rate, omega = prepared.rate, signals["omega"]
@@ -247,7 +259,7 @@ def _turning(
     rounded = ROUNDED * 2.0 * level / J / (2.0 * np.pi * wide)
     turns = np.flatnonzero(np.diff(np.sign(omega)) != 0)
     slope = np.abs(low_pass(prepared.alpha, rate, prepared.cutoff))[turns]
-    unsure = 0.5 / rate + np.minimum(rounded / np.maximum(slope, 1e-12), 1.0 / prepared.cutoff)
+    unsure = 0.1 / rate + np.minimum(rounded / np.maximum(slope, 1e-12), 1.0 / prepared.cutoff)
     wrong = np.zeros(len(omega))
     np.maximum.at(wrong, turns, 2.0 * level * unsure * 2.0 * prepared.cutoff)
     wrong = _highest(wrong, 2 * round(rate / prepared.cutoff) + 1)[prepared.keep]

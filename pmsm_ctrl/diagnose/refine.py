@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pmsm_ctrl.diagnose.columns import Unavailable, effect_group
+from pmsm_ctrl.diagnose.columns import UnavailableError, effect_group
 from pmsm_ctrl.diagnose.evidence import Trial, try_group
 from pmsm_ctrl.diagnose.model import Solved
 from pmsm_ctrl.diagnose.record import Record
@@ -52,7 +52,7 @@ def _tried(
 ) -> Trial | None:
     try:
         group = effect_group(record, trial.candidate.effect, shape)
-    except Unavailable:
+    except UnavailableError:
         return None
     return try_group(solved, whitener, trial.candidate, group)
 

@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 SIGNIFICANCE = 0.01  # family-wise, by Holm
 BLOCK_ERRORS = 2.8  # standard errors that the held-out gain must reach
 MATERIAL = 0.004  # smallest contribution worth a name, as a share of the balance's size where it acts
+LOWERED = 0.996  # what is left of the error in at least one balance once an effect is in
 MOST_STEPS = 8
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
 PARSIMONY = 0.98
@@ -135,7 +136,8 @@ def judged(solved: Solved, whitener: Whitener, trial: Trial) -> Trial:
     """Keep a trial's shape and size, found with plain weights, and judge its significance prewhitened."""
     sure = try_group(solved, whitener, trial.candidate, trial.group)
     return replace(
-        trial, plain_gain=trial.gain, plain_direction=trial.direction, gain=sure.gain, score=sure.score, p_value=sure.p_value,
+        trial, plain_gain=trial.gain, plain_direction=trial.direction,
+        gain=sure.gain, score=sure.score, p_value=sure.p_value,
         direction=sure.direction, singular=trial.singular or sure.singular,
     )  # fmt: skip
 
@@ -337,6 +339,8 @@ def _objection(after: Fitted, before: Fitted) -> str:
     for name, (rms, _) in new.items():
         if rms > 1.03 * old[name][0]:
             return f"makes the {name} balance worse"
+    if all(rms > LOWERED * old[name][0] for name, (rms, _) in new.items()):
+        return "lowers no error by an amount worth a name"
     bounds = {p.symbol: (p.lower, p.upper) for g in after.model.groups if g.effect for p in g.effect.parameters}
     for k, name in enumerate(after.model.names):
         low, high = bounds.get(name.split("#")[0], (-np.inf, np.inf))

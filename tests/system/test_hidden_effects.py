@@ -1,0 +1,99 @@
+"""Effects hidden in simulated logs: named first, their parameters found; clean logs left in peace."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import add, diagnose
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def blind(project_root: Path) -> ModuleType:
+    """The suite of tests/benchmarks/blind.py; its long form runs on demand."""
+    spec = importlib.util.spec_from_file_location("blind", project_root / "tests" / "benchmarks" / "blind.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+SEEN = (
+    "coulomb", "viscous", "stribeck", "presliding", "viscous_asymmetry", "constant_load", "viscous_power",
+    "quadratic_drag", "load_dependent_friction", "position_dependent_friction", "thermal_drift", "unbalance",
+    "cogging", "torque_ripple", "torque_saturation", "iron_loss", "compliance", "dead_time", "current_offset",
+    "current_gain", "encoder_eccentricity", "delay", "backlash",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("effect", SEEN)
+def test_hidden_effect_is_named_first(blind: ModuleType, effect: str) -> None:
+    case = blind.Case((effect,), 1.0, "identification", 1)
+    result = blind.run(case)
+    assert blind.right(case, result), (result.verdict, [s.effect for s in result.steps])
+
+
+@pytest.mark.parametrize("motion", ["identification", "mixed", "servo"])
+@pytest.mark.parametrize("seed", [11, 12])
+def test_clean_log_is_consistent(blind: ModuleType, motion: str, seed: int) -> None:
+    result = blind.run(blind.Case((), 0.0, motion, seed))
+    assert result.verdict == "consistent", [s.effect for s in result.steps]
+    assert result.steps == ()
+    assert result.unexplained == ""
+
+
+@pytest.mark.parametrize(
+    ("effect", "symbol", "tolerance"),
+    [
+        ("stribeck", "dF_s", 0.1), ("constant_load", "T_0", 0.1), ("viscous_asymmetry", "dF_v", 0.1),
+        ("current_offset", "o_alpha", 0.05), ("delay", "tau", 0.1), ("presliding", "z_s", 0.2),
+        ("cogging", "a_s", 0.1),
+    ],
+)  # fmt: skip
+def test_parameters_are_found(blind: ModuleType, effect: str, symbol: str, tolerance: float) -> None:
+    result = blind.run(blind.Case((effect,), 1.0, "identification", 4))
+    assert result.steps[0].effect == effect
+    assert result.steps[0].parameters[symbol].value == pytest.approx(blind.MIDDLE[effect][symbol], rel=tolerance)
+
+
+def test_error_falls_to_the_floor_of_the_true_model(blind: ModuleType) -> None:
+    case = blind.Case(("stribeck", "cogging"), 1.0, "identification", 5)
+    design, truth = blind.truth_of(Design.read(blind.DESIGN), case)
+    log = blind.log_of(design, truth, case)
+    found = diagnose(design, log)
+    true = diagnose(truth, log)
+    assert {"stribeck", "cogging"} <= {s.effect for s in found.steps}
+    reached, possible = (r.errors["final"]["torque"]["rms"] for r in (found, true))
+    assert reached <= 1.10 * possible
+
+
+def test_effect_left_out_of_the_candidates_is_not_called_something_else(blind: ModuleType) -> None:
+    case = blind.Case(("viscous_asymmetry",), 1.0, "identification", 3, left_out=True)
+    assert blind.right(case, blind.run(case))
+
+
+def test_same_answer_twice(blind: ModuleType) -> None:
+    case = blind.Case(("unbalance",), 1.0, "identification", 2)
+    assert blind.run(case).to_dict() == blind.run(case).to_dict()
+
+
+def test_add_fits_the_effect_and_says_what_it_cannot(designs: Path) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    truth = design.with_effect("constant_load", {"T_0": 0.003})
+    log = simulate(design, "identification", truth=truth, seed=1)
+    added = add(design, log, "constant_load")
+    entry = next(e for e in added.effects if e.id == "constant_load")
+    assert entry.parameters["T_0"] == pytest.approx(0.003, abs=4.0 * entry.stderr["T_0"])
+    with pytest.raises(RequestError, match=r"iron_loss.*cannot tell it"):
+        add(design, log, "iron_loss")
+    with pytest.raises(RequestError, match="already"):
+        add(design, log, "coulomb")

@@ -1,0 +1,101 @@
+"""The statistics of the diagnosis against closed forms and simulation."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.evidence import equal_blocks, f_tail
+from pmsm_ctrl.diagnose.record import _timed_sign, make_record
+from pmsm_ctrl.diagnose.selection import holm
+from pmsm_ctrl.diagnose.whitening import make_whitener
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.simulate import simulate
+
+
+def test_holm_against_the_published_example() -> None:
+    # S. Holm, Scand. J. Statist. 6 (1979) 65, as in R's p.adjust(c(0.01, 0.02, 0.03, 0.04), "holm")
+    assert holm([0.01, 0.02, 0.03, 0.04]) == pytest.approx([0.04, 0.06, 0.06, 0.06])
+    assert holm([0.04, 0.01, 0.03, 0.02]) == pytest.approx([0.06, 0.04, 0.06, 0.06])
+
+
+def test_f_tail_against_tables() -> None:
+    # upper 5 % points of F: F(2, 10) = 4.103, F(5, 20) = 2.711
+    assert f_tail(4.103, 2, 10) == pytest.approx(0.05, abs=2e-4)
+    assert f_tail(2.711, 5, 20) == pytest.approx(0.05, abs=2e-4)
+
+
+def test_blocks_share_the_information_equally(rng: np.random.Generator) -> None:
+    t = np.linspace(0.0, 10.0, 4001)
+    weight = np.where(t < 1.0, 9.0, 1.0) * rng.uniform(0.5, 1.5, t.size)
+    blocks = equal_blocks(weight, t, 8)
+    shares = [weight[(t >= a) & (t < b)].sum() / weight.sum() for a, b in blocks]
+    assert len(blocks) == 8
+    assert shares == pytest.approx([1 / 8] * 8, abs=0.01)
+
+
+def test_whitening_makes_rows_independent(designs, rng: np.random.Generator) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    record = make_record(design, simulate(design, "identification", seed=1))
+    shape = record.target.shape
+    noise = np.zeros(shape)
+    white = rng.standard_normal(shape)
+    for k in range(1, shape[1]):  # AR(1) with 0.9, as in the false-alarm table of the project's facts
+        noise[:, k] = 0.9 * noise[:, k - 1] + white[:, k]
+    whitener = make_whitener(
+        record, np.divide(noise, record.weight, out=np.zeros(shape), where=record.weight > 1e-3), 0
+    )
+    rows = whitener(np.divide(noise, record.weight, out=np.zeros(shape), where=record.weight > 1e-3))
+    assert rows.std() == pytest.approx(1.0, abs=0.05)
+    assert abs(np.corrcoef(rows[1:], rows[:-1])[0, 1]) < 0.05
+
+
+def test_timed_sign_keeps_the_area() -> None:
+    t = np.arange(200) * 1e-3
+    for moment in (0.1002, 0.1005, 0.1009):
+        sign = _timed_sign(t - moment)
+        area = float(np.sum(0.5 * (sign[1:] + sign[:-1])) * 1e-3)
+        assert area == pytest.approx((t[-1] - moment) - moment, abs=1e-12)
+
+
+def test_result_is_json_with_the_agreed_keys(designs) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    truth = design.with_effect("constant_load", {"T_0": 0.004})
+    result = diagnose(design, simulate(design, "identification", truth=truth, seed=1))
+    data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert data["schema"] == "pmsm-ctrl/diagnosis/1"
+    assert data["verdict"] == "effects_missing"
+    assert set(data["errors"]) >= {"nominal", "final", "noise_floor"}
+    assert set(data["errors"]["final"]["torque"]) == {"rms", "unit", "relative"}
+    step = data["steps"][0]
+    for key in ("effect", "equivalents", "parameters", "error_before", "error_after", "holdout_before", "evidence"):
+        assert key in step
+    assert step["parameters"]["T_0"]["unit"] == "N m"
+    for key in ("effect", "explained", "p_value", "accepted", "why_not"):
+        assert key in data["ranking"][0]
+    for key in ("parameter", "nominal", "estimate", "stderr", "flagged"):
+        assert key in data["parameter_deviations"][0]
+    text = result.summary()
+    assert "constant_load" in text
+    assert text.index("effects_missing") < text.index("T_0")
+    assert result.plot().axes
+    assert result.section().tables
+
+
+def test_unknown_candidate_is_refused(designs) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    log = simulate(design, "triangle", seed=1)
+    with pytest.raises(RequestError, match="did you mean 'cogging'"):
+        diagnose(design, log, candidates=["coging"])
+
+
+def test_one_speed_excites_nothing(designs) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    log = simulate(design, "multisine", seed=1).between(3.0, 20.0)
+    steady = diagnose(design.replace(scenarios={}), log)
+    assert steady.verdict in ("not_excited", "consistent")
+    assert not steady.steps
