@@ -238,8 +238,6 @@ def _errors(
     a: Array, y: Array, train: NDArray[np.bool_], test: NDArray[np.bool_], prior: Array, target: Array
 ) -> float:
     """Sum of squares on the test rows of a model fitted to the training rows."""
-    a: Array, y: Array, train: NDArray[np.bool_], test: NDArray[np.bool_], prior: Array, target: Array
-) -> float:
     x = np.vstack([a[train], prior])
     b = np.concatenate([y[train], target])
     scale = np.linalg.norm(x, axis=0)
