@@ -15,7 +15,8 @@ __all__ = ["UNITS", "Metrics", "measure"]
 Array = NDArray[np.float64]
 
 REVERSAL_WINDOW = 0.1  # s around a change of the reference speed's sign
-SETTLE = 0.3  # s of rest that belong to the motion before
+SETTLE = 0.8  # s of rest that belong to the motion before, or to a push
+SHORTEST = 0.5  # s of rest in which a limit cycle can be seen
 CYCLE_TURNS = 4  # changes of direction at rest that make a limit cycle
 
 UNITS = {
@@ -102,7 +103,7 @@ def _cycle(theta: Array, omega: Array, commanded: NDArray[np.bool_], period: flo
     worst = (0.0, 0.0)
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         first = start + round(SETTLE / period)
-        if stop - first < round(SETTLE / period):
+        if stop - first < round(SHORTEST / period):
             continue
         moving = omega[first:stop][omega[first:stop] != 0.0]
         turns = int(np.sum(np.diff(np.sign(moving)) != 0))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.simulate import Scenario, scenario
-from pmsm_ctrl.simulate.motions import PathBuilder
+from pmsm_ctrl.simulate.motions import Limits, PathBuilder
 
 __all__ = ["study_motions"]
 
@@ -24,14 +24,28 @@ def study_motions(design: Design) -> dict[str, Scenario]:
     motions["triangle"] = _path("triangle", _triangle)
     motions |= {f"creep {speed:g} rad/s": _path("creep", _creep(speed)) for speed in (0.1, 1.0)}
     motions["positioning"] = scenario(
-        "s_curve", design, distance=0.5, speed=5.0, acceleration=50.0, jerk=1000.0, dwell=1.0, cycles=2.0
+        "s_curve", design, distance=0.5, speed=5.0, acceleration=50.0, jerk=1000.0, dwell=2.0, cycles=2.0
     )
+    motions["push"] = _push(design)
     return motions
 
 
-def _sine_then_rest(design: Design, speed: float) -> Scenario:
-    """Three cycles at 0.5 Hz, then 1 s of rest in which a limit cycle would show."""
-    moving = scenario("reversal", design, speed=speed, frequency=0.5, cycles=3.0)
+def _push(design: Design) -> Scenario:
+    """A slow sine, then rest; a push of twice the friction for 5 ms wakes what sleeps there, and 2 s to see it."""
+    moving = _sine_then_rest(design, 2.0, cycles=1.0, rest=2.5)
+    start = moving.duration - 2.3
+    push = Limits.of(design).breakaway * design.K_t
+
+    def references(t: Array) -> Mapping[str, Array]:
+        inside = (t >= start) & (t < start + 0.005)
+        return {**moving.references(t), "T_load": np.where(inside, push, 0.0)}
+
+    return Scenario("push", moving.duration, references, control="position")
+
+
+def _sine_then_rest(design: Design, speed: float, cycles: float = 3.0, rest: float = 1.0) -> Scenario:
+    """Cycles at 0.5 Hz, then rest."""
+    moving = scenario("reversal", design, speed=speed, frequency=0.5, cycles=cycles)
     end = moving.duration
 
     def references(t: Array) -> Mapping[str, Array]:
@@ -42,7 +56,7 @@ def _sine_then_rest(design: Design, speed: float) -> Scenario:
             "alpha_ref": np.where(t < end, given["alpha_ref"], 0.0),
         }
 
-    return Scenario("reversal", end + 1.0, references, control="position")
+    return Scenario("reversal", end + rest, references, control="position")
 
 
 def _path(name: str, build: Callable[[PathBuilder], None]) -> Scenario:
