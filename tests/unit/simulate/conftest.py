@@ -14,14 +14,24 @@ def checked() -> Callable[..., None]:
     """Return a function that notes one figure and asserts it: ``checked("what", found, expected, rel=0.01)``."""
 
     def note(
-        what: str, found: float, expected: float, *, rel: float | None = None, at_most: float | None = None
+        what: str,
+        found: float,
+        expected: float = 0.0,
+        *,
+        rel: float | None = None,
+        at_most: float | None = None,
+        at_least: float | None = None,
     ) -> None:
         if at_most is not None:
             ROWS.append((what, found, at_most, "at most"))
             assert found <= at_most, what
-            return
-        ROWS.append((what, found, expected, f"within {100 * rel:g} %"))
-        assert found == pytest.approx(expected, rel=rel), what
+        elif at_least is not None:
+            ROWS.append((what, found, at_least, "at least"))
+            assert found >= at_least, what
+        else:
+            assert rel is not None
+            ROWS.append((what, found, expected, f"within {100 * rel:g} %"))
+            assert found == pytest.approx(expected, rel=rel), what
 
     return note
 

@@ -116,7 +116,7 @@ def test_presliding_loops_close(bare, checked):
     period = 200  # samples at 1 kHz
     last, before = log["theta_true"][-period:], log["theta_true"][-2 * period : -period]
     swing = np.ptp(last)
-    checked("presliding loop, gap between periods / swing", np.abs(last - before).max() / swing, 0.0, at_most=1e-3)
+    checked("presliding loop, gap between periods / swing", np.abs(last - before).max() / swing, at_most=1e-3)
     torque = -log["T_load"][-period:]
     area = abs(np.trapezoid(torque, last))
     assert area > 0.05 * swing * 2 * 0.85 * F_C
@@ -143,11 +143,11 @@ def test_no_drift_over_1e5_cycles_where_plain_lugre_drifts(bare, checked):
     log = simulate(design, free(501.0, swinging(mean, size, frequency)), keep_truth=True)
     theta = log["theta_true"][log.t > 1.0]
     # sampled once every 500 cycles, at the same phase
-    checked("drift in 1e5 cycles below breakaway [rad]", np.ptp(theta), 0.0, at_most=1e-9)
+    checked("drift in 1e5 cycles below breakaway [rad]", np.ptp(theta), at_most=1e-9)
     lugre = lugre_drift(mean, size, frequency, 1000, F_C / 1e-3, 1.0 / (200 * frequency))
     per_cycle = (lugre[-1] - lugre[len(lugre) // 2]) / 500
     # plain LuGre creeps by hundreds of breakaway deflections
-    checked("the same, plain LuGre (its drift, negative) [rad]", -per_cycle * 1e5, 0.0, at_most=-100 * 1e-3)
+    checked("the same, plain LuGre [rad]", per_cycle * 1e5, at_least=100 * 1e-3)
 
 
 def test_breakaway_force_falls_with_the_loading_rate(bare):
