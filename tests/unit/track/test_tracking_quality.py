@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.track import Settings, track
+from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander
 
 F_C, F_V = 0.0213, 0.000168
 
