@@ -23,9 +23,11 @@ def machines(draw) -> Design:
     psi = 10.0 ** draw(st.floats(-2.5, 0.0))
     pairs = draw(st.integers(2, 10))
     # The mechanical time constant R J / (1.5 p^2 psi^2) of servos lies between 1 and 30 ms.
-    mechanical = 10.0 ** draw(st.floats(-3.0, -1.5))
-    J = mechanical * 1.5 * (pairs * psi) ** 2 / R
     rate = draw(st.sampled_from([4000.0, 8000.0, 16000.0]))
+    # Nobody controls a shaft whose EMF time constant is a few control periods: there the late EMF feedforward
+    # costs the rule more than 10 deg (the sampled margins know, see docs/tuning.md). Twenty periods at least.
+    mechanical = max(10.0 ** draw(st.floats(-3.0, -1.5)), 20.0 / rate)
+    J = mechanical * 1.5 * (pairs * psi) ** 2 / R
     return Design.from_dict({
         "motor": {"R": R, "L_d": electrical * R, "L_q": electrical * R, "J": J, "p": pairs, "psi_f": psi},
         "drive": {
