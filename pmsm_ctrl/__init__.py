@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pmsm_ctrl.compare import compare
+    from pmsm_ctrl.compensate import compensate
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.diagnose import add, diagnose
+    from pmsm_ctrl.export import export
     from pmsm_ctrl.identify import identify, sweep
     from pmsm_ctrl.importers import read_log
     from pmsm_ctrl.log import Log
@@ -28,7 +30,9 @@ _EXPORTS = {
     "Log": "pmsm_ctrl.log",
     "add": "pmsm_ctrl.diagnose",
     "compare": "pmsm_ctrl.compare",
+    "compensate": "pmsm_ctrl.compensate",
     "diagnose": "pmsm_ctrl.diagnose",
+    "export": "pmsm_ctrl.export",
     "identify": "pmsm_ctrl.identify",
     "read_log": "pmsm_ctrl.importers",
     "simulate": "pmsm_ctrl.simulate",
@@ -40,8 +44,8 @@ _EXPORTS = {
 
 __version__ = "0.1.0"
 __all__ = [
-    "Design", "Log", "add", "compare", "diagnose", "identify", "read_log", "simulate", "study", "sweep",
-    "track", "tune",
+    "Design", "Log", "add", "compare", "compensate", "diagnose", "export", "identify", "read_log", "simulate", "study",
+    "sweep", "track", "tune",
 ]  # fmt: skip
 
 

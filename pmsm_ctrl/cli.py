@@ -311,6 +311,48 @@ def track(
 
 
 @app.command()
+def compensate(
+    design: DesignArgument,
+    truth: Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")] = None,
+    seed: SeedOption = 0,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Compare friction compensations at low speed, and find the safe window of the gain."""
+    from pmsm_ctrl.compensate import compensate as run_compensation
+
+    believed = _design(design)
+    with progress_bar(f"compensate {believed.name}") as progress:
+        result = run_compensation(
+            believed, truth=_design(truth) if truth is not None else None, seed=seed, progress=progress
+        )
+    finish("compensate", result, json_file=json_file, report=report)
+
+
+@app.command("export")
+def export_code(
+    design: DesignArgument,
+    language: Annotated[str, typer.Option("--language", "-l", metavar="st|c", help="Structured Text or C99")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="the source to write; printed if left out")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Write gains and friction compensator as source for the PLC."""
+    from pmsm_ctrl.export import export as run_export
+    from pmsm_ctrl.files import write_text
+
+    text = run_export(_design(design), language)
+    if output is None:
+        print(text, end="")
+    else:
+        write_text(output, text)
+        print(f"{output}: {len(text.splitlines())} lines")
+    if json_file is not None:
+        write_json(json_file, "export", {"language": language, "source": text})
+
+
+@app.command()
 def study(
     design: DesignArgument,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="a measured log of this axis")] = None,

@@ -218,6 +218,10 @@ def compensate(
         A user's own effects that the designs name.
     gains : iterable of float
         Gains of the sweep.
+    seed : int
+        Seed of the measurement noise.
+    progress : function, optional
+        Called with the share done, 0 to 1.
 
     Raises
     ------
