@@ -18,6 +18,9 @@ __all__ = ["Evidence", "Trial", "blocked_gain", "f_tail", "saturated_whitener", 
 
 Array = NDArray[np.float64]
 
+# A transmission damped more than this is no spring: it shifts the phase like a delay.
+OVERDAMPED = 0.7
+
 
 @dataclass(frozen=True, eq=False)
 class Trial:
@@ -55,6 +58,8 @@ class Trial:
     def at_bound(self) -> bool:
         """Whether a nonlinear parameter ran into its bound: the shape wants to be another one."""
         bounds = {p.symbol: (p.lower, p.upper) for p in self.candidate.effect.searched}
+        if self.group.shape.get("zeta", 0.0) >= OVERDAMPED:
+            return True
         return any(v in bounds.get(s, ()) for s, v in self.group.shape.items() if s != "delta")
 
 

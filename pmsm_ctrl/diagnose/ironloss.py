@@ -7,12 +7,14 @@ puts them well above that, the excess is either friction that grew or iron loss,
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.evidence import try_candidate
+from pmsm_ctrl.diagnose.model import solve_model
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.selection import Fitted, errors
 from pmsm_ctrl.effects.base import Effect
@@ -32,6 +34,7 @@ class Excess:
     before: dict[str, tuple[float, float]]
     after: dict[str, tuple[float, float]]
     z: float
+    equivalents: tuple[str, ...] = ("viscous", "coulomb")
 
 
 def friction_excess(design: Design, fit: Fitted, effects: Mapping[str, Effect]) -> Excess | None:
@@ -62,7 +65,25 @@ def friction_excess(design: Design, fit: Fitted, effects: Mapping[str, Effect]) 
     }
     before = errors(fit.record, fit.record.target - fit.model.matrix @ held)
     z = max(over[s] / sure[s] for s in high)
-    return Excess(parameters, before, errors(fit.record, fit.residual), float(z))
+    rivals = _rivals(fit, nominal)
+    return Excess(parameters, before, errors(fit.record, fit.residual), float(z), ("viscous", "coulomb", *rivals))
+
+
+def _rivals(fit: Fitted, nominal: Mapping[str, float]) -> tuple[str, ...]:
+    """Other effects that explain the excess as well, were F_c and F_v what the design says."""
+    sigma = fit.model.sigma.copy()
+    for symbol, value in nominal.items():
+        sigma[fit.model.names.index(symbol)] = 1e-3 * value
+    held = solve_model(fit.record, replace(fit.model, sigma=sigma), fit.whitener)
+    gain = held.chi2 - fit.solved.chi2
+    found = []
+    for trial in fit.trials:
+        if trial.candidate.effect.id == "iron_loss":
+            continue
+        other = try_candidate(fit.record, held, fit.whitener, trial.candidate)
+        if other is not None and not other.wrong_sign and other.gain > gain - max(12.0, 0.03 * gain):
+            found.append(trial.candidate.effect.id)
+    return tuple(found)
 
 
 def with_excess(design: Design, fitted: Design, excess: Excess) -> Design:
@@ -82,7 +103,7 @@ def step_of(record: Record, excess: Excess, table: Any) -> Any:
     p = float(2.0 * ndtr(-min(excess.z, 37.0)))
     return DiagnosisStep(
         effect="iron_loss",
-        equivalents=("viscous", "coulomb"),
+        equivalents=excess.equivalents,
         parameters=dict(excess.parameters),
         error_before=table(record, excess.before),
         error_after=table(record, excess.after),

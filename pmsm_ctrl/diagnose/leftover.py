@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.diagnose.columns import Group
 from pmsm_ctrl.diagnose.evidence import blocked_gain, f_tail
 from pmsm_ctrl.diagnose.orders import order_spectrum
+from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.selection import BLOCK_ERRORS, SIGNIFICANCE, Fitted, holm
 
 __all__ = ["Leftover", "leftover"]
@@ -86,10 +87,13 @@ def _coordinates(fit: Fitted) -> Iterator[tuple[str, int, Array, Array]]:
     for row, name in enumerate(rec.channels):
         if name != "torque" and row == 0:
             continue
-        yield "speed", row, omega, _hats(omega, rec.mask, 12)
+        yield "speed", row, omega, _speed_hats(omega, rec.mask)
         yield "current", row, current, _hats(current, rec.mask, 8)
         if name == "torque":
             yield "acceleration", row, alpha, _hats(alpha, rec.mask, 8)
+            since = _since_reversal(rec)
+            columns = _hats(np.log(since), rec.mask, 8) * np.sign(omega)[:, None]
+            yield "the distance since the last reversal", row, since, columns
             yield "time since start", row, rec.t, _hats(rec.t, rec.mask, 8)
             if "temperature" in s and np.ptp(s["temperature"]) > 0.0:
                 warm = rec.at_grid(s["temperature"])
@@ -107,6 +111,23 @@ def _turns(fit: Fitted, row: int) -> Iterator[tuple[str, int, Array, Array]]:
     waves = [f(k * theta) for k in orders for f in (np.sin, np.cos)]
     columns = np.column_stack([rec.shaped(w) for w in waves] + [rec.shaped(w * direction) for w in waves[:4]])
     yield f"position (orders {', '.join(map(str, orders))})", row, np.mod(rec.at_grid(theta), 2.0 * np.pi), columns
+
+
+def _speed_hats(omega: Array, mask: NDArray[np.bool_]) -> Array:
+    """Hat functions of speed, close together near zero and apart for both directions."""
+    top = float(np.quantile(np.abs(omega[mask]), 0.999))
+    knots = top * np.geomspace(0.01, 1.0, 7)
+    knots = np.concatenate([-knots[::-1], knots])
+    columns = np.column_stack([np.interp(omega, knots, np.eye(len(knots))[k]) for k in range(len(knots))])
+    return columns[:, np.any(columns[mask] > 0.0, axis=0)]
+
+
+def _since_reversal(record: Record) -> Array:
+    """Distance travelled since the direction last changed, on the thinned grid."""
+    theta, omega = record.signals["theta"], record.signals["omega"]
+    turned = np.concatenate([[False], np.sign(omega[1:]) * np.sign(omega[:-1]) < 0.0])
+    last = np.maximum.accumulate(np.where(turned, np.arange(len(theta)), 0))
+    return np.maximum(record.at_grid(np.abs(theta - theta[last])), 1e-9)
 
 
 def _hats(x: Array, mask: NDArray[np.bool_], count: int) -> Array:

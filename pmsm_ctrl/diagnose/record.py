@@ -28,6 +28,8 @@ STANDSTILL = 0.0005
 # Height of the highest of a few hundred samples of noise, in its standard deviation.
 NOISE_PEAK = 4.5
 EDGE_PERIODS = 3.0
+# Logs of twice this rate and more are thinned to about it first, Hz.
+FAST = 1000.0
 # Share of the rounded kink that stays as an error of the moment of reversal.
 ROUNDED = 0.15
 # No model of a real axis is better than this share of the torque; errors below it need no care.
@@ -118,6 +120,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
     LogError
         When a channel is missing, or the axis never moves.
     """
+    log = _thinned(_in_time(design, log))
     processing = processing or Processing(standstill=STANDSTILL, cutoff=_band(log))
     prepared = prepare(design, log, processing)
     raw = dict(prepared.signals)
@@ -159,6 +162,35 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), prepared.notes,
     )  # fmt: skip
     return record
+
+
+def _in_time(design: Design, log: Log) -> Log:
+    """Undo the age of a logged speed that the design knows: the drive's speed filter and half a difference quotient.
+
+    Only where the log has no position. The drive's filter x += a (u - x) makes the speed (1 - a) / a periods older.
+    """
+    age = design.sensor.speed_filter
+    if "theta" in log or "omega" not in log or age <= 0.0:
+        return log
+    period = design.drive.speed_divider / design.drive.f_control
+    age = period / np.expm1(period / age) + 0.5 * period
+    return log.with_channels(omega=log["omega"] + age * np.gradient(log["omega"], log.t))
+
+
+def _thinned(log: Log) -> Log:
+    """Bring a fast log to about 1 kHz: what the balances use lies far below, and long logs stay small."""
+    factor = int(log.rate / FAST)
+    step = np.diff(log.t)
+    if factor < 2 or float(np.max(np.abs(step - log.period))) > 1e-3 * log.period:
+        return log
+    channels = {"t": log.t[::factor]}
+    for name, values in log.channels.items():
+        if name != "t":
+            channels[name] = low_pass(
+                np.unwrap(values) if name == "theta" else values, log.rate, 0.4 * log.rate / factor
+            )
+            channels[name] = channels[name][::factor]
+    return replace(log, channels=channels, segments=())
 
 
 def _punctual(log: Log, prepared: Prepared) -> Mask:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pmsm_ctrl.diagnose.columns import UnavailableError, effect_group
-from pmsm_ctrl.diagnose.evidence import Trial, try_group
+from pmsm_ctrl.diagnose.evidence import OVERDAMPED, Trial, try_group
 from pmsm_ctrl.diagnose.model import Solved
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.whitening import Whitener
@@ -65,8 +65,8 @@ def _spacing(name: str, shape: Mapping[str, float], grid: tuple[Mapping[str, flo
 
 
 def _inside(trial: Trial, name: str, value: float) -> float:
-    if name == "zeta":  # a transmission that is damped more than this is no spring
-        return float(min(max(value, 1e-3), 0.7))
+    if name == "zeta":
+        return float(min(max(value, 1e-3), OVERDAMPED))
     for p in trial.candidate.effect.parameters:
         if p.symbol == name:
             return float(min(max(value, p.lower), p.upper))
