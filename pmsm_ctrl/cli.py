@@ -53,6 +53,10 @@ ReportOption = Annotated[
     Path | None, typer.Option("--report", metavar="FILE", help="write the result as one HTML page")
 ]
 HoldoutOption = Annotated[Path | None, typer.Option("--holdout", metavar="LOG2", help="another log, predicted only")]
+NewDesignOption = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with what was found")
+]
+TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="seed of the simulated noise")]
 
 
@@ -80,6 +84,12 @@ def _design(path: Path) -> Design:
     return Design.read(path)
 
 
+def _write_design(design: Design, path: Path | None) -> None:
+    if path is not None:
+        design.write(path)
+        print(f"design: {path}")
+
+
 def _log(path: Path, design: Design | None, mapping: list[str] | None = None) -> Log:
     from pmsm_ctrl.importers import read_log
 
@@ -94,7 +104,7 @@ def simulate(
     design: DesignArgument,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="the log to write, canonical CSV")],
     scenario: Annotated[str, typer.Option("--scenario", "-s", metavar="NAME", help="the motion")] = "sweep",
-    truth: Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")] = None,
+    truth: TruthOption = None,
     parameters: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="a parameter of the motion, such as speed_max=100"),
@@ -168,9 +178,7 @@ def tune(
             write_report(report, error.section())
         raise
     finish("tune", result, json_file=json_file, report=report)
-    if output is not None:
-        result.design.write(output)
-        print(f"design: {output}")
+    _write_design(result.design, output)
     if not result.defended:
         raise typer.Exit(NEGATIVE)
 
@@ -178,12 +186,10 @@ def tune(
 @app.command()
 def sweep(
     design: DesignArgument,
-    truth: Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")] = None,
+    truth: TruthOption = None,
     repeats: Annotated[int, typer.Option("--repeats", min=1, help="records to average")] = 3,
     paper: Annotated[bool, typer.Option("--paper", help="the reference paper's table beside ours")] = False,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with what was found")
-    ] = None,
+    output: NewDesignOption = None,
     seed: SeedOption = 0,
     json_file: JsonOption = None,
     report: ReportOption = None,
@@ -200,18 +206,14 @@ def sweep(
     with progress_bar(f"sweep {believed.name}") as progress:
         result = run_sweep(believed, truth=plant, repeats=repeats, seed=seed, progress=progress)
     finish("sweep", result, json_file=json_file, report=report)
-    if output is not None:
-        result.design.write(output)
-        print(f"design: {output}")
+    _write_design(result.design, output)
 
 
 @app.command()
 def identify(
     log: LogArgument,
     design: DesignOption,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with what was found")
-    ] = None,
+    output: NewDesignOption = None,
     mapping: MapOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
@@ -222,9 +224,7 @@ def identify(
     believed = _design(design)
     result = run_identification(believed, _log(log, believed, mapping))
     finish("identify", result, json_file=json_file, report=report)
-    if output is not None:
-        result.design.write(output)
-        print(f"design: {output}")
+    _write_design(result.design, output)
 
 
 @app.command()
@@ -250,9 +250,7 @@ def diagnose(
     log: LogArgument,
     design: DesignOption,
     holdout: HoldoutOption = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with what was found")
-    ] = None,
+    output: NewDesignOption = None,
     mapping: MapOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
@@ -266,9 +264,7 @@ def diagnose(
     with progress_bar(f"diagnose {log.name}") as progress:
         result = run_diagnosis(believed, measured, holdout=other, progress=progress)
     finish("diagnosis", result, json_file=json_file, report=report)
-    if output is not None:
-        result.design.write(output)
-        print(f"design: {output}")
+    _write_design(result.design, output)
 
 
 @app.command()
@@ -313,7 +309,7 @@ def track(
 @app.command()
 def compensate(
     design: DesignArgument,
-    truth: Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")] = None,
+    truth: TruthOption = None,
     seed: SeedOption = 0,
     json_file: JsonOption = None,
     report: ReportOption = None,
