@@ -234,6 +234,7 @@ def judge(seeds: int, clean: int) -> None:
         named = "+".join(step.effect for step in result.steps) or result.verdict
         first = result.steps[0] if result.steps else None
         right = first is not None and effect in (first.effect, *first.equivalents)
+        right = right or (effect == "none" and result.verdict == "consistent")
         rows.setdefault(effect, []).append(("" if right else "(!) ") + named)
     hits = total = 0
     for effect, answers in rows.items():
