@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
@@ -20,7 +21,7 @@ from pmsm_ctrl.simulate.parameters import Controller, Plant
 from pmsm_ctrl.simulate.scenarios import Scenario
 from pmsm_ctrl.simulate.scenarios import scenario as named_scenario
 
-__all__ = ["simulate"]
+__all__ = ["LOGGED", "Prepared", "prepare", "simulate"]
 
 Array = NDArray[Any]
 
@@ -77,34 +78,87 @@ def simulate(
     SimulationError
         When a state stops being finite; the message says where and when.
     """
+    drive = prepare(design, scenario, truth=truth, own=own)
+    module = load(drive.active, drive.feedforward.effects if drive.feedforward else (), compiled=compiled)
+    table = _run(
+        module, drive.motion, drive.plant, drive.controller, drive.effects, drive.states(), seed, progress,
+        drive.feedforward,
+    )  # fmt: skip
+    return drive.log(table, seed, keep_truth)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """One drive, ready to be simulated: everything checked, nothing run yet.
+
+    Attributes
+    ----------
+    motion, plant, controller, feedforward
+        What moves, what is true, and what the drive believes.
+    active : tuple of Effect
+        The plant's effects that do anything, in the design's order.
+    effects : tuple of float
+        Their parameters, in order; ``(0.0,)`` when there are none.
+    design : Design
+        The plant's.
+    """
+
+    motion: Scenario
+    plant: Plant
+    controller: Controller
+    feedforward: Feedforward | None
+    active: tuple[Effect, ...]
+    effects: tuple[float, ...]
+    design: Design
+
+    @property
+    def total(self) -> int:
+        """Control periods to simulate."""
+        return max(1, round(self.motion.duration / self.plant.period))
+
+    def states(self) -> Array:
+        """Return the kernel's states at the start."""
+        return _start(self.motion, self.plant, self.active)
+
+    def log(self, table: Array, seed: int, keep_truth: bool) -> Log:
+        """Return the logged rows, shape (n, len(LOGGED)), as a log."""
+        names = [name for name in LOGGED if keep_truth or name not in TRUTHS]
+        if "transmission" not in memory(self.active) and keep_truth:
+            names.remove("theta_load")
+        if self.motion.control != "position":
+            names.remove("theta_ref")
+        channels = {name: table[:, LOGGED.index(name)] for name in names}
+        t = channels["t"]
+        segments = tuple(
+            Segment(name, int(np.searchsorted(t, start - 1e-12)), int(np.searchsorted(t, stop - 1e-12)))
+            for name, start, stop in self.motion.segments
+        )
+        note = f"simulated: {self.design.name}, scenario {self.motion.name}, seed {seed}"
+        return Log(channels, self.design.motion, segments, Provenance(importer="simulate", notes=(note,)))
+
+
+def prepare(
+    design: Design, scenario: str | Scenario, *, truth: Design | None = None, own: Iterable[Effect] = ()
+) -> Prepared:
+    """Check one drive and read everything its simulation needs; arguments as for `simulate`.
+
+    Raises
+    ------
+    DesignError
+        When the plant or the loops are not known well enough to simulate.
+    """
     motion = named_scenario(scenario, design) if isinstance(scenario, str) else scenario
     plant_design = truth if truth is not None else design
     plant = Plant.of(plant_design)
     controller = Controller.of(design, motion.control)
     bound = [(effect, values) for effect, values in bound_effects(plant_design, own) if effect.active(values)]
     _check_structures(bound, plant, plant_design)
-    active = [effect for effect, _ in bound]
-    feedforward = Feedforward.of(design, own)
-    module = load(active, feedforward.effects if feedforward else (), compiled=compiled)
     effects = tuple(value for _, values in bound for value in values.values()) or (0.0,)
-    states = _start(motion, plant, active)
-    table = _run(module, motion, plant, controller, effects, states, seed, progress, feedforward)
-    names = [name for name in LOGGED if keep_truth or name not in TRUTHS]
-    if "transmission" not in memory(active) and keep_truth:
-        names.remove("theta_load")
-    if motion.control != "position":
-        names.remove("theta_ref")
-    channels = {name: table[:, LOGGED.index(name)] for name in names}
-    t = channels["t"]
-    segments = tuple(
-        Segment(name, int(np.searchsorted(t, start - 1e-12)), int(np.searchsorted(t, stop - 1e-12)))
-        for name, start, stop in motion.segments
-    )
-    note = f"simulated: {plant_design.name}, scenario {motion.name}, seed {seed}"
-    return Log(channels, plant_design.motion, segments, Provenance(importer="simulate", notes=(note,)))
+    active = tuple(effect for effect, _ in bound)
+    return Prepared(motion, plant, controller, Feedforward.of(design, own), active, effects, plant_design)
 
 
-def _start(motion: Scenario, plant: Plant, active: list[Effect]) -> Array:
+def _start(motion: Scenario, plant: Plant, active: Sequence[Effect]) -> Array:
     """Return the kernel's states at the start: everything turns at omega_0, nothing is deflected."""
     kept = memory(active)
     states = np.zeros(BARE_STATES + sum(kept.values()))
