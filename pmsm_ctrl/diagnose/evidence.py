@@ -83,14 +83,15 @@ def saturated_whitener(record: Record, model: Model, extra: Iterable[Array]) -> 
     Returns the prewhitener, and the same noise without its correlation: point estimates use that one, because
     whitening shifts the weight to high frequencies, where differentiation and timing errors live.
     """
-    columns = np.concatenate([model.matrix, *extra, _smooth(record)], axis=-1)
+    parts = [model.matrix, *extra, _smooth(record)]
     residual = np.zeros(record.target.shape)
     lost = 0
     for row in range(len(record.channels)):
         w = (record.weight[row] * record.mask)[:, None]
-        a = columns[row] * w
+        a = np.concatenate([part[row] for part in parts if np.any(part[row])], axis=-1) * w
         norm = np.linalg.norm(a, axis=0)
-        a = a[:, norm > 0.0] / norm[norm > 0.0]
+        a = a[:, norm > 0.0]
+        a /= norm[norm > 0.0]
         gram = a.T @ a
         values, vectors = np.linalg.eigh(gram)
         kept = values > 1e-9 * values[-1]

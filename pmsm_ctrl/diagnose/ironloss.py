@@ -81,7 +81,7 @@ def _rivals(fit: Fitted, nominal: Mapping[str, float]) -> tuple[str, ...]:
         if trial.candidate.effect.id == "iron_loss":
             continue
         other = try_candidate(fit.record, held, fit.whitener, trial.candidate)
-        if other is not None and not other.wrong_sign and other.gain > gain - max(12.0, 0.03 * gain):
+        if other is not None and not other.wrong_sign and other.gain > gain - max(20.0, 0.01 * gain):
             found.append(trial.candidate.effect.id)
     return tuple(found)
 

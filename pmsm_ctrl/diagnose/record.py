@@ -30,6 +30,8 @@ NOISE_PEAK = 4.5
 EDGE_PERIODS = 3.0
 # Logs of twice this rate and more are thinned to about it first, Hz.
 FAST = 1000.0
+# Longer logs, s, keep the usual band: their length makes up for it, and memory stays small.
+LONG = 200.0
 # Share of the rounded kink that stays as an error of the moment of reversal.
 ROUNDED = 0.15
 # No model of a real axis is better than this share of the torque; errors below it need no care.
@@ -217,6 +219,8 @@ def _band(log: Log) -> float:
     values = log[source] if source in log else log["t"]
     rate = (len(log) - 1) / log.duration
     usual = min(40.0, rate / 8.0)
+    if log.duration > LONG:
+        return usual
     frequency, power = welch(values - np.mean(values), rate, nperseg=min(len(values), 2048))
     excess = np.maximum(power - np.median(power[frequency > 0.375 * rate]), 0.0)
     total = np.cumsum(excess)

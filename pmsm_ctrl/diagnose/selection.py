@@ -129,6 +129,7 @@ def fit_design(
             trials.append(trial)
     trials = [judged(solved, whitener, t) for t in _refined(record, plain, weights, trials)]
     trials = in_order(trials)
+    record.memo.clear()  # hundreds of columns; the best of each candidate stays with its trial
     return Fitted(record, model, whitener, solved, plain, weights, tuple(trials), tuple(closed), notes)
 
 
@@ -323,7 +324,7 @@ def _equivalents(fit: Fitted, trial: Trial) -> tuple[str, ...]:
         # what the rival leaves of what this one explains
         along = float(own @ other.direction)
         left = size - along**2 / max(float(other.direction @ other.direction), 1e-300)
-        if left < max(12.0, 0.03 * size):
+        if left < max(20.0, 0.01 * size):
             found.append(other.candidate.effect.id)
     ids = [*found]
     for effect in trial.candidate.effect.look_alikes:

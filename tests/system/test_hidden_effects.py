@@ -97,3 +97,21 @@ def test_add_fits_the_effect_and_says_what_it_cannot(designs: Path) -> None:
         add(design, log, "iron_loss")
     with pytest.raises(RequestError, match="already"):
         add(design, log, "coulomb")
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_next_experiment_separates_what_one_speed_cannot(blind: ModuleType, designs: Path, seed: int) -> None:
+    # at one speed each way a constant load and an asymmetry of viscous friction are both an offset
+    design = Design.read(designs / "seed_motor.toml")
+    truth = design.with_effect("viscous_asymmetry", {"dF_v": 2e-5})
+    one_speed = blind.scenario("warm_up", design, duration=20.0, acceleration=30000.0, dwell=1.5)
+    first = diagnose(design, simulate(design, one_speed, truth=truth, seed=seed))
+    named = {first.steps[0].effect, *first.steps[0].equivalents}
+    assert {"viscous_asymmetry", "constant_load"} <= named
+    plan = first.next_experiment
+    assert plan is not None
+    assert plan["profile"]
+    motion = blind.scenario(plan["profile"], design, **plan["parameters"])
+    again = diagnose(design, simulate(design, motion, truth=truth, seed=seed + 10))
+    assert again.steps[0].effect == "viscous_asymmetry"
+    assert "constant_load" not in again.steps[0].equivalents
