@@ -140,6 +140,7 @@ def judged(solved: Solved, whitener: Whitener, trial: Trial) -> Trial:
         trial, plain_gain=trial.gain, plain_direction=trial.direction,
         gain=sure.gain, score=sure.score, p_value=sure.p_value,
         direction=sure.direction, singular=trial.singular or sure.singular,
+        wrong_sign=trial.wrong_sign or sure.wrong_sign,
     )  # fmt: skip
 
 
