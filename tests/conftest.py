@@ -15,9 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--slow", action="store_true", default=False, help="also run the tests that take minutes"
-    )
+    parser.addoption("--slow", action="store_true", default=False, help="also run the tests that take minutes")
     parser.addoption("--physics-table", action="store_true", default=False, help="print the table of physics checks")
 
 
@@ -45,9 +43,7 @@ class MeasuredData:
     def __call__(self, relative: str) -> Path:
         path = self.folder / relative
         if not path.is_file():
-            pytest.skip(
-                f"MEASURED DATA ABSENT: {path} (set PMSM_CTRL_DATA to the folder that holds {relative})"
-            )
+            pytest.skip(f"MEASURED DATA ABSENT: {path} (set PMSM_CTRL_DATA to the folder that holds {relative})")
         return path
 
 
