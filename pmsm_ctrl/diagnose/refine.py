@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose.whitening import Whitener
 __all__ = ["refine"]
 
 FIXED = ("order",)  # whole numbers
+LINEAR = (0.85, 1.18)
 
 
 def refine(record: Record, solved: Solved, whitener: Whitener, trial: Trial, rounds: int = 3) -> Trial:
@@ -67,6 +68,8 @@ def _spacing(name: str, shape: Mapping[str, float], grid: tuple[Mapping[str, flo
 def _inside(trial: Trial, name: str, value: float) -> float:
     if name == "zeta":
         return float(min(max(value, 1e-3), OVERDAMPED))
+    if name == "n" and LINEAR[0] < value < LINEAR[1]:  # that is viscous friction, which the model has
+        return LINEAR[0] if trial.group.shape[name] < 1.0 else LINEAR[1]
     for p in trial.candidate.effect.parameters:
         if p.symbol == name:
             return float(min(max(value, p.lower), p.upper))

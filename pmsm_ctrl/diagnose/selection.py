@@ -329,7 +329,9 @@ def _equivalents(fit: Fitted, trial: Trial) -> tuple[str, ...]:
             found.append(other.candidate.effect.id)
     ids = [*found]
     for effect in trial.candidate.effect.look_alikes:
-        singular = next((t for t in fit.trials if t.candidate.effect.id == effect and t.singular), None)
+        singular = next(
+            (t for t in fit.trials if t.candidate.effect.id == effect and t.singular and not t.candidate.free), None
+        )
         if singular is not None and effect not in ids:
             ids.append(effect)
     return tuple(ids)
