@@ -25,33 +25,13 @@ def build_outcome(
 ) -> dict[str, Any]:  # fmt: skip
     """Return the fields of a `Diagnosis`."""
     from pmsm_ctrl.diagnose.deviations import parameter_deviations
-    from pmsm_ctrl.diagnose.diagnosis import DiagnosisStep
     from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
     from pmsm_ctrl.diagnose.experiment import next_experiment
     from pmsm_ctrl.diagnose.ironloss import friction_excess, step_of, with_excess
     from pmsm_ctrl.diagnose.leftover import leftover
 
     final = selection.fits[-1]
-    steps = []
-    for number, step in enumerate(selection.steps):
-        before, after = selection.fits[number], selection.fits[number + 1]
-        old, new = selection.accepted[:number], selection.accepted[: number + 1]
-        ahead = behind = {}
-        if holdout is not None:
-            ahead = table(record, holdout_error(design, holdout, old, before, effects, own))
-            behind = table(record, holdout_error(design, holdout, new, after, effects, own))
-        steps.append(
-            DiagnosisStep(
-                effect=step.trial.candidate.effect.id,
-                equivalents=step.equivalents,
-                parameters=fitted_parameters(final, selection.accepted, number, record),
-                error_before=table(record, errors(before.record, before.residual)),
-                error_after=table(record, errors(after.record, after.residual)),
-                holdout_before=ahead,
-                holdout_after=behind,
-                evidence=_evidence(step),
-            )
-        )
+    steps = _steps(design, record, holdout, selection, effects, own)
     fitted = fitted_design(design, final, selection.accepted, record)
     deviations, hints = parameter_deviations(design, final)
     excess = None if steps else friction_excess(design, final, effects)
@@ -83,6 +63,37 @@ def build_outcome(
         "unexplained": left.text if left is not None else "",
         "left": left,
     }
+
+
+def _steps(
+    design: Design, record: Record, holdout: Record | None, selection: Selection, effects: Mapping[str, Effect],
+    own: tuple[Effect, ...],
+) -> list[Any]:  # fmt: skip
+    """Every accepted effect with its final parameters, and the errors around it on both records."""
+    from pmsm_ctrl.diagnose.diagnosis import DiagnosisStep
+
+    final = selection.fits[-1]
+    steps: list[Any] = []
+    for number, step in enumerate(selection.steps):
+        before, after = selection.fits[number], selection.fits[number + 1]
+        old, new = selection.accepted[:number], selection.accepted[: number + 1]
+        ahead = behind = {}
+        if holdout is not None:
+            ahead = table(record, holdout_error(design, holdout, old, before, effects, own))
+            behind = table(record, holdout_error(design, holdout, new, after, effects, own))
+        steps.append(
+            DiagnosisStep(
+                effect=step.trial.candidate.effect.id,
+                equivalents=step.equivalents,
+                parameters=fitted_parameters(final, selection.accepted, number, record),
+                error_before=table(record, errors(before.record, before.residual)),
+                error_after=table(record, errors(after.record, after.residual)),
+                holdout_before=ahead,
+                holdout_after=behind,
+                evidence=_evidence(step),
+            )
+        )
+    return steps
 
 
 def table(record: Record, found: Mapping[str, tuple[float, float]]) -> dict[str, dict[str, Any]]:
