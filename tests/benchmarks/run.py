@@ -122,16 +122,19 @@ def batch(design: Design, drives: int, pairs: int) -> Iterator[Row]:
     designs = [design.with_parameters(J=design.J * factor) for factor in rng.uniform(0.7, 1.3, drives)]
     motion = scenario("sweep", design, dwell=0.25)
 
-    def run(workers: int) -> list[float]:
-        return simulate_batch(designs, motion, keep=lambda log: log.t.size, workers=workers, lanes=True)
+    for lanes, how in ((True, "side by side"), (False, "one by one")):
 
-    one, many = alternate(lambda: run(1), lambda: run(cores), pairs, time.perf_counter)
-    gain = np.median(np.array(one) / np.array(many))
-    rate = drives * motion.duration / np.median(many)
-    name = f"{drives} drives x {motion.duration:g} s on {cores} cores"
-    busy = os.getloadavg()[0] - 0.75 * cores
-    doubt = f"; load {os.getloadavg()[0]:.1f}, others held the cores: NOT VALID" if busy > 1.0 else ""
-    yield name, f"{gain:.2f} x one core ({np.median(many):.1f} s, {rate:,.0f} simulated s/s){doubt}", "at least 1.8 x"
+        def run(workers: int, lanes: bool = lanes) -> list[float]:
+            return simulate_batch(designs, motion, keep=lambda log: log.t.size, workers=workers, lanes=lanes)
+
+        one, many = alternate(lambda: run(1), lambda: run(cores), pairs, time.perf_counter)
+        gain = np.median(np.array(one) / np.array(many))
+        rate = drives * motion.duration / np.median(many)
+        name = f"{drives} drives x {motion.duration:g} s on {cores} cores, {how}"
+        busy = os.getloadavg()[0] - cores
+        doubt = f"; load {os.getloadavg()[0]:.1f}, others held the cores: NOT VALID" if busy > 1.0 else ""
+        figure = f"{gain:.2f} x one core ({np.median(many):.1f} s, {rate:,.0f} simulated s/s){doubt}"
+        yield name, figure, "at least 1.8 x"
     yield from side_by_side(design, motion, 3)
 
 
