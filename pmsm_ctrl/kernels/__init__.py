@@ -58,8 +58,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     What was typed at a prompt has no file, and so no place in the cache: it is compiled anew in every process.
     """
-    on_file = Path(function.__code__.co_filename).is_file()
-    return numba.njit(**{**OPTIONS, "cache": on_file})(function)
+    return numba.njit(**{**OPTIONS, "cache": _on_file(function)})(function)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
@@ -68,4 +67,8 @@ def inlined(function: Callable[..., Any]) -> Any:
     Left alone, LLVM calls the larger pieces, and everything constant in the loop around is worked out again at
     every step (1.2 x). Without wrappers for Python they compile faster.
     """
-    return numba.njit(**_INLINED)(function)
+    return numba.njit(**{**_INLINED, "cache": _on_file(function)})(function)
+
+
+def _on_file(function: Callable[..., Any]) -> bool:
+    return Path(function.__code__.co_filename).is_file()

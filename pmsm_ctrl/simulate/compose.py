@@ -248,6 +248,14 @@ def _compiled(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect,
     for effect in (*effects, *compensated):
         digest.update(_fingerprint(effect))
     name = f"drive_{digest.hexdigest()[:16]}"
+    typed = [e for e in (*effects, *compensated) if not Path(e.py_term.__code__.co_filename).is_file()]
+    if typed:
+        # A term typed at a prompt cannot be found again by another process: nothing of it may reach the disk.
+        module = ModuleType(name)
+        module.__dict__.update({f"e{k}_term": effect.term for k, effect in enumerate(effects)})
+        module.__dict__.update({f"f{k}_term": effect.term for k, effect in enumerate(compensated)})
+        exec(compile(text, name, "exec"), module.__dict__)  # the package's own text
+        return module
     folder = cache_folder() / "generated"
     path = folder / f"{name}.py"
     if not path.exists() or path.read_text(encoding="utf-8") != text:
