@@ -23,6 +23,7 @@ from pmsm_ctrl.console import (
     write_json,
     write_report,
 )
+from pmsm_ctrl.init import init
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -58,6 +59,19 @@ NewDesignOption = Annotated[
 ]
 TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="seed of the simulated noise")]
+
+
+# Completion may import the catalogue (half a second): a list kept by hand would go stale.
+def _effect_ids(incomplete: str) -> list[str]:
+    from pmsm_ctrl.effects import CATALOGUE
+
+    return [name for name in CATALOGUE if name.startswith(incomplete)]
+
+
+def _scenario_names(incomplete: str) -> list[str]:
+    from pmsm_ctrl.simulate.scenarios import SCENARIOS
+
+    return [name for name in SCENARIOS if name.startswith(incomplete)]
 
 
 def _show_version(wanted: bool) -> None:
@@ -99,11 +113,16 @@ def _log(path: Path, design: Design | None, mapping: list[str] | None = None) ->
     return log
 
 
+app.command()(init)
+
+
 @app.command()
 def simulate(
     design: DesignArgument,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="the log to write, canonical CSV")],
-    scenario: Annotated[str, typer.Option("--scenario", "-s", metavar="NAME", help="the motion")] = "sweep",
+    scenario: Annotated[
+        str, typer.Option("--scenario", "-s", metavar="NAME", help="the motion", autocompletion=_scenario_names)
+    ] = "sweep",
     truth: TruthOption = None,
     parameters: Annotated[
         list[str] | None,
@@ -269,7 +288,7 @@ def diagnose(
 
 @app.command()
 def add(
-    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="an id of the catalogue")],
+    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="an id of the catalogue", autocompletion=_effect_ids)],
     design: DesignOption,
     log: Annotated[Path, typer.Option("--log", metavar="LOG", help="the log its parameters are fitted to")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="the design to write")],
@@ -402,7 +421,9 @@ def import_log(
 
 @app.command()
 def effects(
-    identifier: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="this one in full")] = None,
+    identifier: Annotated[
+        str | None, typer.Argument(metavar="[EFFECT]", help="this one in full", autocompletion=_effect_ids)
+    ] = None,
     design: Annotated[
         Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="simulate the effect's signature on it")
     ] = None,

@@ -358,3 +358,62 @@ def test_bad_requests_to_effects(
 ) -> None:
     assert call(*(str(designs / "seed_motor.toml") if word == "DESIGN" else word for word in words)) == 2
     assert said in capsys.readouterr().err
+
+
+# ---- the way on -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "next_command"),
+    [
+        (["tune", "nowhere.toml"], "pmsm-ctrl init"),
+        (["identify", "LOG", "--design", "DESIGN"], "pmsm-ctrl import LOG"),
+        (["effects", "cogginf"], "pmsm-ctrl effects"),
+        (["import", "LOG", "--map", "omega=nothing"], ""),
+    ],
+)
+def test_an_error_names_the_next_command(
+    tmp_path: Path, design: Path, words: list[str], next_command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "foreign.csv"
+    log.write_text("zeit;drehzahl\n0;1\n1;2\n2;3\n3;2\n", encoding="utf-8")
+    message = refused(capsys, *({"LOG": str(log), "DESIGN": str(design)}.get(word, word) for word in words))
+    if next_command:
+        assert f"next: {next_command}" in message
+    else:
+        assert "next:" not in message
+
+
+def completed(words: str) -> list[str]:
+    """Return what a bash completion offers for the last word."""
+    count = len(words.split(" ")) - 1
+    environment = os.environ | {
+        "_PMSM_CTRL_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(count),
+    }  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", "from pmsm_ctrl.cli import main; main()"],
+        capture_output=True, text=True, env=environment, check=True,
+    )  # fmt: skip
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("pmsm-ctrl in", ["init"]),
+        ("pmsm-ctrl tune --cur", ["--current", "--current-bandwidth"]),
+        ("pmsm-ctrl effects cog", ["cogging"]),
+        ("pmsm-ctrl simulate x --scenario tri", ["triangle"]),
+    ],
+)
+def test_the_shell_completes_verbs_options_effects_and_scenarios(words: str, offered: list[str]) -> None:
+    assert completed(words) == offered
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_completion_script_is_shown(shell: str) -> None:
+    environment = os.environ | {"_PMSM_CTRL_COMPLETE": f"source_{shell}"}
+    code = "from pmsm_ctrl.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert "pmsm-ctrl" in done.stdout
+    assert f"complete_{shell}" in done.stdout

@@ -21,7 +21,7 @@ LEVELS = [
     {"errors"},
     {"files", "units"},
     {"design", "log", "result"},
-    {"kernels", "importers"},
+    {"kernels", "importers", "datasheet"},
     {"effects"},
     {"simulate", "tune"},
     {"identify", "track"},
@@ -29,6 +29,7 @@ LEVELS = [
     {"diagnose", "compensate"},
     {"report", "export"},
     {"console"},
+    {"init"},
     {"cli"},
     {"__main__"},
 ]

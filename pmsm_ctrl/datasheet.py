@@ -1,0 +1,315 @@
+"""From a datasheet to a design: what is asked, in the units that sheets use, and the TOML that is written.
+
+A value is never taken without its unit where a sheet could mean two: a torque constant per A rms or per A peak,
+a resistance of a phase or between two terminals. The design keeps the sheet's own number and names its unit.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.units import DATASHEET, KRPM, RPM
+
+__all__ = ["QUESTIONS", "Answer", "Question", "answers_from", "design_toml", "plausibility", "read_answer"]
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
+# Sheets put these words anywhere in a unit: "Vrms/krpm, l-l", "V/krpm (line-to-line, rms)".
+_WORDS = {"rms": "rms", "eff": "rms", "peak": "peak", "pk": "peak", "line": "line", "phase": "phase"}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One number of the sheet under the name a design knows it by."""
+
+    field: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Question:
+    """One thing a sheet says.
+
+    Attributes
+    ----------
+    key : str
+        Its name; the option of the command is the key with hyphens.
+    text : str
+        What is asked.
+    table : str
+        Table of the design that it belongs to; empty for the check that is not written.
+    units : mapping of unit to (field, factor)
+        What is accepted; empty for a plain number, whose field is the key.
+    default : str or None
+        What is taken without an answer; None: it must be answered, "": it is left out.
+    """
+
+    key: str
+    text: str
+    table: str
+    units: Mapping[str, tuple[str, float]]
+    default: str | None = None
+
+    @property
+    def option(self) -> str:
+        """The command's option."""
+        return "--" + self.key.replace("_", "-")
+
+    @property
+    def accepted(self) -> str:
+        """The units in words."""
+        return ", ".join(self.units) or "a number"
+
+
+_EMF = {
+    f"V {amplitude} {where}/{speed}": (f"K_e_{where}_{amplitude}_per_{name}", 1.0)
+    for speed, name in (("krpm", "krpm"), ("(rad/s)", "rad_s"))
+    for where in ("line", "phase")
+    for amplitude in ("rms", "peak")
+}
+
+QUESTIONS: tuple[Question, ...] = (
+    Question("pole_pairs", "pole pairs (half the number of poles)", "motor", {}),
+    Question("torque_constant", "torque constant", "motor", {
+        "N m/A rms": ("K_t_rms", 1.0), "N m/A peak": ("K_t_peak", 1.0), "mN m/A rms": ("K_t_rms", 1e-3),
+        "mN m/A peak": ("K_t_peak", 1e-3)}, ""),
+    Question("emf_constant", "EMF (voltage) constant; beside a torque constant it is a check", "motor", _EMF, ""),
+    Question("resistance", "winding resistance", "motor", {
+        "Ohm line": ("R_line_to_line", 1.0), "Ohm phase": ("R", 1.0)}),
+    Question("inductance", "winding inductance (of the d axis, if the next one differs)", "motor", {
+        "mH line": ("L_line_to_line_mH", 1.0), "mH phase": ("L_mH", 1.0)}),
+    Question("inductance_q", "inductance of the q axis, if it differs (interior magnets)", "motor", {
+        "mH line": ("L_q_line_to_line_mH", 1.0), "mH phase": ("L_q_mH", 1.0)}, ""),
+    Question("inertia", "rotor inertia, brake and coupling included", "motor", {
+        "kg cm2": ("J_kg_cm2", 1.0), "g cm2": ("J_g_cm2", 1.0), "kg m2": ("J", 1.0)}),
+    Question("load_inertia", "load inertia at the load's own shaft", "load", {
+        "kg cm2": ("J", 1e-4), "g cm2": ("J", 1e-7), "kg m2": ("J", 1.0)}, ""),
+    Question("gear", "gear ratio, motor turns per load turn", "load", {}, ""),
+    Question("current_limit", "current limit of the drive", "drive", {
+        "A rms": ("i_max_rms", 1.0), "A peak": ("i_max", 1.0)}),
+    Question("supply", "dc link, or the mains that is rectified into it", "drive", {
+        "V dc": ("u_dc", 1.0), "V ac": ("u_dc", math.sqrt(2.0))}, "560 V dc"),
+    Question("pwm", "PWM rate = rate of the current controller", "drive", {
+        "kHz": ("f_control", 1e3), "Hz": ("f_control", 1.0)}, "16 kHz"),
+    Question("speed_loop", "rate of the speed controller", "drive", {
+        "kHz": ("speed_rate", 1e3), "Hz": ("speed_rate", 1.0)}, "4 kHz"),
+    Question("encoder", "encoder resolution", "sensor", {
+        "bit": ("bits", 1.0), "counts": ("encoder_counts", 1.0), "lines": ("encoder_counts", 4.0)}, "20 bit"),
+    Question("friction", "friction torque, if the sheet has one", "coulomb", {
+        "N m": ("F_c", 1.0), "mN m": ("F_c", 1e-3)}, "0 N m"),
+    Question("viscous", "viscous damping, if the sheet has one", "viscous", {
+        "N m s/rad": ("F_v", 1.0), "N m/krpm": ("F_v", 1.0 / KRPM)}, "0 N m s/rad"),
+)  # fmt: skip
+
+
+def read_answer(question: Question, text: str) -> Answer:
+    """Turn ``0.84 N m/A rms`` into the field and the number of a design.
+
+    Raises
+    ------
+    RequestError
+        When there is no number, no unit where one is needed, or a unit that does not fit.
+    """
+    found = _NUMBER.fullmatch(text)
+    if found is None or not math.isfinite(float(found[1])):
+        raise RequestError(f"{question.option} '{text}': a number with its unit was expected: {question.accepted}")
+    number, unit = float(found[1]), found[2]
+    if unit.startswith(","):
+        raise RequestError(f"{question.option} '{text}': write the decimal mark as a point")
+    if not question.units:
+        if unit:
+            raise RequestError(f"{question.option} '{text}': a plain number was expected")
+        return Answer({"pole_pairs": "p"}.get(question.key, question.key), number, "")
+    known = {_essence(name): name for name in question.units}
+    if _essence(unit) not in known:
+        problem = f"the unit '{unit}' does not say which" if unit else "the unit is missing"
+        raise RequestError(f"{question.option} '{text}': {problem}; accepted: {question.accepted}")
+    name = known[_essence(unit)]
+    field, factor = question.units[name]
+    if field == "bits":
+        if not 1 <= number <= 40:
+            raise RequestError(f"{question.option} '{text}': 1 to 40 bit were expected")
+        return Answer("encoder_counts", 2.0**number, name)
+    return Answer(field, factor * number, name)
+
+
+def _essence(unit: str) -> tuple[frozenset[str], str]:
+    """Reduce a unit's spelling to its words (rms, peak, line, phase) and the rest without marks."""
+    text = unit.lower().replace("²", "2").replace("ω", "ohm").replace("Ω", "ohm")
+    text = re.sub(r"line[- ]to[- ]line|l-l|phase[- ]to[- ]phase|terminal[- ]to[- ]terminal|terminals?", " line ", text)
+    text = re.sub(r"1000 ?(rpm|/min|1/min|min-1|min\^-1)|krpm|k?rpm/1000", "krpm", text)
+    text = re.sub(r"\bper\b", "/", text)
+    words = set()
+    for word, meaning in _WORDS.items():
+        if word in text:
+            words.add(meaning)
+            text = text.replace(word, "")
+    return frozenset(words), re.sub(r"[\s()\[\]^*·.,_]", "", text)
+
+
+def answers_from(given: Mapping[str, str | None], ask: Callable[[Question], str] | None = None) -> dict[str, Answer]:
+    """Collect the answers by key: those given, those asked for, and the defaults.
+
+    Parameters
+    ----------
+    given : mapping of key to text or None
+    ask : function, optional
+        Asks a person for what was not given, and returns the text, "" for the default.
+
+    Raises
+    ------
+    RequestError
+        When something is wrong, or missing and there is nobody to ask.
+    """
+    answers: dict[str, Answer] = {}
+    missing = []
+    for question in QUESTIONS:
+        text = given.get(question.key)
+        if text is None:
+            text = ask(question) if ask is not None else ""
+        text = text.strip() or (question.default or "")
+        if text:
+            answers[question.key] = read_answer(question, text)
+        elif question.default is None:
+            missing.append(question)
+    if missing:
+        named = ", ".join(f"{q.option} ({q.accepted})" for q in missing)
+        raise RequestError(f"init: missing {named}; or run it in a terminal to be asked")
+    if "torque_constant" not in answers and "emf_constant" not in answers:
+        raise RequestError("init: one of --torque-constant and --emf-constant is needed, from which the flux follows")
+    return answers
+
+
+def design_toml(name: str, answers: Mapping[str, Answer]) -> str:
+    """Return the design as commented TOML.
+
+    Raises
+    ------
+    DesignError, RequestError
+        When the numbers do not make a design.
+    """
+    tables = _tables(answers)
+    lines = [
+        "# Written from a datasheet. Numbers keep the sheet's unit, which their name says.",
+        "# Friction is what identify and sweep find; the loops are what tune finds.",
+        f"name = {_quoted(name)}",
+    ]
+    for table in ("motor", "load", "drive", "sensor"):
+        if table in tables:
+            lines += ["", f"[{table}]", *(_line(*entry) for entry in tables[table])]
+    for effect in ("coulomb", "viscous"):
+        lines += ["", "[[effects]]", f"id = {_quoted(effect)}", *(_line(*entry) for entry in tables[effect])]
+    text = "\n".join(lines) + "\n"
+    Design.from_dict(tomllib.loads(text), source="init")  # raises what is wrong before anything is written
+    return text
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+Entry = tuple[str, float | int, str]
+
+
+def _tables(answers: Mapping[str, Answer]) -> dict[str, list[Entry]]:
+    """Sort the answers into the design's tables as (field, value, comment)."""
+    tables: dict[str, list[Entry]] = {}
+    for question in QUESTIONS:
+        answer = answers.get(question.key)
+        if answer is None or (question.key == "emf_constant" and "torque_constant" in answers):
+            continue
+        field, value, comment = answer.field, answer.value, question.text
+        if question.key == "inductance" and "inductance_q" in answers:
+            field = {"L_mH": "L_d_mH", "L_line_to_line_mH": "L_d_line_to_line_mH"}[field]
+        if field in DATASHEET:
+            comment = DATASHEET[field].meaning
+        elif question.units:
+            comment = {"F_c": "N m", "F_v": "N m s/rad", "J": "kg m^2", "encoder_counts": "counts per turn"}.get(
+                field, answer.unit.replace("kHz", "Hz").replace("V ac", "V").replace("V dc", "V")
+            )
+        if field == "speed_rate":
+            field, value, comment = _divider(answers["pwm"].value, value)
+        tables.setdefault(question.table, []).append((field, value, comment))
+    return tables
+
+
+def _divider(f_control: float, rate: float) -> Entry:
+    divider = f_control / rate if rate > 0 else 0.0
+    if abs(divider - round(divider)) > 1e-6 * divider or round(divider) < 1:
+        raise RequestError(
+            f"--speed-loop: {rate:g} Hz does not divide the {f_control:g} Hz of --pwm; "
+            f"the nearest that does is {f_control / max(1, round(divider)):g} Hz"
+        )
+    return "speed_divider", round(divider), f"speed loop at {rate:g} Hz"
+
+
+def _line(field: str, value: float | int, comment: str) -> str:
+    whole = field in ("p", "speed_divider", "encoder_counts")
+    if whole and value != int(value):
+        raise RequestError(f"{field}: found {value:g}, but a whole number was expected")
+    shown = str(int(value)) if whole else f"{value:.10g}"
+    if not whole and re.fullmatch(r"[+-]?\d+", shown):
+        shown += ".0"
+    return f"{f'{field} = {shown}':<30}# {comment}"
+
+
+# Outside these a number was probably misread: a unit, a convention, a decimal point.
+LIKELY = {
+    "electrical time constant L/R": (0.05e-3, 0.2),
+    "no-load speed": (50 * RPM, 2e5 * RPM),
+    "torque at the current limit over J": (30.0, 2e7),
+}
+
+
+def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[str], list[str]]:
+    """Return what follows from the sheet, for a look at it, and what cannot be right.
+
+    The no-load speed is where the EMF ``p psi_f omega`` meets the largest phase voltage, ``u_dc / sqrt(3)``.
+    """
+    motor = design.motor
+    assert motor.p is not None  # what is asked of the sheet makes all electrical data known
+    assert motor.psi_f is not None
+    assert motor.R is not None
+    assert motor.L_q is not None
+    speed = design.drive.u_dc / math.sqrt(3.0) / (motor.p * motor.psi_f)
+    torque = design.K_t * design.drive.i_max
+    figures: dict[str, Any] = {
+        "electrical time constant L/R": (motor.L_q / motor.R, f"{1e3 * motor.L_q / motor.R:.3g} ms"),
+        "no-load speed": (speed, f"{speed / RPM:.4g} rpm at {design.drive.u_dc:.4g} V dc"),
+        "torque at the current limit over J": (torque / design.J, f"{torque:.3g} N m, {torque / design.J:.3g} rad/s^2"),
+    }
+    lines = [f"K_t = {design.K_t:.4g} N m/A peak = {design.K_t * math.sqrt(2):.4g} N m/A rms"]
+    lines += [f"{name}: {shown}" for name, (_, shown) in figures.items()]
+    doubts = [
+        f"{name} of {shown} is unlikely for a servo motor; look at the units again"
+        for name, (value, shown) in figures.items()
+        if not LIKELY[name][0] <= value <= LIKELY[name][1]
+    ]
+    if "emf_constant" in answers and "torque_constant" in answers:
+        doubts += _emf_check(motor.p, motor.psi_f, answers["emf_constant"])
+    return lines, doubts
+
+
+def _emf_check(p: int, psi_f: float, emf: Answer) -> list[str]:
+    """Both constants of a sheet state the same flux: a ratio between them is a convention that was misread."""
+    ratio = DATASHEET[emf.field].to_si(emf.value, p) / psi_f
+    if abs(ratio - 1.0) <= 0.08:
+        return []
+    reasons = {
+        math.sqrt(2.0): "rms taken for peak in one of them",
+        math.sqrt(3.0): "line-to-line taken for phase in one of them",
+        math.sqrt(6.0): "rms taken for peak, and line-to-line for phase",
+        math.sqrt(1.5): "rms taken for peak in one and line-to-line for phase in the other",
+        1.5: "the drive's torque constant is for another current scaling",
+        2.0: "poles taken for pole pairs, or the like",
+    }
+    why = [text for factor, text in reasons.items() if abs(max(ratio, 1 / ratio) / factor - 1.0) < 0.04]
+    cause = f": {why[0]}" if why else ""
+    return [f"the EMF constant means {ratio:.3g} times the flux of the torque constant{cause}"]

@@ -1,0 +1,135 @@
+"""The first command of the first hour: asks for the datasheet and writes a design."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.datasheet import Question
+
+__all__ = ["init"]
+
+Text = str | None
+
+
+def _option(example: str) -> Text:
+    return typer.Option(metavar="VALUE", help=f"such as {example}", show_default=False)
+
+
+def init(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="what the axis is called")] = "axis",
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DESIGN", help="the design to write; NAME.toml if left out")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="overwrite a design that is there")] = False,
+    pole_pairs: Annotated[Text, _option("4")] = None,
+    torque_constant: Annotated[Text, _option("'0.84 N m/A rms'")] = None,
+    emf_constant: Annotated[Text, _option("'51 V rms line/krpm'")] = None,
+    resistance: Annotated[Text, _option("'1.1 Ohm line'")] = None,
+    inductance: Annotated[Text, _option("'7.6 mH line'")] = None,
+    inductance_q: Annotated[Text, _option("'9 mH line'")] = None,
+    inertia: Annotated[Text, _option("'1.6 kg cm2'")] = None,
+    load_inertia: Annotated[Text, _option("'200 kg cm2', at the load's own shaft")] = None,
+    gear: Annotated[Text, _option("10, motor turns per load turn")] = None,
+    current_limit: Annotated[Text, _option("'9 A rms'")] = None,
+    supply: Annotated[Text, _option("'230 V ac' or '325 V dc'")] = None,
+    pwm: Annotated[Text, _option("'16 kHz'")] = None,
+    speed_loop: Annotated[Text, _option("'4 kHz'")] = None,
+    encoder: Annotated[Text, _option("'20 bit', '2500 lines' or '10000 counts'")] = None,
+    friction: Annotated[Text, _option("'0.08 N m'")] = None,
+    viscous: Annotated[Text, _option("'0.02 N m/krpm'")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the design as JSON")] = None,
+) -> None:
+    """Ask for the datasheet and write a design; what is given as an option is not asked."""
+    given = {
+        "pole_pairs": pole_pairs, "torque_constant": torque_constant, "emf_constant": emf_constant,
+        "resistance": resistance, "inductance": inductance, "inductance_q": inductance_q, "inertia": inertia,
+        "load_inertia": load_inertia, "gear": gear, "current_limit": current_limit, "supply": supply, "pwm": pwm,
+        "speed_loop": speed_loop, "encoder": encoder, "friction": friction, "viscous": viscous,
+    }  # fmt: skip
+    _write(name, output or Path(f"{name}.toml"), given, force=force, json_file=json_file)
+
+
+def _write(name: str, target: Path, given: dict[str, Text], *, force: bool, json_file: Path | None) -> None:
+    import tomllib
+
+    from pmsm_ctrl.console import write_json
+    from pmsm_ctrl.datasheet import answers_from, design_toml, plausibility
+    from pmsm_ctrl.design import Design
+    from pmsm_ctrl.errors import RequestError
+    from pmsm_ctrl.files import write_text
+
+    if os.sep in name or not name.strip():
+        raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output says where to write")
+    if target.exists() and not force:
+        raise RequestError(f"{target}: is there already; --force overwrites it, --output names another")
+    answers = answers_from(given, _asking(input) if sys.stdin.isatty() else None)
+    text = design_toml(name, answers)
+    design = Design.from_dict(tomllib.loads(text), source=str(target))
+    facts, doubts = plausibility(design, answers)
+    write_text(target, text)
+    for doubt in doubts:
+        print(f"pmsm-ctrl: {target}: {doubt}", file=sys.stderr)
+    print("\n".join(facts))
+    if json_file is not None:
+        write_json(json_file, "init", {"design": design.to_dict(), "path": str(target), "warnings": doubts})
+    following = {
+        f"study {target}": "tunes the loops and shows what the simulated axis does",
+        "import LOG": "says what the drive's log holds, and what looks wrong in it",
+        f"study {target} --log LOG": "says what the model lacks on the measured axis",
+    }
+    width = max(map(len, following))
+    print(f"design: {target}")
+    for word, (command, answers_what) in zip(("next:", "", ""), following.items(), strict=True):
+        print(f"{word:<6}pmsm-ctrl {command:<{width}}   {answers_what}")
+
+
+def _asking(read: Callable[[str], str]) -> Callable[[Question], str]:
+    """Return a function that asks one question until its answer can be read."""
+    from pmsm_ctrl.datasheet import read_answer
+    from pmsm_ctrl.errors import RequestError
+
+    def ask(question: Question) -> str:
+        units = list(question.units)
+        hint = f" [{question.default or 'Enter: none'}]" if question.default is not None else ""
+        while True:
+            try:
+                text = read(f"{question.text}, in {question.accepted}{hint}: ").strip()
+                if not text and question.default is not None:
+                    return ""
+                if units and _bare(text):
+                    text = f"{text} {_choose(units, read)}"
+                read_answer(question, text)
+            except EOFError:
+                raise RequestError("init: the input ended before all was answered; nothing was written") from None
+            except RequestError as error:
+                print(f"  {str(error).removeprefix(question.option).lstrip()}", file=sys.stderr)
+            else:
+                return text
+
+    return ask
+
+
+def _bare(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _choose(units: list[str], read: Callable[[str], str]) -> str:
+    """Let a number pick the unit: typing 'V rms line/krpm' is asking for a slip."""
+    if len(units) == 1:
+        return units[0]
+    menu = ", ".join(f"{k} {unit}" for k, unit in enumerate(units, start=1))
+    chosen = read(f"  which unit? {menu}: ").strip()
+    if chosen.isdecimal() and 1 <= int(chosen) <= len(units):
+        return units[int(chosen) - 1]
+    return chosen

@@ -1,0 +1,241 @@
+"""From a datasheet to a design: units as sheets write them, nothing guessed, nothing overwritten."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from pmsm_ctrl import Design
+from pmsm_ctrl.cli import main
+from pmsm_ctrl.datasheet import QUESTIONS, answers_from, design_toml, plausibility, read_answer
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.init import _asking
+
+BY_KEY = {question.key: question for question in QUESTIONS}
+# An imagined sheet: 0.84 N m/A rms and 50.8 V rms line-to-line per 1000 rpm state the same flux.
+SHEET = {
+    "pole_pairs": "5", "torque_constant": "0.84 N m/A rms", "emf_constant": "50.8 V rms line/krpm",
+    "resistance": "1.1 Ohm line", "inductance": "7.6 mH line", "inertia": "1.6 kg cm2", "current_limit": "9 A rms",
+    "supply": "230 V ac", "load_inertia": "200 kg cm2", "gear": "10", "friction": "80 mN m",
+    "viscous": "0.02 N m/krpm", "encoder": "2500 lines",
+}  # fmt: skip
+
+
+def options(sheet: dict[str, str]) -> list[str]:
+    return [word for key, value in sheet.items() for word in (f"--{key.replace('_', '-')}", value)]
+
+
+def call(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as left:
+        main([str(a) for a in arguments])
+    return int(left.value.code or 0)
+
+
+@pytest.fixture(autouse=True)
+def _nobody_at_the_keyboard(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "field", "value"),
+    [
+        ("torque_constant", "0.84 N m/A rms", "K_t_rms", 0.84),
+        ("torque_constant", "0.84Nm/Arms", "K_t_rms", 0.84),
+        ("torque_constant", "840 mNm/A (rms)", "K_t_rms", 0.84),
+        ("torque_constant", "0.84 Nm/Apk", "K_t_peak", 0.84),
+        ("emf_constant", "50.8 Vrms/krpm, line-to-line", "K_e_line_rms_per_krpm", 50.8),
+        ("emf_constant", "50.8 V rms L-L / 1000 rpm", "K_e_line_rms_per_krpm", 50.8),
+        ("emf_constant", "50.8 Veff line per 1000 min-1", "K_e_line_rms_per_krpm", 50.8),
+        ("emf_constant", "0.4 V peak phase/(rad/s)", "K_e_phase_peak_per_rad_s", 0.4),
+        ("resistance", "1.1 Ω phase-to-phase", "R_line_to_line", 1.1),
+        ("resistance", "0.55 ohm phase", "R", 0.55),
+        ("inertia", "1.6e-4 kg m²", "J", 1.6e-4),
+        ("inertia", "1.6 kgcm^2", "J_kg_cm2", 1.6),
+        ("inertia", "1600 g·cm²", "J_g_cm2", 1600.0),
+        ("load_inertia", "200 kg cm2", "J", 0.02),
+        ("supply", "400 V ac", "u_dc", 565.685),
+        ("pwm", "16 kHz", "f_control", 16000.0),
+        ("encoder", "17 bit", "encoder_counts", 131072.0),
+        ("encoder", "2500 lines", "encoder_counts", 10000.0),
+        ("friction", "80 mNm", "F_c", 0.08),
+        ("viscous", "0.02 Nm/krpm", "F_v", 0.02 / (1000 * 2 * math.pi / 60)),
+    ],
+)
+def test_units_as_sheets_write_them(key: str, text: str, field: str, value: float) -> None:
+    answer = read_answer(BY_KEY[key], text)
+    assert answer.field == field
+    assert answer.value == pytest.approx(value, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("torque_constant", "0.84", "the unit is missing"),
+        ("torque_constant", "0.84 N m/A", "does not say which"),
+        ("emf_constant", "50 V/krpm", "does not say which"),
+        ("emf_constant", "50 V rms/krpm", "does not say which"),
+        ("resistance", "1.1 Ohm", "does not say which"),
+        ("inertia", "1,6 kg cm2", "decimal mark"),
+        ("inertia", "heavy", "a number with its unit"),
+        ("inertia", "1e999 kg cm2", "a number with its unit"),
+        ("gear", "10 turns", "a plain number"),
+        ("encoder", "170 bit", "1 to 40 bit"),
+    ],
+)
+def test_what_could_mean_two_things_is_refused(key: str, text: str, said: str) -> None:
+    with pytest.raises(RequestError, match=said):
+        read_answer(BY_KEY[key], text)
+
+
+def test_every_unit_of_every_question_is_read_back_as_itself() -> None:
+    for question in QUESTIONS:
+        for unit, (field, _) in question.units.items():
+            answer = read_answer(question, f"4 {unit}")
+            assert answer.unit == unit
+            assert answer.field in (field, "encoder_counts")
+
+
+def test_design_of_the_sheet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("init", "geared", *options(SHEET), "--json", "d.json") == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    design = Design.read("geared.toml")
+    # By hand: star resistance half of the terminals', K_t per peak = per rms / sqrt 2, psi = K_t / (1.5 p).
+    assert pytest.approx(0.55) == design.motor.R
+    assert design.motor.L_d == design.motor.L_q == pytest.approx(3.8e-3)
+    assert design.motor.psi_f == pytest.approx(0.84 / math.sqrt(2) / 7.5)
+    assert pytest.approx(1.6e-4 + 0.02 / 100) == design.J
+    assert design.drive.i_max == pytest.approx(9 * math.sqrt(2))
+    assert design.drive.u_dc == pytest.approx(325.27, abs=0.01)
+    assert design.drive.speed_divider == 4
+    assert design.sensor.encoder_counts == 10000
+    assert design.parameters("coulomb") == {"F_c": 0.08}
+    assert design.parameters("viscous")["F_v"] == pytest.approx(0.02 * 60 / (2000 * math.pi))
+    text = Path("geared.toml").read_text(encoding="utf-8")
+    assert "K_t_rms = 0.84 " in text
+    assert "K_e" not in text, "two names for one flux"
+    assert "next: pmsm-ctrl study geared.toml" in shown.out
+    assert json.loads(Path("d.json").read_text())["schema"] == "pmsm-ctrl/init/1"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["d.json", "geared.toml"]
+
+
+def test_interior_magnets_have_two_inductances() -> None:
+    sheet = {**SHEET, "inductance_q": "9 mH line"}
+    design = Design.from_dict(tomllib.loads(design_toml("x", answers_from(sheet))))
+    assert design.motor.L_d == pytest.approx(3.8e-3)
+    assert design.motor.L_q == pytest.approx(4.5e-3)
+
+
+def test_nothing_is_overwritten_without_force(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("axis.toml").write_text("mine", encoding="utf-8")
+    assert call("init", *options(SHEET)) == 2
+    assert "--force" in capsys.readouterr().err
+    assert Path("axis.toml").read_text() == "mine"
+    assert call("init", *options(SHEET), "--force") == 0
+    assert Design.read("axis.toml").name == "axis"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"inertia": ""}, "--inertia (kg cm2, g cm2, kg m2)"),
+        ({"torque_constant": "", "emf_constant": ""}, "one of --torque-constant and --emf-constant"),
+        ({"speed_loop": "3 kHz"}, "nearest that does is 3200 Hz"),
+        ({"pole_pairs": "2.5"}, "whole number"),
+        ({"pole_pairs": "-4"}, "pole pairs"),
+        ({"inertia": "-1 kg cm2"}, "motor.J"),
+    ],
+)
+def test_a_bad_sheet_writes_nothing(
+    change: dict[str, str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("init", *options({**SHEET, **change})) == 2
+    shown = capsys.readouterr()
+    assert said in shown.err
+    assert shown.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["../up", ""])
+def test_a_name_is_no_path(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("init", name, *options(SHEET)) == 2
+    assert "a name without" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("emf", "said"),
+    [
+        ("50.8 V rms line/krpm", ""),
+        ("71.8 V rms line/krpm", "rms taken for peak"),
+        ("88 V rms line/krpm", "line-to-line taken for phase"),
+        ("101.6 V rms line/krpm", "poles taken for pole pairs"),
+        ("20 V rms line/krpm", "0.394 times the flux"),
+    ],
+)
+def test_the_two_constants_of_a_sheet_are_held_against_each_other(emf: str, said: str) -> None:
+    answers = answers_from({**SHEET, "emf_constant": emf})
+    design = Design.from_dict(tomllib.loads(design_toml("x", answers)))
+    facts, doubts = plausibility(design, answers)
+    assert (said in doubts[0]) if said else doubts == []
+    # No-load speed by hand: 325.27 V / sqrt 3 over 5 pole pairs times 0.0792 Wb, 4529 rpm.
+    assert any("4529 rpm" in fact for fact in facts)
+
+
+def test_a_misread_unit_is_doubted() -> None:
+    answers = answers_from({**SHEET, "inductance": "7600 mH line"})
+    design = Design.from_dict(tomllib.loads(design_toml("x", answers)))
+    assert any("L/R" in doubt for doubt in plausibility(design, answers)[1])
+
+
+def test_a_person_is_asked_again_until_the_answer_can_be_read(capsys: pytest.CaptureFixture[str]) -> None:
+    typed = iter(["0,84", "0.84", "1"])
+    ask = _asking(lambda prompt: next(typed))
+    assert ask(BY_KEY["torque_constant"]) == "0.84 N m/A rms"
+    assert "decimal mark" in capsys.readouterr().err
+    typed = iter([""])
+    assert ask(BY_KEY["gear"]) == ""
+    typed = iter(["0.08"])
+    assert _asking(lambda prompt: next(typed, "2"))(BY_KEY["friction"]) == "0.08 mN m"
+
+
+def test_input_that_ends_writes_nothing() -> None:
+    def ended(prompt: str) -> str:
+        raise EOFError
+
+    with pytest.raises(RequestError, match="nothing was written"):
+        answers_from({}, _asking(ended))
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="NO PSEUDO-TERMINAL: the dialogue was not typed")
+def test_dialogue_at_a_terminal(tmp_path: Path) -> None:
+    """Typed line by line at a pseudo-terminal, as a new user would."""
+    typed = ["5", "0.84", "1", "", "1.1", "1", "7.6", "1", "", "1.6", "1", "", "", "9", "1", "", "", "", "", "", ""]
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pmsm_ctrl", "init", "typed"], stdin=theirs, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    os.write(ours, ("\n".join(typed) + "\n").encode())
+    out, err = process.communicate(timeout=60)
+    os.close(theirs)
+    os.close(ours)
+    assert process.returncode == 0, err
+    assert "design: typed.toml" in out
+    design = Design.read(tmp_path / "typed.toml")
+    assert design.K_t == pytest.approx(0.84 / math.sqrt(2))
+    assert pytest.approx(1.6e-4) == design.motor.J
+
+
+def test_the_written_design_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("init", "geared", *options(SHEET)) == 0
+    assert call("tune", "geared.toml", "--no-prove", "--output", "tuned.toml") == 0
+    assert Design.read("tuned.toml").loops is not None
