@@ -31,7 +31,7 @@ Array = NDArray[Any]
 LANES = 16
 FEWEST = 6  # drives from which a group with empty lanes is still faster than one by one
 WORTH = 50_000_000  # control periods of a combination from which compiling its group kernel pays
-CHUNK = 1 << 11  # control periods of noise drawn at once: what the second-level cache holds
+CHUNK = 1 << 13  # control periods of noise drawn at once: calls hold the interpreter's lock, so few of them
 BLOCK = 1 << 14  # control periods of references worked out at once
 _TEMPLATE = Path(__file__).resolve().parent.parent / "kernels" / "lanes_template.py"
 

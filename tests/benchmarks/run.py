@@ -12,15 +12,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.simulate import Scenario, scenario
+from pmsm_ctrl.simulate import Plant, Scenario, scenario
 from pmsm_ctrl.simulate.batch import simulate_batch
 from tests.benchmarks import others
-from tests.benchmarks.twin import LANES, Pair, alternate, compile_twin, gcc, lanes_rate, with_six
+from tests.benchmarks.twin import LANES, Pair, alternate, compile_lanes, compile_twin, gcc, run_lanes, with_six
 
 ROOT = Path(__file__).resolve().parents[2]
 Row = tuple[str, str, str]
@@ -159,13 +160,30 @@ def side_by_side(design: Design, motion: Scenario, pairs: int) -> Iterator[Row]:
     if gcc() is None:
         return
     with tempfile.TemporaryDirectory() as folder:
-        best = lanes_rate(Path(folder), design)
+        best, gain = limits_in_c(design, Path(folder))
     share = rates["base without current noise"] / best
     yield (
         f"{LANES} side by side in C, no noise, limits or log",
         f"{best:,.0f} simulated s/s; the kernel without noise reaches {100.0 * share:.0f} % of it",
         "",
     )
+    yield f"the same in C on {os.cpu_count()} cores", f"{gain:.2f} x one core: what this machine's cores share", ""
+
+
+def limits_in_c(design: Design, folder: Path, ticks: int = 1 << 21) -> tuple[float, float]:
+    """Return simulated seconds per second of the C lane loop on one core, and how much all cores together gain.
+
+    Cores that are two threads of one share its vector units: there no batch of vector instructions gains much.
+    """
+    run, cores = compile_lanes(folder), os.cpu_count() or 1
+
+    def on(threads: int) -> None:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(lambda _: run_lanes(run, design, ticks), range(cores)))
+
+    one, many = alternate(lambda: on(1), lambda: on(cores), 5, time.perf_counter)
+    rate = cores * ticks * Plant.of(design).period * LANES / float(np.min(one))
+    return rate, float(np.median(np.array(one) / np.array(many)))
 
 
 def show(title: str, rows: Iterator[Row]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -110,27 +109,23 @@ def alternate(
 LANES = 16
 
 
-def lanes_rate(folder: Path, design: Design, ticks: int = 1 << 16) -> float:
-    """Return simulated seconds per second and core of `LANES` drives side by side in C, on one core.
-
-    What vectorisation could give a batch at best: see lanes.c for what it leaves out.
-    """
+def compile_lanes(folder: Path) -> Any:
+    """Compile the C loop over `LANES` drives side by side: see lanes.c for what it leaves out."""
     library = folder / "lanes.so"
     flags = (*FLAGS, "-fno-math-errno", "-fno-trapping-math", f"-DLANES={LANES}")
     source = SOURCE.with_name("lanes.c")
     command = [str(gcc()), *flags, "-std=c11", "-Wall", "-fPIC", "-shared", "-o", str(library), str(source), "-lm"]
     subprocess.run(command, check=True, capture_output=True, text=True)
-    pointer = ctypes.POINTER(ctypes.c_double)
     run = ctypes.CDLL(str(library)).run_lanes
-    run.argtypes, run.restype = [ctypes.c_int64, *[pointer] * 7], None
+    run.argtypes, run.restype = [ctypes.c_int64, *[ctypes.POINTER(ctypes.c_double)] * 7], None
+    return run
+
+
+def run_lanes(run: Any, design: Design, ticks: int) -> None:
+    """Run `LANES` drives for `ticks` control periods in C; the interpreter's lock is free meanwhile."""
+    pointer = ctypes.POINTER(ctypes.c_double)
     friction = design.parameters("coulomb")["F_c"], design.parameters("viscous")["F_v"]
     per_drive = [np.full(LANES, value) for value in (design.J, *friction)]
     speed = 100.0 * np.sin(2.0 * np.pi * np.arange(ticks) * Plant.of(design).period)
-    shared = [Plant.of(design).array(), Controller.of(design).array(), speed]
-    best = float("inf")
-    for _ in range(5):
-        arrays = [np.zeros((13, LANES)), *per_drive, *shared]
-        start = time.process_time()
-        run(ticks, *(array.ctypes.data_as(pointer) for array in arrays))
-        best = min(best, time.process_time() - start)
-    return ticks * Plant.of(design).period * LANES / best
+    arrays = [np.zeros((13, LANES)), *per_drive, Plant.of(design).array(), Controller.of(design).array(), speed]
+    run(ticks, *(array.ctypes.data_as(pointer) for array in arrays))
