@@ -15,7 +15,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.track import model
 from pmsm_ctrl.track.filters import Extended, Unscented
 from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
-from pmsm_ctrl.track.settings import Settings, covariance, numbers, start
+from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
 
 __all__ = ["FrictionTracker", "Reading"]
 
@@ -77,8 +77,7 @@ class FrictionTracker:
         self._known = KnownTorque(design, own)
         logged = design.sensor.log_divider / design.drive.f_control
         self._s = numbers(design, self.settings, logged if period is None else period)
-        self._m = np.zeros(model.MEMORY)
-        self._m[: model.SPEED_LAST + 1] = np.nan
+        self._m = memory()
         active = self.settings.active
         self._full = start(design)
         self._index = np.array(active)
@@ -170,7 +169,7 @@ class FrictionTracker:
         m = self._m
         speed = z
         if self.settings.measure == "theta":
-            speed = (z - m[model.Z_LAST]) / (t - m[model.T_LAST]) if t > m[model.T_LAST] else 0.0
+            speed = (z - m[model.Z_LAST]) / (t - m[model.T_LAST]) if model.NEVER < m[model.T_LAST] < t else 0.0
         if not (math.isfinite(speed) and math.isfinite(torque)):
             return 0.0
         signals = {"omega": speed, "direction": float(np.sign(speed)), "theta": theta, "i_d": i_d, "i_q": i_q}

@@ -8,7 +8,7 @@ are written once; friction is evaluated by the effects' own terms.
 
 from __future__ import annotations
 
-from math import isfinite, nan
+from math import isfinite
 
 import numba
 
@@ -17,8 +17,8 @@ from pmsm_ctrl.effects.viscous import term as viscous
 from pmsm_ctrl.kernels import OPTIONS
 
 __all__ = [
-    "EVENTS", "MEMORY", "SETTINGS", "STATES", "acceleration", "classify", "constant_speed", "fresh_speed", "judge",
-    "keep_split", "process_variance",
+    "EVENTS", "MEMORY", "NEVER", "SETTINGS", "STATES", "acceleration", "classify", "constant_speed", "fresh_speed",
+    "judge", "keep_split", "process_variance",
 ]  # fmt: skip
 
 # Called from Python by filterpy's filters, and compiled into the twin's loop (1.2 x faster than calls).
@@ -45,9 +45,10 @@ SETTINGS = PRIOR + SIZE
 # Numbers carried from sample to sample.
 (
     T_LAST, Z_LAST, TORQUE_LAST, KNOWN_LAST, SPEED_LAST, RUNNING, ELAPSED, MEAN, SPREAD, REJECTS, DT, SPEED,
-    TORQUE, KNOWN, SURGE, DUE, TREND, CALM,
-) = range(18)  # fmt: skip
-MEMORY = 18
+    TORQUE, KNOWN, SURGE, DUE, TREND, CALM, SEEN,
+) = range(19)  # fmt: skip
+MEMORY = 19
+NEVER = -1e30  # time of the last sample before there is one; no NaN, which stops some controllers
 
 SPREAD_TIME = 1.0  # s over which the spread of abs(omega) is judged
 SPREAD_LIMIT = 0.02  # below this relative spread, F_c and F_v cannot be told apart
@@ -95,30 +96,32 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
     """
     if not (isfinite(t) and isfinite(z) and isfinite(torque) and isfinite(known)):
         return INVALID
-    dt = t - m[T_LAST]  # NaN before the first sample
+    dt = t - m[T_LAST]  # huge before the first sample
     if dt <= 0.0:
         return INVALID
     speed = (z - m[Z_LAST]) / dt if s[FROM_ANGLE] != 0.0 else z
-    last = m[SPEED_LAST]
+    last, seen = m[SPEED_LAST], m[SEEN]
     m[DT] = dt
     m[SPEED] = speed
     m[TORQUE] = 0.5 * (torque + m[TORQUE_LAST])
     m[KNOWN] = 0.5 * (known + m[KNOWN_LAST])
     m[SURGE] = torque - m[TORQUE_LAST]
     m[T_LAST], m[Z_LAST], m[TORQUE_LAST], m[KNOWN_LAST], m[SPEED_LAST] = t, z, torque, known, speed
+    m[SEEN] = 1.0
     if not dt <= s[MAX_GAP]:
         m[RUNNING] = 0.0
-        m[SPEED_LAST] = nan if s[FROM_ANGLE] != 0.0 else speed  # a mean over the gap says nothing
+        if s[FROM_ANGLE] != 0.0:
+            m[SEEN] = 0.0  # a mean over the gap says nothing
         return GAP
     # What the torque can do within the step, three times over, and eight standard deviations of noise.
     step = abs(speed - last) - 8.0 * s[SPEED_NOISE]
-    if step > 0.0:
+    if seen != 0.0 and step > 0.0:
         reach = 3.0 * dt * (abs(m[TORQUE]) + abs(m[SURGE]) + abs(m[KNOWN]) + friction)
         if step * s[J_NOMINAL] > reach + 8.0 * (s[TORQUE_DENSITY] * dt) ** 0.5:
             m[RUNNING] = 0.0
             return IMPLAUSIBLE
     floor = s[THRESHOLD]
-    if not (abs(speed) > floor and abs(last) > floor and speed * last > 0.0):
+    if not (seen != 0.0 and abs(speed) > floor and abs(last) > floor and speed * last > 0.0):
         m[RUNNING] = 0.0
         return STANDSTILL
     weight = dt / SPREAD_TIME

@@ -13,7 +13,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.track import model
 
-__all__ = ["Settings", "covariance", "numbers", "start"]
+__all__ = ["Settings", "covariance", "memory", "numbers", "start"]
 
 Array = NDArray[np.float64]
 
@@ -96,6 +96,13 @@ def start(design: Design) -> Array:
     F_c = design.parameters("coulomb").get("F_c", 0.0)
     F_v = design.parameters("viscous").get("F_v", 0.0)
     return np.array([0.0, F_c, F_v, 0.0, design.J, 0.0])
+
+
+def memory() -> Array:
+    """Return what is carried from sample to sample, before the first one."""
+    m = np.zeros(model.MEMORY)
+    m[model.T_LAST] = model.NEVER
+    return m
 
 
 def numbers(design: Design, settings: Settings, log_period: float) -> Array:

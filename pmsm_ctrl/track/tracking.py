@@ -17,7 +17,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
 from pmsm_ctrl.track import model
 from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
-from pmsm_ctrl.track.settings import Settings, covariance, numbers, start
+from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -264,8 +264,7 @@ def filter_samples(design: Design, settings: Settings, s: Array, samples: Sample
     from pmsm_ctrl.track.twin import run
 
     n = samples.t.size
-    x, P, m = start(design), covariance(s, settings), np.zeros(model.MEMORY)
-    m[: model.SPEED_LAST + 1] = np.nan
+    x, P, m = start(design), covariance(s, settings), memory()
     slow = 1 + max(k for k in settings.active if k != model.THETA)
     out = Filtered(
         x, P, np.empty((n, slow)), np.empty((n, slow)), np.empty(n), np.empty((n, 2)), np.empty(n, dtype=np.int8)

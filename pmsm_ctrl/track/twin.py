@@ -33,6 +33,7 @@ from pmsm_ctrl.track.model import (
     SPEED,
     STANDSTILL,
     STARTED,
+    T_LAST,
     T_LOAD,
     THETA,
     TORQUE,
@@ -242,11 +243,11 @@ def run(t, z, torque, known, s, x, P, m, estimates, variances, covariance, innov
     slow = estimates.shape[1]
     for k in range(t.size):
         friction = abs(x[F_C]) + abs(x[F_V] * x[OMEGA])
-        before = m[0]
+        before = m[T_LAST]
         event = classify(m, t[k], z[k], torque[k], known[k], friction, s)
         innovations[k, 0] = np.nan
         innovations[k, 1] = np.nan
-        if m[0] > before:
+        if m[T_LAST] > before:
             grow(P, s, slow, m[DT])
         if event == PREDICTED:
             # a constant bound lets the compiler unroll the loops of the usual case
