@@ -239,3 +239,14 @@ def test_the_written_design_runs(capsys: pytest.CaptureFixture[str]) -> None:
     assert call("init", "geared", *options(SHEET)) == 0
     assert call("tune", "geared.toml", "--no-prove", "--output", "tuned.toml") == 0
     assert Design.read("tuned.toml").loops is not None
+
+
+def test_a_heavy_load_leaves_a_motion_to_identify_it() -> None:
+    """The default motion lasts 30 s whatever the axis: its top speed gives way, an asked one is refused."""
+    from pmsm_ctrl.simulate import scenario
+
+    heavy = Design.from_dict(tomllib.loads(design_toml("x", answers_from({**SHEET, "load_inertia": "2000 kg cm2"}))))
+    motion = scenario("identification", heavy)
+    assert motion.duration == 30.0
+    with pytest.raises(RequestError, match="ramps leave too little"):
+        scenario("identification", heavy, speed_max=400.0)
