@@ -20,9 +20,12 @@ __all__ = [
     "Loops", "Motor", "PositionLoop", "Sensor", "SpeedLoop",
 ]  # fmt: skip
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+# In SI units everything from a watch's motor to a ship's shaft lies well inside. What lies outside is a slip of the
+# unit, and products of such numbers leave what a double can hold.
+SMALL, LARGE = 1e-15, 1e15
+Positive = Annotated[float, Field(ge=SMALL, le=LARGE, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGE, allow_inf_nan=False)]
+Finite = Annotated[float, Field(ge=-LARGE, le=LARGE, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
 
 
@@ -66,7 +69,7 @@ class Motor(Part):
     """
 
     J: Positive = Field(description="rotor inertia, kg m^2 (moving mass in kg for a linear axis)")
-    p: int | None = Field(default=None, ge=1, description="pole pairs")
+    p: int | None = Field(default=None, ge=1, le=1000, description="pole pairs")
     psi_f: Positive | None = Field(default=None, description="permanent-magnet flux linkage, Wb")
     R: Positive | None = Field(default=None, description="phase resistance, Ohm")
     L_d: Positive | None = Field(default=None, description="direct-axis inductance, H")
@@ -114,16 +117,16 @@ class Load(Part):
     """What hangs on the motor."""
 
     J: NonNegative = Field(default=0.0, description="load inertia at the load's own shaft, kg m^2")
-    gear: Positive = Field(default=1.0, description="motor turns per load turn")
+    gear: Positive = Field(default=1.0, ge=1e-6, le=1e6, description="motor turns per load turn")
 
 
 class Drive(Part):
     """Power stage and sampling of the drive."""
 
     u_dc: Positive = Field(default=560.0, description="dc-link voltage, V")
-    i_max: Positive = Field(default=math.inf, description="current limit, A peak", allow_inf_nan=True)
-    f_control: Positive = Field(default=16000.0, description="current control rate = PWM rate, Hz")
-    speed_divider: int = Field(default=4, ge=1, description="current periods per speed and position period")
+    i_max: float = Field(default=math.inf, ge=SMALL, description="current limit, A peak", allow_inf_nan=True)
+    f_control: Positive = Field(default=16000.0, ge=1.0, le=1e7, description="current control rate = PWM rate, Hz")
+    speed_divider: int = Field(default=4, ge=1, le=1000, description="current periods per speed and position period")
     delay_periods: int = Field(default=1, ge=0, le=1, description="computation delay in control periods")
     plant_steps: int = Field(default=1, ge=1, le=64, description="integration steps per control period")
 
@@ -136,10 +139,12 @@ class Drive(Part):
 class Sensor(Part):
     """What the drive sees and what it records."""
 
-    encoder_counts: int = Field(default=0, ge=0, description="counts per turn (per metre, linear); 0 = ideal")
+    encoder_counts: int = Field(
+        default=0, ge=0, le=1 << 48, description="counts per turn (per metre, linear); 0 = ideal"
+    )
     current_noise: NonNegative = Field(default=0.0, description="noise of the measured i_d and i_q, A rms")
     speed_filter: NonNegative = Field(default=0.0, description="time constant of the speed filter, s")
-    log_divider: int = Field(default=16, ge=1, description="control periods per logged sample")
+    log_divider: int = Field(default=16, ge=1, le=1_000_000, description="control periods per logged sample")
 
 
 class CurrentLoop(Part):
@@ -199,7 +204,9 @@ class EffectEntry(Part):
 
     id: str
     parameters: dict[str, Finite] = Field(default_factory=dict)
-    stderr: dict[str, NonNegative] = Field(default_factory=dict, description="standard errors, where fitted")
+    stderr: dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = Field(
+        default_factory=dict, description="standard errors, where fitted"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -223,9 +230,10 @@ class Compensation(Part):
 class Acceptance(Part):
     """One line of the acceptance: in this scenario this metric must not exceed this limit."""
 
-    scenario: str
-    metric: str
-    limit: Finite
+    scenario: str = Field(description="a trial of the compensation study, or a scenario under position control")
+    metric: str = Field(description="rms, peak, reversal_peak, cycle_amplitude, ..., or one of them with _change")
+    limit: Finite = Field(description="in SI units; a change as a share, -0.8 for -80 %")
+    factor: Positive = Field(default=1.0, description="what the compensated parameters are off by")
 
 
 class LogMap(Part):
@@ -346,7 +354,7 @@ class Design(Part):
                 {"id": e.id, **e.parameters} | ({"stderr": dict(e.stderr)} if e.stderr else {}) for e in self.effects
             ]
         if self.acceptance:
-            data["acceptance"] = [a.model_dump() for a in self.acceptance]
+            data["acceptance"] = [a.model_dump(exclude_defaults=True) for a in self.acceptance]
         return _plain(data)
 
     def to_toml(self) -> str:
@@ -430,6 +438,9 @@ def _explain(error: ValidationError, data: dict[str, Any], source: str) -> str:
         return f"{where}: {first['msg'].removeprefix('Value error, ')}"
     shown = repr(found) if len(repr(found)) < 60 else f"a {type(found).__name__}"
     message = first["msg"][0].lower() + first["msg"][1:]
+    for bound in ("ge", "le"):  # pydantic writes 1e-15 with all its zeros
+        if bound in first.get("ctx", {}):
+            message = message.rpartition(" ")[0] + f" {first['ctx'][bound]:g}"
     return f"{where}: found {shown}, but {message.replace('input ', 'it ')}; {_accepted(first['loc'])}"
 
 

@@ -18,6 +18,11 @@ __all__ = ["CHANNELS", "Log", "Provenance", "Segment"]
 
 Array = NDArray[np.float64]
 
+# What can be evaluated, in SI units and s. No axis leaves these, and the powers and products that an evaluation makes
+# of numbers beyond them leave what a double holds.
+LARGEST = 1e12
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-9, 1e5
+
 # channel -> (unit on a rotary axis, unit on a linear axis, meaning)
 CHANNELS: dict[str, tuple[str, str, str]] = {
     "t": ("s", "s", "time"),
@@ -140,6 +145,30 @@ class Log:
     def unit(self, name: str) -> str:
         """SI unit of a channel on this kind of axis."""
         return CHANNELS[name][1 if self.motion == "linear" else 0]
+
+    def check_evaluable(self, samples: int = 3) -> None:
+        """Refuse a log whose numbers no axis can have, before an evaluation drowns in them.
+
+        Raises
+        ------
+        LogError
+            For fewer than `samples` samples, a value beyond `LARGEST` SI units, and a sampling period beyond
+            `SHORTEST_PERIOD` to `LONGEST_PERIOD`.
+        """
+        if len(self) < samples:
+            raise LogError(f"{self._label}{len(self)} sample{'s' * (len(self) != 1)}; at least {samples} were expected")
+        for name, values in self.channels.items():
+            row = int(np.argmax(np.abs(values)))
+            if abs(values[row]) > LARGEST:
+                raise LogError(
+                    f"{self._label}channel '{name}', sample {row}: {values[row]:.4g} {self.unit(name)}; numbers up to "
+                    f"{LARGEST:g} can be evaluated (a lost sample, or the wrong unit?)"
+                )
+        if len(self) > 1 and not SHORTEST_PERIOD <= self.period <= LONGEST_PERIOD:
+            raise LogError(
+                f"{self._label}sampling period of {self.period:.3g} s; {SHORTEST_PERIOD:g} s to {LONGEST_PERIOD:g} s "
+                "can be evaluated (is the unit of time right?)"
+            )
 
     # -- changed copies --------------------------------------------------------------------------------------
 

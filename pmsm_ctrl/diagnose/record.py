@@ -122,6 +122,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
     LogError
         When a channel is missing, or the axis never moves.
     """
+    log.check_evaluable(32)
     log = _thinned(_in_time(design, log))
     processing = processing or Processing(standstill=STANDSTILL, cutoff=_band(log))
     prepared = prepare(design, log, processing)

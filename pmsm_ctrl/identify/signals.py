@@ -22,10 +22,21 @@ from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.units import psi_f_from
 
-__all__ = ["Prepared", "Processing", "axis_unit", "derivative", "drive_torque", "low_pass", "prepare", "uniform"]
+__all__ = [
+    "Prepared",
+    "Processing",
+    "axis_unit",
+    "derivative",
+    "drive_torque",
+    "low_pass",
+    "prepare",
+    "uniform",
+    "unwrapped",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+SMALLEST = 1e-15  # SI units; no sensor resolves less
 
 # Central differences over 3 and 9 points (exact to degree 2 and 8): weights of x[k+j] - x[k-j].
 # B. Fornberg, Mathematics of Computation 51 (1988) 699.
@@ -193,6 +204,12 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[str, ...]]:
 
     # the mean step and not the median: a median of rounded stamps drifts away from the clock
     holes = step > 5.0 * period
+    if log.duration / period > 100.0 * len(log) + 1e6:
+        where, widest = (f"{log.provenance.file}: " if log.provenance.file else ""), int(np.argmax(step))
+        raise LogError(
+            f"{where}a gap of {step[widest]:.4g} s after t = {t[widest]:.6g} s is too long to be bridged; "
+            "cut the log there"
+        )
     period = float(np.mean(step[~holes]))
     grid = t[0] + period * np.arange(int((t[-1] - t[0]) / period * (1 + 1e-12)) + 1)
     resampled = {name: CubicSpline(t, values)(grid) for name, values in channels.items()}
@@ -225,6 +242,7 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
     where = f"{log.provenance.file}: " if log.provenance.file else ""
     if len(log) < 100:
         raise LogError(f"{where}{len(log)} samples; identification needs at least 100")
+    log.check_evaluable()
     t, raw, good, notes = uniform(log)
     rate = (len(t) - 1) / float(t[-1] - t[0])
     cutoff = processing.cutoff if processing.cutoff is not None else min(40.0, rate / 8.0)
@@ -237,6 +255,7 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
         if name in raw:
             signals[name] = clean(raw[name])
     signals["torque"] = clean(raw["torque"]) if "torque" in raw else drive_torque(design, signals, where)
+    _require_motion(signals, where)
     signals["t"] = t - t[0]  # terms that drift count from the begin of the log
     for name in {"i_d", "i_q"} & signals.keys():
         signals[f"d{name}"] = derivative(signals[name], 1.0 / rate, processing.derivative)
@@ -260,11 +279,20 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
     return Prepared(t, signals, alpha, moving, keep, rate, cutoff, log.motion, shape, notes)
 
 
+def _require_motion(signals: Mapping[str, Array], where: str) -> None:
+    """Refuse a log in which nothing turns or nothing drives; rounding errors are neither."""
+    for name, what in (("omega", "the axis stands still"), ("torque", "the drive makes no torque")):
+        if float(np.max(np.abs(signals[name]))) < SMALLEST:
+            raise LogError(
+                f"{where}{what} throughout ({name} below {SMALLEST:g} SI units); a driven motion was expected"
+            )
+
+
 def _motion(
     raw: Mapping[str, Array], period: float, clean: Callable[[Array], Array], method: str, where: str
 ) -> tuple[dict[str, Array], Array]:
     if "theta" in raw:
-        theta = clean(_unwrap(raw["theta"]))
+        theta = clean(unwrapped(raw["theta"]))
         omega = derivative(theta, period, method)
     elif "omega" in raw:
         omega = clean(raw["omega"])
@@ -286,7 +314,7 @@ def _spikes(torque: Array) -> NDArray[np.int64]:
     return np.flatnonzero(step > max(0.2 * span, 10.0 * scatter))
 
 
-def _unwrap(theta: Array) -> Array:
+def unwrapped(theta: Array) -> Array:
     """Undo a wrap at one turn: jumps of nearly 2 pi within a range of one turn, and nothing else."""
     if np.ptp(theta) <= 2 * np.pi * (1 + 1e-6) and float(np.max(np.abs(np.diff(theta)))) > 1.5 * np.pi:
         return np.unwrap(theta)

@@ -205,6 +205,7 @@ def track(
     """
     if len(log) < 3:
         raise LogError(f"{_where(log)}{len(log)} samples; tracking needs at least 3")
+    log.check_evaluable()
     settings = settings or Settings(measure="theta" if "theta" in log else "omega")
     samples = samples_of(design, log, settings.measure, own)
     settings = _noise_from_log(design, settings, samples, log)

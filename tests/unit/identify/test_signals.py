@@ -127,7 +127,7 @@ def test_too_short_and_never_moving() -> None:
     with pytest.raises(LogError, match="at least 100"):
         prepare(PLAIN, sine_log(50))
     t = np.arange(2000) / 1000.0
-    with pytest.raises(LogError, match="moves for too short"):
+    with pytest.raises(LogError, match="stands still"):
         prepare(PLAIN, Log({"t": t, "omega": 0 * t, "torque": 0 * t}))
     with pytest.raises(RequestError, match="half the log's rate"):
         prepare(PLAIN, sine_log(), Processing(cutoff=600.0))
