@@ -79,7 +79,8 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
 NEXT_COMMANDS = (
     (r"no such file; a design", "pmsm-ctrl init writes a design from a datasheet"),
     (r"loops: missing", "pmsm-ctrl tune DESIGN --output NEW_DESIGN"),
-    (r"no channel|a number was expected|holds text|neither (omega|theta|torque)|\bunit \[", "pmsm-ctrl import LOG"),
+    (r"no channel '", "say which column it is, such as --map i_q='COLUMN [UNIT]'"),
+    (r"a number was expected|holds text|neither (omega|theta|torque)|\bunit \[", "pmsm-ctrl import LOG"),
     (r"unknown effect", "pmsm-ctrl effects lists them"),
     (r"no plateau|settled speed level", "pmsm-ctrl identify takes a log of any motion"),
     (r"cannot be simulated; give a log", "pmsm-ctrl init asks for the electrical data"),
@@ -88,7 +89,7 @@ NEXT_COMMANDS = (
 
 def _next_command(message: str, words: Sequence[str]) -> str:
     """Return "; next: ..." where a command of this program is the way on."""
-    if not message or "pmsm-ctrl " in message or words[:1] == ["import"]:
+    if not message or "pmsm-ctrl " in message:
         return ""
     return next((f"; next: {command}" for sign, command in NEXT_COMMANDS if re.search(sign, message)), "")
 

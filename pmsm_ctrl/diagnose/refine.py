@@ -60,9 +60,10 @@ def _tried(
 
 def _spacing(name: str, shape: Mapping[str, float], grid: tuple[Mapping[str, float], ...]) -> float:
     values = sorted({s[name] for s in grid})
-    position = values.index(shape[name])
+    # The nearest of the grid: a trial that was refined before has left it.
+    position = int(np.argmin(np.abs(np.log(np.array(values) / shape[name]))))
     near = values[position + 1] if position + 1 < len(values) else values[position - 1]
-    return 0.5 * abs(float(np.log(near / shape[name])))
+    return 0.5 * abs(float(np.log(near / values[position])))
 
 
 def _inside(trial: Trial, name: str, value: float) -> float:

@@ -367,7 +367,7 @@ def test_bad_requests_to_effects(
     ("words", "next_command"),
     [
         (["tune", "nowhere.toml"], "pmsm-ctrl init"),
-        (["identify", "LOG", "--design", "DESIGN"], "pmsm-ctrl import LOG"),
+        (["identify", "LOG", "--design", "DESIGN"], "--map i_q="),
         (["effects", "cogginf"], "pmsm-ctrl effects"),
         (["import", "LOG", "--map", "omega=nothing"], ""),
     ],
