@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 
-__all__ = ["UNITS", "Metrics", "measure"]
+__all__ = ["CHANGE", "UNITS", "Metrics", "measure", "measure_contour"]
 
 Array = NDArray[np.float64]
 
@@ -23,6 +23,7 @@ UNITS = {
     "rms": "rad", "peak": "rad", "reversal_peak": "rad", "stuck": "1", "cycle_amplitude": "rad",
     "cycle_frequency": "Hz", "effort": "A", "noise": "A",
 }  # fmt: skip
+CHANGE = ("rms", "peak", "reversal_peak", "effort", "noise")  # those with a meaning as a share of that without
 
 
 @dataclass(frozen=True)
@@ -61,15 +62,44 @@ def measure(log: Log, skip: float = 0.0) -> Metrics:
     LogError
         When the log lacks the true motion or the position reference.
     """
+    _require(log)
+    used = log.t >= log.t[0] + skip
+    error = (log["theta_ref"] - log["theta_true"])[used]
+    reference, turned = log["omega_ref"][used], _turns(log["omega_ref"][used])
+    return _metrics(log, used, error, reference, turned)
+
+
+def measure_contour(x: Log, y: Log, radius: float) -> Metrics:
+    """Return the metrics of a circle of `radius` that starts at (radius, 0), from the logs of its two axes.
+
+    Errors are the distance from the circle, in the unit of the axes; the window is that after a reversal of either
+    axis, where the quadrant glitch sits. Of the rest the worse axis counts.
+
+    Raises
+    ------
+    LogError
+        When a log lacks the true motion or the position reference.
+    """
+    for log in (x, y):
+        _require(log)
+    every = np.ones(len(x), dtype=bool)
+    error = np.hypot(x["theta_true"] + radius, y["theta_true"]) - radius
+    turned = np.unique(np.concatenate([_turns(log["omega_ref"]) for log in (x, y)]))
+    axes = [_metrics(log, every, error, log["omega_ref"], turned) for log in (x, y)]
+    return Metrics(**{name: max(getattr(axis, name) for axis in axes) for name in UNITS})
+
+
+def _require(log: Log) -> None:
     for name in ("theta_ref", "theta_true", "omega_true", "omega_ref", "i_q_ref"):
         if name not in log:
             raise LogError(f"metrics of a compensation need '{name}' (present: {', '.join(log)})")
-    used = log.t >= log.t[0] + skip
-    error = (log["theta_ref"] - log["theta_true"])[used]
-    omega, reference = log["omega_true"][used], log["omega_ref"][used]
-    current, period = log["i_q_ref"][used], log.period
+
+
+def _metrics(
+    log: Log, used: NDArray[np.bool_], error: Array, reference: Array, turned: NDArray[np.intp]
+) -> Metrics:  # fmt: skip
+    omega, current, period = log["omega_true"][used], log["i_q_ref"][used], log.period
     commanded = reference != 0.0
-    turned = _turns(reference)
     window = np.zeros(error.size, dtype=bool)
     for k in turned:
         window[k : k + round(REVERSAL_WINDOW / period)] = True

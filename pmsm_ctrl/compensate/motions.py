@@ -1,25 +1,57 @@
-"""Motions on which a compensation is judged: slow reversals, creep, positioning with rest, a disturbed hold."""
+"""Motions on which a compensation is judged: slow reversals, creep, a circle, positioning, a push, warming up."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.simulate import Scenario, scenario
+from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.simulate import SCENARIOS, Scenario, scenario
 from pmsm_ctrl.simulate.motions import Limits, PathBuilder
 
-__all__ = ["study_motions"]
+__all__ = ["CIRCLE", "WARM_UP", "Trial", "named_trial", "study_trials"]
 
 Array = NDArray[Any]
 
+CIRCLE, WARM_UP = "circle", "warm-up"
+RADIUS = 10.0 / math.pi  # rad: half a turn of the circle a second is 10 rad/s
+WARMER = 0.4  # share of F_c and F_v that is gone once the axis is warm
+WARMING = 6.0  # s; a real axis takes minutes, and the tracker has as many reversals then as here, or more
 
-def study_motions(design: Design) -> dict[str, Scenario]:
-    """Return the motions by name; all under position control, each with rest at its end."""
+
+@dataclass(frozen=True)
+class Trial:
+    """What a compensation is tried on.
+
+    Attributes
+    ----------
+    motions : tuple of Scenario
+        One an axis; the two axes of a contour are alike.
+    radius : float
+        Of the circle that two axes draw, rad at the motors; 0 for one axis.
+    changed : mapping of effect to parameters
+        Effects that the plant has besides its own, or in their place.
+    """
+
+    motions: tuple[Scenario, ...]
+    radius: float = 0.0
+    changed: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def plant(self, design: Design) -> Design:
+        """Return the plant of this trial."""
+        for effect, parameters in self.changed.items():
+            design = design.with_effect(effect, dict(parameters))
+        return design
+
+
+def study_trials(design: Design) -> dict[str, Trial]:
+    """Return the trials by name; all under position control, each with rest at its end."""
     motions = {f"reversal {speed:g} rad/s": _sine_then_rest(design, speed) for speed in (0.5, 2.0, 10.0)}
     motions["triangle"] = _path("triangle", _triangle)
     motions |= {f"creep {speed:g} rad/s": _path("creep", _creep(speed)) for speed in (0.1, 1.0)}
@@ -27,7 +59,81 @@ def study_motions(design: Design) -> dict[str, Scenario]:
         "s_curve", design, distance=0.5, speed=5.0, acceleration=50.0, jerk=1000.0, dwell=2.0, cycles=2.0
     )
     motions["push"] = _push(design)
-    return motions
+    trials = {name: Trial((motion,)) for name, motion in motions.items()}
+    trials[CIRCLE] = Trial((_circle(0), _circle(1)), radius=RADIUS)
+    trials[WARM_UP] = _warm_up(design)
+    return trials
+
+
+def named_trial(design: Design, name: str) -> Trial:
+    """Return a trial of the study, or a named scenario under position control, as the only motion of one.
+
+    Raises
+    ------
+    RequestError
+        When neither has this name, or the scenario is not under position control.
+    """
+    trials = study_trials(design)
+    if name in trials:
+        return trials[name]
+    if name not in SCENARIOS:
+        known = (*trials, *SCENARIOS)
+        raise RequestError(f"unknown scenario '{name}'{nearest(name, known)} (known: {', '.join(known)})")
+    motion = scenario(name, design)
+    if motion.control != "position":
+        raise RequestError(
+            f"scenario '{name}' is under {motion.control} control and has no position error; accepted: "
+            f"{', '.join(trials)}, or a scenario under position control"
+        )
+    return Trial((motion,))
+
+
+def _warm_up(design: Design) -> Trial:
+    """Reversals at 20 rad/s while Coulomb and viscous friction fall by 40 %; a drift the design has stays its own."""
+    trial = Trial((_sine_then_rest(design, 20.0, cycles=10.0),))
+    if design.parameters("thermal_drift"):
+        return trial
+    drift = {
+        "dF_c": -WARMER * design.parameters("coulomb").get("F_c", 0.0),
+        "dF_v": -WARMER * design.parameters("viscous").get("F_v", 0.0),
+        "tau": WARMING,
+    }
+    return Trial(trial.motions, changed={"thermal_drift": drift})
+
+
+def _circle(axis: int) -> Scenario:
+    """One axis of a circle, two turns at half a turn a second, from rest to rest: reversals are its quadrants.
+
+    The angle on the circle runs up along half a cosine within 1 s. Axis 0 starts at a quadrant, where it turns.
+    """
+    rate, ramp, turns = math.pi, 1.0, 2.0
+    steady = 2.0 * math.pi * turns / rate - ramp
+
+    def angle(t: Array) -> tuple[Array, Array, Array]:
+        """Angle on the circle with its first two derivatives."""
+        rising = np.minimum(t, ramp)
+        falling = np.clip(t - ramp - steady, 0.0, ramp)
+        turn = np.pi / ramp
+
+        def gone(x: Array) -> Array:
+            return 0.5 * rate * (x - np.sin(turn * x) / turn)
+
+        whole = rate * np.clip(t - ramp, 0.0, steady + ramp)
+        bend = np.sin(turn * rising) * (t < ramp) - np.sin(turn * falling)
+        speed = 0.5 * rate * (np.cos(turn * falling) - np.cos(turn * rising))
+        return gone(rising) + whole - gone(falling), speed, 0.5 * rate * turn * bend
+
+    def references(t: Array) -> Mapping[str, Array]:
+        phi, speed, change = angle(np.asarray(t, dtype=np.float64))
+        c, s = np.cos(phi), np.sin(phi)
+        omega = np.where(t < steady + 2.0 * ramp, (-s if axis == 0 else c) * speed, 0.0)
+        return {
+            "theta_ref": RADIUS * (c - 1.0 if axis == 0 else s),
+            "omega_ref": RADIUS * omega,
+            "alpha_ref": RADIUS * ((-c if axis == 0 else -s) * speed**2 + (-s if axis == 0 else c) * change),
+        }
+
+    return Scenario(CIRCLE, steady + 2.0 * ramp + 1.0, references, control="position")
 
 
 def _push(design: Design) -> Scenario:

@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from pmsm_ctrl.compensate.metrics import UNITS, Metrics, measure
-from pmsm_ctrl.compensate.motions import study_motions
+from pmsm_ctrl.compensate.acceptance import Verdict, accept
+from pmsm_ctrl.compensate.metrics import UNITS, Metrics
+from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP, Trial, study_trials
+from pmsm_ctrl.compensate.runs import judge, run_trial
+from pmsm_ctrl.compensate.stickslip import Hunting, hunting
+from pmsm_ctrl.compensate.variants import baseline, compensated
 from pmsm_ctrl.compensate.window import GAINS, GainWindow, describing_function_limit, gain_window, rows, to_plain
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect, bound_effects
+from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.result import Result, Section, jsonable
-from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.feedforward import Feedforward
-from pmsm_ctrl.track import track
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["CompensationStudy", "Row", "baseline", "compensate", "compensated"]
+__all__ = ["CompensationStudy", "Row", "compensate"]
 
 WRONG = (0.8, 1.0, 1.2)
 SOURCES = ("reference", "commanded", "measured")
-SWEEP_MOTIONS = ("reversal 2 rad/s", "creep 1 rad/s", "positioning", "push")
+SWEEP_TRIALS = ("reversal 2 rad/s", "creep 1 rad/s", "positioning", "push")
 AT_REST = ("positioning", "push")
+ADAPTIVE = "adaptive"
+SHOWN = (
+    ("reversals", "rms", "reversal"), ("peak", "reversal_peak", "reversal"), ("triangle", "rms", "triangle"),
+    ("creep", "rms", "creep"), ("circle", "rms", CIRCLE), ("quadrant", "reversal_peak", CIRCLE),
+    ("warm-up", "rms", WARM_UP),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -48,15 +54,27 @@ class CompensationStudy(Result):
     Attributes
     ----------
     design : Design
-        The design with the compensation it had, or by reference speed with the best gain inside the safe window.
+        As given.
     table : tuple of Row
     windows : dict of source to GainWindow
+    reasons : tuple of str
+    theory : Hunting or None
+        Limit cycle at rest without compensation, solved exactly for loops without lags; None when there is none.
+    verdicts : tuple of Verdict
+        What became of the design's own acceptance.
     """
 
     design: Design
     table: tuple[Row, ...]
     windows: dict[str, GainWindow]
     reasons: tuple[str, ...] = ()
+    theory: Hunting | None = None
+    verdicts: tuple[Verdict, ...] = ()
+
+    @property
+    def accepted(self) -> bool:
+        """Whether every line of the design's acceptance holds; true where it has none."""
+        return all(verdict.passed for verdict in self.verdicts)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -77,21 +95,39 @@ class CompensationStudy(Result):
         """Return the result as text, trust first."""
         lines = [f"friction compensation of {self.design.name}"]
         lines += [f"  warning: {text}" for text in self.warnings] or ["  no reason to doubt the numbers was found"]
+        lines.append(f"  {'change against no compensation':<49}" + "".join(f"{title:>11}"[-11:] for title, *_ in SHOWN))
         variants = list(dict.fromkeys(row.variant for row in self.table if row.variant != "none"))
         for variant in variants:
             for factor in sorted({row.factor for row in self.table if row.variant == variant}):
                 off = "" if factor == 1.0 else f", parameters {100 * (factor - 1):+.0f} %"
-                lines.append(
-                    f"  {variant + off:<40} reversals: RMS {100 * self.change(variant, 'rms', factor):+.0f} %, "
-                    f"peak {100 * self.change(variant, 'reversal_peak', factor):+.0f} %"
-                )
+                cells = (f"{100 * self.change(variant, metric, factor, motion):+9.0f} %" for _, metric, motion in SHOWN)
+                lines.append(f"  {variant + off:<49}" + "".join(cells))
+        lines += self._rest()
         for window in self.windows.values():
             hint = "no limit" if window.hint is None else f"a cycle from {100 * window.hint:.0f} %"
             lines.append(
                 f"  by {window.source} speed: safe up to a gain of {100 * window.safe:.0f} %, best "
                 f"{100 * window.best:.0f} % (simulated; the describing function, a hint, predicts {hint})"
             )
+        lines += [f"  acceptance {verdict.summary()}" for verdict in self.verdicts]
         return "\n".join(lines)
+
+    def _rest(self) -> list[str]:
+        """What the axis does while the reference rests, simulated and in theory."""
+        lines = []
+        found = [r for r in self.table if r.factor == 1.0 and r.motion == "positioning" and r.metrics.cycle_amplitude]
+        for row in found:
+            m = row.metrics
+            lines.append(
+                f"  at rest after positioning, {row.variant}: cycles with {1e3 * m.cycle_amplitude:.3g} mrad at "
+                f"{m.cycle_frequency:.3g} Hz"
+            )
+        if self.theory is not None:
+            lines.append(
+                "  stiction in theory, if its Stribeck speed is small: hunting without compensation with "
+                f"{1e3 * self.theory.amplitude:.3g} mrad at {1.0 / self.theory.period:.3g} Hz"
+            )
+        return lines
 
     def plot(self) -> Figure:
         """Draw error and limit cycle against the gain, for each source."""
@@ -126,6 +162,10 @@ class CompensationStudy(Result):
                 for r in self.table
             ],
             "windows": {source: to_plain(window) for source, window in self.windows.items()},
+            "hunting_in_theory": None if self.theory is None else asdict(self.theory),
+            "acceptance": [
+                {**v.wanted.model_dump(), "value": v.value, "unit": v.unit, "passed": v.passed} for v in self.verdicts
+            ],
         })  # fmt: skip
 
     def section(self) -> Section:
@@ -135,6 +175,7 @@ class CompensationStudy(Result):
             (r.variant, r.motion, f"{100 * (r.factor - 1):+.0f} %", *(f"{v:.3g}" for v in r.metrics.as_dict().values()))
             for r in self.table
         )
+        verdicts = tuple((v.summary().partition(": ")[2], "passed" if v.passed else "failed") for v in self.verdicts)
         sweep = tuple((source, *row) for source, window in self.windows.items() for row in rows(window))
         return Section(
             title="Friction compensation",
@@ -142,59 +183,17 @@ class CompensationStudy(Result):
                 *(f"Warning: {text}" for text in self.warnings),
                 "The baseline feeds inertia and delay forward already, so that friction gets no credit for theirs. "
                 "A gain is safe when neither it nor any smaller one cycles at rest, where a push wakes what sleeps, or "
-                "has an RMS error above that without, with the parameters right and 20 % wrong.",
+                "has an RMS error above that without, with the parameters right and 20 % wrong. Errors of the circle "
+                "are those of its contour; the axis that warms up loses 40 % of its Coulomb and viscous friction.",
+                *self._rest(),
             ),
             tables=(
                 (header, body),
                 (("by", "gain", "worst RMS of none", "worst reversal peak of none", "cycle [rad]", "verdict"), sweep),
+                *(((("acceptance", "verdict"), verdicts),) if verdicts else ()),
             ),
             figures=((self.plot(), "Where the lower curve leaves zero, the compensation shakes the axis at rest."),),
         )
-
-
-def baseline(design: Design) -> Design:
-    """Return the design without friction compensation, inertia and delay fed forward.
-
-    The drive's speed lags the true one; a reference that is not delayed alike makes an error of lag times
-    acceleration, which must not be taken for friction's.
-    """
-    if design.loops is None:
-        raise DesignError(f"{design.source or design.name}: loops: missing; `pmsm-ctrl tune` finds them")
-    T_s = design.drive.speed_divider / design.drive.f_control
-    share = 1.0 if design.sensor.speed_filter == 0.0 else -np.expm1(-T_s / design.sensor.speed_filter)
-    lag = float(0.5 * T_s + T_s * (1.0 - share) / share)
-    speed = design.loops.speed.model_copy(update={"reference_filter": design.loops.speed.reference_filter or lag})
-    position = design.loops.position.model_copy(
-        update={"acceleration_feedforward": design.loops.position.acceleration_feedforward or 1.0}
-    )
-    loops = design.loops.model_copy(update={"speed": speed, "position": position})
-    off = design.compensation.model_copy(update={"gain": 0.0})
-    return design.model_copy(update={"loops": loops, "compensation": off})
-
-
-def compensated(
-    design: Design, effects: Iterable[str], *, gain: float = 1.0, source: str = "reference", factor: float = 1.0,
-    smoothing: float | None = None, own: Iterable[Effect] = (),
-) -> Design:  # fmt: skip
-    """Return the design with these effects compensated, their linear parameters off by `factor`.
-
-    The sign of the commanded speed, which follows the measured angle, is smoothed over what five counts of the
-    encoder make of it, unless `smoothing` or the design says otherwise.
-    """
-    chosen, own = tuple(effects), tuple(own)
-    entries = []
-    for entry, (effect, values) in zip(design.effects, bound_effects(design, own), strict=True):
-        if effect.id in chosen:
-            values = values | {p.symbol: values[p.symbol] * factor for p in effect.linear}
-        entries.append(entry.model_copy(update={"parameters": values}))
-    width = design.compensation.smoothing if smoothing is None else smoothing
-    if smoothing is None and width == 0.0 and source == "commanded" and design.loops is not None:
-        turn = 1.0 if design.motion == "linear" else 2.0 * np.pi
-        width = float(5.0 * design.loops.position.K_v * turn / (design.sensor.encoder_counts or 1 << 20))
-    changed = design.compensation.model_copy(
-        update={"gain": gain, "source": source, "smoothing": width, "effects": chosen}
-    )
-    return design.replace_effects(tuple(entries)).model_copy(update={"compensation": changed})
 
 
 def compensate(
@@ -230,74 +229,78 @@ def compensate(
     """
     own = tuple(own)
     plant, base = truth if truth is not None else design, baseline(design)
-    motions = study_motions(design)
+    trials = study_trials(design)
     usable = [entry.id for entry in design.effects]
     full = Feedforward.of(compensated(base, usable, own=own), own) if usable else None
     if full is None:
         raise DesignError(f"{design.source or design.name}: effects: no friction to compensate; identify it first")
     every = tuple(dict.fromkeys(effect.id for effect in full.effects))
-    simple = tuple(name for name in ("coulomb", "viscous") if name in every)
+    advance = progress or (lambda share: None)
 
-    def run(believed: Design, motion: Scenario) -> Metrics:
-        return measure(simulate(believed, motion, truth=plant, seed=seed, own=own, keep_truth=True))
+    def run(believed: Design, trial: Trial) -> Metrics:
+        return judge(trial, run_trial(believed, trial, truth=plant, seed=seed, own=own))
 
-    table = [Row("none", name, 1.0, run(base, motion)) for name, motion in motions.items()]
-    variants = {
-        "Coulomb + viscous": (simple, "reference"),
-        "all effects": (every, "reference"),
-        "all effects, commanded speed": (every, "commanded"),
-    }
-    for variant, (chosen, source) in variants.items():
-        for factor in WRONG:
-            believed = compensated(base, chosen, factor=factor, source=source, own=own)
-            table += [Row(variant, name, factor, run(believed, motion)) for name, motion in motions.items()]
-    for factor in (0.8, 1.2):
-        learnt = _learnt(compensated(base, every, gain=0.0, factor=factor, own=own), plant, own, seed)
-        believed = compensated(learnt, every, own=own)
-        table += [Row("adaptive", name, factor, run(believed, motion)) for name, motion in motions.items()]
-    right = base.replace_effects(plant.effects)
-    table += [Row("perfect model", name, 1.0, run(_perfect(right, own), motion)) for name, motion in motions.items()]
+    table = _compared(run, base, plant, trials, every, own, lambda share: advance(0.5 * share))
     windows = {}
     for done, source in enumerate(SOURCES):
-        hint = describing_function_limit(base) if source == "measured" else None
         windows[source] = gain_window(
-            _swept(run, base, every, source, motions, own),
-            SWEEP_MOTIONS,
+            _swept(run, base, every, source, trials, own),
+            SWEEP_TRIALS,
             source,
             gains=gains,
-            hint=hint,
+            hint=describing_function_limit(base, source),
             at_rest=AT_REST,
         )
-        if progress is not None:
-            progress((done + 1) / len(SOURCES))
-    return CompensationStudy(design, tuple(table), windows, _doubts(table, windows, full.notes))
+        advance(0.5 + 0.5 * (done + 1) / len(SOURCES))
+    verdicts = tuple(accept(design, wanted, seed=seed, own=own) for wanted in design.acceptance)
+    doubts = _doubts(table, windows, full.notes, verdicts)
+    return CompensationStudy(design, tuple(table), windows, doubts, hunting(base), verdicts)
+
+
+def _compared(
+    run: Callable[[Design, Trial], Metrics], base: Design, plant: Design, trials: dict[str, Trial],
+    every: tuple[str, ...], own: tuple[Effect, ...], advance: Callable[[float], None],
+) -> list[Row]:  # fmt: skip
+    """Run every variant on every trial, with the parameters right and wrong."""
+    simple = tuple(name for name in ("coulomb", "viscous") if name in every)
+    right = base.replace_effects(plant.effects)
+    variants = {
+        "Coulomb + viscous": (base, simple, "reference"),
+        "all effects": (base, every, "reference"),
+        "all effects, commanded speed": (base, every, "commanded"),
+        ADAPTIVE: (base, every, "adaptive"),
+        "perfect model": (right, tuple(entry.id for entry in right.effects), "reference"),
+    }
+    table = [Row("none", name, 1.0, run(base, trial)) for name, trial in trials.items()]
+    known: dict[tuple[str, str], Metrics] = {}  # without another truth the perfect model has been run before
+    for done, (variant, (start, chosen, source)) in enumerate(variants.items()):
+        for factor in WRONG:
+            believed = compensated(start, chosen, factor=factor, source=source, own=own)
+            for name, trial in trials.items():
+                key = (name, believed.to_toml())
+                if key not in known:
+                    known[key] = run(believed, trial)
+                table.append(Row(variant, name, factor, known[key]))
+        advance((done + 1) / len(variants))
+    return table
 
 
 def _swept(
-    run: Callable[[Design, Scenario], Metrics], base: Design, chosen: tuple[str, ...], source: str,
-    motions: dict[str, Scenario], own: tuple[Effect, ...],
+    run: Callable[[Design, Trial], Metrics], base: Design, chosen: tuple[str, ...], source: str,
+    trials: dict[str, Trial], own: tuple[Effect, ...],
 ) -> Callable[[float, float, str], Metrics]:  # fmt: skip
     @cache
     def at(gain: float, factor: float, name: str) -> Metrics:
-        return run(compensated(base, chosen, gain=gain, factor=factor, source=source, own=own), motions[name])
+        return run(compensated(base, chosen, gain=gain, factor=factor, source=source, own=own), trials[name])
 
     return at
 
 
-def _perfect(design: Design, own: tuple[Effect, ...]) -> Design:
-    return compensated(design, [entry.id for entry in design.effects], own=own)
-
-
-def _learnt(believed: Design, plant: Design, own: tuple[Effect, ...], seed: int) -> Design:
-    """Return the design with F_c and F_v as tracked in a run of 12 s before the motion that is judged."""
-    log = simulate(
-        believed, scenario("triangle", believed, period=2.0, cycles=6.0), truth=plant, seed=seed + 1, own=own
-    )  # fmt: skip
-    return track(believed, log, own=own).design_at(float(log.t[-1]))
-
-
-def _doubts(table: list[Row], windows: dict[str, GainWindow], notes: tuple[str, ...]) -> tuple[str, ...]:
-    doubts = list(notes)
+def _doubts(
+    table: list[Row], windows: dict[str, GainWindow], notes: tuple[str, ...], verdicts: tuple[Verdict, ...]
+) -> tuple[str, ...]:  # fmt: skip
+    doubts = [verdict.summary() for verdict in verdicts if not verdict.passed]
+    doubts += notes
     for source, window in windows.items():
         if window.safe < 1.0:
             doubts.append(f"by {source} speed a gain of 100 % is not safe: {100 * window.safe:.0f} % is")

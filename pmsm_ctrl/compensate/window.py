@@ -28,7 +28,7 @@ class GainWindow:
     Attributes
     ----------
     source : str
-        "reference" or "measured".
+        "reference", "commanded" or "measured".
     gains : array, shape (n,)
     rms : array, shape (n,)
         Worst RMS error over motions and parameter errors, as a share of that without compensation.
@@ -97,23 +97,24 @@ def _ratio(value: float, reference: float) -> float:
     return value / reference if reference > 0.0 else 1.0
 
 
-def describing_function_limit(design: Design, gains: Iterable[float] = GAINS) -> float | None:
-    """Smallest gain at which compensation by measured speed should cycle, by describing functions.
+def describing_function_limit(design: Design, source: str, gains: Iterable[float] = GAINS) -> float | None:
+    """Smallest gain at which a compensation should cycle at rest, by describing functions; None when at none.
 
-    Friction is a relay ``-F_c sgn(omega)`` on the true speed, the compensation a relay of `gain` F_c on the speed as
-    measured and acted on, a lag ``H`` later. Both see the same sine of amplitude A: a cycle needs
-    ``Z(j w) + 4 F_c / (pi A) (1 - gain H(j w)) = 0`` with Z the axis under speed and position control, torque over
-    speed. Source: K. J. Astrom, IEEE Trans. Automat. Contr. 43 (1998); A. Gelb, W. E. Vander Velde, Multiple-Input
+    Friction is a relay ``-F_c sgn(omega)`` on the true speed, the compensation a relay of `gain` F_c on what is
+    acted on: the measured speed, a lag ``H`` later, or the commanded speed, which at rest is ``-K_v theta``, so
+    ``H = -K_v / (j w)`` times its lag. Both see the same sine of amplitude A: a cycle needs
+    ``Z(j w) + 4 F_c / (pi A) (1 - gain sgn H(j w)) = 0`` with Z the axis under speed and position control, torque
+    over speed; of H only the phase counts, a relay does not see amplitudes. Where the sign is smoothed, a cycle
+    whose amplitude stays within the width is none. The reference speed rests, so its relay does nothing.
+
+    Source: K. J. Astrom, IEEE Trans. Automat. Contr. 43 (1998); A. Gelb, W. E. Vander Velde, Multiple-Input
     Describing Functions, McGraw-Hill 1968. Armstrong and Amin (Automatica 32 (1996) 679) show that it misleads for
     stiction under integral control, so it is given beside the simulation and never instead.
     """
-    if design.loops is None:
+    if design.loops is None or source not in ("measured", "commanded"):
         return None
-    speed, position, T_s = (
-        design.loops.speed,
-        design.loops.position,
-        design.drive.speed_divider / design.drive.f_control,
-    )
+    speed, position = design.loops.speed, design.loops.position
+    T_s = design.drive.speed_divider / design.drive.f_control
     lag = design.sensor.speed_filter + 0.5 * T_s
     act = T_s + 2.0 / design.drive.f_control
     w = np.geomspace(1.0, 0.5 / T_s, 4000)
@@ -121,11 +122,16 @@ def describing_function_limit(design: Design, gains: Iterable[float] = GAINS) ->
     seen, acted = np.exp(-0.5 * T_s * s) / (1.0 + (lag - 0.5 * T_s) * s), np.exp(-act * s)
     control = speed.K_p * (1.0 + 1.0 / (speed.T_n * s)) * acted
     Z = design.J * s + design.K_t * control * (seen + position.K_v / s)
+    H = seen * acted if source == "measured" else -position.K_v / s * acted
+    F_c = design.parameters("coulomb").get("F_c", 0.0)
     for gain in sorted(gains):
-        needed = -(1.0 - gain * seen * acted) / Z
+        needed = -(1.0 - gain * H / np.abs(H)) / Z
         crossing = np.flatnonzero(np.diff(np.sign(needed.imag)) != 0)
-        if any(needed.real[k] > 0.0 for k in crossing):
-            return float(gain)
+        for k in crossing.tolist():
+            amplitude = 4.0 * F_c / np.pi * needed.real[k]
+            width = design.compensation.smoothing if source == "commanded" else 0.0
+            if needed.real[k] > 0.0 and amplitude * position.K_v / w[k] >= width:
+                return float(gain)
     return None
 
 

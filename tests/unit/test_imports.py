@@ -27,7 +27,7 @@ LEVELS = [
     {"identify", "track"},
     {"compare"},
     {"diagnose", "compensate"},
-    {"report", "export"},
+    {"report", "export", "acceptance"},
     {"console"},
     {"init"},
     {"cli"},

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, measure, study_motions
+from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, judge, measure, run_trial, study_trials
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.study import CompensationStudy
 from pmsm_ctrl.design import Design
@@ -55,6 +55,25 @@ def test_tracking_repairs_wrong_parameters(study: CompensationStudy) -> None:
         assert study.change("adaptive", "rms", factor) < study.change("all effects", "rms", factor) - 0.05
 
 
+def test_adaptive_wins_while_the_axis_warms_up(study: CompensationStudy) -> None:
+    for factor in (0.8, 1.0, 1.2):
+        assert study.change("adaptive", "rms", factor, "warm-up") < -0.80
+    fixed = min(study.change("all effects", "rms", factor, "warm-up") for factor in (1.0, 1.2))
+    assert study.change("adaptive", "rms", 1.0, "warm-up") < fixed - 0.2
+
+
+def test_quadrant_glitch_of_the_circle(study: CompensationStudy) -> None:
+    assert study.change("all effects", "reversal_peak", motion="circle") < -0.85
+    assert study.change("all effects", "rms", motion="circle") < -0.80
+
+
+def test_every_variant_is_also_run_with_wrong_parameters(study: CompensationStudy) -> None:
+    runs = {(row.variant, row.factor) for row in study.table}
+    variants = {variant for variant, _ in runs} - {"none"}
+    assert runs == {(v, f) for v in variants for f in (0.8, 1.0, 1.2)} | {("none", 1.0)}
+    assert len({row.motion for row in study.table}) == 10
+
+
 @pytest.mark.parametrize(("T_n", "K_v", "counts"), [(0.005, 20.0, 131072), (0.005, 60.0, 4096), (0.02, 20.0, 131072)])
 def test_hunting_is_gone_with_the_commanded_speed(design: Design, T_n: float, K_v: float, counts: int) -> None:
     """A soft, integrating speed loop on strong stiction hunts; the motion's own speed, zero at rest, cannot help."""
@@ -92,17 +111,18 @@ def test_measured_speed_has_the_narrower_window(study: CompensationStudy) -> Non
 def test_result_renders(study: CompensationStudy) -> None:
     assert "safe up to" in study.summary()
     assert study.to_dict()["schema"] == "pmsm-ctrl/compensation/1"
-    assert len(study.section().tables) == 2
+    assert len(study.section().tables) == 3
+    assert study.accepted == all(verdict.passed for verdict in study.verdicts)
     assert all(axis.get_ylabel() for axis in study.plot().axes)
 
 
 def test_friction_gets_no_credit_for_inertia_and_delay(design: Design) -> None:
     """Without friction the baseline's error is a hundredth of that with friction."""
     base = baseline(design)
-    motion = study_motions(design)["reversal 10 rad/s"]
+    trial = study_trials(design)["reversal 10 rad/s"]
     errors = {}
     for name, plant in (("with", design), ("without", design.replace_effects(()))):
-        errors[name] = measure(simulate(base, motion, truth=plant, keep_truth=True)).rms
+        errors[name] = judge(trial, run_trial(base, trial, truth=plant)).rms
     assert errors["without"] < 0.1 * errors["with"]
 
 
@@ -204,7 +224,7 @@ def random_drive(design: Design, rng: np.random.Generator) -> Design:
 def check_window(drive: Design, seed: int, rng: np.random.Generator) -> None:
     """The window of one drive holds for gains between those swept, another seed and other parameter errors."""
     found = compensate(drive, gains=(0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5), seed=seed)
-    base, motions = baseline(drive), study_motions(drive)
+    base, trials = baseline(drive), study_trials(drive)
     for source, window in found.windows.items():
         for name in ("reversal 2 rad/s", "positioning", "push"):
             believed = compensated(
@@ -212,8 +232,7 @@ def check_window(drive: Design, seed: int, rng: np.random.Generator) -> None:
                 factor=rng.uniform(0.8, 1.2), source=source,
             )  # fmt: skip
             with_it, without = (
-                measure(simulate(d, motions[name], truth=drive, seed=seed + 7, keep_truth=True))
-                for d in (believed, base)
+                judge(trials[name], run_trial(d, trials[name], truth=drive, seed=seed + 7)) for d in (believed, base)
             )
             assert with_it.cycle_amplitude <= 1.5 * without.cycle_amplitude, (source, name, window.safe)
 

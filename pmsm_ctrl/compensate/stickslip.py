@@ -1,0 +1,148 @@
+"""Hunting in theory: the stick-slip limit cycle of a drive that positions against stiction, solved exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import bound_effects
+from pmsm_ctrl.errors import DesignError
+
+__all__ = ["Hunting", "hunting"]
+
+Array = NDArray[Any]
+
+LONGEST = 40.0  # slips are looked for up to this many of the slowest time constant
+GRID = 2000  # durations tried before a root is bracketed
+
+
+@dataclass(frozen=True)
+class Hunting:
+    """A symmetric stick-slip limit cycle about a resting reference.
+
+    Attributes
+    ----------
+    amplitude : where the axis sticks, to either side of the reference, rad
+    period : s
+    slip, stick : time of one slip and of one stop, s; the period is twice their sum
+    """
+
+    amplitude: float
+    period: float
+    slip: float
+    stick: float
+
+
+def hunting(design: Design) -> Hunting | None:
+    """Return the limit cycle that PID control makes of stiction, or None when there is none.
+
+    Position P over speed PI is a PID controller on the angle, with the integral of the position error in it. From
+    rest at -a the axis breaks away when the torque meets the breakaway torque F_s, slips under the smaller sliding
+    friction F_c (plus F_v omega), a linear system, until its speed is zero again, and sticks where it is while the
+    integral ramps from what it was to F_s the other way. In a symmetric cycle it stops at +a. By linearity all of a
+    slip is proportional to the torques, so the stop follows from one root in its duration.
+
+    The sampled drive's lags (current loop, speed filter, computation) are left out: with loops slow against them the
+    drive agrees. Dry friction counts as F_s at rest and as its level without Stribeck friction in motion, so the
+    Stribeck speed must be small against the speed of a slip.
+
+    Source: B. Armstrong, B. Amin, PID control in the presence of static friction: a comparison of algebraic and
+    describing function analysis, Automatica 32 (1996) 679; R. H. A. Hensen, M. J. G. van de Molengraft,
+    M. Steinbuch, Friction induced hunting limit cycles, Automatica 39 (2003) 2131.
+
+    Raises
+    ------
+    DesignError
+        When the design has no loops.
+    """
+    if design.loops is None:
+        raise DesignError(f"{design.source or design.name}: loops: missing; `pmsm-ctrl tune` finds them")
+    breakaway, sliding = _levels(design)
+    if not breakaway > sliding > 0.0 or design.loops.position.K_v == 0.0:
+        return None
+    system = _system(design)
+    roots = np.linalg.eigvals(system)
+    if roots.real.max() >= 0.0:
+        return None
+    found = _first_stop(design, system, breakaway, sliding, float(1.0 / -roots.real.max()))
+    if found is None:
+        return None
+    amplitude, slip, torque = found
+    if not (amplitude > 0.0 and abs(torque) < breakaway):
+        return None  # it overshoots the other way, or slides on at once
+    loops = design.loops
+    ramp = design.K_t * loops.speed.K_p / loops.speed.T_n * loops.position.K_v * amplitude
+    stick = (breakaway + torque) / ramp
+    return Hunting(amplitude, 2.0 * (slip + stick), slip, stick)
+
+
+def _levels(design: Design) -> tuple[float, float]:
+    """Dry friction at rest and in motion beyond the Stribeck speed, N m, from the effects' own terms."""
+    at_rest = {"omega": 0.0, "direction": 1.0, "theta": 0.0, "t": 0.0, "torque": 0.0, "i_q": 0.0, "i_d": 0.0}
+    at_rest["p"] = float(design.motor.p or 0)
+    breakaway = sliding = 0.0
+    for effect, values in bound_effects(design):
+        if effect.dry and effect.structure == "term":
+            level = effect.py_term(*({**at_rest, **values}[name] for name in effect.arguments))
+            breakaway += level
+            sliding += 0.0 if effect.id == "stribeck" else level
+    return float(breakaway), float(sliding)
+
+
+def _system(design: Design) -> Array:
+    """Matrix of (torque of the integral, angle, speed) while the axis slips; the reference rests at 0."""
+    assert design.loops is not None
+    speed, position = design.loops.speed, design.loops.position
+    gain, F_v = design.K_t * speed.K_p, design.parameters("viscous").get("F_v", 0.0)
+    integral = gain / speed.T_n
+    return np.array([
+        [0.0, -integral * position.K_v, -integral],
+        [0.0, 0.0, 1.0],
+        [1.0 / design.J, -gain * position.K_v / design.J, -(gain + F_v) / design.J],
+    ])  # fmt: skip
+
+
+def _first_stop(
+    design: Design, system: Array, breakaway: float, sliding: float, slowest: float
+) -> tuple[float, float, float] | None:
+    """Return amplitude, duration and control torque at the end of the symmetric slip; None when there is none.
+
+    The slip starts at -a with the control torque F_s and ends at +a with speed 0: two conditions, a and the time.
+    """
+    from scipy.optimize import brentq
+
+    assert design.loops is not None
+    stiffness = design.K_t * design.loops.speed.K_p * design.loops.position.K_v
+    values, vectors = np.linalg.eig(system)
+    inverse = np.linalg.inv(vectors)
+    # x' = A x - b with b the sliding friction; the state that would rest: A x = b.
+    rest = np.linalg.solve(system, np.array([0.0, 0.0, sliding / design.J]))
+
+    def state(a: float, t: Array | float) -> Array:
+        """State `t` after the slip began at -a; shape (3,), or (3, n) for n times."""
+        start = inverse @ (np.array([breakaway - stiffness * a, -a, 0.0]) - rest)
+        modes = np.exp(np.multiply.outer(values, t)) * start.reshape((3,) + (1,) * np.ndim(t))
+        return np.asarray((vectors @ modes).real.T + rest).T
+
+    def amplitude(t: Array | float) -> Any:
+        """The a whose slip ends at +a after t: the angle is linear in it."""
+        none, one = state(0.0, t)[1], state(1.0, t)[1]
+        return none / (1.0 - (one - none))
+
+    def speed(t: Array | float) -> Any:
+        none, one = state(0.0, t)[2], state(1.0, t)[2]
+        return none + amplitude(t) * (one - none)
+
+    times = np.geomspace(1e-3 * slowest, LONGEST * slowest, GRID)
+    speeds = speed(times)
+    for k in np.flatnonzero((speeds[:-1] > 0.0) & (speeds[1:] <= 0.0)).tolist():
+        t = float(brentq(speed, times[k], times[k + 1], xtol=1e-12))
+        a = float(amplitude(t))
+        if a > 0.0 and state(a, np.linspace(0.0, t, 50)[1:-1])[2].min() > 0.0:
+            end = state(a, t)
+            return a, t, float(end[0] - stiffness * a)
+    return None

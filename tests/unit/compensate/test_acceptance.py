@@ -1,0 +1,127 @@
+"""Acceptance: `pytest designs/` runs it, a gain made too high fails readably, other runs are left alone."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from pmsm_ctrl.compensate import accept, compensate
+from pmsm_ctrl.design import Acceptance, Design
+from pmsm_ctrl.errors import DesignError, RequestError
+
+LINE = '\n[[acceptance]]\nscenario = "{}"\nmetric = "{}"\nlimit = {}\n'
+
+
+def run_pytest(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run pytest in a process and folder of its own, with this plugin alone, whether it is installed or not."""
+    command = [sys.executable, "-m", "pytest", "-p", "pmsm_ctrl.acceptance", "--rootdir", str(folder), "-W", "error"]
+    environment = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "COLUMNS": "200"}
+    return subprocess.run(
+        [*command, *arguments], capture_output=True, text=True, cwd=folder, env=environment, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def seed_text(request: pytest.FixtureRequest) -> str:
+    text = (request.config.rootpath / "designs" / "seed_motor.toml").read_text(encoding="utf-8")
+    return text.partition("[[acceptance]]")[0]
+
+
+def with_gain(seed_text: str, gain: float, source: str = "reference") -> str:
+    return seed_text + f'\n[compensation]\ngain = {gain}\nsource = "{source}"\n'
+
+
+def test_a_gain_made_too_high_fails_readably(tmp_path: Path, seed_text: str) -> None:
+    wanted = LINE.format("reversal 2 rad/s", "rms_change", -0.8)
+    (tmp_path / "good.toml").write_text(with_gain(seed_text, 1.0) + wanted)
+    (tmp_path / "high.toml").write_text(with_gain(seed_text, 2.5) + wanted)
+    ran = run_pytest(tmp_path, ".")
+    assert ran.returncode == 1, ran.stdout + ran.stderr
+    assert "1 failed, 1 passed" in ran.stdout
+    assert "FAILED: reversal 2 rad/s: rms_change = +" in ran.stdout
+    assert "limit -80.0 %" in ran.stdout
+    assert "Traceback" not in ran.stdout
+    plot = Path(ran.stdout.partition("plot: ")[2].splitlines()[0])
+    assert plot.parent == tmp_path / "reports" / "acceptance"
+    assert plot.read_text().startswith("<?xml")
+    assert "high.toml::reversal 2 rad/s: rms_change <= -0.8" in ran.stdout
+
+
+def test_a_gain_that_shakes_the_axis_fails(seed_text: str) -> None:
+    """By measured speed 30 % is safe and 100 % is not: a push at rest starts a limit cycle."""
+    wanted = Acceptance(scenario="push", metric="cycle_amplitude", limit=0.0)
+    for gain, safe in ((0.3, True), (1.0, False)):
+        design = Design.from_dict(tomllib.loads(with_gain(seed_text, gain, "measured")))
+        assert accept(design, wanted).passed is safe
+
+
+def test_nobody_else_is_disturbed(tmp_path: Path, seed_text: str) -> None:
+    (tmp_path / "tool.toml").write_text('[tool]\nacceptance = "x"\n')
+    (tmp_path / "other.toml").write_text('acceptance = ["of another tool"]\n')
+    (tmp_path / "nothing.toml").write_text("[broken\n")
+    (tmp_path / "design.toml").write_text(seed_text)
+    (tmp_path / "test_one.py").write_text(
+        "import sys\ndef test_light():\n"
+        "    heavy = {'numpy', 'numba', 'scipy', 'pydantic', 'matplotlib', 'control', 'filterpy'}\n"
+        "    assert not heavy & set(sys.modules)\n"
+    )
+    ran = run_pytest(tmp_path, ".")
+    assert ran.returncode == 0, ran.stdout
+    assert "1 passed" in ran.stdout
+
+
+def test_a_broken_design_is_an_error_not_a_pass(tmp_path: Path, seed_text: str) -> None:
+    (tmp_path / "typo.toml").write_text(
+        seed_text + LINE.format("push", "cycle_amplitude", 0.0).replace("limit", "limt")
+    )
+    (tmp_path / "broken.toml").write_text(seed_text + "\n[[acceptance]]\nscenario = \n")
+    ran = run_pytest(tmp_path, ".")
+    assert ran.returncode == 2
+    assert "unknown field; did you mean 'limit'?" in ran.stdout
+    assert "not valid TOML" in ran.stdout
+    assert "Traceback" not in ran.stdout
+
+
+def test_a_name_that_does_not_exist_says_which_do(tmp_path: Path, seed_text: str) -> None:
+    text = seed_text + LINE.format("pusch", "cycle_amplitude", 0.0) + LINE.format("push", "rsm", 0.0)
+    (tmp_path / "names.toml").write_text(text)
+    ran = run_pytest(tmp_path, ".")
+    assert ran.returncode == 1
+    assert "unknown scenario 'pusch'; did you mean 'push'?" in ran.stdout
+    assert "unknown metric 'rsm'; did you mean 'rms'?" in ran.stdout
+
+
+def test_entry_point_names_the_plugin(project_root: Path) -> None:
+    data = tomllib.loads((project_root / "pyproject.toml").read_text(encoding="utf-8"))
+    assert data["project"]["entry-points"]["pytest11"] == {"pmsm_ctrl": "pmsm_ctrl.acceptance"}
+
+
+def test_shipped_designs_state_the_targets(designs: Path) -> None:
+    """The project's own limits stand in the designs, where `pytest designs/` holds them."""
+    lines = {(a.scenario, a.metric, a.factor, a.limit) for a in Design.read(designs / "low_speed.toml").acceptance}
+    for speed in ("0.5", "2", "10"):
+        assert (f"reversal {speed} rad/s", "rms_change", 1.0, -0.8) in lines
+        assert (f"reversal {speed} rad/s", "reversal_peak_change", 1.0, -0.85) in lines
+    assert {f for s, m, f, limit in lines if m == "rms_change" and limit == -0.6} == {0.8, 1.2}
+
+
+def test_change_needs_a_compensation(seed_text: str) -> None:
+    design = Design.from_dict(tomllib.loads(seed_text))
+    with pytest.raises(DesignError, match="needs a gain above 0"):
+        accept(design, Acceptance(scenario="push", metric="rms_change", limit=-0.5))
+    with pytest.raises(RequestError, match="unknown metric"):
+        accept(design, Acceptance(scenario="push", metric="cycle_amplitude_change", limit=-0.5))
+
+
+def test_study_says_what_became_of_the_acceptance(seed_text: str) -> None:
+    text = with_gain(seed_text, 1.0) + LINE.format("reversal 2 rad/s", "rms", 1e-6)
+    study = compensate(Design.from_dict(tomllib.loads(text)), gains=(0.0, 1.0))
+    assert not study.accepted
+    assert "acceptance FAILED: reversal 2 rad/s: rms = " in study.summary()
+    assert study.warnings[0].startswith("FAILED: reversal 2 rad/s")
+    assert study.to_dict()["acceptance"][0]["passed"] is False
