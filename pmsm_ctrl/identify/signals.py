@@ -244,6 +244,7 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
         raise LogError(f"{where}{len(log)} samples; identification needs at least 100")
     log.check_evaluable()
     t, raw, good, notes = uniform(log)
+    raw, notes = _without_dead_voltages(raw, notes)
     rate = (len(t) - 1) / float(t[-1] - t[0])
     cutoff = processing.cutoff if processing.cutoff is not None else min(40.0, rate / 8.0)
     if not 0 < cutoff < rate / 2:
@@ -277,6 +278,17 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
         return low_pass(values, rate, cutoff, steep=True)
 
     return Prepared(t, signals, alpha, moving, keep, rate, cutoff, log.motion, shape, notes)
+
+
+def _without_dead_voltages(raw: dict[str, Array], notes: tuple[str, ...]) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Leave out voltages that the drive did not record, but whose columns it wrote all the same."""
+    dead = [name for name in ("u_d", "u_q") if name in raw]
+    if not dead or any(float(np.max(np.abs(raw[name]))) >= SMALLEST for name in dead):
+        return raw, notes
+    return (
+        {name: values for name, values in raw.items() if name not in dead},
+        (*notes, f"{' and '.join(dead)} zero throughout: left out"),
+    )
 
 
 def _require_motion(signals: Mapping[str, Array], where: str) -> None:

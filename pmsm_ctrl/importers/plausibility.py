@@ -106,7 +106,7 @@ def _ratio(numerator: Array, denominator: Array) -> tuple[float, float]:
 
 def velocity_factor(log: Log) -> tuple[float, float]:
     """Return the factor dtheta/dt over omega and its relative spread; NaN when the axis hardly moves."""
-    if "theta" not in log or "omega" not in log:
+    if "theta" not in log or "omega" not in log or len(log) < MIN_SAMPLES:
         return math.nan, math.nan
     edges = _edges(len(log), 500)
     travelled = np.diff(log["theta"][edges])
@@ -176,7 +176,7 @@ def _reference(log: Log) -> list[str]:
 
 def torque_factor(log: Log, design: Design | None) -> tuple[float, float]:
     """Return the factor torque over K_t i_q and their correlation; NaN without both channels or a design."""
-    if design is None or "torque" not in log or "i_q" not in log:
+    if design is None or "torque" not in log or "i_q" not in log or len(log) < MIN_SAMPLES:
         return math.nan, math.nan
     current, torque = log["i_q"], log["torque"]
     predicted = design.K_t_assumed * current

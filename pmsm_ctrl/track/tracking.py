@@ -237,7 +237,7 @@ def track(
         omega=out.estimates[:, model.OMEGA],
         history=history,
         stderr=stderr,
-        correlation=out.covariance / (stderr["F_c"] * stderr["F_v"]),
+        correlation=_correlation(out.covariance, stderr["F_c"] * stderr["F_v"]),
         nis=nis,
         normalised=out.innovations[:, 0] / np.sqrt(out.innovations[:, 1]),
         events=out.events,
@@ -245,6 +245,12 @@ def track(
         log_name=log.provenance.file or "the given log",
         reasons=tuple(reasons),
     )
+
+
+def _correlation(covariance: Array, scale: Array) -> Array:
+    """Return the correlation; where a spread is too small for a double to hold its square, none."""
+    known = scale > 1e-300
+    return np.where(known, covariance / np.where(known, scale, 1.0), 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,8 +21,13 @@ def h2_norm(system: Any) -> float:
     By `control.dlyap`. `control.system_norm` does the same but gives up (infinity) where states that the noise
     does not reach make the covariance singular, as the pending voltages of the other axis do here.
     """
-    covariance = ct.dlyap(system.A, system.B @ system.B.T)
-    return float(np.sqrt(np.trace(system.C @ covariance @ system.C.T + system.D @ system.D.T)))
+    from scipy.linalg import matrix_balance
+
+    # Balanced first: between a ship's shaft and its currents lie so many decades that rounding would decide.
+    balanced, scale = matrix_balance(system.A, permute=False)
+    entering, leaving = np.linalg.solve(scale, system.B), system.C @ scale
+    covariance = ct.dlyap(balanced, entering @ entering.T)
+    return float(np.sqrt(np.trace(leaving @ covariance @ leaving.T + system.D @ system.D.T)))
 
 
 @dataclass(frozen=True)
