@@ -1,18 +1,22 @@
-"""identify: friction and inertia from any log, by inverse dynamics."""
+"""identify: friction and inertia from any log, by inverse dynamics or by simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import with_own
+from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
+from pmsm_ctrl.identify.output_error import output_error
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import Fit, solve
+from pmsm_ctrl.identify.replay import build_replay
 from pmsm_ctrl.identify.signals import Processing, prepare
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
@@ -20,7 +24,14 @@ from pmsm_ctrl.result import Estimate, Result, Section, jsonable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Identification", "identify"]
+__all__ = ["Identification", "Method", "identify"]
+
+Method = Literal["regression", "iv", "output_error"]
+_TITLES = {
+    "regression": "Inverse-dynamics least squares",
+    "iv": "Inverse dynamics by instrumental variables",
+    "output_error": "Simulation of the drive with its sampled controller, fitted to the torque",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +50,11 @@ class Identification(Result):
         Parameters that got no number, and why.
     relative_error : float
         norm(residual) / norm(torque) on the filtered, thinned, moving samples.
+    method : {"regression", "iv", "output_error"}
+    bias : BiasTest or None
+        Whether least squares is biased on this log; of the method "iv".
+    remarks : tuple of str
+        What was understood of the log's experiment; no reason to doubt anything.
     """
 
     design: Design
@@ -51,16 +67,29 @@ class Identification(Result):
     fit: Fit
     log_name: str
     reasons: tuple[str, ...] = ()
+    method: Method = "regression"
+    bias: BiasTest | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Reasons to doubt the numbers."""
         return self.reasons
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks, and the verdict on least squares where it was tested."""
+        if self.bias is None:
+            return self.remarks
+        return (*self.remarks, self.bias.text({name: e.value for name, e in self.estimates.items()}))
+
     def summary(self) -> str:
         """Return the result as text, trust first."""
         lines = [f"identification of {self.design.name} from {self.log_name}"]
+        if self.method != "regression":
+            lines.append(f"  {_TITLES[self.method][0].lower()}{_TITLES[self.method][1:]}")
         lines += [f"  warning: {text}" for text in self.warnings] or ["  no reason to doubt the numbers was found"]
+        lines += [f"  note: {text}" for text in self.notes]
         lines += [f"  {name}: not identifiable, because {why}" for name, why in self.unidentifiable.items()]
         for name, estimate in self.estimates.items():
             low, high = self.intervals[name]
@@ -93,6 +122,7 @@ class Identification(Result):
         return jsonable({
             "schema": "pmsm-ctrl/identification/1",
             "log": self.log_name,
+            "method": self.method,
             "warnings": self.warnings,
             "parameters": self.estimates,
             "intervals_95": self.intervals,
@@ -104,6 +134,8 @@ class Identification(Result):
             "samples": int(self.problem.mask.sum()),
             "rate": self.problem.rate,
             "cutoff": self.problem.cutoff,
+            "notes": self.notes,
+            "least_squares_bias": None if self.bias is None else vars(self.bias),
         })  # fmt: skip
 
     def section(self) -> Section:
@@ -117,7 +149,8 @@ class Identification(Result):
             title=f"Identification from {self.log_name}",
             paragraphs=(
                 *(f"Warning: {text}" for text in self.warnings),
-                f"Inverse-dynamics least squares; what remains is {100 * self.relative_error:.2f} % of the torque. "
+                *(f"Note: {text}." for text in self.notes),
+                f"{_TITLES[self.method]}; what remains is {100 * self.relative_error:.2f} % of the torque. "
                 "The standard errors allow for the correlation of the residual.",
             ),
             tables=((("parameter", "value", "standard error", "unit", "95 % interval"), rows),),
@@ -126,19 +159,28 @@ class Identification(Result):
 
 
 def identify(
-    design: Design, log: Log, *, own: Iterable[Effect] = (), processing: Processing | None = None
+    design: Design,
+    log: Log,
+    *,
+    method: Method = "regression",
+    own: Iterable[Effect] = (),
+    processing: Processing | None = None,
 ) -> Identification:
-    """Identify the inertia and every linear parameter of the design's torque effects from a log.
+    """Identify the inertia and the parameters of the design's effects from a log.
 
-    ``T_em - T_load = J alpha + sum of effect terms``, both sides through the same zero-phase filter; nonlinear
-    shape parameters stay at the design's values. Source of the method: M. Gautier, A. Janot, P. O. Vandanjon,
-    IEEE Trans. Control Syst. Technol. 21 (2013) 428.
+    ``T_em - T_load = J alpha + sum of effect terms``, both sides through the same zero-phase filter. Source of the
+    method: M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Syst. Technol. 21 (2013) 428.
 
     Parameters
     ----------
     design : Design
     log : Log
-        With ``theta`` or ``omega``, and ``torque`` or ``i_q``.
+        With ``theta`` or ``omega``, and ``torque`` or ``i_q``; for the methods that simulate, the references as well.
+    method : {"regression", "iv", "output_error"}
+        "regression": least squares for every linear parameter of the torque effects; needs nothing but the log.
+        "iv": the same by instrumental variables from the simulated drive, unbiased by noise in the motion; also
+        tests whether least squares is biased. "output_error": all parameters, nonlinear ones included, by fitting
+        the simulated drive's torque. These two need the design's loops and the log's ``omega_ref`` or ``theta_ref``.
     own : iterable of Effect
         A user's own effects that the design names.
     processing : Processing, optional
@@ -146,34 +188,53 @@ def identify(
 
     Raises
     ------
+    RequestError
+        For an unknown method.
     LogError
         When a channel is missing or the axis hardly moves.
     DesignError
-        When the design names an unknown effect.
+        When the design names an unknown effect, or lacks what a simulation needs.
+    SimulationError
+        When the design's loops are not stable on the plant that the log suggests.
     """
+    if method not in get_args(Method):
+        known = ", ".join(get_args(Method))
+        raise RequestError(f"identification method '{method}'{nearest(method, get_args(Method))} (known: {known})")
     own = tuple(own)
     prepared = prepare(design, log, processing)
     problem = build_problem(design, prepared, own=own)
-    fit = solve(problem, with_own(own))
-    estimates = {
-        c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal)
-        for c in problem.columns
-        if c.name in fit.values
-    }
-    mask = problem.mask
-    rms = float(np.sqrt(np.mean(fit.residual[mask] ** 2)))
+    warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    bias = None
+    if method == "regression":
+        fit = solve(problem, with_own(own))
+    else:
+        replay = build_replay(design, log, own)
+        remarks = replay.notes
+        if method == "iv":
+            problem, fit, bias, warnings = instrumental(design, problem, replay, own=own, processing=processing)
+        else:
+            problem, fit, warnings = output_error(design, problem, prepared, replay, own=own)
     found, bounds = _identified(design, problem, fit)
+    mask = problem.mask
     return Identification(
         design=found,
-        estimates=estimates,
-        intervals={name: fit.interval(name) for name in estimates},
+        estimates={
+            c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal)
+            for c in problem.columns
+            if c.name in fit.values
+        },
+        intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=fit.unidentifiable,
         relative_error=float(np.linalg.norm(fit.residual[mask]) / np.linalg.norm(problem.torque[mask])),
-        rms=rms,
+        rms=float(np.sqrt(np.mean(fit.residual[mask] ** 2))),
         problem=problem,
         fit=fit,
         log_name=log.provenance.file or "the given log",
-        reasons=(*problem.notes, *bounds, *_doubts(design, problem, fit)),
+        reasons=(*problem.notes, *warnings, *bounds, *_doubts(design, problem, fit)),
+        method=method,
+        bias=bias,
+        remarks=remarks,
     )
 
 

@@ -1,0 +1,206 @@
+"""Output error: the parameters with which the simulated drive, its sampled controller included, makes that torque.
+
+Unlike the regression this differentiates nothing, treats measured and modelled friction alike through every reversal,
+and finds parameters that a term is not linear in, and those of effects with states of their own. It trusts the loops
+and the references.
+
+Sources: M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Syst. Technol. 21 (2013) 428 (torque as the output
+of a closed-loop simulation); L. Ljung, System Identification, 2nd ed., Prentice Hall 1999, sec. 13.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import bound_effects, with_own
+from pmsm_ctrl.errors import SimulationError
+from pmsm_ctrl.identify.problem import Column, Problem
+from pmsm_ctrl.identify.regression import Fit, solve
+from pmsm_ctrl.identify.replay import Replay, plant_with
+from pmsm_ctrl.identify.signals import Prepared, axis_unit, drive_torque
+
+__all__ = ["output_error"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FIXED = ("order",)  # whole numbers
+# Differences are taken over this share of a parameter: smaller ones drown in the steps of the simulation.
+STEP = 2e-3
+# Where a linear parameter is zero: over what makes this share of the torque.
+FIRST = 0.01
+# A parameter that changes the torque by less than this share of it when it is doubled does nothing.
+NOTHING = 1e-6
+# The same for the inertia, as a share of the residual: below it the answer hangs on a handful of moments.
+SHAKEN = 0.1
+ROUNDS = 30
+FAR = 100.0  # residual, in multiples of the torque, of a plant that could not be simulated
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """The simulated torque of one log as a function of the parameters, shapes (columns,) to (m,)."""
+
+    design: Design
+    prepared: Prepared
+    replay: Replay
+    columns: tuple[Column, ...]
+    lower: Array
+    upper: Array
+    steps: Array
+
+    def torque(self, values: Array) -> Array:
+        """Return the filtered torque of the simulated drive on the thinned grid, N m.
+
+        Raises
+        ------
+        SimulationError
+            When this plant is not stable.
+        """
+        log = self.replay.run(plant_with(self.design, self.columns, values))
+        return self.prepared.column(drive_torque(self.design, dict(log.channels)))
+
+    def slopes(self, values: Array, which: Iterable[int], base: Array | None = None) -> Array:
+        """Return sensitivities, shape (m, parameters asked for): central differences, or forward from `base`."""
+        made = []
+        for k in which:
+            after, before = values.copy(), values.copy()
+            after[k] = min(values[k] + self.steps[k], self.upper[k])
+            if base is None or after[k] == values[k]:
+                before[k] = max(values[k] - self.steps[k], self.lower[k])
+            start = base if base is not None and before[k] == values[k] else self.torque(before)
+            made.append((self.torque(after) - start) / (after[k] - before[k]))
+        return np.column_stack(made)
+
+
+def output_error(
+    design: Design, problem: Problem, prepared: Prepared, replay: Replay, *, own: Iterable[Effect] = ()
+) -> tuple[Problem, Fit, tuple[str, ...]]:
+    """Fit the inertia and all parameters of the design's effects by simulation.
+
+    Parameters
+    ----------
+    problem, prepared
+        The regression of the same log; its solution is the start.
+
+    Returns
+    -------
+    problem, fit
+        Linear at the solution: the columns are the sensitivities, the values the estimates.
+    warnings : tuple of str
+
+    Raises
+    ------
+    SimulationError
+        When the design's loops are not stable on the plant of the first guess.
+    """
+    own = tuple(own)
+    effects = with_own(own)
+    ordinary = solve(problem, effects)
+    columns = _parameters(design, problem, own)
+    mask = prepared.mask
+    measured = prepared.column(prepared.signals["torque"])
+    force = float(np.sqrt(np.mean(measured[mask] ** 2)))
+    lower, upper = (np.array([getattr(c, name) for c in columns]) for name in ("lower", "upper"))
+    start = np.clip([ordinary.values.get(c.name, c.nominal) for c in columns], lower, upper)
+    steps = np.array([_step(c, problem, force, value) for c, value in zip(columns, start.tolist(), strict=True)])
+    model = _Model(design, prepared, replay, columns, lower, upper, steps)
+    first = model.slopes(start, range(len(columns)))
+    size = np.sqrt(np.mean(first[mask] ** 2, axis=0)) * steps / STEP
+    free = np.flatnonzero(size > NOTHING * force)
+    values, warnings = _fitted(model, measured / force, mask, start, free, force)
+    slopes = np.zeros_like(first)
+    slopes[:, free] = model.slopes(values, free.tolist())
+    simulated = model.torque(values)
+    linear = replace(
+        problem,
+        target=measured - simulated + slopes @ values,
+        columns=tuple(replace(c, values=s) for c, s in zip(columns, slopes.T, strict=True)),
+        notes=tuple(note for note in problem.notes if "takes no part" not in note),
+    )
+    fit = solve(linear, effects, ratio=SHAKEN)
+    return linear, fit, (*warnings, *_mismatch(ordinary, fit, mask))
+
+
+def _parameters(design: Design, problem: Problem, own: tuple[Effect, ...]) -> tuple[Column, ...]:
+    """Return a column without values for the inertia and for every parameter that can be searched."""
+    made = [column for column in problem.columns if column.entry < 0]
+    for index, (effect, parameters) in enumerate(bound_effects(design, own)):
+        for known in effect.parameters:
+            if known.symbol in FIXED:
+                continue
+            twins = sum(column.symbol == known.symbol for column in made)
+            name = f"{known.symbol}#{twins + 1}" if twins else known.symbol
+            unit, value = axis_unit(known.unit, design.motion), parameters[known.symbol]
+            made.append(
+                Column(name, np.zeros(0), unit, value, known.lower, known.upper, effect.id, index, known.symbol)
+            )
+    return tuple(made)
+
+
+def _step(column: Column, problem: Problem, force: float, value: float) -> float:
+    """Return the difference over which a parameter's sensitivity is taken."""
+    size = max(abs(value), abs(column.nominal)) * STEP
+    for regressor in problem.columns:
+        if regressor.name == column.name:
+            alone = force / max(float(np.sqrt(np.mean(regressor.values[problem.mask] ** 2))), 1e-300)
+            size = max(size, FIRST * alone * (0.1 if size else 1.0))
+    if size == 0.0:
+        span = column.upper - column.lower
+        size = STEP * (span if np.isfinite(span) else 1.0)
+    return size
+
+
+def _fitted(
+    model: _Model, target: Array, mask: Mask, start: Array, free: NDArray[np.intp], force: float
+) -> tuple[Array, tuple[str, ...]]:
+    """Return the parameters of the least squares of the simulated torque; those not free stay as they are."""
+    from scipy.optimize import least_squares
+
+    scale = model.steps / STEP
+    seen: dict[bytes, Array] = {}
+
+    def full(x: Array) -> Array:
+        values = start.copy()
+        values[free] = x * scale[free]
+        return values
+
+    def residual(x: Array) -> Array:
+        try:
+            torque = model.torque(full(x))
+        except SimulationError:
+            return np.full(int(mask.sum()), FAR)
+        seen.clear()
+        seen[x.tobytes()] = torque
+        return (torque / force - target)[mask]
+
+    def jacobian(x: Array) -> Array:
+        base = seen.get(x.tobytes())
+        values = full(x)
+        slopes = model.slopes(values, free.tolist(), model.torque(values) if base is None else base)
+        return slopes[mask] * scale[free] / force
+
+    low, high = model.lower[free] / scale[free], model.upper[free] / scale[free]
+    inside = np.clip(start[free] / scale[free], low, high)
+    found = least_squares(
+        residual, inside, jac=jacobian, bounds=(low, high), x_scale="jac", xtol=1e-6, ftol=1e-9, max_nfev=ROUNDS
+    )
+    warnings = () if found.status > 0 else (f"the fit by simulation had not converged after {ROUNDS} runs",)
+    return full(found.x), warnings
+
+
+def _mismatch(ordinary: Fit, fit: Fit, mask: Mask) -> tuple[str, ...]:
+    """Say when the simulation explains the torque less well than inverse dynamics, which trusts less."""
+    simulated, inverse = (float(np.sqrt(np.mean(f.residual[mask] ** 2))) for f in (fit, ordinary))
+    if simulated <= 1.5 * inverse:
+        return ()
+    return (
+        f"the simulated drive leaves {simulated / inverse:.2g} times the residual of inverse dynamics: its loops or "
+        "references are not quite those of the log, and the numbers may be off by more than their errors",
+    )
