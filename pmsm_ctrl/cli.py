@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -27,6 +27,7 @@ from pmsm_ctrl.init import init
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
+    from pmsm_ctrl.identify import Method
     from pmsm_ctrl.log import Log
 
 __all__ = ["app", "main"]
@@ -56,6 +57,9 @@ ReportOption = Annotated[
 HoldoutOption = Annotated[Path | None, typer.Option("--holdout", metavar="LOG2", help="another log, predicted only")]
 NewDesignOption = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with what was found")
+]
+MethodOption = Annotated[
+    str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")
 ]
 TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="seed of the simulated noise")]
@@ -232,6 +236,7 @@ def sweep(
 def identify(
     log: LogArgument,
     design: DesignOption,
+    method: MethodOption = "regression",
     output: NewDesignOption = None,
     mapping: MapOption = None,
     json_file: JsonOption = None,
@@ -241,7 +246,7 @@ def identify(
     from pmsm_ctrl.identify import identify as run_identification
 
     believed = _design(design)
-    result = run_identification(believed, _log(log, believed, mapping))
+    result = run_identification(believed, _log(log, believed, mapping), method=cast("Method", method))
     finish("identify", result, json_file=json_file, report=report)
     _write_design(result.design, output)
 
@@ -333,7 +338,7 @@ def compensate(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Compare friction compensations at low speed, and find the safe window of the gain."""
+    """Compare friction compensations at low speed, find the safe gains; status 1 when the acceptance fails."""
     from pmsm_ctrl.compensate import compensate as run_compensation
 
     believed = _design(design)
@@ -342,6 +347,8 @@ def compensate(
             believed, truth=_design(truth) if truth is not None else None, seed=seed, progress=progress
         )
     finish("compensate", result, json_file=json_file, report=report)
+    if not result.accepted:
+        raise typer.Exit(NEGATIVE)
 
 
 @app.command("export")
