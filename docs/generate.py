@@ -101,8 +101,8 @@ def machine() -> str:
         "positive speed.", "", _block(*voltage, torque,
         r"J\,\dot\omega = T_{em} - \sum_k T_k - T_\mathrm{load}, \qquad \dot\theta = \omega"),
         "The $T_k$ are the torque effects of the design, below. Dry friction is set-valued: a shaft at rest stays "
-        "there while what pushes it is less than what it takes to break away; a step in which the speed meets zero is split "
-        "there.", "", f"Source: {' '.join(source[1].split())}", "",
+        "there while what pushes it is less than what it takes to break away; a step in which the speed meets zero "
+        "is split there.", "", f"Source: {' '.join(source[1].split())}", "",
     ])  # fmt: skip
 
 
