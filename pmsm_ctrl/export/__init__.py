@@ -1,6 +1,6 @@
-"""Export: the tuned gains and the friction compensator as C99 or IEC 61131-3 Structured Text."""
+"""Export: gains, friction compensator and friction tracker as C99 or Structured Text; tables that drives accept."""
 
-from pmsm_ctrl.export.code import export
+from pmsm_ctrl.export.code import export, export_files
 from pmsm_ctrl.export.tables import cogging_table, friction_table
 
-__all__ = ["cogging_table", "export", "friction_table"]
+__all__ = ["cogging_table", "export", "export_files", "friction_table"]

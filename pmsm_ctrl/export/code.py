@@ -1,29 +1,34 @@
-"""export: a design's loop gains and friction compensator as source text for a PLC or a drive."""
+"""export: a design's loop gains, friction compensator and friction tracker as source for a PLC or a drive."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.export.expressions import term_text
-from pmsm_ctrl.simulate.feedforward import READABLE
+from pmsm_ctrl.export.blocks import Block, identifier
+from pmsm_ctrl.export.compensator import compensator
+from pmsm_ctrl.export.files import br_library, c_header, c_source, st_block, tcpou
 
-__all__ = ["export"]
+if TYPE_CHECKING:
+    from pmsm_ctrl.track.settings import Settings
 
-# What the exported compensator reads, in the order of its arguments: name in terms, meaning.
-INPUTS = (
-    ("omega", "speed whose friction is fed forward, rad/s"),
-    ("theta", "measured angle, rad"),
-    ("i_d", "d-axis current, A"),
-    ("i_q", "current asked for without compensation, A"),
-)
+__all__ = ["export", "export_files"]
+
+LANGUAGES = ("c", "st")
+FLAVOURS = ("iec", "br", "beckhoff")
+PARTS = ("compensation", "tracker")
 
 
-def export(design: Design, language: str) -> str:
-    """Return the design's gains and compensator as source text.
+def export(
+    design: Design, language: str, *, part: str = "compensation", flavour: str = "iec", settings: Settings | None = None
+) -> str:
+    """Return the design's gains and compensator, or its friction tracker, as one source text.
 
-    The compensator returns the current to add to the speed controller's output, exactly as the simulation does:
-    gain times the torque of the compensated effects over K_t, the sign smoothed over the design's width.
+    The compensator gives the current to add to the speed controller's output, exactly as the simulation does:
+    gain times the torque of the compensated effects over K_t, the sign smoothed over the design's width. Where the
+    design's compensation is adaptive, F_c and F_v are inputs, to be wired to the tracker's outputs. The tracker is
+    the extended Kalman filter of `pmsm_ctrl.track`, with a fixed number of operations.
 
     Parameters
     ----------
@@ -31,117 +36,61 @@ def export(design: Design, language: str) -> str:
         Its ``[compensation]`` says what is compensated; a gain of 0 is exported as 1.
     language : {"c", "st"}
         C99 without dependencies but math.h, or a Structured Text function block (LREAL).
+    part : {"compensation", "tracker"}
+    flavour : {"iec", "br", "beckhoff"}
+        For Structured Text: as the standard has it, for Automation Studio, for TwinCAT 3. B&R's declarations stand
+        in a file of their own: see `export_files`.
+    settings : pmsm_ctrl.track.Settings, optional
+        Of the tracker.
 
     Raises
     ------
     RequestError
-        For another language, or an effect whose term cannot be translated.
+        For another language, part or flavour, or an effect that a drive cannot evaluate.
     """
-    if language not in ("c", "st"):
-        raise RequestError(f"language: found '{language}'; accepted: c, st")
-    effects = _compensated(design)
-    if not effects:
-        raise RequestError(f"{design.source or design.name}: no effect to compensate; identify friction first")
-    return _c(design, effects) if language == "c" else _st(design, effects)
+    _check(language, flavour, part)
+    if flavour == "br":
+        raise RequestError("flavour: found 'br', which is several files; name a folder, or take iec or beckhoff")
+    block = _block(design, part, settings)
+    if language == "c":
+        return c_source(block, with_header=True)
+    return tcpou(block) if flavour == "beckhoff" else st_block(block)
 
 
-def _compensated(design: Design) -> list[tuple[Effect, dict[str, float]]]:
-    """Return what is compensated.
+def export_files(
+    design: Design, language: str, *, flavour: str = "iec", settings: Settings | None = None
+) -> dict[str, str]:
+    """Return every file of the export: name -> text. Compensator, tracker, and the tables that drives accept.
 
-    Raises
-    ------
-    RequestError
-        For an effect that a drive cannot evaluate from its own signals: leaving it out would go unnoticed.
+    Parameters and errors as for `export`.
     """
-    chosen = []
-    for effect, values in bound_effects(design):
-        if effect.id not in design.compensation.effects or not effect.active(values):
-            continue
-        if effect.enters != "torque" or effect.structure != "term" or not set(effect.signals) <= set(READABLE):
-            raise RequestError(
-                f"{design.source or design.name}: compensation.effects: '{effect.id}' cannot be evaluated in a drive; "
-                "take it out of the compensation"
-            )
-        chosen.append((effect, values))
-    return chosen
+    from pmsm_ctrl.export.tables import table_files
 
-
-def _terms(design: Design, effects: list[tuple[Effect, dict[str, float]]], language: str) -> list[str]:
-    signals = {name: name for name in READABLE} | {"p": repr(float(design.motor.p or 0))}
-    texts = []
-    for effect, values in effects:
-        # a bracket keeps a negative parameter from meeting a minus sign
-        given = {name: repr(value) if value >= 0.0 else f"({value!r})" for name, value in values.items()}
-        texts.append(term_text(effect, signals | given, language))
-    return texts
-
-
-def _gains(design: Design) -> list[tuple[str, float, str]]:
-    """Return the loops' gains: name, value, meaning."""
-    if design.loops is None:
-        return []
-    current, speed, position = design.loops.current, design.loops.speed, design.loops.position
-    return [
-        ("CURRENT_KP", current.K_p, "V/A"), ("CURRENT_TN", current.T_n, "s"), ("SPEED_KP", speed.K_p, "A/(rad/s)"),
-        ("SPEED_TN", speed.T_n, "s"), ("SPEED_REFERENCE_FILTER", speed.reference_filter, "s"),
-        ("POSITION_KV", position.K_v, "1/s"),
-        ("INERTIA_FEEDFORWARD", position.acceleration_feedforward * design.J / design.K_t_assumed, "A/(rad/s^2)"),
-    ]  # fmt: skip
-
-
-def _c(design: Design, effects: list[tuple[Effect, dict[str, float]]]) -> str:
-    name = _identifier(design.name)
-    terms = [
-        f"    torque_out += {text}; /* {e.title} */"
-        for (e, _), text in zip(effects, _terms(design, effects, "c"), strict=True)
-    ]
-    defines = [f"#define {name.upper()}_{key} {value!r} /* {unit} */" for key, value, unit in _gains(design)]
-    arguments = ", ".join(f"double {key}" for key, _ in INPUTS)
-    comments = [f" * {key}: {meaning}" for key, meaning in INPUTS]
-    width = design.compensation.smoothing
-    sign = "(omega > 0.0) - (omega < 0.0)"
-    smooth = f"fmin(fmax(omega / {width!r}, -1.0), 1.0)" if width > 0.0 else f"(double)({sign})"
-    return "\n".join([
-        f"/* Friction compensation of {design.name}. Generated by pmsm_ctrl; C99. */", "#include <math.h>", "",
-        *defines, "", "/* Current to add to the speed controller's output, A.", *comments, " */",
-        f"double {name}_compensation({arguments});", f"double {name}_compensation({arguments})", "{",
-        f"    const double K_t = {design.K_t_assumed!r}; /* N m/A */", f"    const double direction = {smooth};",
-        "    const double torque = K_t * i_q;", "    double torque_out = 0.0;",
-        "    (void)theta; (void)i_d; (void)torque; (void)direction;",
-        *terms, f"    return {_gain(design)!r} * torque_out / K_t;", "}", "",
-    ])  # fmt: skip
-
-
-def _st(design: Design, effects: list[tuple[Effect, dict[str, float]]]) -> str:
-    terms = [
-        f"torque_out := torque_out + {text}; (* {e.title} *)"
-        for (e, _), text in zip(effects, _terms(design, effects, "st"), strict=True)
-    ]
-    width = design.compensation.smoothing
-    if width > 0.0:
-        sign = [f"direction := LIMIT(-1.0, omega / {width!r}, 1.0);"]
+    _check(language, flavour, "compensation")
+    blocks = [_block(design, part, settings) for part in PARTS]
+    if language == "c":
+        files = {f"{b.name}.h": c_header(b) for b in blocks} | {f"{b.name}.c": c_source(b) for b in blocks}
+    elif flavour == "br":
+        files = br_library(identifier(design.name), blocks)
+    elif flavour == "beckhoff":
+        files = {f"FB_{b.name}.TcPOU": tcpou(b) for b in blocks}
     else:
-        sign = [
-            "direction := 0.0;",
-            "IF omega > 0.0 THEN direction := 1.0; ELSIF omega < 0.0 THEN direction := -1.0; END_IF;",
-        ]
-    constants = [f"    {key} : LREAL := {value!r}; (* {unit} *)" for key, value, unit in _gains(design)]
-    return "\n".join([
-        f"(* Friction compensation of {design.name}. Generated by pmsm_ctrl; IEC 61131-3. *)",
-        f"FUNCTION_BLOCK FB_{_identifier(design.name)}_compensation", "VAR_INPUT",
-        *(f"    {key} : LREAL; (* {meaning} *)" for key, meaning in INPUTS), "END_VAR", "VAR_OUTPUT",
-        "    i_q_add : LREAL; (* current to add to the speed controller's output, A *)", "END_VAR", "VAR",
-        "    direction : LREAL;", "    torque : LREAL;", "    torque_out : LREAL;", "END_VAR", "VAR CONSTANT",
-        f"    K_t : LREAL := {design.K_t_assumed!r}; (* N m/A *)", *constants, "END_VAR", "", *sign,
-        "torque := K_t * i_q;", "torque_out := 0.0;", *terms,
-        f"i_q_add := {_gain(design)!r} * torque_out / K_t;", "END_FUNCTION_BLOCK", "",
-    ])  # fmt: skip
+        files = {f"FB_{b.name}.st": st_block(b) for b in blocks}
+    return files | table_files(design)
 
 
-def _gain(design: Design) -> float:
-    return design.compensation.gain or 1.0
+def _block(design: Design, part: str, settings: Settings | None) -> Block:
+    if part == "compensation":
+        return compensator(design)
+    from pmsm_ctrl.export.tracker import tracker
+
+    return tracker(design, settings)
 
 
-def _identifier(name: str) -> str:
-    text = "".join(c if c.isascii() and c.isalnum() else "_" for c in name)
-    return text if text and not text[0].isdigit() else f"axis_{text}"
+def _check(language: str, flavour: str, part: str) -> None:
+    chosen = (("language", language, LANGUAGES), ("flavour", flavour, FLAVOURS), ("part", part, PARTS))
+    for label, found, accepted in chosen:
+        if found not in accepted:
+            raise RequestError(f"{label}: found '{found}'; accepted: {', '.join(accepted)}")
+    if language == "c" and flavour != "iec":
+        raise RequestError(f"flavour: found '{flavour}' for C; flavours are Structured Text's ({', '.join(FLAVOURS)})")

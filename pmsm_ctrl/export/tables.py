@@ -35,3 +35,8 @@ def cogging_table(design: Design) -> list[tuple[float, float, float]]:
             a_s, a_c = values["a_s"], values["a_c"]
             rows.append((values["order"], math.hypot(a_s, a_c), math.atan2(a_c, a_s)))
     return rows
+
+
+def table_files(design: Design) -> dict[str, str]:
+    """placeholder"""
+    return {}

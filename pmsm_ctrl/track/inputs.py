@@ -57,6 +57,11 @@ class KnownTorque:
             self._effects.append((effect, values))
         self.notes = tuple(notes)
 
+    @property
+    def effects(self) -> tuple[tuple[Effect, dict[str, float]], ...]:
+        """The effects whose torque is known, with their parameter values."""
+        return tuple(self._effects)
+
     def __bool__(self) -> bool:
         return bool(self._effects)
 

@@ -52,7 +52,7 @@ NEVER = -1e30  # time of the last sample before there is one; no NaN, which stop
 
 SPREAD_TIME = 1.0  # s over which the spread of abs(omega) is judged
 SPREAD_LIMIT = 0.02  # below this relative spread, F_c and F_v cannot be told apart
-REJECTS_ARE_CHANGE = 3  # so many rejected updates in a row are not outliers but a change of the axis
+REJECTS_ARE_CHANGE = 3.0  # so many rejected updates in a row are not outliers but a change of the axis
 # Innovations that keep pushing friction the same way: exponential mean over about 10, whose standard deviation
 # is sqrt(w / (2 - w)) for white ones. Beyond 5.5 of those friction has changed: once in 10 h by chance at 100 Hz.
 TREND_WEIGHT = 0.1

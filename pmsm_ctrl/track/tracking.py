@@ -304,11 +304,20 @@ def samples_of(design: Design, log: Log, measure: str, own: Iterable[Effect] = (
         torque = drive - log["T_load"]
     extra = zero
     if known:
-        speed = np.concatenate([[0.0], np.diff(z) / np.diff(log.t)]) if measure == "theta" else z
+        speed = _speed(log.t, z, drive) if measure == "theta" else z
         theta = z if measure == "theta" else log.channels.get("theta")
         signals = {"t": log.t, "omega": speed, "direction": np.sign(speed), "i_d": i_d, "i_q": i_q, "torque": drive}
         extra = known.over(signals if theta is None else {**signals, "theta": theta})
     return Samples(np.array(log.t), z, np.array(torque), np.array(extra), known.notes)
+
+
+def _speed(t: Array, theta: Array, drive: Array) -> Array:
+    """Speed from each angle and the last one before it that was taken in, as on a live stream."""
+    speed = np.zeros(t.size)
+    later = np.append(True, t[1:] > np.maximum.accumulate(t)[:-1])
+    taken = np.flatnonzero(np.isfinite(theta) & np.isfinite(drive) & later)
+    speed[taken[1:]] = np.diff(theta[taken]) / np.diff(t[taken])
+    return speed
 
 
 def _where(log: Log) -> str:

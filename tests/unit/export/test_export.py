@@ -15,10 +15,11 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.export import cogging_table, export, friction_table
+from pmsm_ctrl.export import cogging_table, export, export_files, friction_table
 from pmsm_ctrl.simulate import scenario, simulate
+from tests.unit.export.structured_text import parsed, parsed_library, parsed_tcpou
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC")
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-shared", "-fPIC")
 
 
 @pytest.fixture
@@ -63,18 +64,68 @@ def test_c_agrees_with_the_terms_over_a_scenario(design: Design, tmp_path: Path,
     assert np.ptp(found) > 0.05
 
 
-def test_structured_text_is_the_same_tree(design: Design) -> None:
-    """Turning the ST's names and signs back into C gives the exported C, term by term."""
-    c = re.findall(r"torque_out \+= (.*); /\*", export(design, "c"))
-    st = re.findall(r"torque_out \+ (.*); \(\*", export(design, "st"))
-    assert len(c) == len(st) == len(design.effects)
-    back = {"EXPT": "pow", "EXP": "exp", "SIN": "sin", "COS": "cos", "ABS": "fabs", "SQRT": "sqrt"}
-    for one, other in zip(c, st, strict=True):
-        assert re.sub(r"[A-Z]{3,}", lambda m: back.get(m.group(), m.group()), other) == one
+@pytest.mark.parametrize("smoothing", [0.0, 0.5])
+def test_every_flavour_of_structured_text_gives_the_current_of_the_c(
+    design: Design, tmp_path: Path, smoothing: float
+) -> None:
+    changed = design.replace(compensation={"smoothing": smoothing})
+    function = compiled(changed, tmp_path)
+    files = {flavour: export_files(changed, "st", flavour=flavour) for flavour in ("iec", "br", "beckhoff")}
+    blocks = [
+        parsed(files["iec"]["FB_seed_motor_compensation.st"]),
+        parsed_library(files["br"], "FB_seed_motor_compensation"),
+        parsed_tcpou(files["beckhoff"], "FB_seed_motor_compensation", tmp_path),
+    ]
+    rng = np.random.default_rng(5)
+    for omega, theta, i_d, i_q in [(0.0, 1.0, 0.0, 0.1), *(rng.uniform(-1, 1, (50, 4)) * (20.0, 9.0, 0.0, 0.5))]:
+        for block in blocks:
+            block(omega=float(omega), theta=float(theta), i_d=float(i_d), i_q=float(i_q))
+            assert block["i_q_add"] == pytest.approx(function(omega, theta, i_d, i_q), rel=1e-12, abs=1e-15)
+
+
+def test_an_adaptive_compensation_reads_the_tracker(design: Design, tmp_path: Path) -> None:
+    adaptive = design.replace(compensation={"source": "adaptive", "effects": ("coulomb", "viscous"), "gain": 1.0})
+    source = export(adaptive, "c")
+    assert "double omega, double theta, double i_d, double i_q, double F_c, double F_v" in source
+    (tmp_path / "axis.c").write_text(source, encoding="utf-8")
+    subprocess.run(["gcc", *FLAGS, str(tmp_path / "axis.c"), "-o", str(tmp_path / "axis.so"), "-lm"], check=True)
+    function = ctypes.CDLL(str(tmp_path / "axis.so")).seed_motor_compensation
+    function.argtypes, function.restype = [ctypes.c_double] * 6, ctypes.c_double
+    assert function(10.0, 0.0, 0.0, 0.0, 0.03, 2e-4) == pytest.approx((0.03 + 2e-3) / design.K_t, rel=1e-12)
+
+
+def test_structured_text_has_no_literal_that_a_standard_compiler_would_refuse(design: Design) -> None:
+    """1e-07 is a number in Python and C; IEC 61131-3 wants a decimal point."""
     text = export(design, "st")
-    for opening in ("VAR_INPUT", "VAR_OUTPUT", "VAR CONSTANT", "FUNCTION_BLOCK FB_seed_motor_compensation"):
-        assert opening in text
-    assert text.count("END_VAR") == 4
+    assert re.search(r"QUADRATIC_DRAG_K_2 : LREAL := 1\.0E-07;", text)
+    assert not re.search(r"(?<![\w.])\d+[eE]", text)
+
+
+def test_powers_avoid_single_precision_where_the_controller_has_no_other(design: Design) -> None:
+    files = export_files(design, "st", flavour="br")
+    text = files["FB_seed_motor_compensation.st"]
+    assert "EXPT" not in text
+    assert "EXP(STRIBECK_DELTA * LN(MAX(ABS(omega / STRIBECK_W_S), 1.0E-300)))" in text
+    assert "EXPT(ABS(omega / STRIBECK_W_S), STRIBECK_DELTA)" in export(design, "st", flavour="beckhoff")
+
+
+@pytest.mark.parametrize("flavour", ["iec", "beckhoff"])
+def test_a_second_parser_finds_no_error(design: Design, flavour: str) -> None:
+    """tree-sitter's grammar of the standard's third edition, written by others than blark's."""
+    binding = pytest.importorskip(
+        "tree_sitter", reason="tree-sitter not installed: the exported ST is not parsed twice"
+    )
+    grammar = pytest.importorskip("tree_sitter_iec61131_3_st", reason="no grammar of ST: the ST is not parsed twice")
+    parser = binding.Parser(binding.Language(grammar.language()))
+    for part in ("compensation", "tracker"):
+        text = export(design, "st", part=part, flavour=flavour)
+        if flavour == "beckhoff":
+            declaration, body = re.findall(r"<!\[CDATA\[(.*?)\]\]>", text, flags=re.DOTALL)
+            # the short-circuit AND is Beckhoff's own
+            text = f"{declaration}\n{body.replace('AND_THEN', 'AND')}\nEND_FUNCTION_BLOCK\n"
+        tree = parser.parse(text.encode())
+        assert not tree.root_node.has_error
+        assert parser.parse(text.replace("END_VAR", "", 1).encode()).root_node.has_error
 
 
 def test_gains_are_in_both(design: Design) -> None:

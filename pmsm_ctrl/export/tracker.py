@@ -1,0 +1,266 @@
+"""The friction tracker as a block: the loop of the compiled extended filter, flattened for this design.
+
+The number of operations of a call is bounded and known: every loop has a fixed length, and nothing iterates until
+something has converged.
+"""
+
+from __future__ import annotations
+
+import ast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.export.blocks import Block, Value, identifier
+from pmsm_ctrl.export.compensator import Terms
+from pmsm_ctrl.export.program import Flattener, body_of
+from pmsm_ctrl.export.trees import Statements, assign, base, constant, expressions, name, read
+from pmsm_ctrl.export.writers import symbols_of
+from pmsm_ctrl.kernels.balance import torque_em
+from pmsm_ctrl.track import model
+from pmsm_ctrl.track.inputs import KnownTorque
+from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
+from pmsm_ctrl.track.twin import run
+from pmsm_ctrl.units import psi_f_from
+
+__all__ = ["tracker"]
+
+# the sources' short names of arrays -> what they are called in the program
+_ARRAYS = {
+    "x": ("state", (model.SIZE,)), "P": ("covariance", (model.SIZE, model.SIZE)), "m": ("memory", (model.MEMORY,)),
+    "s": ("settings", (model.SETTINGS,)), "a": ("jacobian", (model.SIZE,)), "u": ("work_u", (model.SIZE,)),
+    "v": ("work_v", (model.SIZE,)), "h": ("measured_row", (model.SIZE,)), "K": ("kalman_gain", (model.SIZE,)),
+}  # fmt: skip
+_SETTINGS = {
+    "R": ("MEASUREMENT_VARIANCE", "variance of the measured angle or speed"),
+    "TORQUE_DENSITY": ("TORQUE_DENSITY", "(N m)^2 s, density of the torque's noise"),
+    "LAG": ("SPEED_LAG", "s, lag of the drive's speed"),
+    "SPEED_NOISE": ("SPEED_NOISE", "rad/s rms"),
+    "THRESHOLD": ("STANDSTILL_SPEED", "rad/s, below it the axis counts as standing"),
+    "INTERVAL": ("UPDATE_INTERVAL", "s between two looks at the measurement"),
+    "MAX_GAP": ("MAX_GAP", "s, longest step that is bridged"),
+    "GATE": ("OUTLIER_GATE", "normalised innovation squared beyond which it is an outlier"),
+    "J_NOMINAL": ("INERTIA", "kg m^2"),
+}
+_MEMORY = (
+    "T_LAST", "Z_LAST", "TORQUE_LAST", "KNOWN_LAST", "SPEED_LAST", "RUNNING", "ELAPSED", "MEAN", "SPREAD", "REJECTS",
+    "DT", "SPEED", "TORQUE", "KNOWN", "SURGE", "DUE", "TREND", "CALM", "SEEN",
+)  # fmt: skip
+_EVENTS = ("PREDICTED", "UPDATED", "CONSTANT", "STANDSTILL", "STARTED", "REJECTED", "IMPLAUSIBLE", "INVALID", "GAP",
+           "CHANGE")  # fmt: skip
+_STATES = ("OMEGA", "F_C", "F_V", "T_LOAD", "INERTIA", "THETA")
+_AS_THEY_ARE = ("DRIFT", "PRIOR", "NEVER", "SPREAD_TIME", "SPREAD_LIMIT", "REJECTS_ARE_CHANGE", "TREND_WEIGHT",
+                "TREND_LIMIT", "CALM_TIME")  # fmt: skip
+_UNITS = {"T_load": "N m", "J": "kg m^2"}
+_LOGGED = {"estimates", "variances", "covariance", "innovations", "events"}  # what the loop over a log writes down
+
+
+def tracker(design: Design, settings: Settings | None = None, period: float | None = None) -> Block:
+    """Return the tracker of a design.
+
+    Parameters
+    ----------
+    settings : what `pmsm_ctrl.track.track` takes; the noise must follow from the design or be given
+    period : time between two calls, s; by default that of the design's log
+
+    Raises
+    ------
+    RequestError
+        When the design lacks friction to start from, or holds an effect that a drive cannot evaluate.
+    """
+    settings = settings or Settings()
+    if settings.torque_noise is None and design.sensor.current_noise == 0.0:
+        raise RequestError(
+            f"{design.source or design.name}: sensor.current_noise is 0, so nothing says how far the tracker may "
+            "trust the torque; give it, or torque_noise to the tracker"
+        )
+    logged = design.sensor.log_divider / design.drive.f_control if period is None else period
+    s = numbers(design, settings, logged)
+    known = KnownTorque(design)
+    if known.notes:
+        raise RequestError(f"{design.source or design.name}: {known.notes[0]}")
+    terms = Terms(list(known.effects))
+    signals = {a for effect, _ in known.effects for a in effect.signals}
+    inputs, outputs, motor = _inputs(design, settings, signals), _outputs(settings), _motor(design)
+    constants = [*motor.values(), *_settings(s).values(), *terms.constants, *_sources()]
+    lines = _text(settings, inputs, terms, "i_d" in {v.name for v in inputs})
+    body = _with_loop(ast.parse("\n".join([*lines, *_reading(settings)])).body)
+    fixed = {("settings", vars(model)[k]): constant(v.number, v.name) for k, v in _settings(s).items()}
+    fixed["settings", model.FROM_ANGLE] = constant(s[model.FROM_ANGLE])
+    reserved = [v.name for v in (*inputs, *outputs, *constants)] + [long for long, _ in _ARRAYS.values()]
+    scope = {**vars(model), **body_of(run)[1], "torque_em": torque_em, **terms.scope}
+    flat = Flattener(reserved, _symbols(), fixed).program(
+        body, scope, _given(settings, inputs, terms, motor), {value.name for value in outputs}
+    )
+    first = tuple(_start(design, settings, s))
+    used = set(symbols_of([*flat.statements, *first])).union(*(read(e) for e in expressions(list(flat.statements))))
+    return Block(
+        identifier(design.name), "tracker", f"Friction tracker of {design.name}, extended Kalman filter",
+        inputs, outputs, flat,
+        constants=tuple(value for value in constants if value.name in used),
+        arrays={long: shape for long, shape in _ARRAYS.values() if long in used}, start=first,
+    )  # fmt: skip
+
+
+# -- what stands for what -------------------------------------------------------------------------------------------
+
+
+def _inputs(design: Design, settings: Settings, signals: set[str]) -> tuple[Value, ...]:
+    measured = {settings.measure} | signals & {"theta"}
+    salient = design.motor.L_d is not None and design.motor.L_q is not None and design.motor.p is not None
+    wanted = [
+        (True, Value("time_s", "time of the sample, s; it must rise from call to call")),
+        ("theta" in measured, Value("theta", "measured angle, rad, counted on beyond a turn")),
+        ("omega" in measured, Value("omega", "measured speed, rad/s")),
+        (salient or "i_d" in signals, Value("i_d", "d-axis current, A peak")),
+        (True, Value("i_q", "q-axis current, A peak")),
+        (True, Value("T_load", "known load torque, N m, otherwise 0")),
+    ]
+    return tuple(value for included, value in wanted if included)
+
+
+def _outputs(settings: Settings) -> tuple[Value, ...]:
+    extra = []
+    for text in settings.estimate:
+        extra += [
+            Value(f"{text}_hat", f"{_UNITS[text]}, estimate"),
+            Value(f"sd_{text}", f"{_UNITS[text]}, its deviation"),
+        ]
+    return (
+        Value("F_c", "N m, Coulomb friction"),
+        Value("F_v", "N m s/rad, viscous friction"),
+        Value("sd_F_c", "N m, standard deviation of F_c"),
+        Value("sd_F_v", "N m s/rad, standard deviation of F_v"),
+        *extra,
+        Value("omega_hat", "rad/s, speed"),
+        Value("event", ", ".join(f"{k} {text}" for k, text in enumerate(model.EVENTS)), kind="integer"),
+        Value("innovation", "measured less predicted, 0 where nothing was judged"),
+        Value("innovation_variance", "its variance, 0 where nothing was judged"),
+    )
+
+
+def _motor(design: Design) -> dict[str, Value]:
+    """Return the numbers from which the drive's torque follows, as in `pmsm_ctrl.track.inputs.drive_torque`."""
+    motor, K_t = design.motor, design.K_t_assumed
+    found = {"K_t": Value("K_T", "N m/A peak, torque constant", K_t)}
+    if motor.p is not None:
+        found["p"] = Value("POLE_PAIRS", "pole pairs", float(motor.p))
+        found["psi_f"] = Value("PSI_F", "Wb, flux linkage that gives the torque constant", psi_f_from(K_t, motor.p))
+    if motor.L_d is not None and motor.L_q is not None:
+        found["L_d"] = Value("L_D", "H, d-axis inductance", motor.L_d)
+        found["L_q"] = Value("L_Q", "H, q-axis inductance", motor.L_q)
+    return found
+
+
+def _settings(s: NDArray[np.float64]) -> dict[str, Value]:
+    return {key: Value(text, meaning, float(s[vars(model)[key]])) for key, (text, meaning) in _SETTINGS.items()}
+
+
+def _symbols() -> dict[str, str]:
+    """Return what the sources' constants are called in the program."""
+    found = {text: f"STATE_{text}" for text in _STATES} | {text: f"EVENT_{text}" for text in _EVENTS}
+    return found | {text: f"MEMORY_{text}" for text in _MEMORY} | {text: text for text in _AS_THEY_ARE}
+
+
+def _sources() -> list[Value]:
+    kinds = {int: "integer", float: "real"}
+    return [Value(long, "", vars(model)[text], kinds[type(vars(model)[text])]) for text, long in _symbols().items()]
+
+
+def _given(settings: Settings, inputs: tuple[Value, ...], terms: Terms, motor: dict[str, Value]) -> dict[str, ast.expr]:
+    given: dict[str, ast.expr] = {text: name(long) for text, (long, _) in _ARRAYS.items()}
+    given |= {value.name: name(value.name) for value in inputs}
+    given |= {text: constant(value.number, value.name) for text, value in motor.items()} | terms.given
+    slow = 1 + max(k for k in settings.active if k != model.THETA)
+    now = {"t[k]": "time_s", "t": "time_s", "z[k]": settings.measure, "torque[k]": "drive", "known[k]": "known_torque",
+           "y": "innovation", "S": "innovation_variance"}  # fmt: skip
+    return given | {text: name(own) for text, own in now.items()} | {"slow": constant(slow)}
+
+
+# -- the text around the filter's own loop ----------------------------------------------------------------------------
+
+
+def _text(settings: Settings, inputs: tuple[Value, ...], terms: Terms, salient: bool) -> list[str]:
+    """Return the lines of one call, with the filter's loop to be put at `...`."""
+    valid = " and ".join(f"isfinite({value.name})" for value in inputs)
+    torque = "torque_em(p, psi_f, L_d, L_q, i_d, i_q)" if salient else "K_t * i_q"
+    inner = [f"torque = {torque}", "drive = torque - T_load"]
+    if terms.calls:
+        speed = "theta" if settings.measure == "theta" else ""
+        if speed:
+            inner += ["omega = 0.0", "if m[T_LAST] > NEVER and time_s > m[T_LAST]:",
+                      "    omega = (theta - m[Z_LAST]) / (time_s - m[T_LAST])"]  # fmt: skip
+        inner += [
+            "direction = 0.0",
+            "if omega > 0.0:",
+            "    direction = 1.0",
+            "elif omega < 0.0:",
+            "    direction = -1.0",
+        ]
+    inner += [*terms.lines("known_torque"), "..."]
+    head = ["innovation = 0.0", "innovation_variance = 0.0", "event = INVALID", f"if {valid}:"]
+    return head + [f"    {line}" for line in inner]
+
+
+def _reading(settings: Settings) -> list[str]:
+    extra = {"T_load": "T_LOAD", "J": "INERTIA"}
+    lines = ["F_c = x[F_C]", "F_v = x[F_V]", "sd_F_c = sqrt(P[F_C, F_C])", "sd_F_v = sqrt(P[F_V, F_V])"]
+    for text in settings.estimate:
+        at = extra[text]
+        lines += [f"{text}_hat = x[{at}]", f"sd_{text} = sqrt(P[{at}, {at}])"]
+    return [*lines, "omega_hat = x[OMEGA]"]
+
+
+def _with_loop(body: Statements) -> Statements:
+    """Put what the compiled filter does with one sample of a log where the text says `...`."""
+    loop = next(s for s in body_of(run)[0].body if isinstance(s, ast.For))
+    for statement in body:
+        if isinstance(statement, ast.If) and ast.unparse(statement.body[-1]) == "...":
+            statement.body[-1:] = _unlogged(loop.body)
+    return body
+
+
+def _unlogged(statements: Statements) -> Statements:
+    """Leave out what only writes a log's history."""
+    out: Statements = []
+    for statement in statements:
+        if isinstance(statement, ast.Assign) and base(statement.targets[0]) in _LOGGED:
+            continue
+        if isinstance(statement, ast.If | ast.For):
+            statement.body = _unlogged(statement.body)
+            statement.orelse = _unlogged(statement.orelse)
+            if not statement.body:
+                continue
+        out.append(statement)
+    return out
+
+
+def _start(design: Design, settings: Settings, s: NDArray[np.float64]) -> Statements:
+    """Return the statements that set the memory before the first sample."""
+    i, j = name("start_i"), name("start_j")
+
+    def element(array: str, *index: ast.expr) -> ast.expr:
+        return ast.Subscript(name(array), ast.Tuple(list(index)))
+
+    def loop(counter: ast.expr, size: int, inner: Statements) -> ast.stmt:
+        return ast.For(counter, ast.Tuple([constant(0), constant(size - 1)]), inner, [])
+
+    zero = constant(0.0)
+    rows = [
+        loop(j, model.SIZE, [assign(element("covariance", i, j), zero)]),
+        *(assign(element(a, i), zero) for a in ("jacobian", "measured_row", "kalman_gain", "work_u", "work_v")),
+    ]
+    out = [loop(i, model.SIZE, rows), loop(i, model.MEMORY, [assign(element("memory", i), zero)])]
+    states = [constant(k, f"STATE_{text}") for k, text in enumerate(_STATES)]
+    for at, value, variance in zip(states, start(design), np.diag(covariance(s, settings)), strict=True):
+        out.append(assign(element("state", at), constant(float(value))))
+        out.append(assign(element("covariance", at, at), constant(float(variance))))
+    out.append(
+        assign(element("memory", constant(model.T_LAST, "MEMORY_T_LAST")), constant(float(memory()[model.T_LAST])))
+    )
+    for first in (model.DRIFT, model.PRIOR):
+        for k in range(first, first + model.SIZE):
+            out.append(assign(element("settings", constant(k)), constant(float(s[k]))))
+    return out

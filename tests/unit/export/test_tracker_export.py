@@ -1,0 +1,233 @@
+"""The exported tracker: C and Structured Text do what the compiled twin does, over everything that can happen."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.export import export, export_files
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import Scenario, simulate
+from pmsm_ctrl.track import Settings, model
+from pmsm_ctrl.track.settings import numbers
+from pmsm_ctrl.track.tracking import Filtered, filter_samples, samples_of
+from tests.unit.export.structured_text import FunctionBlock, parsed, parsed_library, parsed_tcpou
+from tests.unit.track.tracking_axes import step_of_F_c
+
+FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow", "-shared", "-fPIC")
+VARIANTS = {
+    "angle": Settings(),
+    "speed": Settings(measure="omega"),
+    "load and inertia": Settings(estimate=("T_load", "J")),
+    "speed, load and inertia": Settings(measure="omega", estimate=("T_load", "J"), standstill=2.0),
+}
+
+
+@pytest.fixture(scope="module")
+def design(request: pytest.FixtureRequest) -> Design:
+    """Return the reference motor with effects whose torque the tracker is told."""
+    seed = Design.read(request.config.rootpath / "designs" / "seed_motor.toml")
+    return seed.with_effect("cogging", {"a_s": 0.004, "a_c": -0.002, "order": 24.0}).with_effect(
+        "stribeck", {"dF_s": 0.01, "w_s": 5.0, "delta": 1.5}
+    )
+
+
+@pytest.fixture(scope="module")
+def log(design: Design) -> Log:
+    """Return a log with reversals, standstill, constant speed, a step of friction, and damage of every kind."""
+
+    def references(t: np.ndarray) -> dict[str, np.ndarray]:
+        wave = np.where(t < 3.0, 100.0 * np.sin(3.0 * t), 0.0) + np.where(t > 3.6, 60.0 * np.sin(4.0 * (t - 3.6)), 0.0)
+        return {"omega_ref": np.where(t > 6.2, 60.0 * np.sin(4.0 * 2.6), wave)}
+
+    truth = design.with_effect("step_of_F_c", {"dF_c": 0.012, "t_0": 5.0})
+    whole = simulate(design, Scenario("all", 14.5, references), truth=truth, seed=3, own=(step_of_F_c,))
+    rng = np.random.default_rng(7)
+    channels = {name: values.copy() for name, values in whole.channels.items()}
+    for name in ("theta", "i_q", "omega"):
+        channels[name][rng.integers(10, len(whole), 15)] = np.nan
+    channels["theta"][2000:] += 0.7
+    channels["omega"][2000] += 50.0
+    channels["theta"][2700:2703] += 2e-3
+    channels["t"][5500:] += 0.5
+    channels["t"][1500] = channels["t"][1499]
+    keep = np.flatnonzero(rng.random(len(whole)) > 0.01)
+    return Unchecked({name: values[keep] for name, values in channels.items()}, whole)
+
+
+class Unchecked:
+    """A log that a damaged stream would make; `Log` itself refuses such channels."""
+
+    def __init__(self, channels: dict[str, np.ndarray], like: Log) -> None:
+        self.channels, self.provenance = channels, like.provenance
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.channels[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.channels
+
+    def __len__(self) -> int:
+        return len(self.channels["t"])
+
+    @property
+    def t(self) -> np.ndarray:
+        return self.channels["t"]
+
+
+def twin(design: Design, log: Any, settings: Settings) -> Filtered:
+    """Return what the package's own filter makes of the log."""
+    period = design.sensor.log_divider / design.drive.f_control
+    samples = samples_of(design, log, settings.measure)
+    return filter_samples(design, settings, numbers(design, settings, period), samples)
+
+
+class CTracker:
+    """The exported C, compiled with warnings as errors."""
+
+    def __init__(self, design: Design, settings: Settings, folder: Path) -> None:
+        if shutil.which("gcc") is None:
+            pytest.skip("gcc not found: the exported C cannot be compiled")
+        files = export_files(design, "c", settings=settings)
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        library = folder / "tracker.so"
+        source = folder / "seed_motor_tracker.c"
+        subprocess.run(["gcc", *FLAGS, str(source), "-o", str(library), "-lm"], check=True)
+        header = files["seed_motor_tracker.h"]
+        fields = []
+        for kind, name, sizes in re.findall(r"^    (double|int) (\w+)((?:\[\d+\])*);", header, flags=re.MULTILINE):
+            shape: Any = ctypes.c_double if kind == "double" else ctypes.c_int
+            for size in reversed(re.findall(r"\d+", sizes)):
+                shape = shape * int(size)
+            fields.append((name, shape))
+        structure = type("Tracker", (ctypes.Structure,), {"_fields_": fields})
+        self.memory, loaded = structure(), ctypes.CDLL(str(library))
+        self.inputs = re.findall(r"^ \* (\w+):", header, flags=re.MULTILINE)
+        self.update = loaded.seed_motor_tracker_update
+        self.update.argtypes = [ctypes.POINTER(structure), *[ctypes.c_double] * len(self.inputs)]
+        loaded.seed_motor_tracker_init(ctypes.byref(self.memory))
+
+    def __call__(self, **inputs: float) -> None:
+        self.update(ctypes.byref(self.memory), *(inputs[name] for name in self.inputs))
+
+    def __getitem__(self, name: str) -> Any:
+        return getattr(self.memory, name)
+
+
+def fed(step: Any, inputs: list[str], log: Any) -> dict[str, np.ndarray]:
+    """Feed a log sample by sample and return the outputs' history."""
+    channels = {"time_s": log.t, **log.channels, "T_load": np.zeros(len(log))}
+    out: dict[str, list[float]] = {}
+    for row in zip(*(channels[name].tolist() for name in inputs), strict=True):
+        step(**dict(zip(inputs, row, strict=True)))
+        for name in ("F_c", "F_v", "sd_F_c", "sd_F_v", "omega_hat", "event", "innovation", "innovation_variance"):
+            out.setdefault(name, []).append(step[name])
+    return {name: np.array(values) for name, values in out.items()}
+
+
+def agree(found: dict[str, np.ndarray], wanted: Filtered, tolerance: float) -> None:
+    """Hold outputs against the twin's; errors are relative to the largest value of each."""
+    n = len(found["event"])
+    expected = {
+        "F_c": wanted.estimates[:n, 1],
+        "F_v": wanted.estimates[:n, 2],
+        "omega_hat": wanted.estimates[:n, 0],
+        "sd_F_c": np.sqrt(wanted.variances[:n, 1]),
+        "sd_F_v": np.sqrt(wanted.variances[:n, 2]),
+        "innovation": np.nan_to_num(wanted.innovations[:n, 0]),
+        "innovation_variance": np.nan_to_num(wanted.innovations[:n, 1]),
+    }
+    assert np.array_equal(found["event"], wanted.events[:n])
+    for name, values in expected.items():
+        assert np.abs(found[name] - values).max() <= tolerance * np.abs(values).max(), name
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_c_agrees_with_the_twin_whatever_comes(design: Design, log: Any, tmp_path: Path, variant: str) -> None:
+    settings = VARIANTS[variant]
+    wanted = twin(design, log, settings)
+    if variant == "angle":
+        # gating, standstill, constant speed, a NaN, a lost sample, a gap, jumps, a step: all are in the log
+        assert {model.EVENTS[e] for e in np.unique(wanted.events)} == set(model.EVENTS)
+    tracker = CTracker(design, settings, tmp_path)
+    agree(fed(tracker, tracker.inputs, log), wanted, 1e-6)
+
+
+def test_c_tracks_the_step_of_friction(design: Design, log: Any, tmp_path: Path) -> None:
+    tracker = CTracker(design, Settings(), tmp_path)
+    found = fed(tracker, tracker.inputs, log)
+    late = log.t > 6.0
+    assert np.median(found["F_c"][late & (log.t < 7.0)]) == pytest.approx(0.0213 + 0.012, rel=0.05)
+
+
+FLAVOURS: dict[str, Callable[[dict[str, str], Path], FunctionBlock]] = {
+    "iec": lambda files, folder: parsed(files["FB_seed_motor_tracker.st"]),
+    "br": lambda files, folder: parsed_library(files, "FB_seed_motor_tracker"),
+    "beckhoff": lambda files, folder: parsed_tcpou(files, "FB_seed_motor_tracker", folder),
+}
+
+
+@pytest.mark.parametrize("flavour", FLAVOURS)
+@pytest.mark.parametrize("variant", ["angle", "speed, load and inertia"])
+def test_structured_text_runs_as_the_twin_does(
+    design: Design, log: Any, tmp_path: Path, flavour: str, variant: str
+) -> None:
+    settings = VARIANTS[variant]
+    block = FLAVOURS[flavour](export_files(design, "st", flavour=flavour, settings=settings), tmp_path)
+    inputs = [name for name, kind in block.kinds.items() if kind == "input" and name != "restart"]
+    named = {"t_load": "T_load"}
+    found = fed(block, [named.get(name, name) for name in inputs], log)
+    agree(found, twin(design, log, settings), 1e-6)
+    before = block["F_c"]
+    block(restart=True)
+    assert block["F_c"] == design.parameters("coulomb")["F_c"] != before
+    block(restart=False)
+
+
+def test_a_tracker_that_could_not_work_is_refused(design: Design) -> None:
+    with pytest.raises(RequestError, match=r"sensor\.current_noise is 0"):
+        export(design.replace(sensor={"current_noise": 0.0}), "c", part="tracker")
+    loose = design.with_effect("compliance", {"J_load": 4e-5, "k": 15.0, "d": 0.002})
+    with pytest.raises(RequestError, match="compliance is left out"):
+        export(loose, "c", part="tracker")
+    with pytest.raises(RequestError, match="name a folder"):
+        export(design, "st", part="tracker", flavour="br")
+    with pytest.raises(RequestError, match="accepted: compensation, tracker"):
+        export(design, "st", part="observer")
+    with pytest.raises(RequestError, match="flavours are Structured Text's"):
+        export(design, "c", flavour="br")
+
+
+def test_a_design_without_pole_pairs_and_known_effects(tmp_path: Path) -> None:
+    """The smallest tracker: torque from the torque constant alone."""
+    plain = Design.from_dict(
+        {
+            "name": "seed motor",
+            "motor": {"J": 9e-5, "K_t": 1.0},
+            "sensor": {"encoder_counts": 131072, "current_noise": 0.004},
+            "effects": [{"id": "coulomb", "F_c": 0.02}, {"id": "viscous", "F_v": 1e-4}],
+        }
+    )
+    tracker = CTracker(plain, Settings(), tmp_path)
+    assert tracker.inputs == ["time_s", "theta", "i_q", "T_load"]
+    t = np.arange(0.0, 2.0, 1e-3)
+    theta = 10.0 * (1.0 - np.cos(6.0 * t))
+    omega, alpha = 60.0 * np.sin(6.0 * t), 360.0 * np.cos(6.0 * t)
+    rng = np.random.default_rng(1)
+    i_q = 9e-5 * alpha + 0.026 * np.sign(omega) + 1e-4 * omega + 0.004 * rng.standard_normal(t.size)
+    step = 2.0 * np.pi / 131072
+    log = Log({"t": t, "theta": step * np.round(theta / step), "i_q": i_q})
+    found = fed(tracker, tracker.inputs, log)
+    agree(found, twin(plain, log, Settings()), 1e-6)
+    assert found["F_c"][-1] == pytest.approx(0.026, abs=4.0 * found["sd_F_c"][-1])
