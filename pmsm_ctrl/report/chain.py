@@ -147,7 +147,7 @@ def study(
     outcome = Study(identification.design, path, headline, results, tuple(skipped))
     text = render(
         f"Study of {design.name}",
-        [_section(verb, result) for verb, result in results.items()],
+        [_section(verb, results[verb]) for verb in _reading_order(results)],
         headline=headline,
         warnings=[*(f"Left out: {text}" for text in skipped), *_import_warnings(log, holdout)],
         facts=_facts(
@@ -163,6 +163,16 @@ def study(
 
 # What a reader must know about a part before its section, where the section cannot know it.
 INTRODUCTIONS = {"compare": "The model is the design with the values identified above; nothing more was fitted."}
+
+
+# The page answers before it explains: what the headline speaks of comes first, the loops last.
+MEASURED_ORDER = ("compare", "diagnose", "identify", "tune", "sweep", "paper")
+SIMULATED_ORDER = ("sweep", "paper", "identify", "compare", "tune")
+
+
+def _reading_order(results: Mapping[str, Result]) -> list[str]:
+    order = MEASURED_ORDER if "diagnose" in results else SIMULATED_ORDER
+    return [*(verb for verb in order if verb in results), *(verb for verb in results if verb not in order)]
 
 
 def _section(verb: str, result: Result) -> Section:
