@@ -7,13 +7,15 @@ import pytest
 
 from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, judge, measure, run_trial, study_trials
 from pmsm_ctrl.compensate.metrics import Metrics
-from pmsm_ctrl.compensate.study import CompensationStudy
+from pmsm_ctrl.compensate.study import SOURCES, CompensationStudy
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import lookup
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.feedforward import Feedforward, compensation_lines
+from tests.benchmarks.windows import EFFECTS, check, prepared, side_by_side
+from tests.unit.compensate.random_drives import random_drive
 
 
 @pytest.fixture(scope="module")
@@ -204,47 +206,23 @@ def test_window_ends_before_the_first_gain_that_cycles() -> None:
     assert window.cycle[-1] == 0.01
 
 
-def random_drive(design: Design, rng: np.random.Generator) -> Design:
-    """Return a drive with other inertia, friction and encoder, its speed loop scaled with the inertia."""
-    J = 9e-5 * 10.0 ** rng.uniform(-0.3, 1.0)
-    F_c = 0.0213 * 10.0 ** rng.uniform(-0.5, 0.5)
-    assert design.loops is not None
-    speed = {"K_p": 0.0274 * J / 9e-5 * rng.uniform(0.6, 1.2), "T_n": 0.0127 * rng.uniform(0.8, 3.0)}
-    changed = design.with_parameters(J=J).replace(
-        sensor={"encoder_counts": int(2 ** rng.integers(13, 21))},
-        loops={"speed": speed, "position": {"K_v": rng.uniform(10.0, 40.0), "acceleration_feedforward": 1.0}},
-    )
-    return (
-        changed.with_effect("coulomb", {"F_c": F_c})
-        .with_effect("viscous", {"F_v": 0.000168 * 10.0 ** rng.uniform(-0.5, 0.5)})
-        .with_effect("stribeck", {"dF_s": F_c * rng.uniform(0.0, 0.8), "w_s": rng.uniform(0.5, 5.0), "delta": 2.0})
-    )
+def test_drives_side_by_side_are_judged_as_one_by_one(design: Design) -> None:
+    """The benchmark's lanes give the metrics that `compensate` gets from single runs; quiet, so that both see alike."""
+    quiet = random_drive(design, np.random.default_rng(2)).replace(sensor={"current_noise": 0.0})
+    base, trials = baseline(quiet), study_trials(quiet)
+    keys = [(2, source, 0.9, 1.2, name) for source in SOURCES for name in ("reversal 2 rad/s", "push")]
+    found = side_by_side({key: prepared(base, trials[key[4]], *key[1:4]) for key in keys}, 0)
+    for key in keys:
+        believed = compensated(base, EFFECTS, gain=0.9, factor=1.2, source=key[1])
+        single = judge(trials[key[4]], run_trial(believed, trials[key[4]], truth=quiet))
+        assert found[key].as_dict() == pytest.approx(single.as_dict(), rel=1e-6, abs=1e-9)
 
 
-def check_window(drive: Design, seed: int, rng: np.random.Generator) -> None:
-    """The window of one drive holds for gains between those swept, another seed and other parameter errors."""
-    found = compensate(drive, gains=(0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5), seed=seed)
-    base, trials = baseline(drive), study_trials(drive)
-    for source, window in found.windows.items():
-        for name in ("reversal 2 rad/s", "positioning", "push"):
-            believed = compensated(
-                base, ["coulomb", "viscous", "stribeck"], gain=rng.uniform(0.0, window.safe) or 1e-6,
-                factor=rng.uniform(0.8, 1.2), source=source,
-            )  # fmt: skip
-            with_it, without = (
-                judge(trials[name], run_trial(d, trials[name], truth=drive, seed=seed + 7)) for d in (believed, base)
-            )
-            assert with_it.cycle_amplitude <= 1.5 * without.cycle_amplitude, (source, name, window.safe)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_nothing_cycles_inside_the_safe_window(design: Design, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    check_window(random_drive(design, rng), seed, rng)
+def test_nothing_cycles_inside_the_safe_window() -> None:
+    assert check(range(3)) == []
 
 
 @pytest.mark.slow
-def test_nothing_cycles_inside_the_safe_window_of_300_drives(design: Design) -> None:
-    for seed in range(100, 400):
-        rng = np.random.default_rng(seed)
-        check_window(random_drive(design, rng), seed, rng)
+def test_nothing_cycles_inside_the_safe_window_of_300_drives() -> None:
+    """What ``python -m tests.benchmarks.windows`` prints."""
+    assert check(range(100, 400)) == []

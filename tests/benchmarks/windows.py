@@ -1,0 +1,143 @@
+"""Nothing cycles inside a window reported as safe: ``python -m tests.benchmarks.windows [drives] [first seed]``.
+
+Each random drive gets its windows as `compensate` finds them, by the same sweep. Then gains drawn anywhere inside,
+with parameters off by up to 20 % and other noise, are simulated: a limit cycle there is a window that was wrong.
+Drives run side by side, which is what makes 300 of them affordable.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pmsm_ctrl.compensate import GainWindow, Metrics, Trial, baseline, compensated, gain_window, measure, study_trials
+from pmsm_ctrl.compensate.study import AT_REST, SOURCES, SWEEP_TRIALS, WRONG
+from pmsm_ctrl.compensate.window import GAINS
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.simulate.lanes import groups, load_lanes, simulate_group
+from pmsm_ctrl.simulate.run import Prepared, prepare
+from tests.unit.compensate.random_drives import random_drive
+
+ROOT = Path(__file__).resolve().parents[2]
+EFFECTS = ("coulomb", "viscous", "stribeck")
+PROBES = 4  # gains drawn inside each window
+PROBED = ("reversal 2 rad/s", "positioning", "push")
+PLAIN = ("none", 0.0, 1.0)
+
+Key = tuple[int, str, float, float, str]  # seed of the drive, source, gain, factor, trial
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A limit cycle inside a window."""
+
+    drive: int
+    source: str
+    gain: float
+    factor: float
+    trial: str
+    amplitude: float
+    safe: float
+
+
+def prepared(base: Design, trial: Trial, source: str, gain: float, factor: float) -> Prepared:
+    """Return one run, ready for a lane."""
+    believed = base if gain == 0.0 else compensated(base, EFFECTS, gain=gain, factor=factor, source=source)
+    return prepare(believed, trial.motions[0], truth=base)
+
+
+def side_by_side(runs: Mapping[Key, Prepared], seed: int) -> dict[Key, Metrics]:
+    """Return the metrics of many runs, 16 drives at a time."""
+    keys = list(runs)
+    found = {}
+    for group in groups(dict(enumerate(runs.values())), always=True):
+        load_lanes(group)
+        logs = simulate_group(group, seed, keep_truth=True)
+        assert logs is not None, "a drive left the finite numbers"
+        for number, log in zip(group.numbers, logs, strict=True):
+            found[keys[number]] = measure(log)
+    return found
+
+
+def swept(drives: Mapping[int, Design], seed: int) -> dict[int, dict[str, GainWindow]]:
+    """Return each drive's windows by source, as `compensate` finds them."""
+    runs: dict[Key, Prepared] = {}
+    for k, drive in drives.items():
+        base, trials = baseline(drive), study_trials(drive)
+        for name in SWEEP_TRIALS:
+            runs[k, *PLAIN, name] = prepared(base, trials[name], *PLAIN)
+            for source in SOURCES:
+                for gain in GAINS[1:]:
+                    for factor in WRONG:
+                        runs[k, source, gain, factor, name] = prepared(base, trials[name], source, gain, factor)
+    found = side_by_side(runs, seed)
+
+    def reader(k: int, source: str) -> Callable[[float, float, str], Metrics]:
+        return lambda gain, factor, name: found[(k, *PLAIN, name) if gain == 0.0 else (k, source, gain, factor, name)]
+
+    return {
+        k: {source: gain_window(reader(k, source), SWEEP_TRIALS, source, at_rest=AT_REST) for source in SOURCES}
+        for k in drives
+    }
+
+
+def cycles_inside(drives: Mapping[int, Design], windows: Mapping[int, Mapping[str, GainWindow]]) -> list[Cycle]:
+    """Return the limit cycles at gains drawn inside the windows; one the axis has anyway does not count."""
+    runs: dict[Key, Prepared] = {}
+    for k, drive in drives.items():
+        rng, base, trials = np.random.default_rng(k + 1_000_000), baseline(drive), study_trials(drive)
+        for name in PROBED:
+            runs[k, *PLAIN, name] = prepared(base, trials[name], *PLAIN)
+        for source, window in windows[k].items():
+            for _ in range(PROBES if window.safe > 0.0 else 0):
+                gain, factor = rng.uniform(0.0, window.safe), rng.uniform(min(WRONG), max(WRONG))
+                for name in PROBED:
+                    runs[k, source, gain, factor, name] = prepared(base, trials[name], source, gain, factor)
+    found = side_by_side(runs, 10_000_000)
+    return [
+        Cycle(k, source, gain, factor, name, metrics.cycle_amplitude, windows[k][source].safe)
+        for (k, source, gain, factor, name), metrics in found.items()
+        if metrics.cycle_amplitude > 1.5 * found[k, *PLAIN, name].cycle_amplitude
+    ]
+
+
+def check(seeds: Iterable[int], batch: int = 20, report: Callable[[str], None] = print) -> list[Cycle]:
+    """Check the windows of the random drives with these seeds; return what cycles inside."""
+    design = Design.read(ROOT / "designs" / "seed_motor.toml")
+    every, wrong, start = list(seeds), [], time.perf_counter()
+    safe: dict[str, Counter[float]] = {source: Counter() for source in SOURCES}
+    for first in range(0, len(every), batch):
+        drives = {k: random_drive(design, np.random.default_rng(k)) for k in every[first : first + batch]}
+        windows = swept(drives, first)
+        wrong += cycles_inside(drives, windows)
+        for found in windows.values():
+            for source, window in found.items():
+                safe[source][window.safe] += 1
+        report(f"# {first + len(drives)} drives, {time.perf_counter() - start:.0f} s, {len(wrong)} cycles inside")
+    report(
+        "| by | drives whose window reaches 0 %, 10 to 50 %, 60 to 140 %, 150 % | limit cycles inside |\n|---|---|---|"
+    )
+    for source, counted in safe.items():
+        shares = [sum(n for gain, n in counted.items() if low <= gain <= high)
+                  for low, high in ((0.0, 0.0), (0.05, 0.55), (0.55, 1.45), (1.45, 2.0))]  # fmt: skip
+        report(f"| {source} speed | {', '.join(map(str, shares))} | {sum(c.source == source for c in wrong)} |")
+    for cycle in wrong:
+        report(f"# {cycle}")
+    return wrong
+
+
+def main() -> None:
+    """Print how many windows were wrong."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    first = int(sys.argv[2]) if len(sys.argv) > 2 else 100
+    check(range(first, first + count), report=lambda text: print(text, flush=True))
+
+
+if __name__ == "__main__":
+    main()
