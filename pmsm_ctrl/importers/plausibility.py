@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.importers.lost import lost_samples
 from pmsm_ctrl.importers.table import Array
 from pmsm_ctrl.importers.timebase import quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
@@ -37,6 +38,7 @@ def check(log: Log, design: Design | None = None) -> tuple[str, ...]:
         if len(log) >= MIN_SAMPLES:
             warnings += [
                 *_standing(log),
+                *lost_samples(log, design),
                 *_speed(log, design),
                 *_reference(log),
                 *_torque(log, design),
@@ -254,6 +256,8 @@ def _sign(log: Log, design: Design | None) -> list[str]:
     elif "i_q" in log:
         torque, name = log["i_q"] * (design.K_t_assumed if design is not None else 1.0), "i_q"
     else:
+        return []
+    if np.ptp(torque) == 0.0:
         return []
     inertia, t_value = _balance(log, torque)
     # neighbouring blocks are correlated: ask for far more than the nominal 2

@@ -1,0 +1,95 @@
+"""Samples that no shaft can produce are named with their place; a clean motion raises no doubt."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.importers import check
+from pmsm_ctrl.importers.lost import frozen, jumps, lost_samples, spikes
+from pmsm_ctrl.log import Log
+
+T = np.arange(3000) * 1e-3
+OMEGA = 80 * np.sin(2 * np.pi * 0.7 * T) + 30 * np.sin(2 * np.pi * 2.1 * T + 1)
+# the closed-form integral
+THETA = -80 / (1.4 * np.pi) * np.cos(2 * np.pi * 0.7 * T) - 30 / (4.2 * np.pi) * np.cos(2 * np.pi * 2.1 * T + 1)
+
+
+def record(rng: np.random.Generator, **changed: np.ndarray) -> Log:
+    i_q = 0.1 * np.sign(OMEGA) + rng.normal(0, 0.004, T.size)
+    return Log({"t": T, "theta": THETA, "omega": OMEGA, "i_q": i_q} | changed)
+
+
+@pytest.fixture
+def design(designs) -> Design:
+    return Design.read(designs / "seed_motor.toml")
+
+
+def test_a_clean_motion_raises_no_doubt(rng: np.random.Generator) -> None:
+    assert lost_samples(record(rng)) == []
+    counts = 2 * np.pi / 1000  # a coarse encoder, so that most steps are one count or none
+    assert lost_samples(record(rng, theta=np.round(THETA / 20 / counts) * counts, omega=OMEGA / 20)) == []
+
+
+@pytest.mark.parametrize("height", [2 * math.pi, -2 * math.pi, 1e4])
+def test_a_position_that_jumps(rng: np.random.Generator, height: float) -> None:
+    log = record(rng, theta=THETA + height * (T > 1.5))
+    at, found = jumps(log.t, log["theta"])
+    assert at.tolist() == [1500]
+    assert found[0] == pytest.approx(height, abs=0.12)  # less what the shaft moves in a sample
+    (text,) = lost_samples(log)
+    assert "at t = 1.501 s" in text
+
+
+def test_a_gap_in_time_is_no_jump(rng: np.random.Generator) -> None:
+    keep = (T < 1.2) | (T > 1.6)
+    log = Log({name: values[keep] for name, values in record(rng).channels.items()})
+    assert lost_samples(log) == []
+
+
+@pytest.mark.parametrize(("turn", "words"), [(2 * math.pi / 4, "pole pairs (p = 4)"), (3.0, "does it wrap there?")])
+def test_an_angle_that_wraps_elsewhere(rng: np.random.Generator, design: Design, turn: float, words: str) -> None:
+    log = record(rng, theta=np.mod(THETA, turn))
+    wraps = np.count_nonzero(np.diff(np.floor(THETA / turn)))
+    at, height = jumps(log.t, log["theta"])
+    # where the axis turns round just at the wrap, the neighbours are as large
+    assert wraps - 3 <= at.size <= wraps
+    assert np.median(np.abs(height)) == pytest.approx(turn, rel=1e-2)
+    (text,) = lost_samples(log, design)
+    assert words in text
+    assert text in check(log, design)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_a_speed_that_spikes(rng: np.random.Generator, samples: int) -> None:
+    omega = OMEGA.copy()
+    omega[700 : 700 + samples] += 300.0
+    assert spikes(omega).tolist() == [700]
+    (text,) = lost_samples(record(rng, omega=omega))
+    assert "at t = 0.7 s" in text
+
+
+def test_a_step_of_the_speed_is_no_spike() -> None:
+    assert spikes(np.where(T > 1.0, 50.0, 0.0)).size == 0
+    assert spikes(np.zeros(100)).size == 0
+    assert spikes(np.where(np.arange(3000) % 2, 50.0, -50.0)).size == 0  # alternating is not lost, it is another thing
+
+
+def test_a_channel_that_freezes(rng: np.random.Generator) -> None:
+    log = record(rng)
+    held = log["i_q"].copy()
+    held[1000:1101] = held[1000]
+    assert frozen(held, log["omega"]) == (1000, 100)
+    (text,) = lost_samples(record(rng, i_q=held))
+    assert "0.1 s from t = 1 s" in text
+
+
+@pytest.mark.parametrize("scenario", ["sweep", "chirp", "reversal", "positioning"])
+def test_simulated_motions_raise_no_doubt(designs, scenario: str) -> None:
+    from pmsm_ctrl.simulate import simulate
+
+    design = Design.read(designs / "seed_motor.toml")
+    assert lost_samples(simulate(design, scenario), design) == []
