@@ -1,0 +1,142 @@
+"""The committed reports: valid, accessible, small, without network, drawn by a browser, and EMPS without its data."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import pytest
+
+html5lib = pytest.importorskip("html5lib", reason="HTML5LIB ABSENT: the gallery was not parsed (pip install html5lib)")
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted((ROOT / "reports" / "gallery").glob("*.html"))
+NAMES = {"reference_experiment", "emps", "hidden_effects", "compensation"}
+LIMIT = 3_000_000
+no_browser = pytest.mark.skipif(
+    shutil.which("chromium") is None, reason="CHROMIUM ABSENT: the gallery was not drawn (apt install chromium)"
+)
+
+
+def parsed(path: Path) -> Element:
+    """Parse as the HTML standard says, with every parse error an error."""
+    parser = html5lib.HTMLParser(strict=True, namespaceHTMLElements=False)
+    return parser.parse(path.read_text(encoding="utf-8"))
+
+
+def text_of(element: Element) -> str:
+    return " ".join(" ".join(element.itertext()).split())
+
+
+def test_all_four_are_there() -> None:
+    assert {path.stem for path in PAGES} == NAMES
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_page_is_valid_small_and_asks_no_network(page: Path) -> None:
+    assert page.stat().st_size < LIMIT
+    tree = parsed(page)
+    ids = [e.get("id") for e in tree.iter() if e.get("id")]
+    assert len(ids) == len(set(ids)), "an id stands twice"
+    for element in tree.iter():
+        assert element.tag not in ("script", "iframe", "link", "object", "embed")
+        for name, value in element.attrib.items():
+            if str(name).rpartition("}")[2] in ("href", "src"):
+                assert value.startswith(("#", "data:")), f"{element.tag} asks for {value[:80]}"
+                if value.startswith("#"):
+                    assert value[1:] in ids, f"{value} leads nowhere"
+    assert not re.search(r"url\((?!#)|@import", page.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_page_is_accessible(page: Path) -> None:
+    tree = parsed(page)
+    assert tree.get("lang") == "en"
+    title = tree.find("head/title")
+    assert title is not None
+    assert len(text_of(title)) > 5
+    levels = [int(e.tag[1]) for e in tree.iter() if re.fullmatch("h[1-6]", str(e.tag))]
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(b - a <= 1 for a, b in itertools.pairwise(levels)), "a heading level is left out"
+    assert tree.find(".//main") is not None
+    drawings = [e for e in tree.iter() if str(e.tag).rpartition("}")[2] == "svg"]
+    assert drawings
+    assert all(e.get("role") == "img" and len(e.get("aria-label") or "") > 20 for e in drawings)
+    assert len(tree.findall(".//figcaption")) == len(drawings), "a figure without a sentence"
+    assert all(e.get("scope") for e in tree.iter("th")), "a table head of nothing"
+
+
+def test_emps_page_holds_no_measured_curve() -> None:
+    """A record has 24,841 samples: no path, no set of markers and no picture on the page may come near."""
+    tree = parsed(ROOT / "reports" / "gallery" / "emps.html")
+    uses = 0
+    for element in tree.iter():
+        tag = str(element.tag).rpartition("}")[2]
+        assert tag not in ("image", "img"), "a picture may hold the data"
+        uses += tag == "use" and "href" in "".join(map(str, element.attrib))
+        outline = element.get("d") or ""
+        # Letters are outlines too, of curves; what is drawn over time or speed is of straight lines.
+        assert outline.count("L") <= 150, f"a curve of {outline.count('L')} points"
+    markers = [e for e in tree.iter() if str(e.tag).endswith("use") and e.get("style") is not None]
+    assert len(markers) < 150, f"{len(markers)} of {uses} points"
+
+
+def browser(*words: str, profile: Path) -> subprocess.CompletedProcess[bytes]:
+    command = [
+        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync", "--hide-scrollbars",
+        "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={profile}", *words,
+    ]  # fmt: skip
+    return subprocess.run(command, capture_output=True, timeout=120, check=True)
+
+
+@no_browser
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_phone_needs_no_sideways_scrolling(page: Path, tmp_path: Path) -> None:
+    # A window is never narrower than 500 px, a frame is what its style says.
+    probe = (
+        "<script>addEventListener('load', () => { const r = document.documentElement;"
+        "parent.postMessage(r.scrollWidth - r.clientWidth, '*') })</script></body>"
+    )
+    (tmp_path / "page.html").write_text(page.read_text("utf-8").replace("</body>", probe), encoding="utf-8")
+    frame = (
+        "<!DOCTYPE html><title>?</title><script>onmessage = (e) => { document.title = 'WIDE ' + e.data }</script>"
+        "<iframe src='page.html' style='width:390px;height:844px;border:0'></iframe>"
+    )
+    outer = tmp_path / "frame.html"
+    outer.write_text(frame, encoding="utf-8")
+    drawn = browser(
+        "--window-size=1000,1000", "--virtual-time-budget=20000", "--dump-dom", outer.as_uri(),
+        profile=tmp_path / "profile",
+    )  # fmt: skip
+    assert b"<title>WIDE 0</title>" in drawn.stdout
+
+
+@no_browser
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_browser_draws_the_page(page: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "page.png"
+    browser("--window-size=1100,4000", f"--screenshot={picture}", page.as_uri(), profile=tmp_path / "profile")
+    pixels = image(picture)
+    assert pixels.shape[:2] == (4000, 1100)
+    dark = pixels.mean(axis=2) < 0.6
+    # Every screenful has something on it, and the page is not one dark slab.
+    for top in range(0, 4000, 1000):
+        share = dark[top : top + 1000].mean()
+        assert 0.002 < share < 0.5, f"{share:.2%} of what begins at {top} px is dark"
+    coloured = (np.ptp(pixels, axis=2) > 0.3).mean()
+    assert coloured > 1e-3, "no figure was drawn"
+
+
+def image(path: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
+    from matplotlib.image import imread
+
+    return np.asarray(imread(io.BytesIO(path.read_bytes()), format="png"), dtype=np.float64)[:, :, :3]
