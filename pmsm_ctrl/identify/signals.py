@@ -65,6 +65,10 @@ class Processing:
     edge : float or None
         Time cut at both ends and around gaps, s. None: four periods of the cutoff.
         The steep filter rings a little longer: what it guessed before the record fades to 0.4 % within that time.
+    reversal : float
+        Time cut on either side of every reversal, s. The moment at which a filtered speed changes its sign is not
+        quite that at which the axis did; one period of the cutoff removes that error, and a few samples. Zero, as
+        the authors of the method have it, keeps them.
     """
 
     cutoff: float | None = None
@@ -73,6 +77,7 @@ class Processing:
     standstill: float = 0.002
     standstill_speed: float = 0.0
     edge: float | None = None
+    reversal: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,6 +365,9 @@ def _moving(omega: Array, good: Mask, rate: float, cutoff: float, edge: int, pro
     for start, stop in zip(change[::2], change[1::2], strict=True):
         if stop - start > memory:
             moving[max(0, start - memory) : stop + memory] = False
+    near = round(processing.reversal * rate)
+    for k in np.flatnonzero(np.diff(np.sign(omega)) != 0.0) if near else ():
+        moving[max(0, k + 1 - near) : k + 1 + near] = False
     for k in np.flatnonzero(np.diff(good.astype(np.int8))):
         moving[max(0, k - edge) : k + edge] = False
     moving &= good
