@@ -355,23 +355,39 @@ def compensate(
 def export_code(
     design: DesignArgument,
     language: Annotated[str, typer.Option("--language", "-l", metavar="st|c", help="Structured Text or C99")],
+    flavour: Annotated[
+        str, typer.Option("--flavour", metavar="iec|br|beckhoff", help="Structured Text as this house takes it")
+    ] = "iec",
+    part: Annotated[
+        str, typer.Option("--part", metavar="compensation|tracker", help="of a single file; a folder holds all")
+    ] = "compensation",
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="the source to write; printed if left out")
+        Path | None,
+        typer.Option("--output", "-o", metavar="PATH", help="one file, or without suffix a folder for everything"),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Write gains and friction compensator as source for the PLC."""
+    """Write gains, friction compensator, tracker and drive tables for a PLC or a drive."""
     from pmsm_ctrl.export import export as run_export
+    from pmsm_ctrl.export import export_files
     from pmsm_ctrl.files import write_text
 
-    text = run_export(_design(design), language)
-    if output is None:
-        print(text, end="")
+    believed = _design(design)
+    if output is not None and not output.suffix:
+        files = export_files(believed, language, flavour=flavour)
+        output.mkdir(parents=True, exist_ok=True)
     else:
-        write_text(output, text)
-        print(f"{output}: {len(text.splitlines())} lines")
+        files = {output.name if output else "": run_export(believed, language, part=part, flavour=flavour)}
+    for name, text in files.items():
+        if output is None:
+            print(text, end="")
+            continue
+        path = output if output.suffix else output / name
+        write_text(path, text)
+        print(f"{path}: {len(text.splitlines())} lines")
     if json_file is not None:
-        write_json(json_file, "export", {"language": language, "source": text})
+        whole = {"source": files[""]} if "" in files else {"files": files}
+        write_json(json_file, "export", {"language": language, "flavour": flavour} | whole)
 
 
 @app.command()

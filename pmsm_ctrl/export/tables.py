@@ -1,9 +1,13 @@
-"""What drives accept as data: friction over commanded speed, cogging as order, amplitude and phase."""
+"""What drives accept as data: friction over commanded speed, cogging as order, amplitude and phase or over the angle.
+
+Every torque here is the one that opposes the motion: a drive adds it to what its controller asks for.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,20 +15,54 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.effects.evaluate import column
+from pmsm_ctrl.export.blocks import identifier
 
-__all__ = ["cogging_table", "friction_table"]
+__all__ = ["angle_table", "cogging_table", "friction_points", "friction_table", "table_files"]
 
 Array = NDArray[np.float64]
+
+POINTS = 20  # what a table of TwinCAT CNC holds unless it is told otherwise (P-COMP-00062)
+ANGLES = 4096  # values of a turn in a SINAMICS table (p5260)
+HARMONICS = 10  # coefficients of an AX8000 (object 32CB)
+SPEED_MAX = 300.0  # rad/s or m/s, where the design does not say how fast its axis can be
 
 
 def friction_table(design: Design, speeds: Iterable[float]) -> Array:
     """Return rows (speed rad/s, torque N m), shape (n, 2), of every effect that depends on speed alone."""
     omega = np.array(list(speeds), dtype=np.float64)
-    total = np.zeros_like(omega)
-    for effect, values in bound_effects(design):
-        if effect.enters == "torque" and effect.structure == "term" and set(effect.signals) <= {"omega", "direction"}:
-            total += column(effect, {"omega": omega, "direction": np.sign(omega)}, values)
+    total = _sum(design, {"omega": omega, "direction": np.sign(omega)}, "omega")
     return np.column_stack([omega, total])
+
+
+def friction_points(design: Design, count: int = POINTS, speed_max: float | None = None) -> tuple[Array, float]:
+    """Return the friction of one direction and of the other at the speeds between which a drive may interpolate best.
+
+    Parameters
+    ----------
+    count : number of speeds
+    speed_max : last speed, rad/s; by default that at which the voltage is used up
+
+    Returns
+    -------
+    table : array, shape (count, 3)
+        Speed, torque at that speed, and at the same speed backwards, as a positive number.
+    error : float
+        Largest error of a straight line between two points, as a share of the largest torque.
+    """
+    last = speed_max or _speed_max(design)
+    fine = np.geomspace(1e-4 * last, last, 600)
+    both = np.column_stack([friction_table(design, fine)[:, 1], -friction_table(design, -fine)[:, 1]])
+    chosen = [0, fine.size - 1]
+    while True:
+        lines = np.column_stack([np.interp(fine, fine[chosen], torque[chosen]) for torque in both.T])
+        missed = np.abs(lines - both).max(axis=1)
+        if len(chosen) >= count:
+            break
+        # where lines miss nothing any more, the widest gap is halved
+        worst = int(missed.argmax()) if missed.max() > 0.0 else _widest(chosen)
+        chosen = sorted({*chosen, worst})
+    scale = float(np.abs(both).max())
+    return np.column_stack([fine[chosen], both[chosen]]), float(missed.max()) / scale if scale else 0.0
 
 
 def cogging_table(design: Design) -> list[tuple[float, float, float]]:
@@ -37,6 +75,137 @@ def cogging_table(design: Design) -> list[tuple[float, float, float]]:
     return rows
 
 
+def angle_table(design: Design, points: int = ANGLES) -> Array:
+    """Return rows (angle rad, torque N m forwards, torque N m backwards) over a turn, shape (points, 3).
+
+    Cogging, unbalance and whatever else depends on the angle; friction that changes over the turn enters each
+    direction with its own sign.
+    """
+    theta = np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
+    sides = (_sum(design, {"theta": theta, "direction": np.full(points, sign)}, "theta") for sign in (1.0, -1.0))
+    return np.column_stack([theta, *sides])
+
+
 def table_files(design: Design) -> dict[str, str]:
-    """placeholder"""
-    return {}
+    """Return the tables as files: name -> text."""
+    axis = identifier(design.name)
+    rotary = design.motion == "rotary"
+    table, error = friction_points(design)
+    files = {}
+    if np.any(table[:, 1:]):
+        files[f"{axis}_friction.csv"] = _friction_csv(design, table)
+        files[f"{axis}_frict_comp.lis"] = _compensation_list(design, table)
+    rows, angles = cogging_table(design), angle_table(design)
+    if rows:
+        lines = ["order,amplitude [N m],phase [rad],phase [deg]"]
+        lines += [f"{k:.12g},{a:.12g},{phase:.12g},{_degrees(phase):.12g}" for k, a, phase in rows]
+        files[f"{axis}_cogging.csv"] = "\n".join([*lines, ""])
+        files[f"{axis}_cogging_ax8000.csv"] = _ax8000(rows)
+    if rotary and np.any(angles[:, 1:]):
+        lines = ["index,angle [rad],torque forwards [N m],torque backwards [N m]"]
+        lines += [f"{k},{a:.9g},{f:.9g},{b:.9g}" for k, (a, f, b) in enumerate(angles.tolist())]
+        files[f"{axis}_torque_over_angle.csv"] = "\n".join([*lines, ""])
+    if files:
+        files[f"{axis}_tables.toml"] = _toml(design, table, error, rows)
+    return files
+
+
+# -- forms ----------------------------------------------------------------------------------------------------------
+
+
+def _friction_csv(design: Design, table: Array) -> str:
+    """Both directions in one rising column, with the current that makes the torque."""
+    whole = np.vstack([np.column_stack([-table[::-1, 0], -table[::-1, 2]]), table[:, :2]])
+    rows = whole.tolist()
+    if design.motion == "linear":
+        lines = ["speed [m/s],force [N],current [A peak]"]
+        lines += [f"{w:.9g},{T:.9g},{T / design.K_t_assumed:.9g}" for w, T in rows]
+    else:
+        lines = ["speed [rad/s],speed [rpm],torque [N m],current [A peak]"]
+        lines += [f"{w:.9g},{w * 30.0 / np.pi:.9g},{T:.9g},{T / design.K_t_assumed:.9g}" for w, T in rows]
+    return "\n".join([*lines, ""])
+
+
+def _compensation_list(design: Design, table: Array) -> str:
+    """Entries of a compensation list of TwinCAT CNC (TF5200), which holds one table for both directions.
+
+    Source: Beckhoff Information System, TF5200, P-COMP-00041 to P-COMP-00047: speeds rise, in 0.001 deg/s
+    or um/s; the current's unit is the drive's own.
+    """
+    linear = design.motion == "linear"
+    speed = 1e6 if linear else 180e3 / math.pi
+    mean = table[:, 1:].mean(axis=1)
+    apart = float(np.abs(table[:, 1] - table[:, 2]).max() / 2.0)
+    lines = [
+        f"# Friction of {design.name} for frict_comp; speeds in {'um/s' if linear else '0.001 deg/s'}.",
+        "# The currents are in uA peak: bring them to the unit of dig_drv.act_torque of your drive, or set",
+        "# frict_comp.scaling_factor. One table serves both directions; each differs from it by at most",
+        f"# {apart / design.K_t_assumed * 1e6:.4g} uA.",
+        "frict_comp.mode 3",
+        f"frict_comp.table_entries {len(table)}",
+    ]
+    for k, (w, torque) in enumerate(zip(table[:, 0].tolist(), mean.tolist(), strict=True)):
+        lines.append(f"frict_comp.table[{k}].in {round(w * speed)}")
+        lines.append(f"frict_comp.table[{k}].out {round(torque / design.K_t_assumed * 1e6)}")
+    return "\n".join([*lines, ""])
+
+
+def _ax8000(rows: list[tuple[float, float, float]]) -> str:
+    """Values of object 32CB of Beckhoff's AX8000: for each of ten harmonics its order, phase in degrees, amplitude."""
+    lines = ["object,what,value,unit"]
+    for k, (order, amplitude, phase) in enumerate(sorted(rows, key=lambda row: -row[1])[:HARMONICS]):
+        first = 0x07 + 3 * k
+        lines += [
+            f"32CB:{first:02X},Coef {k} n,{round(order)},",
+            f"32CB:{first + 1:02X},Coef {k} phi,{_degrees(phase):.6g},deg",
+            f"32CB:{first + 2:02X},Coef {k} r,{amplitude:.6g},N m",
+        ]
+    return "\n".join([*lines, ""])
+
+
+def _toml(design: Design, table: Array, error: float, rows: list[tuple[float, float, float]]) -> str:
+    import tomli_w
+
+    linear = design.motion == "linear"
+    friction = {
+        "speed": table[:, 0].tolist(), "forwards": table[:, 1].tolist(), "backwards": table[:, 2].tolist(),
+        "unit_of_speed": "m/s" if linear else "rad/s", "unit_of_torque": "N" if linear else "N m",
+        "largest_error_of_a_straight_line": error,
+    }  # fmt: skip
+    cogging = [{"order": k, "amplitude": a, "phase": phase} for k, a, phase in rows]
+    return tomli_w.dumps({"axis": design.name, "torque_constant": design.K_t_assumed, "friction": friction}
+                         | ({"cogging": cogging} if cogging else {}))  # fmt: skip
+
+
+# -- helpers ----------------------------------------------------------------------------------------------------------
+
+
+def _sum(design: Design, signals: dict[str, Array], reads: str) -> Array:
+    """Return the torque of the effects that these signals alone determine; position effects read the angle."""
+    known: dict[str, Any] = {**signals, "p": float(design.motor.p or 0)}
+    total = np.zeros_like(signals["direction"])
+    for effect, values in bound_effects(design):
+        own = set(effect.signals)
+        if effect.enters != "torque" or effect.structure != "term" or not own <= set(known):
+            continue
+        # what needs neither the angle nor the speed (F_c, a constant load) belongs to the table over speed
+        if reads == "omega" or "theta" in own:
+            total += column(effect, known, values)
+    return total
+
+
+def _speed_max(design: Design) -> float:
+    """Speed at which the back-EMF takes up the inverter's voltage."""
+    motor = design.motor
+    if motor.p is None or design.drive.u_dc <= 0.0:
+        return SPEED_MAX
+    return design.drive.u_dc / math.sqrt(3.0) / (design.K_t_assumed / 1.5)
+
+
+def _widest(chosen: list[int]) -> int:
+    gaps = np.diff(chosen)
+    return chosen[int(gaps.argmax())] + int(gaps.max()) // 2
+
+
+def _degrees(phase: float) -> float:
+    return math.degrees(phase) % 360.0

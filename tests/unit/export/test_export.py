@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import io
 import re
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export import cogging_table, export, export_files, friction_table
+from pmsm_ctrl.export.tables import angle_table, friction_points
 from pmsm_ctrl.simulate import scenario, simulate
 from tests.unit.export.structured_text import parsed, parsed_library, parsed_tcpou
 
@@ -142,6 +145,65 @@ def test_tables_are_what_drives_accept(design: Design) -> None:
     assert np.allclose(amplitude * np.sin(order * x + phase), 0.004 * np.sin(24 * x) - 0.002 * np.cos(24 * x))
 
 
+def test_speeds_of_the_table_are_chosen_so_that_lines_between_them_err_little(design: Design) -> None:
+    table, error = friction_points(design, 20)
+    assert table.shape == (20, 3)
+    assert np.all(np.diff(table[:, 0]) > 0.0)
+    fine = np.geomspace(table[0, 0], table[-1, 0], 5000)
+    for side, sign in ((1, 1.0), (2, -1.0)):
+        exact = sign * friction_table(design, sign * fine)[:, 1]
+        missed = np.abs(np.interp(fine, table[:, 0], table[:, side]) - exact).max() / np.abs(table[:, 1:]).max()
+        assert missed < 1.05 * error + 1e-4
+    assert error < 0.002
+    assert table[-1, 0] == pytest.approx(560.0 / np.sqrt(3.0) / (4 * 0.172), rel=1e-12)
+    # a straight line needs no more than its ends: further speeds halve the gaps
+    plain = Design.from_dict({"motor": {"J": 1e-4, "K_t": 1.0}, "effects": [{"id": "viscous", "F_v": 1e-3}]})
+    assert friction_points(plain, 6, 100.0)[1] < 1e-12
+
+
+def test_table_files_hold_the_same_numbers(design: Design) -> None:
+    files = export_files(design, "c")
+    rows = np.genfromtxt(io.StringIO(files["seed_motor_friction.csv"]), delimiter=",", skip_header=1)
+    assert np.allclose(friction_table(design, rows[:, 0])[:, 1], rows[:, 2], rtol=1e-7)
+    assert np.allclose(rows[:, 1], rows[:, 0] * 60.0 / (2.0 * np.pi), rtol=1e-8)
+    assert np.allclose(rows[:, 3] * design.K_t, rows[:, 2], rtol=1e-7)
+    tables = tomllib.loads(files["seed_motor_tables.toml"])
+    assert tables["friction"]["speed"] == pytest.approx(rows[20:, 0].tolist(), rel=1e-8)
+    assert tables["friction"]["backwards"] == pytest.approx((-rows[19::-1, 2]).tolist(), rel=1e-7)
+    # AX8000, object 32CB: order up to 200, phase from 0 to 360 degrees, amplitude in N m
+    assert files["seed_motor_cogging_ax8000.csv"].splitlines()[1:] == [
+        "32CB:07,Coef 0 n,24,", "32CB:08,Coef 0 phi,333.435,deg", "32CB:09,Coef 0 r,0.00447214,N m",
+    ]  # fmt: skip
+
+
+def test_compensation_list_of_the_cnc(design: Design) -> None:
+    """TF5200: speeds rise, from above 0, in 0.001 degrees per second; both directions share a table."""
+    text = export_files(design, "st", flavour="beckhoff")["seed_motor_frict_comp.lis"]
+    speeds = [int(n) for n in re.findall(r"\.in (-?\d+)", text)]
+    currents = [int(n) for n in re.findall(r"\.out (-?\d+)", text)]
+    assert len(speeds) == len(currents) == 20
+    assert speeds == sorted(set(speeds))
+    assert speeds[0] > 0
+    assert speeds[-1] == round(np.degrees(friction_points(design)[0][-1, 0]) * 1000.0)
+    both = friction_table(design, np.radians(speeds[-1] / 1000.0) * np.array([1.0, -1.0]))[:, 1]
+    assert currents[-1] == pytest.approx((both[0] - both[1]) / 2.0 / design.K_t * 1e6, abs=1.0)
+    apart = float(re.search(r"at most\n# (\S+) uA", text).group(1))  # type: ignore[union-attr]
+    # the load of -3 mN m and the asymmetry of viscous friction
+    assert apart == pytest.approx((0.003 + 2e-5 * friction_points(design)[0][-1, 0]) / design.K_t * 1e6, rel=0.01)
+
+
+def test_torque_over_the_angle_differs_by_direction(design: Design) -> None:
+    table = angle_table(design, 4096)
+    theta = table[:, 0]
+    cogging = 0.004 * np.sin(24 * theta) - 0.002 * np.cos(24 * theta)
+    once = 0.002 * np.sin(theta) - 0.001 * np.cos(theta)
+    assert np.allclose(table[:, 1], cogging + once, atol=1e-15)
+    assert np.allclose(table[:, 2], cogging - once, atol=1e-15)
+    plain = Design.read(Path(design.source)) if design.source else design
+    assert "seed_motor_torque_over_angle.csv" not in export_files(plain, "c")
+    assert "seed_motor_torque_over_angle.csv" in export_files(design, "c")
+
+
 def test_bad_requests_are_told(design: Design) -> None:
     with pytest.raises(RequestError, match="accepted: c, st"):
         export(design, "fortran")
@@ -150,3 +212,21 @@ def test_bad_requests_are_told(design: Design) -> None:
     warm = design.with_effect("thermal_drift", {"dF_v": 1e-4})
     with pytest.raises(RequestError, match="cannot be evaluated in a drive"):
         export(warm.replace(compensation={"effects": ("coulomb", "thermal_drift")}), "c")
+
+
+def test_command_line_writes_a_file_or_a_folder(designs: Path, tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from pmsm_ctrl.cli import app
+
+    axis = str(designs / "seed_motor.toml")
+    runner = CliRunner()
+    folder = tmp_path / "plc"
+    found = runner.invoke(app, ["export", axis, "-l", "st", "--flavour", "br", "-o", str(folder)])
+    assert found.exit_code == 0, found.output
+    assert {"IEC.lby", "seed_motor.fun", "seed_motor.var", "FB_seed_motor_tracker.st"} <= {
+        p.name for p in folder.iterdir()
+    }
+    single = tmp_path / "tracker.c"
+    assert runner.invoke(app, ["export", axis, "-l", "c", "--part", "tracker", "-o", str(single)]).exit_code == 0
+    assert "seed_motor_tracker_update" in single.read_text("utf-8")

@@ -178,8 +178,14 @@ FLAVOURS: dict[str, Callable[[dict[str, str], Path], FunctionBlock]] = {
 }
 
 
-@pytest.mark.parametrize("flavour", FLAVOURS)
-@pytest.mark.parametrize("variant", ["angle", "speed, load and inertia"])
+# the parser takes seconds for a tracker, so that not every pair is tried every time
+PAIRS = [("br", "angle"), ("beckhoff", "angle"), ("iec", "speed, load and inertia")]
+REST = [(f, v) for f in FLAVOURS for v in VARIANTS if (f, v) not in PAIRS]
+
+
+@pytest.mark.parametrize(
+    ("flavour", "variant"), [*PAIRS, *(pytest.param(*pair, marks=pytest.mark.slow) for pair in REST)]
+)
 def test_structured_text_runs_as_the_twin_does(
     design: Design, log: Any, tmp_path: Path, flavour: str, variant: str
 ) -> None:
