@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.reversals import reversals, timed_sign
 from pmsm_ctrl.identify.noise import stretches
 from pmsm_ctrl.identify.signals import Prepared, Processing, derivative, low_pass, prepare
 from pmsm_ctrl.log import Log
@@ -28,6 +29,8 @@ STANDSTILL = 0.0005
 # Height of the highest of a few hundred samples of noise, in its standard deviation.
 NOISE_PEAK = 4.5
 EDGE_PERIODS = 3.0
+# What the steep filter still rings of an edge so many periods of its cutoff further away: 8th order, run twice.
+RINGING = ((1.0, 0.035), (3.0, 0.023), (5.0, 0.009), (9.0, 0.004), (13.0, 0.0007))
 # Logs of twice this rate and more are thinned to about it first, Hz.
 FAST = 1000.0
 # Longer logs, s, keep the usual band: their length makes up for it, and memory stays small.
@@ -140,7 +143,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
         signals["i_d"] = _intended_i_d(log, prepared, signals["i_d"])
     _add_slopes(signals, prepared)
     driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
-    direction, sure, kink = _direction(signals["omega"], driving, prepared)
+    direction, sure, kink = _direction(signals["omega"], driving, prepared, _prefilter(processing, prepared))
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
@@ -232,15 +235,23 @@ def _band(log: Log) -> float:
 
 
 def _edges(prepared: Prepared) -> Mask:
-    """False near both ends, where the filters start."""
+    """False near both ends, where the filters start: their ringing is down to 0.15 %, or a twentieth is gone."""
     inside = np.ones(len(prepared.t), dtype=bool)
-    edge = round(4.0 / prepared.cutoff * prepared.rate)
+    periods = max(4.0, min(10.0, 0.05 * len(inside) / prepared.rate * prepared.cutoff))
+    edge = round(periods / prepared.cutoff * prepared.rate)
     inside[:edge] = False
     inside[-edge:] = False
     return inside
 
 
-def _direction(omega: Array, driving: Array, prepared: Prepared) -> tuple[Array, Mask, tuple[float, float]]:
+def _prefilter(processing: Processing, prepared: Prepared) -> float:
+    """Cutoff of the low-pass before differentiation, Hz."""
+    return processing.prefilter if processing.prefilter is not None else 2.5 * prepared.cutoff
+
+
+def _direction(
+    omega: Array, driving: Array, prepared: Prepared, wide: float
+) -> tuple[Array, Mask, tuple[float, float]]:
     """Direction of motion; while the shaft rests, the share of the dry friction that balances the drive.
 
     Taking the sign of a resting shaft's speed for the direction would smear errors over the filter's memory into
@@ -248,36 +259,29 @@ def _direction(omega: Array, driving: Array, prepared: Prepared) -> tuple[Array,
     """
     top = float(np.quantile(np.abs(omega), 0.99))
     rests = np.abs(omega) <= STANDSTILL * top
-    direction = _timed_sign(omega)
+    direction = timed_sign(omega)
     long = np.zeros(len(omega), dtype=bool)
     for piece in stretches(rests):
         if piece.stop - piece.start > 0.004 * prepared.rate:
             long[piece] = True
     free = ~long
-    columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free]
-    weights = np.linalg.lstsq(columns, driving[free], rcond=None)[0]
-    level = float(weights[1])
-    if level > 0.0 and long.any():
-        left = driving[long] - weights[0] * prepared.alpha[long] - weights[3]
-        direction[long] = np.clip(left / level, -1.0, 1.0)
-    elif long.any():
-        direction[long] = 0.0
+    level = J = 0.0
+    reach = max(4, round(prepared.rate / wide))
+    direction[long] = 0.0
+    for _ in range(2):  # once more with what the reversals say of the level
+        columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free]
+        weights = np.linalg.lstsq(columns, driving[free], rcond=None)[0]
+        level, J = float(weights[1]), float(weights[0])
+        if level <= 0.0 or J <= 0.0:
+            break
+        left = (driving - weights[2] * omega - weights[3]) / level
+        direction[long] = np.clip(left[long] - J / level * prepared.alpha[long], -1.0, 1.0)
+        reversals(direction, long, omega, left, J / level, 1.0 / prepared.rate, reach)
     sure = ~long
     dilate = round(prepared.rate / prepared.cutoff)
     for piece in stretches(long):
         sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
-    return direction, sure, (max(level, 0.0), float(weights[0]))
-
-
-def _timed_sign(omega: Array) -> Array:
-    """Sign of the speed whose area is right where it changes between two samples."""
-    sign = np.sign(omega)
-    turns = np.flatnonzero(sign[:-1] * sign[1:] < 0.0)
-    share = omega[turns] / (omega[turns] - omega[turns + 1])
-    nearest = turns + (share > 0.5)
-    out = sign.copy()
-    out[nearest] += sign[turns] * (2.0 * share - 1.0)
-    return out
+    return direction, sure, (max(level, 0.0), J)
 
 
 def _turning(
@@ -323,10 +327,13 @@ def _calm(raw: Array, prepared: Prepared, periods: float) -> Array:
     noise = float(np.hypot(1.4826 * np.median(fast), WRONG_TORQUE * np.std(raw)))
     if noise <= 0.0:
         return np.ones(len(prepared.keep))
-    reach = 2 * round(periods * rate / prepared.cutoff) + 1
-    peaks = _highest(fast, reach)[prepared.keep] / noise
+    peaks = _highest(fast, 2 * round(periods * rate / prepared.cutoff) + 1)[prepared.keep] / noise
     # where every stretch has such peaks they are the drive's ripple, not single edges
-    edge = np.maximum(peaks - max(NOISE_PEAK, float(np.median(peaks))), 0.0)
+    usual = max(NOISE_PEAK, float(np.median(peaks)))
+    edge = np.maximum(peaks - usual, 0.0)
+    for further, left in RINGING:
+        ringing = _highest(fast, 2 * round((periods + further) * rate / prepared.cutoff) + 1)[prepared.keep] / noise
+        edge = np.maximum(edge, left * (ringing - usual))
     passed = np.sqrt(2.0 * prepared.cutoff / rate)
     return 1.0 / (1.0 + (passed * edge) ** 2) ** 2
 

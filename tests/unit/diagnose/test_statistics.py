@@ -10,7 +10,8 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.evidence import equal_blocks, f_tail
-from pmsm_ctrl.diagnose.record import _timed_sign, make_record
+from pmsm_ctrl.diagnose.record import make_record
+from pmsm_ctrl.diagnose.reversals import timed_sign
 from pmsm_ctrl.diagnose.selection import holm
 from pmsm_ctrl.diagnose.whitening import make_whitener
 from pmsm_ctrl.errors import RequestError
@@ -57,7 +58,7 @@ def test_whitening_makes_rows_independent(designs, rng: np.random.Generator) -> 
 def test_timed_sign_keeps_the_area() -> None:
     t = np.arange(200) * 1e-3
     for moment in (0.1002, 0.1005, 0.1009):
-        sign = _timed_sign(t - moment)
+        sign = timed_sign(t - moment)
         area = float(np.sum(0.5 * (sign[1:] + sign[:-1])) * 1e-3)
         assert area == pytest.approx((t[-1] - moment) - moment, abs=1e-12)
 
