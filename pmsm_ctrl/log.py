@@ -157,6 +157,11 @@ class Log:
         """
         if len(self) < samples:
             raise LogError(f"{self._label}{len(self)} sample{'s' * (len(self) != 1)}; at least {samples} were expected")
+        if len(self) > 1 and not SHORTEST_PERIOD <= self.period <= LONGEST_PERIOD:
+            raise LogError(
+                f"{self._label}sampling period of {self.period:.3g} s; {SHORTEST_PERIOD:g} s to {LONGEST_PERIOD:g} s "
+                "can be evaluated (is the unit of time right?)"
+            )
         for name, values in self.channels.items():
             row = int(np.argmax(np.abs(values)))
             if abs(values[row]) > LARGEST:
@@ -164,11 +169,6 @@ class Log:
                     f"{self._label}channel '{name}', sample {row}: {values[row]:.4g} {self.unit(name)}; numbers up to "
                     f"{LARGEST:g} can be evaluated (a lost sample, or the wrong unit?)"
                 )
-        if len(self) > 1 and not SHORTEST_PERIOD <= self.period <= LONGEST_PERIOD:
-            raise LogError(
-                f"{self._label}sampling period of {self.period:.3g} s; {SHORTEST_PERIOD:g} s to {LONGEST_PERIOD:g} s "
-                "can be evaluated (is the unit of time right?)"
-            )
 
     # -- changed copies --------------------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from pmsm_ctrl.design import Design, EffectEntry
+from pmsm_ctrl.design import SMALL, Design, EffectEntry
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import with_own
 from pmsm_ctrl.errors import RequestError, nearest
@@ -253,7 +253,7 @@ def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tup
                 "the design takes the bound"
             )
         if column.entry < 0:
-            if inside - design.load.J / design.load.gear**2 > 0:
+            if inside - design.load.J / design.load.gear**2 >= SMALL:
                 design = design.with_parameters(J=inside)
             continue
         entry = changed.get(column.entry, design.effects[column.entry])

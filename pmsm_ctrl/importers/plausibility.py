@@ -125,7 +125,7 @@ def _near(value: float, known: float, tolerance: float = 0.02) -> bool:
 
 def _speed(log: Log, design: Design | None) -> list[str]:
     factor, spread = velocity_factor(log)
-    if math.isnan(factor):
+    if not math.isfinite(factor):
         return []
     if not spread < 0.2:
         return ["omega does not follow dtheta/dt: no constant factor between them"]
@@ -261,7 +261,7 @@ def _sign(log: Log, design: Design | None) -> list[str]:
         return []
     inertia, t_value = _balance(log, torque)
     # neighbouring blocks are correlated: ask for far more than the nominal 2
-    if math.isnan(inertia) or abs(t_value) < 12.0:
+    if not math.isfinite(inertia) or abs(t_value) < 12.0:
         return []
     if inertia < 0.0:
         return [f"{name} has the opposite sign of the acceleration: one of them is counted the other way round"]

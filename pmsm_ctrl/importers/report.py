@@ -84,7 +84,7 @@ class ImportReport(Result):
         rows = [("file", log.provenance.file), ("format", log.provenance.importer)]
         rows += list(self.layout.items())
         rows += [("axis", log.motion), ("samples", f"{len(log)}"), ("duration", f"{log.duration:.6g} s")]
-        if math.isfinite(base.period):
+        if math.isfinite(base.period) and base.period > 1e-300:
             rows.append(("rate", f"{1.0 / base.period:.6g} Hz (median period {1e3 * base.period:.6g} ms)"))
             rows.append(("jitter", f"{1e3 * base.jitter_rms:.3g} ms rms, {1e3 * base.jitter_max:.3g} ms at most"))
             gap = (

@@ -38,12 +38,18 @@ def time_base(t: Array) -> TimeBase:
     widest = int(np.argmax(step))
     return TimeBase(
         period=period,
-        jitter_rms=float(np.sqrt(np.mean(deviation**2))),
+        jitter_rms=_rms(deviation),
         jitter_max=float(np.max(np.abs(deviation))),
         gaps=int(np.count_nonzero(gap)),
         longest_gap=float(step[widest]) if gap.any() else 0.0,
         longest_gap_at=float(t[widest]) if gap.any() else np.nan,
     )
+
+
+def _rms(values: Array) -> float:
+    """Root mean square, of numbers whose squares a double cannot hold as well."""
+    largest = float(np.max(np.abs(values)))
+    return largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0.0 else 0.0
 
 
 def quantum(values: Array) -> float:
