@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.track import model
 from pmsm_ctrl.track.filters import Extended, Unscented
 from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
-from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
+from pmsm_ctrl.track.settings import Kind, Settings, covariance, memory, numbers, start
 
 __all__ = ["FrictionTracker", "Reading"]
 
@@ -67,7 +67,7 @@ class FrictionTracker:
         design: Design,
         settings: Settings | None = None,
         *,
-        kind: Literal["extended", "unscented"] = "extended",
+        kind: Kind = "extended",
         period: float | None = None,
         own: Iterable[Effect] = (),
     ) -> None:

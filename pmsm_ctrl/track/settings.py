@@ -13,9 +13,10 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.track import model
 
-__all__ = ["Settings", "covariance", "memory", "numbers", "start"]
+__all__ = ["Kind", "Settings", "covariance", "memory", "numbers", "start"]
 
 Array = NDArray[np.float64]
+Kind = Literal["extended", "unscented"]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
 from pmsm_ctrl.track import model
 from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
-from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
+from pmsm_ctrl.track.settings import Kind, Settings, covariance, memory, numbers, start
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -177,6 +177,7 @@ def track(
     log: Log,
     settings: Settings | None = None,
     *,
+    kind: Kind = "extended",
     own: Iterable[Effect] = (),
     adapt: bool = True,
 ) -> Tracking:
@@ -190,6 +191,8 @@ def track(
         With ``theta`` or ``omega``, and ``torque`` or ``i_q``.
     settings : Settings, optional
         By default the angle is used where the log has one.
+    kind : {"extended", "unscented"}
+        Which of the two filters; the twins of both run over whole logs.
     own : iterable of Effect
         A user's own effects that the design names.
     adapt : bool
@@ -203,6 +206,8 @@ def track(
     RequestError
         When the design has no friction to start from.
     """
+    if kind not in ("extended", "unscented"):
+        raise RequestError(f"kind: found '{kind}'; accepted: extended, unscented")
     if len(log) < 3:
         raise LogError(f"{_where(log)}{len(log)} samples; tracking needs at least 3")
     log.check_evaluable()
@@ -213,7 +218,7 @@ def track(
     s = numbers(design, settings, log.period)
     first = s[model.TORQUE_DENSITY]
     for _ in range(12):
-        out = filter_samples(design, settings, s, samples)
+        out = filter_samples(design, settings, s, samples, kind)
         nis = out.innovations[:, 0] ** 2 / out.innovations[:, 1]
         judged = np.isfinite(nis)
         mean = float(nis[judged].mean()) if judged.any() else 1.0
@@ -266,9 +271,12 @@ class Filtered:
     events: NDArray[np.int8]
 
 
-def filter_samples(design: Design, settings: Settings, s: Array, samples: Samples) -> Filtered:
-    """Run the compiled twin over samples from the design's start values."""
-    from pmsm_ctrl.track.twin import run
+def filter_samples(design: Design, settings: Settings, s: Array, samples: Samples, kind: Kind = "extended") -> Filtered:
+    """Run the compiled twin of a filter over samples from the design's start values."""
+    if kind == "unscented":
+        from pmsm_ctrl.track.unscented import run_unscented as run
+    else:
+        from pmsm_ctrl.track.twin import run
 
     n = samples.t.size
     x, P, m = start(design), covariance(s, settings), memory()

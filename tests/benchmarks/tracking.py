@@ -15,7 +15,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.track import FrictionTracker, Settings, track
-from pmsm_ctrl.track.settings import numbers
+from pmsm_ctrl.track.settings import Kind, numbers
 from pmsm_ctrl.track.tracking import filter_samples, samples_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,23 +26,23 @@ from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, s
 F_C, F_V = 0.0213, 0.000168
 
 
-def speeds(design: Design, log: Log, kind: str, pairs: int = 5) -> tuple[float, float]:
+def speeds(design: Design, log: Log, kind: Kind, pairs: int = 5) -> tuple[float, float]:
     """Return samples per second of processor time: filterpy's filter, the compiled twin."""
     settings = Settings()
     samples = samples_of(design, log, "theta")
     s = numbers(design, settings, log.period)
     rows = list(zip(samples.t.tolist(), samples.z.tolist(), samples.torque.tolist(), strict=True))[:4000]
-    filter_samples(design, settings, s, samples)
+    filter_samples(design, settings, s, samples, kind)
     slow, fast = [], []
     for _ in range(pairs):
-        tracker = FrictionTracker(design, settings, kind=kind)  # type: ignore[arg-type]
+        tracker = FrictionTracker(design, settings, kind=kind)
         start = time.process_time()
         for row in rows:
             tracker.step(*row)
         slow.append((time.process_time() - start) / len(rows))
         start = time.process_time()
         for _ in range(20):
-            filter_samples(design, settings, s, samples)
+            filter_samples(design, settings, s, samples, kind)
         fast.append((time.process_time() - start) / 20 / len(log))
     return 1.0 / float(np.median(slow)), 1.0 / float(np.median(fast))
 
