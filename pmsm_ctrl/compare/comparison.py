@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare.band import band, punctual
+from pmsm_ctrl.compare.closed_loop import closed_loop
+from pmsm_ctrl.compare.simulated import free_run
+from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.compare.voltages import predicted_voltages
+from pmsm_ctrl.compare.where import Where, where
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.identify.problem import build_problem, nominal_torque
-from pmsm_ctrl.identify.signals import Processing, prepare
+from pmsm_ctrl.identify.signals import Prepared, Processing, prepare
 from pmsm_ctrl.log import CHANNELS, Log
 from pmsm_ctrl.result import Result, Section, jsonable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["ChannelError", "Comparison", "Trace", "compare"]
+__all__ = ["ChannelError", "Comparison", "Simulated", "Trace", "compare"]
 
 Array = NDArray[np.float64]
 
@@ -35,7 +39,9 @@ class ChannelError:
     rms, worst, mean : float
         Of measured - predicted, in `unit`.
     relative : float
-        norm(measured - predicted) / norm(measured).
+        norm(measured - predicted) / norm(measured); of a position, of the distance travelled in a window.
+    floor : float
+        What the noise alone would make of the rms; NaN where it is not known.
     """
 
     rms: float
@@ -43,6 +49,21 @@ class ChannelError:
     mean: float
     relative: float
     unit: str
+    floor: float = float("nan")
+
+    @classmethod
+    def of(cls, measured: Array, predicted: Array, unit: str, floor: float = float("nan")) -> ChannelError:
+        """Return the error of samples of shape (n,)."""
+        residual = measured - predicted
+        size = float(np.linalg.norm(measured))
+        return cls(
+            rms=float(np.sqrt(np.mean(residual**2))),
+            worst=float(np.max(np.abs(residual))),
+            mean=float(np.mean(residual)),
+            relative=float(np.linalg.norm(residual)) / size if size > 0 else float("nan"),
+            unit=unit,
+            floor=floor,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,39 +76,69 @@ class Trace:
     mask: NDArray[np.bool_]
     unit: str
 
-    def error(self) -> ChannelError:
+    def error(self, floor: float = float("nan")) -> ChannelError:
         """Return the error over the samples that count."""
-        measured = self.measured[self.mask]
-        residual = measured - self.predicted[self.mask]
-        size = float(np.linalg.norm(measured))
-        return ChannelError(
-            rms=float(np.sqrt(np.mean(residual**2))),
-            worst=float(np.max(np.abs(residual))),
-            mean=float(np.mean(residual)),
-            relative=float(np.linalg.norm(residual)) / size if size > 0 else float("nan"),
-            unit=self.unit,
-        )
+        return ChannelError.of(self.measured[self.mask], self.predicted[self.mask], self.unit, floor)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Errors of a simulation.
+
+    Attributes
+    ----------
+    method : str
+        How it was simulated: free run in restarted windows, or closed loop.
+    errors : dict of channel to ChannelError
+        ``omega``, ``theta`` and in closed loop ``i_q``.
+    """
+
+    method: str
+    errors: Mapping[str, ChannelError]
+
+
+@dataclass(frozen=True, eq=False)
+class _Record:
+    """Everything about one log."""
+
+    traces: Mapping[str, Trace]
+    errors: Mapping[str, ChannelError]
+    where: Mapping[str, Where]
+    stretches: tuple[Stretch, ...]
+    simulated: tuple[Simulated, ...]
+    omega: Array
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Result):
-    """Errors of a design's predictions on a log and, where given, on a holdout log.
+    """Errors of a design's predictions on a log and, where given, on a holdout log, and where they come from.
 
     Attributes
     ----------
     channels : dict of channel to ChannelError
         ``torque`` by inverse dynamics; ``u_d`` and ``u_q`` by the voltage equations where the log has them.
-    holdout : dict of channel to ChannelError, or None
-        The same on the other log, with the same parameters.
+    where : dict of channel to Where
+        What the residual depends on.
+    stretches : tuple of Stretch
+        The worst stretches of time of the torque, worst first.
+    simulated : tuple of Simulated
+        Speed and position by simulation, one entry a method.
+    holdout, holdout_simulated : the same on the other log, with the same parameters; None without one
     traces, holdout_traces : dict of channel to Trace
     """
 
     design: Design
     channels: Mapping[str, ChannelError]
     traces: Mapping[str, Trace]
+    where: Mapping[str, Where]
+    stretches: tuple[Stretch, ...]
+    simulated: tuple[Simulated, ...]
+    omega: Array
     log_name: str
     holdout: Mapping[str, ChannelError] | None = None
     holdout_traces: Mapping[str, Trace] | None = None
+    holdout_simulated: tuple[Simulated, ...] | None = None
     holdout_name: str = ""
     reasons: tuple[str, ...] = ()
 
@@ -96,66 +147,61 @@ class Comparison(Result):
         """Reasons to doubt the numbers."""
         return self.reasons
 
-    def _rows(self) -> list[tuple[str, ...]]:
-        rows: list[tuple[str, ...]] = []
-        for label, errors in ((self.log_name, self.channels), (self.holdout_name, self.holdout or {})):
-            for name, e in errors.items():
-                figures = (f"{e.rms:.4g}", f"{e.worst:.4g}", f"{e.mean:+.3g}", e.unit, f"{100 * e.relative:.2f} %")
-                rows.append((label, name, *figures))
-        return rows
-
     def summary(self) -> str:
         """Return the result as text, trust first."""
-        lines = [f"comparison of {self.design.name} with {self.log_name}"]
-        lines += [f"  warning: {text}" for text in self.warnings] or ["  no reason to doubt the numbers was found"]
-        lines += [
-            f"  {name:<8} rms {rms:>9} {unit:<4} relative {relative:>8}   worst {worst:>9}   mean {mean:>9}   ({label})"
-            for label, name, rms, worst, mean, unit, relative in self._rows()
-        ]
-        return "\n".join(lines)
+        from pmsm_ctrl.compare.text import summary_text
+
+        return summary_text(self)
 
     def plot(self) -> Figure:
         """Draw measured, predicted and residual of every channel on the log."""
-        from matplotlib.figure import Figure
+        from pmsm_ctrl.compare.figures import traces_figure
 
-        figure = Figure(figsize=(8.0, 3.4 * len(self.traces)), layout="constrained")
-        _draw(figure, self.traces, self.log_name)
-        return figure
+        return traces_figure(self.traces, self.log_name, self.stretches)
 
     def plot_holdout(self) -> Figure:
         """Draw the same on the holdout; an empty figure where there is none."""
-        from matplotlib.figure import Figure
+        from pmsm_ctrl.compare.figures import traces_figure
 
-        traces = self.holdout_traces or {}
-        figure = Figure(figsize=(8.0, 3.4 * max(1, len(traces))), layout="constrained")
-        _draw(figure, traces, self.holdout_name)
-        return figure
+        return traces_figure(self.holdout_traces or {}, self.holdout_name)
+
+    def plot_where(self, channel: str = "torque") -> Figure:
+        """Draw the residual over every coordinate with its curve, and the spectrum over the angle."""
+        from pmsm_ctrl.compare.figures import where_figure
+
+        return where_figure(self, channel)
+
+    def plot_stretches(self) -> Figure:
+        """Draw measured against predicted in the worst stretches."""
+        from pmsm_ctrl.compare.figures import stretches_figure
+
+        return stretches_figure(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
-        errors = {name: vars(error) for name, error in self.channels.items()}
         other = None if self.holdout is None else {name: vars(error) for name, error in self.holdout.items()}
         return jsonable({
             "schema": "pmsm-ctrl/comparison/1",
             "warnings": self.warnings,
             "log": self.log_name,
-            "errors": errors,
+            "errors": {name: vars(error) for name, error in self.channels.items()},
+            "simulation": _plain(self.simulated),
+            "where": {name: found.to_dict() for name, found in self.where.items()},
+            "worst_stretches": [vars(s) for s in self.stretches],
             "holdout_log": self.holdout_name or None,
             "holdout_errors": other,
+            "holdout_simulation": None if self.holdout_simulated is None else _plain(self.holdout_simulated),
         })  # fmt: skip
 
     def section(self) -> Section:
         """Return the section of the report."""
-        hint = "Where prediction and measurement part, and where the residual has a shape, an effect is missing."
-        figures = [(self.plot(), hint)]
-        if self.holdout_traces:
-            figures.append((self.plot_holdout(), "The same parameters on the record that was held out."))
-        return Section(
-            title="Model against measurement",
-            paragraphs=tuple(f"Warning: {text}" for text in self.warnings),
-            tables=((("log", "channel", "rms", "worst", "mean", "unit", "relative"), tuple(self._rows())),),
-            figures=tuple(figures),
-        )
+        from pmsm_ctrl.compare.text import report_section
+
+        return report_section(self)
+
+
+def _plain(simulated: Iterable[Simulated]) -> list[dict[str, Any]]:
+    return [{"method": s.method, "errors": {name: vars(e) for name, e in s.errors.items()}} for s in simulated]
 
 
 def compare(
@@ -169,7 +215,9 @@ def compare(
     """Compare what a design predicts with what was measured; nothing is fitted.
 
     Torque by inverse dynamics, ``J alpha + effects + T_load`` against the drive torque, and the dq voltages by
-    the voltage equations, both sides through the same zero-phase filter, standstill left out.
+    the voltage equations, both sides through the same zero-phase filter, standstill left out. Speed and position by
+    simulation: driven by the measured torque in windows restarted from the measured state, and in closed loop where
+    the log holds the reference and the design the loops.
 
     Parameters
     ----------
@@ -189,29 +237,39 @@ def compare(
         When a channel is missing or the axis hardly moves.
     """
     own = tuple(own)
-    traces, notes = _traces(design, log, own, processing)
-    other: dict[str, Trace] | None = None
+    for record in (log, *(() if holdout is None else (holdout,))):
+        record.check_evaluable(100)
+    processing = processing or Processing(cutoff=band(log))
+    here = _record(design, log, own, processing)
+    notes = here.notes
+    other: _Record | None = None
     if holdout is not None:
-        other, more = _traces(design, holdout, own, processing)
-        notes += tuple(text for text in more if text not in notes)
+        same = replace(processing, cutoff=min(processing.cutoff or np.inf, holdout.rate / 8.0))
+        other = _record(design, holdout, own, same if processing.cutoff else processing)
+        notes += tuple(text for text in other.notes if text not in notes)
         if log.provenance.sha256 and log.provenance.sha256 == holdout.provenance.sha256:
             notes += ("the holdout is the log itself: its error proves nothing",)
     return Comparison(
         design=design,
-        channels={name: trace.error() for name, trace in traces.items()},
-        traces=traces,
+        channels=here.errors,
+        traces=here.traces,
+        where=here.where,
+        stretches=here.stretches,
+        simulated=here.simulated,
+        omega=here.omega,
         log_name=log.provenance.file or "the given log",
-        holdout=None if other is None else {name: trace.error() for name, trace in other.items()},
-        holdout_traces=other,
+        holdout=None if other is None else other.errors,
+        holdout_traces=None if other is None else other.traces,
+        holdout_simulated=None if other is None else other.simulated,
         holdout_name="" if holdout is None else holdout.provenance.file or "the holdout",
         reasons=notes,
     )
 
 
-def _traces(
-    design: Design, log: Log, own: tuple[Effect, ...], processing: Processing | None
-) -> tuple[dict[str, Trace], tuple[str, ...]]:
+def _record(design: Design, log: Log, own: tuple[Effect, ...], processing: Processing) -> _Record:
+    """Predict, simulate and search one log."""
     prepared = prepare(design, log, processing)
+    prepared = replace(prepared, moving=prepared.moving & punctual(log, prepared))
     problem = build_problem(design, prepared, own=own)
     # what the problem moved to its left side (load torque, terms without linear parameters) belongs to the model
     predicted = nominal_torque(problem) + (problem.torque - problem.target)
@@ -220,27 +278,60 @@ def _traces(
     for name, values in voltages.items():
         measured = prepared.column(prepared.signals[name])
         traces[name] = Trace(problem.t, measured, prepared.column(values), problem.mask, CHANNELS[name][0])
-    return traces, (*problem.notes, *notes)
+    per_ampere = design.K_t_assumed if "i_q" in prepared.signals else None
+    found = {
+        name: where(prepared, trace.measured, trace.predicted, trace.mask, trace.unit, predicted, per_ampere)
+        for name, trace in traces.items()
+    }
+    torque = traces["torque"]
+    stretches = worst_stretches(
+        torque.t, torque.measured - torque.predicted, torque.mask, problem.omega, torque.unit, _unit("omega", log)
+    )
+    simulated, more = _simulations(design, log, prepared, own, processing, found["torque"])
+    return _Record(
+        traces=traces,
+        errors={name: trace.error(found[name].floor) for name, trace in traces.items()},
+        where=found,
+        stretches=stretches,
+        simulated=simulated,
+        omega=problem.omega,
+        notes=(*problem.notes, *notes, *more),
+    )
 
 
-def _draw(figure: Figure, traces: Mapping[str, Trace], label: str) -> None:
-    from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
+def _unit(name: str, log: Log) -> str:
+    return CHANNELS[name][1 if log.motion == "linear" else 0]
 
-    if not traces:
-        return
-    axes = np.atleast_1d(figure.subplots(2 * len(traces), 1, sharex=True, height_ratios=[2, 1] * len(traces)))
-    for k, (name, trace) in enumerate(traces.items()):
-        upper, lower = axes[2 * k], axes[2 * k + 1]
-        shown = np.where(trace.mask, 1.0, np.nan)
-        upper.plot(trace.t, trace.measured * shown, color=BLACK, linewidth=1.0, label="measured")
-        upper.plot(trace.t, trace.predicted * shown, color=BLUE, linewidth=1.0, linestyle="--", label="predicted")
-        upper.set_ylabel(f"{name} [{trace.unit}]")
-        lower.plot(trace.t, (trace.measured - trace.predicted) * shown, color=VERMILION, linewidth=0.8)
-        lower.axhline(0.0, color=BLACK, linewidth=0.5)
-        lower.set_ylabel(f"residual [{trace.unit}]")
-        for each in (upper, lower):
-            each.grid(alpha=0.3)
-    axes[0].legend(loc="upper right", fontsize="small")
-    # a path can be wider than the figure
-    axes[0].set_title(f"Measured against predicted, {Path(label).name}; filtered, standstill left out")
-    axes[-1].set_xlabel("time [s]")
+
+def _simulations(
+    design: Design, log: Log, prepared: Prepared, own: tuple[Effect, ...], processing: Processing, left: Where
+) -> tuple[tuple[Simulated, ...], tuple[str, ...]]:
+    """Speed and position by every method that the log and the design allow."""
+    made: list[Simulated] = []
+    notes: tuple[str, ...] = ()
+    free = free_run(design, prepared, own)
+    if free is not None:
+        speed_floor, place_floor = free.floors(left.left, prepared.thinned_rate, design.J, left.mask)
+        theta = ChannelError.of(free.travel.ravel(), (free.theta - free.theta_meas[:, :1]).ravel(), "", place_floor)
+        errors = {
+            "omega": ChannelError.of(free.omega_meas.ravel(), free.omega.ravel(), _unit("omega", log), speed_floor),
+            "theta": replace(theta, unit=_unit("theta", log)),
+        }
+        made.append(Simulated(f"free run, restarted every {free.window:.3g} s", errors))
+        notes += free.notes
+    closed = closed_loop(design, log, own, processing)
+    if closed is not None:
+        notes += closed.notes
+        if closed.mask.any():
+            used = closed.mask
+            floors = {"i_q": left.floor / design.K_t_assumed}
+            errors = {
+                name: ChannelError.of(
+                    closed.measured[name][used], closed.simulated[name][used], _unit(name, log),
+                    floors.get(name, float("nan")),
+                )
+                for name in closed.measured
+            }  # fmt: skip
+            fed = " and test signal" if closed.fed else ""
+            made.append(Simulated(f"closed loop with the log's {closed.control} reference{fed}", errors))
+    return tuple(made), notes

@@ -1,32 +1,35 @@
 """Where a model fails: its residual against speed, direction, position, acceleration, current, temperature and time.
 
-For every coordinate a smooth curve is fitted to the residual on some blocks of the log and judged on the others, so
-that a share of explained variance is one that would hold on new data.
+A coordinate counts when its curve is significant in the residual's own correlated noise, holds on blocks of time that
+were left out, and is large enough to matter. The next one is judged on what the first ones leave.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare.blocks import Bench, Noise, Outcome, bench, holm, noise_of
+from pmsm_ctrl.compare.coordinates import Curve, curves, grid_coordinates
 from pmsm_ctrl.identify.signals import Prepared
 
-__all__ = ["Dependence", "Stretch", "Where", "coordinates", "where"]
+__all__ = ["Dependence", "Where", "where"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-BLOCKS = 16
-GAP = 0.2  # s left out on either side of a block that is judged
+SIGNIFICANCE = 0.01  # family-wise, by Holm
 SURE = 2.8  # standard errors by which the gain of left-out blocks must be above zero
-UNITS = {
-    "speed": ("rad/s", "m/s"), "direction": ("", ""), "position": ("rad", "m"), "acceleration": ("rad/s^2", "m/s^2"),
-    "current": ("A", "A"), "temperature": ("degC", "degC"), "time": ("s", "s"),
-}  # fmt: skip
+MATERIAL = 0.004  # of the measured channel: smaller curves are not worth a word
+WORTH = 0.02  # least share of what is left that is worth a word
+ALIKE = 0.97  # of two coordinates that explain the same to within this, the simpler is named
+MOST = 3  # coordinates that are named
+POINTS = 121
+REVERSAL = 2.0  # periods of the cutoff around a reversal that are left out
+LARGE = 0.7  # of the greatest height: where the curve counts as large
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,173 +38,344 @@ class Dependence:
 
     Attributes
     ----------
+    coordinate, unit : str
     share : float
-        Of the residual's variance, on blocks left out; 0 when the curve does not hold there.
+        Of the residual's mean square, on blocks left out; 0 when the curve does not hold there.
+    added : float
+        The same beyond the coordinates named before it; NaN when it is not named.
+    rank : int
+        1 for the coordinate that is named first, 0 for one that is not named.
+    p_value : float
+        Of the prewhitened F-test, corrected for the number of coordinates and of curves tried.
     errors : float
-        Mean gain of the left-out blocks in its standard errors; above `SURE` it is significant.
-    x, curve : array
-        Coordinate in ascending order and the fitted residual there.
-    largest : (float, float)
-        Range of the coordinate in which the curve is above 70 % of its greatest size.
+        Mean gain of the left-out blocks in its standard errors.
+    significant : bool
+        Whether it passes all gates by itself.
+    why_not : str
+        The gate that it fails; empty when it passes.
+    values : array, shape (m,)
+        The coordinate of every sample.
+    x, forward, backward : array
+        The fitted residual over the coordinate, moving either way; NaN where the log has nothing.
+    largest : str
+        Where the curve is large, in words.
+    orders, spectrum
+        Of position on a rotary axis: the orders in the curve, and the amplitude of every order.
     """
 
     coordinate: str
     unit: str
     share: float
+    added: float
+    rank: int
+    p_value: float
     errors: float
+    significant: bool
+    why_not: str
+    values: Array
     x: Array
-    curve: Array
-    largest: tuple[float, float]
+    forward: Array
+    backward: Array
+    largest: str
+    orders: tuple[int, ...] = ()
+    spectrum: Array | None = None
 
     @property
-    def significant(self) -> bool:
-        """Whether the dependence holds on blocks left out."""
-        return self.errors > SURE
+    def peak(self) -> float:
+        """Greatest height of the curve, in the residual's unit."""
+        return float(np.nanmax(np.abs([self.forward, self.backward])))
 
-
-@dataclass(frozen=True)
-class Stretch:
-    """A stretch of time in which the model fails worst."""
-
-    start: float
-    stop: float
-    rms: float
+    @property
+    def name(self) -> str:
+        """The coordinate as a sentence says it."""
+        if self.coordinate == "speed" and np.isfinite(self.backward).any():
+            return "speed and direction"
+        if self.orders and self.rank:
+            many = "orders" if len(self.orders) > 1 else "order"
+            return f"position ({many} {', '.join(map(str, self.orders))} of a turn)"
+        return self.coordinate
 
 
 @dataclass(frozen=True, eq=False)
 class Where:
-    """The residual's dependences, the greatest first, and the worst stretches of time."""
+    """What the residual of one channel depends on, the greatest share first.
+
+    Attributes
+    ----------
+    floor : float
+        Rms that none of the coordinates explains, in `unit`: the noise floor.
+    left : array, shape (m,)
+        What they leave over, zero where a sample does not count.
+    mask : bool array, shape (m,)
+        Samples that were judged: moving, and away from reversals.
+    offset : float
+        Mean of the residual.
+    """
 
     dependences: tuple[Dependence, ...]
-    stretches: tuple[Stretch, ...]
     unit: str
+    floor: float
+    offset: float
+    offset_share: float
+    offset_significant: bool
+    left: Array
+    mask: Mask
+
+    @property
+    def named(self) -> tuple[Dependence, ...]:
+        """The coordinates that stand, in order."""
+        return tuple(sorted((d for d in self.dependences if d.rank), key=lambda d: d.rank))
 
     def sentence(self) -> str:
         """Say it in words."""
-        sure = [d for d in self.dependences if d.significant and d.share > 0.02]
-        if not sure:
-            return "what is left depends on no coordinate of this log"
-        first = sure[0]
-        name = "speed and direction" if first.coordinate == "speed" else first.coordinate
-        low, high = first.largest
-        size = float(np.max(np.abs(first.curve)))
-        return (
-            f"{100 * first.share:.0f} % of what is left depends on {name}; it is largest between {low:.3g} and "
-            f"{high:.3g} {first.unit}".rstrip()
-            + f", up to {size:.2g} {self.unit}"
-        )
+        parts = []
+        if self.offset_significant:
+            parts.append(
+                f"{100 * self.offset_share:.0f} % of what is left is a constant {self.offset:+.2g} {self.unit}"
+            )
+        for number, d in enumerate(self.named):
+            share = f"{100 * d.added:.0f} %"
+            start = f"{share} of what is left depends" if not parts else f"a further {share} depends"
+            text = f"{start} on {d.name}"
+            if number == 0 and d.coordinate != "direction":
+                text += f"; it is largest {d.largest}, up to {d.peak:.2g} {self.unit}"
+            parts.append(text)
+        return "; ".join(parts) if parts else "what is left depends on no coordinate of this log"
 
-
-def coordinates(prepared: Prepared) -> dict[str, Array]:
-    """Return what a residual may depend on, each of shape (m,), on the thinned grid."""
-    s, keep = prepared.signals, prepared.keep
-    out = {
-        "speed": s["omega"][keep],
-        "direction": s["direction"][keep],
-        "position": s["theta"][keep],
-        "acceleration": prepared.column(prepared.alpha),
-        "time": prepared.t[keep] - prepared.t[0],
-    }
-    if prepared.motion != "linear":
-        out["position"] = np.mod(out["position"], 2.0 * np.pi)
-    if "i_q" in s:
-        out["current"] = s["i_q"][keep]
-    if "temperature" in s and float(np.ptp(s["temperature"])) > 0.0:
-        out["temperature"] = s["temperature"][keep]
-    return out
+    def to_dict(self) -> dict[str, object]:
+        """Return plain values."""
+        return {
+            "sentence": self.sentence(),
+            "unit": self.unit,
+            "noise_floor": self.floor,
+            "offset": {"value": self.offset, "share": self.offset_share, "significant": self.offset_significant},
+            "coordinates": [
+                {
+                    "coordinate": d.coordinate, "unit": d.unit, "share": d.share, "share_beyond": d.added,
+                    "rank": d.rank or None, "p_value": d.p_value, "errors": d.errors, "significant": d.significant,
+                    "why_not": d.why_not or None,
+                    "largest": d.largest, "peak": d.peak, "orders": d.orders or None,
+                    "curve": {"x": d.x, "forward": d.forward, "backward": d.backward},
+                }
+                for d in self.dependences
+            ],
+        }  # fmt: skip
 
 
 def where(
-    t: Array, residual: Array, mask: Mask, against: Mapping[str, Array], unit: str = "N m", motion: str = "rotary"
-) -> Where:
-    """Find what a residual depends on and when it is worst.
+    prepared: Prepared, measured: Array, predicted: Array, mask: Mask, unit: str, torque: Array,
+    per_ampere: float | None = None,
+) -> Where:  # fmt: skip
+    """Find what a residual depends on.
 
     Parameters
     ----------
-    t, residual : array, shape (m,)
-        Time in s and measured less predicted.
+    measured, predicted : array, shape (m,)
+        One channel on the thinned grid.
     mask : bool array, shape (m,)
         Samples that count.
-    against : dict of coordinate to array, shape (m,)
-        For instance `coordinates` of the prepared log.
+    torque : array, shape (m,)
+        Drive torque as the model predicts it.
+    per_ampere : float, optional
+        Torque constant, where the log has a current.
     """
-    tried = [_dependence(t[mask], residual[mask], name, values[mask], motion) for name, values in against.items()]
-    found = [d for d in tried if d is not None]
+    t, residual = prepared.t[prepared.keep], measured - predicted
+    coordinates = grid_coordinates(prepared, torque, per_ampere)
+    used = mask & _away_from_reversals(prepared, coordinates["speed"])
+    if int(used.sum()) < 100:
+        used = mask
+    made, noise = _modelled(prepared, coordinates, residual, used)
+    case = _case(t, residual, used, noise, made, prepared.cutoff, measured, coordinates["direction"])
+    constant = case.bench.judge([], [1])
+    offset_sure = constant is not None and not case.objection(constant, constant.p_value)
+    alone = {c.name: case.bench.judge(case.base[c.name], case.own[c.name]) for c in made}
+    chosen = _chosen(case, made, alone)
+    corrected = _corrected(made, {n: o.p_value if o is not None else 1.0 for n, o in alone.items()})
+    found = [
+        _dependence(case, curve, outcome, corrected[curve.name], chosen)
+        for curve in made
+        if (outcome := alone[curve.name]) is not None
+    ]
+    found.sort(key=lambda d: (d.rank or 99, -d.share))
     return Where(
-        tuple(sorted(found, key=lambda d: -d.share)), _worst(t, residual, mask), unit
+        tuple(found), unit, noise.rms, float(np.mean(residual[used])),
+        max(0.0, constant.share) if constant is not None else 0.0, bool(offset_sure), noise.left, used,
     )  # fmt: skip
 
 
-def _dependence(t: Array, residual: Array, name: str, x: Array, motion: str) -> Dependence | None:
-    columns = _curve_columns(name, x, motion)
-    if columns.shape[1] < 2 or len(t) < 10 * columns.shape[1]:
-        return None
-    edges = np.linspace(t[0], t[-1] + 1e-9, BLOCKS + 1)
-    gains, total = [], 0.0
-    for start, stop in pairwise(edges.tolist()):
-        test = (t >= start) & (t < stop)
-        train = (t < start - GAP) | (t >= stop + GAP)
-        if test.sum() < 5 or train.sum() < 5 * columns.shape[1]:
-            continue
-        mean = float(np.mean(residual[train]))
-        fitted = columns[test] @ _least_squares(columns[train], residual[train])
-        before, after = residual[test] - mean, residual[test] - fitted
-        gains.append(float(before @ before - after @ after))
-        total += float(before @ before)
-    if len(gains) < 4 or total <= 0.0:
-        return None
-    values = np.array(gains)
-    spread = float(values.std(ddof=1)) / np.sqrt(len(values))
-    errors = float(values.mean()) / spread if spread > 0.0 else 0.0
-    curve = columns @ _least_squares(columns, residual)
-    order = np.argsort(x)
-    size = np.abs(curve - np.mean(residual))
-    strong = x[size >= 0.7 * size.max()]
-    label = UNITS.get(name, ("", ""))[1 if motion == "linear" else 0]
-    share = max(0.0, float(values.sum()) / total)
-    return Dependence(name, label, share, errors, x[order], curve[order], (float(strong.min()), float(strong.max())))
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """One residual laid out with the columns of all curves; `base` and `own` hold their numbers on the bench."""
+
+    residual: Array
+    mask: Mask
+    bench: Bench
+    base: Mapping[str, list[int]]
+    own: Mapping[str, list[int]]
+    size: float
+    direction: Array
+
+    def objection(self, outcome: Outcome, p: float) -> str:
+        """Return the gate that a dependence fails; empty when it passes all."""
+        if p >= SIGNIFICANCE:
+            return "not significant"
+        holds = outcome.gain > SURE * outcome.stderr or (outcome.p_rank < 0.5 * SIGNIFICANCE and outcome.gain > 0.0)
+        if not holds or outcome.share <= 0.0:
+            return "does not hold on blocks left out"
+        if outcome.share <= WORTH or outcome.size <= MATERIAL * self.size:
+            return "too small to matter"
+        return ""
 
 
-def _curve_columns(name: str, x: Array, motion: str) -> Array:
-    """A constant for either direction, harmonics of a turn, or hat functions between quantiles."""
-    if name == "direction":
-        return np.column_stack([x > 0.0, x < 0.0]).astype(np.float64)
-    if name == "position" and motion != "linear":
-        waves = [f(k * x) for k in range(1, 5) for f in (np.sin, np.cos)]
-        return np.column_stack([np.ones_like(x), *waves])
-    quantiles = np.quantile(x, np.linspace(0.0, 1.0, 9))
-    top = float(np.quantile(np.abs(x), 0.99))
-    close = top * np.array([-0.1, -0.03, -0.01, 0.01, 0.03, 0.1]) if name == "speed" else np.zeros(0)
-    knots = np.unique(np.concatenate([quantiles, close[(close > x.min()) & (close < x.max())]]))
-    if len(knots) < 3:
-        return np.ones((len(x), 1))
-    hats = np.column_stack([np.interp(x, knots, row) for row in np.eye(len(knots))])
-    # dry friction jumps at zero speed
-    return np.column_stack([hats, np.sign(x)]) if name == "speed" and x.min() < 0.0 < x.max() else hats
+def _case(
+    t: Array, residual: Array, mask: Mask, noise: Noise, made: list[Curve], cutoff: float, measured: Array,
+    direction: Array,
+) -> _Case:  # fmt: skip
+    """Put residual, constant, direction and every curve's own columns side by side."""
+    columns = [np.ones(len(t)), direction]
+    base, own = {}, {}
+    for curve in made:
+        base[curve.name] = [1, 2][: curve.base.shape[1]]
+        own[curve.name] = list(range(len(columns) + 1, len(columns) + 1 + curve.own.shape[1]))
+        columns += list(curve.own.T)
+    size = float(np.sqrt(np.mean(measured[mask] ** 2)))
+    laid = bench(noise, t, residual, mask, np.column_stack(columns), cutoff)
+    return _Case(residual, mask, laid, base, own, size, direction)
 
 
-def _least_squares(columns: Array, values: Array) -> Array:
-    gram = columns.T @ columns
-    ridge = 1e-6 * np.trace(gram) / len(gram)
-    return np.linalg.solve(gram + ridge * np.eye(len(gram)), columns.T @ values)
+def _away_from_reversals(prepared: Prepared, omega: Array) -> Mask:
+    """False within the filter's memory of a reversal: there the friction's jump is filtered, and its moment unsure."""
+    from scipy.ndimage import maximum_filter1d
+
+    turned = np.concatenate([[False], omega[1:] * omega[:-1] < 0.0]).astype(np.int8)
+    reach = round(REVERSAL * prepared.thinned_rate / prepared.cutoff)
+    return maximum_filter1d(turned, 2 * reach + 1) == 0
 
 
-def _worst(t: Array, residual: Array, mask: Mask, count: int = 3) -> tuple[Stretch, ...]:
-    """The worst of forty equal stretches of time, adjacent ones joined."""
-    edges = np.linspace(t[0], t[-1] + 1e-9, 41)
-    rms = np.zeros(40)
-    for k in range(40):
-        inside = mask & (t >= edges[k]) & (t < edges[k + 1])
-        if inside.sum() >= 5:
-            rms[k] = np.sqrt(np.mean(residual[inside] ** 2))
-    chosen = sorted(np.argsort(rms)[::-1][:count].tolist())
-    out: list[Stretch] = []
-    for k in chosen:
-        if rms[k] == 0.0:
-            continue
-        if out and abs(out[-1].stop - edges[k]) < 1e-9:
-            last = out.pop()
-            out.append(Stretch(last.start, float(edges[k + 1]), float(np.hypot(last.rms, rms[k]) / np.sqrt(2.0))))
-        else:
-            out.append(Stretch(float(edges[k]), float(edges[k + 1]), float(rms[k])))
-    return tuple(sorted(out, key=lambda s: -s.rms))
+def _modelled(
+    prepared: Prepared, coordinates: dict[str, Array], residual: Array, mask: Mask
+) -> tuple[list[Curve], Noise]:
+    """Curves and noise; the orders of a turn are looked for twice, the second time with the noise's level known."""
+    rate = prepared.thinned_rate
+    made = curves(prepared, coordinates, residual, mask, mask.astype(np.float64))
+    noise = noise_of(residual, [np.hstack([c.base, c.own]) for c in made], mask, rate)
+    if any(c.orders for c in made):
+        made = curves(prepared, coordinates, residual, mask, noise.weight)
+        noise = noise_of(residual, [np.hstack([c.base, c.own]) for c in made], mask, rate)
+    return made, noise
+
+
+def _corrected(made: list[Curve], p_values: Mapping[str, float]) -> dict[str, float]:
+    """Return p-values that allow for the curves tried per coordinate and for the number of coordinates."""
+    paid = [min(1.0, c.tried * p_values[c.name]) for c in made]
+    return dict(zip([c.name for c in made], holm(paid), strict=True))
+
+
+def _chosen(case: _Case, made: list[Curve], alone: Mapping[str, Outcome | None]) -> dict[str, tuple[int, float]]:
+    """Name coordinates one at a time, each judged on what the earlier ones leave: name -> (rank, share beyond)."""
+    named: dict[str, tuple[int, float]] = {}
+    taken: list[int] = []
+    for rank in range(1, MOST + 1):
+        left = [c for c in made if c.name not in named]
+        base = {c.name: sorted({*taken, *case.base[c.name]}) for c in left}
+        p = _corrected(left, {c.name: case.bench.significance(base[c.name], case.own[c.name]) for c in left})
+        good = []
+        for curve in left:
+            if p[curve.name] >= SIGNIFICANCE:
+                continue
+            found = alone[curve.name] if rank == 1 else case.bench.judge(base[curve.name], case.own[curve.name])
+            if found is not None and not case.objection(found, p[curve.name]):
+                good.append((curve, found))
+        if not good:
+            break
+        best = max(found.share for _, found in good)
+        alike = [(c, f) for c, f in good if f.share >= ALIKE * best]
+        curve, found = min(alike, key=lambda pair: (pair[0].own.shape[1], -pair[1].share))
+        named[curve.name] = (rank, found.share)
+        taken = sorted({*taken, *case.base[curve.name], *case.own[curve.name]})
+    return named
+
+
+def _dependence(
+    case: _Case, curve: Curve, outcome: Outcome, p: float, chosen: Mapping[str, tuple[int, float]]
+) -> Dependence:
+    rank, added = chosen.get(curve.name, (0, float("nan")))
+    x, forward, backward = _drawn(case, curve)
+    why = case.objection(outcome, p)
+    return Dependence(
+        coordinate=curve.name,
+        unit=curve.unit,
+        share=max(0.0, outcome.share),
+        added=added,
+        rank=rank,
+        p_value=p,
+        errors=outcome.gain / outcome.stderr if outcome.stderr > 0.0 else 0.0,
+        significant=not why,
+        why_not=why,
+        values=curve.x,
+        x=x,
+        forward=forward,
+        backward=backward,
+        largest=_largest(curve, x, forward, backward),
+        orders=curve.orders,
+        spectrum=curve.spectrum,
+    )
+
+
+def _drawn(case: _Case, curve: Curve) -> tuple[Array, Array, Array]:
+    """The curve over its coordinate for either direction, where the log has samples."""
+    mask = case.mask
+    columns = np.hstack([curve.base, curve.own])
+    beta = np.linalg.lstsq(columns[mask], case.residual[mask], rcond=1e-6)[0]
+    values, speed = curve.x[mask], curve.name in ("speed", "direction")
+    if curve.name == "direction":
+        x = np.array([-1.0, 1.0])
+        points = np.hstack(curve.draw(x, 1.0)) @ beta
+        return x, np.array([np.nan, points[1]]), np.array([points[0], np.nan])
+    low, high = (0.0, np.quantile(np.abs(values), 0.999)) if speed else np.quantile(values, [0.001, 0.999])
+    if curve.orders:
+        low, high = 0.0, 2.0 * np.pi
+    count = POINTS if not curve.orders else max(POINTS, 12 * max(curve.orders) + 1)
+    x = np.linspace(low, high, count)
+    if speed:
+        x = np.sort(np.concatenate([x[1:], high * np.geomspace(1e-3, 0.1, 30)]))
+    out = []
+    direction = case.direction[mask]
+    for sign in (1.0, -1.0):
+        there = np.abs(values[direction == sign]) if speed else values[direction == sign]
+        y = np.hstack(curve.draw(x, sign)) @ beta
+        if len(there) < 8:
+            y = np.full(len(x), np.nan)
+        elif not curve.orders:
+            y = np.where((x >= there.min()) & (x <= there.max()), y, np.nan)
+        out.append(y)
+    return x, out[0], out[1]
+
+
+def _largest(curve: Curve, x: Array, forward: Array, backward: Array) -> str:
+    """Say where the curve is large."""
+    both = np.nan_to_num(np.abs([forward, backward]))
+    if curve.name == "direction":
+        return f"{forward[1]:+.2g} forward, {backward[0]:+.2g} backward"
+    if curve.orders and curve.spectrum is not None:
+        seen = [(curve.spectrum[k - 1], k) for k in curve.orders]
+        return f"in order {max(seen)[1]}"
+    height = both.max(axis=0)
+    strong = height >= LARGE * height.max()
+    peak = int(np.argmax(height))
+    first = peak - int(np.argmin(strong[: peak + 1][::-1])) + 1 if not strong[: peak + 1].all() else 0
+    rest = strong[peak:]
+    last = peak + int(np.argmin(rest)) - 1 if not rest.all() else len(x) - 1
+    low, high = f"{x[first]:.3g}", f"{x[last]:.3g}"
+    unit = f" {curve.unit}".rstrip()
+    place = f"between {low} and {high}{unit}" if low != high else f"near {low}{unit}"
+    if first == 0 and last == len(x) - 1:
+        place = "everywhere alike"
+    elif first == 0:
+        place = f"below {high}{unit}"
+    elif last == len(x) - 1:
+        place = f"above {low}{unit}"
+    ways = both[:, first : last + 1].max(axis=1)
+    if np.isfinite(forward).any() and np.isfinite(backward).any() and ways.min() < 0.5 * ways.max():
+        place += " moving forward" if ways[0] > ways[1] else " moving backward"
+    return place

@@ -1,0 +1,216 @@
+"""What a residual may depend on, and the curves that show it.
+
+Every coordinate brings columns of a smooth curve, one for either direction of motion where the axis moves both ways,
+because friction that drifts or lies at a place changes its sign with the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.compare.orders import strongest_orders, waves
+from pmsm_ctrl.identify.signals import Prepared
+
+__all__ = ["UNITS", "Curve", "curves", "grid_coordinates"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+UNITS = {
+    "speed": ("rad/s", "m/s"), "direction": ("", ""), "position": ("rad", "m"), "acceleration": ("rad/s^2", "m/s^2"),
+    "current": ("A", "A"), "torque": ("N m", "N"), "force": ("N m", "N"), "temperature": ("degC", "degC"),
+    "time since start": ("s", "s"),
+}  # fmt: skip
+# A direction that holds less than this share of the samples has no curve of its own.
+ONE_WAY = 0.03
+SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: close together where friction bends
+ORDERS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One coordinate with the columns of its curve on the thinned grid.
+
+    Attributes
+    ----------
+    x : array, shape (m,)
+        The coordinate itself.
+    base : array, shape (m, b)
+        What is not this coordinate's own: a constant, and for all but speed and direction one per direction.
+    own : array, shape (m, k)
+    draw : function
+        ``draw(points, sign)`` gives base and own columns at points of the coordinate, moving with this sign.
+    tried : int
+        Curves that were looked at to find this one; the significance pays for them.
+    orders : tuple of int
+        Of position on a rotary axis.
+    spectrum : array, shape (highest,), or None
+        Amplitude of every mechanical order, in the residual's unit; NaN where it cannot be seen.
+    """
+
+    name: str
+    unit: str
+    x: Array
+    base: Array
+    own: Array
+    draw: Callable[[Array, float], tuple[Array, Array]]
+    tried: int = 1
+    orders: tuple[int, ...] = ()
+    spectrum: Array | None = None
+
+
+def grid_coordinates(prepared: Prepared, predicted: Array, per_ampere: float | None) -> dict[str, Array]:
+    """Return coordinates of shape (m,) on the thinned grid.
+
+    Parameters
+    ----------
+    predicted : array, shape (m,)
+        Drive torque as the model predicts it: against the measured one its own noise would be a dependence.
+    per_ampere : float or None
+        Torque constant; None where the log has a torque and no current.
+    """
+    s, keep = prepared.signals, prepared.keep
+    out = {
+        "speed": s["omega"][keep],
+        "direction": np.sign(s["omega"][keep]),
+        "position": s["theta"][keep],
+        "acceleration": prepared.column(prepared.alpha),
+        _load_name(prepared, per_ampere): predicted / (per_ampere or 1.0),
+        "time since start": prepared.t[keep] - prepared.t[0],
+    }
+    if "temperature" in s and float(np.ptp(s["temperature"])) > 0.0:
+        out["temperature"] = s["temperature"][keep]
+    return out
+
+
+def _load_name(prepared: Prepared, per_ampere: float | None) -> str:
+    if per_ampere is not None:
+        return "current"
+    return "force" if prepared.motion == "linear" else "torque"
+
+
+def curves(
+    prepared: Prepared, coordinates: dict[str, Array], residual: Array, mask: Mask, weight: Array
+) -> list[Curve]:
+    """Return the curves that this log can show; a coordinate that hardly varies has none."""
+    direction = coordinates["direction"]
+    share = float(np.mean(direction[mask] > 0.0))
+    both = ONE_WAY < share < 1.0 - ONE_WAY
+    made = []
+    for name, x in coordinates.items():
+        unit = UNITS[name][1 if prepared.motion == "linear" else 0]
+        if name == "direction":
+            if both:
+                made.append(_direction(unit, x))
+        elif name == "speed":
+            made.append(_speed(unit, x, mask, both))
+        elif name == "position" and prepared.motion != "linear":
+            found = _turn(prepared, unit, x, residual, mask, weight, both)
+            if found is not None:
+                made.append(found)
+        else:
+            # what drifts drifts slowly, and a block of time that is left out has to be reached from the others
+            hats = _drift if name in ("time since start", "temperature") else _hats
+            found = _smooth(name, unit, x, direction, mask, both, hats)
+            if found is not None:
+                made.append(found)
+    return made
+
+
+def _direction(unit: str, x: Array) -> Curve:
+    def draw(points: Array, sign: float) -> tuple[Array, Array]:
+        return np.ones((len(points), 1)), np.sign(points)[:, None]
+
+    return Curve("direction", unit, x, np.ones((len(x), 1)), x[:, None], draw)
+
+
+def _speed(unit: str, x: Array, mask: Mask, both: bool) -> Curve:
+    top = float(np.quantile(np.abs(x[mask]), 0.999))
+    knots = top * SPEED_KNOTS
+
+    def own(points: Array) -> Array:
+        """Curves of the size of the speed, one a direction: dry friction jumps at zero."""
+        hats = np.column_stack([np.interp(np.abs(points), knots, row) for row in np.eye(len(knots))])
+        return np.hstack([hats * (points > 0.0)[:, None], hats * (points < 0.0)[:, None]]) if both else hats
+
+    values = own(x)
+    used = values[mask].sum(axis=0) >= 8.0
+
+    def draw(points: Array, sign: float) -> tuple[Array, Array]:
+        return np.ones((len(points), 1)), own(sign * np.abs(points))[:, used]
+
+    return Curve("speed", unit, x, np.ones((len(x), 1)), values[:, used], draw)
+
+
+def _base(direction: Array, both: bool) -> Array:
+    ones = np.ones((len(direction), 1))
+    return np.hstack([ones, direction[:, None]]) if both else ones
+
+
+def _apart(columns: Array, direction: Array, both: bool) -> Array:
+    return np.hstack([columns, columns * direction[:, None]]) if both else columns
+
+
+def _turn(
+    prepared: Prepared, unit: str, theta: Array, residual: Array, mask: Mask, weight: Array, both: bool
+) -> Curve | None:
+    direction = np.sign(prepared.signals["omega"])
+    spectrum, orders, tried = strongest_orders(prepared, residual, mask, weight, ORDERS)
+    if not orders:
+        return None
+    angle = prepared.signals["theta"]
+    raw = waves(angle, orders)
+    shaped = [prepared.column(values) for values in (*raw.T, *(raw * direction[:, None]).T)]
+    own = np.column_stack(shaped[: raw.shape[1]] if not both else shaped)
+
+    def draw(points: Array, sign: float) -> tuple[Array, Array]:
+        along = np.full(len(points), sign)
+        return _base(along, both), _apart(waves(points, orders), along, both)
+
+    # the best few of so many: choosing each of them was a search
+    ways = max(1, tried) ** len(orders)
+    x, base = np.mod(theta, 2.0 * np.pi), _base(direction[prepared.keep], both)
+    return Curve("position", unit, x, base, own, draw, ways, tuple(orders), spectrum)
+
+
+def _smooth(
+    name: str, unit: str, x: Array, direction: Array, mask: Mask, both: bool,
+    basis: Callable[[Array], Callable[[Array], Array]],
+) -> Curve | None:  # fmt: skip
+    if float(np.ptp(x[mask])) <= 1e-9 * float(np.max(np.abs(x[mask]))):
+        return None
+    hats = basis(x[mask])
+
+    def draw(points: Array, sign: float) -> tuple[Array, Array]:
+        along = np.full(len(points), sign)
+        return _base(along, both), _apart(hats(points), along, both)
+
+    return Curve(name, unit, x, _base(direction, both), _apart(hats(x), direction, both), draw)
+
+
+def _hats(x: Array, count: int = 7) -> Callable[[Array], Array]:
+    """Hat functions between quantiles of `x`, half of them spread evenly over its range."""
+    low, high = np.quantile(x, [0.002, 0.998])
+    even = np.linspace(low, high, count)
+    dense = np.quantile(x, np.linspace(0.0, 1.0, count))[1:-1]
+    knots = np.unique(np.round(0.5 * (even[1:-1] + dense), 12)) if high > low else even[:1]
+    knots = np.unique(np.concatenate([[low], knots, [high]]))
+
+    def hats(points: Array) -> Array:
+        return np.column_stack([np.interp(points, knots, row) for row in np.eye(len(knots))])
+
+    return hats
+
+
+def _drift(x: Array) -> Callable[[Array], Array]:
+    middle, half = 0.5 * (x.max() + x.min()), 0.5 * (x.max() - x.min())
+
+    def polynomials(points: Array) -> Array:
+        z = (points - middle) / half
+        return np.column_stack([z, z * z])
+
+    return polynomials

@@ -1,0 +1,191 @@
+"""Figures of a comparison. Colours of Okabe and Ito, safe for the colour-blind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from pmsm_ctrl.compare.comparison import Comparison, Trace
+    from pmsm_ctrl.compare.stretches import Stretch
+    from pmsm_ctrl.compare.where import Dependence, Where
+
+__all__ = [
+    "dependence_panel",
+    "outline",
+    "share_panel",
+    "spectrum_panel",
+    "stretches_figure",
+    "traces_figure",
+    "where_figure",
+]
+
+Array = NDArray[np.float64]
+
+GREY, SHADE = "#7f8a97", "#F0E442"
+DOTS = 4000  # samples shown of a longer log
+
+
+def outline(t: Array, y: Array, bins: int = 500) -> tuple[Array, Array]:
+    """Thin a line to the lowest and highest sample of each of so many stretches: it looks the same."""
+    width = -(-len(t) // bins)
+    if width < 4:
+        return t, y
+    count = len(t) // width
+    parts = np.nan_to_num(y[: count * width].reshape(count, width))
+    start = np.arange(count) * width
+    picked = np.sort(np.stack([start + parts.argmin(axis=1), start + parts.argmax(axis=1)]), axis=0).T.ravel()
+    return t[picked], y[picked]
+
+
+def traces_figure(traces: Mapping[str, Trace], label: str, stretches: Iterable[Stretch] = ()) -> Figure:
+    """Draw measured, predicted and residual of every channel; shade the worst stretches."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 3.4 * max(1, len(traces))), layout="constrained")
+    if not traces:
+        return figure
+    axes = np.atleast_1d(figure.subplots(2 * len(traces), 1, sharex=True, height_ratios=[2, 1] * len(traces)))
+    for k, (name, trace) in enumerate(traces.items()):
+        upper, lower = axes[2 * k], axes[2 * k + 1]
+        shown = np.where(trace.mask, 1.0, np.nan)
+        residual = trace.measured - trace.predicted
+        upper.plot(*outline(trace.t, trace.measured * shown), color=BLACK, linewidth=1.0, label="measured")
+        upper.plot(
+            *outline(trace.t, trace.predicted * shown), color=BLUE, linewidth=1.0, linestyle="--", label="predicted"
+        )
+        upper.set_ylabel(f"{name} [{trace.unit}]")
+        lower.plot(*outline(trace.t, residual * shown), color=VERMILION, linewidth=0.8)
+        lower.axhline(0.0, color=BLACK, linewidth=0.5)
+        lower.set_ylabel(f"residual [{trace.unit}]")
+        for each in (upper, lower):
+            each.grid(alpha=0.3)
+            for stretch in stretches:
+                each.axvspan(stretch.start, stretch.stop, color=SHADE, alpha=0.35, linewidth=0)
+    axes[0].legend(loc="upper right", fontsize="small")
+    # a path can be wider than the figure
+    axes[0].set_title(f"Measured against predicted, {Path(label).name}; filtered, standstill left out")
+    axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def where_figure(comparison: Comparison, channel: str = "torque") -> Figure:
+    """Draw the shares, the residual over every coordinate with its curve, and the spectrum over the angle."""
+    from matplotlib.figure import Figure
+
+    found, trace = comparison.where[channel], comparison.traces[channel]
+    residual = trace.measured - trace.predicted
+    spectral = [d for d in found.dependences if d.spectrum is not None]
+    panels = 1 + len(found.dependences) + len(spectral)
+    rows = -(-panels // 3)
+    figure = Figure(figsize=(10.5, 2.9 * rows), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(rows, 3)).ravel()
+    share_panel(axes[0], found)
+    here = iter(axes[1:])
+    for d in found.dependences:
+        dependence_panel(next(here), d, residual, found)
+        if d.spectrum is not None:
+            spectrum_panel(next(here), d, found.unit)
+    for left in here:
+        left.set_axis_off()
+    figure.suptitle(f"Where the {channel} residual comes from", fontsize=11)
+    return figure
+
+
+def share_panel(axes: Any, found: Where) -> None:
+    """Bars: what share of the residual each coordinate explains by itself."""
+    shown = list(found.dependences)[::-1]
+    colours = [VERMILION if d.significant else GREY for d in shown]
+    axes.barh([d.coordinate for d in shown], [100 * d.share for d in shown], color=colours)
+    for k, d in enumerate(shown):
+        text = f"{100 * d.share:.0f} %" if d.significant else "not significant"
+        axes.text(100 * d.share + 1.5, k, text, va="center", fontsize="x-small")
+    axes.set_xlim(0.0, 118.0)
+    axes.set_xticks([0, 25, 50, 75, 100])
+    axes.set_xlabel("share of the residual [%]")
+    axes.set_title("Each coordinate by itself", fontsize="small")
+    axes.grid(alpha=0.3, axis="x")
+
+
+def dependence_panel(axes: Any, d: Dependence, residual: Any, found: Where) -> None:
+    """The residual over one coordinate, and the fitted curve for either direction."""
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    used = np.flatnonzero(found.mask)
+    used = used[:: max(1, len(used) // DOTS)]
+    axes.plot(d.values[used], residual[used], ".", ms=1.5, alpha=0.35, color=GREY, rasterized=True, zorder=0)
+    spread = float(np.quantile(np.abs(residual[used]), 0.995))
+    limit = 1.1 * max(spread, d.peak)
+    if d.coordinate == "direction":
+        axes.plot([-1.0, 1.0], [d.backward[0], d.forward[1]], "s", color=VERMILION, ms=8)
+        axes.set_xticks([-1.0, 1.0], ["backward", "forward"])
+        axes.set_xlim(-1.8, 1.8)
+    else:
+        x = d.x if d.coordinate != "speed" else np.concatenate([-d.x[::-1], d.x])
+        curves = (d.forward, d.backward)
+        if d.coordinate == "speed":
+            axes.plot(x, np.concatenate([d.backward[::-1], d.forward]), color=VERMILION, linewidth=1.6)
+        else:
+            for y, colour, style, label in zip(
+                curves, (BLUE, VERMILION), ("-", "--"), ("forward", "backward"), strict=True
+            ):
+                if np.isfinite(y).any():
+                    axes.plot(d.x, y, color=colour, linestyle=style, linewidth=1.5, label=label)
+            axes.legend(fontsize="x-small", loc="upper right", framealpha=0.7)
+        unit = f" [{d.unit}]" if d.unit else ""
+        axes.set_xlabel(("angle within a turn" if d.orders else d.coordinate) + unit)
+    axes.set_ylim(-limit, limit)
+    axes.set_ylabel(f"residual [{found.unit}]")
+    state = f"{100 * d.share:.0f} %" if d.significant else "nothing sure"
+    axes.set_title(f"over {d.coordinate}: {state}", fontsize="small")
+    axes.grid(alpha=0.3)
+
+
+def spectrum_panel(axes: Any, d: Dependence, unit: str) -> None:
+    """The residual's spectrum over the angle, mechanical orders; orders in the curve are marked."""
+    assert d.spectrum is not None
+    orders = np.arange(1, len(d.spectrum) + 1)
+    axes.vlines(orders, 0.0, d.spectrum, color=GREY, linewidth=1.2)
+    for k in d.orders if d.significant else ():
+        axes.plot([k, k], [0.0, d.spectrum[k - 1]], color=VERMILION, linewidth=2.2)
+        axes.annotate(str(k), (k, d.spectrum[k - 1]), fontsize="x-small", ha="center", va="bottom")
+    axes.set_ylim(bottom=0.0, top=1.2 * float(np.nanmax(d.spectrum)))
+    axes.set_xlim(0.0, float(orders[np.isfinite(d.spectrum)].max()) + 2.0)
+    axes.set_xlabel("order [waves per turn]")
+    axes.set_ylabel(f"amplitude [{unit}]")
+    axes.set_title("spectrum over the angle", fontsize="small")
+    axes.grid(alpha=0.3)
+
+
+def stretches_figure(comparison: Comparison) -> Figure:
+    """Draw measured against predicted in the worst stretches, with the speed below."""
+    from matplotlib.figure import Figure
+
+    trace, count = comparison.traces["torque"], max(1, len(comparison.stretches))
+    figure = Figure(figsize=(3.6 * count, 4.2), layout="constrained")
+    axes = figure.subplots(2, count, squeeze=False, sharex="col", height_ratios=[2, 1])
+    linear = trace.unit == "N"
+    for k, stretch in enumerate(comparison.stretches):
+        upper, lower = axes[0][k], axes[1][k]
+        around = 0.6 * (stretch.stop - stretch.start)
+        part = (trace.t >= stretch.start - around) & (trace.t <= stretch.stop + around)
+        upper.axvspan(stretch.start, stretch.stop, color=SHADE, alpha=0.35, linewidth=0)
+        upper.plot(trace.t[part], trace.measured[part], color=BLACK, linewidth=1.2, label="measured")
+        upper.plot(trace.t[part], trace.predicted[part], color=BLUE, linewidth=1.2, linestyle="--", label="predicted")
+        lower.plot(trace.t[part], comparison.omega[part], color=BLACK, linewidth=1.0)
+        lower.axhline(0.0, color=BLACK, linewidth=0.5)
+        lower.set_xlabel("time [s]")
+        upper.set_title(f"{stretch.start:.4g} to {stretch.stop:.4g} s\n{stretch.doing}", fontsize="small")
+        for each in (upper, lower):
+            each.grid(alpha=0.3)
+    axes[0][0].set_ylabel(f"{'force' if linear else 'torque'} [{trace.unit}]")
+    axes[1][0].set_ylabel(f"speed [{'m/s' if linear else 'rad/s'}]")
+    axes[0][0].legend(fontsize="x-small")
+    return figure

@@ -1,0 +1,112 @@
+"""Orders of a turn in a residual: its spectrum over the angle, not over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.identify.signals import Prepared
+
+__all__ = ["order_spectrum", "strongest_orders", "waves"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+HIGHEST = 120
+# An order is judged from the samples in which it passes the filter, and from two turns of its wave at least.
+PASSED = 0.8
+LEAST = 100
+# A further order is worth its name above this score, and this share of the first one's.
+STANDS_OUT, KEPT = 30.0, 0.04
+
+
+def waves(theta: Array, orders: Sequence[int]) -> Array:
+    """Return cosine and sine of every order, shape (n, 2 len(orders))."""
+    return np.column_stack([f(k * theta) for k in orders for f in (np.cos, np.sin)])
+
+
+def order_spectrum(
+    prepared: Prepared, residual: Array, mask: Mask, weight: Array, highest: int = HIGHEST
+) -> tuple[Array, Array]:
+    """Amplitude of the mechanical orders 1 to `highest`, and how much each stands out.
+
+    Every order has a wave that is the same either way and, where the axis moves both ways, one that turns with the
+    direction, as friction at a place does.
+
+    Parameters
+    ----------
+    residual, weight : array, shape (m,)
+        On the thinned grid.
+
+    Returns
+    -------
+    amplitude : array, shape (highest,)
+        Of the larger of the two waves, in the residual's unit; NaN where no turn is slow enough to pass the filter.
+    score : array, shape (highest,)
+        Gain of the weighted sum of squares over what is left per sample.
+    """
+    signed = prepared.signals["omega"][prepared.keep]
+    theta, omega, direction = prepared.signals["theta"][prepared.keep], np.abs(signed), np.sign(signed)
+    both = bool(0.03 < np.mean(direction[mask] > 0.0) < 0.97)
+    amplitude, score = np.full(highest, np.nan), np.zeros(highest)
+    step = np.exp(1j * theta)
+    turning = np.ones_like(step)
+    limit = 2.0 * np.pi * prepared.cutoff * PASSED
+    travel = omega / prepared.thinned_rate
+    for k in range(1, highest + 1):
+        turning = turning * step
+        seen = mask & (k * omega < limit)
+        if int(seen.sum()) < LEAST or k * float(travel[seen].sum()) < 4.0 * np.pi:
+            continue
+        w, r, d = weight[seen], residual[seen], direction[seen]
+        found = None
+        if both:
+            found = _fitted(turning[seen], w, r, d)
+        if found is None:  # where the direction hangs on the angle, the wave that is the same either way is left
+            found = _fitted(turning[seen], w, r, None)
+        if found is not None:
+            amplitude[k - 1], score[k - 1] = found
+    return amplitude, score
+
+
+def _fitted(turning: NDArray[np.complex128], w: Array, r: Array, d: Array | None) -> tuple[float, float] | None:
+    """Amplitude and score of one order; None where its waves cannot be told apart."""
+    wave = [turning.real, turning.imag]
+    base = [np.ones(len(r))] if d is None else [np.ones(len(r)), d]
+    signed = [] if d is None else [x * d for x in wave]
+    a = np.column_stack([*base, *wave, *signed]) * w[:, None]
+    gram, right, b = a.T @ a, a.T @ (w * r), len(base)
+    if np.linalg.cond(gram) > 1e3:
+        return None
+    x = np.linalg.solve(gram, right)
+    gain = float(right @ x - right[:b] @ np.linalg.solve(gram[:b, :b], right[:b]))
+    left = float(np.sum((w * r) ** 2) - right @ x) / (len(r) - len(x))
+    return max(float(np.hypot(*pair)) for pair in x[b:].reshape(-1, 2)), gain / max(left, 1e-300)
+
+
+def strongest_orders(
+    prepared: Prepared, residual: Array, mask: Mask, weight: Array, count: int
+) -> tuple[Array, list[int], int]:
+    """Return the spectrum, the orders that stand out most, best first, and how many could be seen.
+
+    One order at a time is taken out of the residual before the next is looked for: it leaks into its neighbours.
+    """
+    first, score = order_spectrum(prepared, residual, mask, weight)
+    seen = int(np.sum(score > 0.0))
+    if seen == 0:
+        return first, [], 0
+    best, orders = float(score.max()), [int(np.argmax(score)) + 1]
+    theta, direction = prepared.signals["theta"][prepared.keep], np.sign(prepared.signals["omega"][prepared.keep])
+    w = (weight * mask)[:, None]
+    while len(orders) < count:
+        shape = waves(theta, orders)
+        columns = np.hstack([shape, shape * direction[:, None], np.ones((len(theta), 1)), direction[:, None]])
+        beta = np.linalg.lstsq(columns * w, residual * w[:, 0], rcond=1e-6)[0]
+        _, score = order_spectrum(prepared, residual - columns @ beta, mask, weight)
+        score[np.array(orders) - 1] = 0.0
+        if score.max() < max(STANDS_OUT, KEPT * best):
+            break
+        orders.append(int(np.argmax(score)) + 1)
+    return first, orders, seen

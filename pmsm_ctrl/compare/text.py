@@ -1,0 +1,100 @@
+"""A comparison in words: terminal summary and report section."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pmsm_ctrl.result import Section
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.compare.comparison import ChannelError, Comparison
+
+__all__ = ["report_section", "summary_text"]
+
+HEAD = ("channel", "how", "rms", "noise floor", "unit", "relative", "worst", "mean", "log")
+
+
+def _cells(name: str, how: str, e: ChannelError, label: str) -> tuple[str, ...]:
+    floor = f"{e.floor:.3g}" if np.isfinite(e.floor) else "-"
+    figures = (f"{e.rms:.4g}", floor, e.unit, f"{100 * e.relative:.2f} %", f"{e.worst:.3g}", f"{e.mean:+.2g}")
+    return (name, how, *figures, label)
+
+
+def error_rows(c: Comparison) -> list[tuple[str, ...]]:
+    """Errors of every channel by every method on both logs."""
+    rows: list[tuple[str, ...]] = []
+    records = [(c.log_name, c.channels, c.simulated)]
+    if c.holdout is not None:
+        records.append((c.holdout_name, c.holdout, c.holdout_simulated or ()))
+    for label, errors, simulated in records:
+        rows += [_cells(name, "prediction", e, label) for name, e in errors.items()]
+        for run in simulated:
+            rows += [_cells(name, run.method, e, label) for name, e in run.errors.items()]
+    return rows
+
+
+def _probability(p: float) -> str:
+    return f"{p:.1g}" if p > 1e-12 else "< 1e-12"
+
+
+def where_rows(c: Comparison, channel: str) -> list[tuple[str, ...]]:
+    """What the residual of a channel depends on, one row a coordinate."""
+    rows: list[tuple[str, ...]] = []
+    for d in c.where[channel].dependences:
+        named = f"{100 * d.added:.0f} %" if d.rank else "-"
+        place = f"largest {d.largest}" if d.significant else d.why_not
+        name = f"position, order {', '.join(map(str, d.orders))}" if d.orders and d.significant else d.coordinate
+        rows.append((name, f"{100 * d.share:.0f} %", named, _probability(d.p_value), place))
+    return rows
+
+
+def summary_text(c: Comparison) -> str:
+    """Return the result as text, trust first."""
+    lines = [f"comparison of {c.design.name} with {c.log_name}"]
+    lines += [f"  warning: {text}" for text in c.warnings] or ["  no reason to doubt the numbers was found"]
+    for channel, found in c.where.items():
+        lines.append(f"  {channel}: {found.sentence()}")
+    lines.append("  errors, measured less predicted:")
+    for name, how, rms, floor, unit, relative, worst, mean, label in error_rows(c):
+        lines.append(
+            f"    {name:<7} rms {rms:>9} {unit:<6} relative {relative:>8}  noise floor {floor:>8}  worst {worst:>8}"
+            f"  mean {mean:>8}  {how} ({label})"
+        )
+    lines.append("  share of the torque residual that depends on:")
+    for name, share, beyond, p, place in where_rows(c, "torque"):
+        extra = f", {beyond} beyond those above" if beyond not in ("-", share) else ""
+        lines.append(f"    {name:<28} {share:>5}{extra}  (p {p if p.startswith('<') else '= ' + p}; {place})")
+    lines.append("  worst stretches of the torque:" if c.stretches else "  no stretch of time is worse than the rest")
+    lines += [f"    {s.sentence()}" for s in c.stretches]
+    return "\n".join(lines)
+
+
+def report_section(c: Comparison) -> Section:
+    """Return the section of the report."""
+    torque = c.where["torque"]
+    paragraphs = [f"Warning: {text}" for text in c.warnings]
+    paragraphs += [f"{channel}: {found.sentence()}." for channel, found in c.where.items()]
+    paragraphs += [f"Worst stretch {k}: {s.sentence()}." for k, s in enumerate(c.stretches, start=1)]
+    figures = [
+        (
+            c.plot(),
+            "Where prediction and measurement part, and where the residual has a shape, an effect is missing; "
+            "the worst stretches are shaded.",
+        ),
+        (
+            c.plot_where(),
+            f"The torque residual over every coordinate: {torque.sentence()}. A curve that stays on zero means that "
+            "the model is right there; shares are those of the residual's mean square on blocks of time left out.",
+        ),
+    ]
+    if c.stretches:
+        figures.append(
+            (c.plot_stretches(), "The worst stretches, with the speed below: what the axis was doing there.")
+        )
+    if c.holdout_traces:
+        figures.append((c.plot_holdout(), "The same parameters on the record that was held out."))
+    where_head = ("coordinate", "share of the residual", "beyond those above", "p", "where, or why it does not count")
+    tables = [(HEAD, tuple(error_rows(c))), (where_head, tuple(where_rows(c, "torque")))]
+    return Section("Model against measurement", tuple(paragraphs), tuple(tables), tuple(figures))
