@@ -13,12 +13,14 @@ from hypothesis import strategies as st
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.track import FrictionTracker, Settings, model, track
-from pmsm_ctrl.track.settings import numbers
+from pmsm_ctrl.track.settings import Kind, numbers
 from pmsm_ctrl.track.tracking import Samples, filter_samples, samples_of
+from tests.unit.track.tracking_axes import step_of_F_c
 
 F_C, F_V = 0.0213, 0.000168
+KINDS: tuple[Kind, ...] = ("extended", "unscented")
 
 
 @pytest.fixture(scope="module")
@@ -54,12 +56,15 @@ def damaged(samples: Samples, rng: np.random.Generator) -> Samples:
     return Samples(t[keep], z[keep], torque[keep], samples.known[keep])
 
 
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("measure", ["theta", "omega"])
-@pytest.mark.parametrize("estimate", [(), ("T_load", "J")])
-def test_twin_agrees_with_filterpy(design: Design, log: Log, measure: str, estimate: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("estimate", [(), ("J",), ("T_load", "J")])
+def test_twin_agrees_with_filterpy(
+    design: Design, log: Log, kind: Kind, measure: str, estimate: tuple[str, ...]
+) -> None:
     chosen = Settings(measure=measure, estimate=estimate)
-    readings = feed(FrictionTracker(design, chosen), log)
-    found = track(design, log, chosen, adapt=False)
+    readings = feed(FrictionTracker(design, chosen, kind=kind), log)
+    found = track(design, log, chosen, kind=kind, adapt=False)
     for name, values in (("F_c", found.history["F_c"]), ("F_v", found.history["F_v"]), ("omega", found.omega)):
         assert np.allclose([getattr(r, name) for r in readings], values, rtol=1e-9, atol=1e-12)
     assert np.allclose([r.stderr_F_c for r in readings], found.stderr["F_c"], rtol=1e-9)
@@ -68,16 +73,39 @@ def test_twin_agrees_with_filterpy(design: Design, log: Log, measure: str, estim
     assert [r.event for r in readings] == [model.EVENTS[e] for e in found.events]
 
 
-def test_twin_agrees_with_filterpy_on_damaged_samples(design: Design, log: Log, rng: np.random.Generator) -> None:
-    chosen = Settings()
-    samples = damaged(samples_of(design, log, "theta"), rng)
-    out = filter_samples(design, chosen, numbers(design, chosen, log.period), samples)
-    tracker = FrictionTracker(design, chosen)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("measure", ["theta", "omega"])
+def test_twin_agrees_with_filterpy_on_damaged_samples(
+    design: Design, log: Log, rng: np.random.Generator, kind: Kind, measure: str
+) -> None:
+    chosen = Settings(measure=measure)
+    samples = damaged(samples_of(design, log, measure), rng)
+    out = filter_samples(design, chosen, numbers(design, chosen, log.period), samples, kind)
+    tracker = FrictionTracker(design, chosen, kind=kind)
     rows = zip(samples.t.tolist(), samples.z.tolist(), samples.torque.tolist(), samples.known.tolist(), strict=True)
     readings = [tracker.step(*row) for row in rows]
     assert np.allclose([r.F_c for r in readings], out.estimates[:, 1], rtol=1e-9)
     assert np.allclose([r.F_v for r in readings], out.estimates[:, 2], rtol=1e-9)
-    assert {"invalid", "gap", "implausible"} <= {r.event for r in readings}
+    assert {"invalid", "gap"} <= {r.event for r in readings}
+    if measure == "theta":
+        assert "implausible" in {r.event for r in readings}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_twin_agrees_with_filterpy_through_a_change_and_constant_speed(design: Design, kind: Kind) -> None:
+    def references(t: np.ndarray) -> dict[str, np.ndarray]:
+        return {"omega_ref": np.where(t < 2.0, 80.0 * np.sin(4.0 * t), 80.0 * np.sin(8.0))}
+
+    truth = design.with_effect("step_of_F_c", {"dF_c": 0.012, "t_0": 1.2})
+    log = simulate(design, Scenario("both", 11.0, references), truth=truth, seed=4, own=(step_of_F_c,))
+    for measure in ("theta", "omega"):
+        chosen = Settings(measure=measure)
+        found = track(design, log, chosen, kind=kind, adapt=False)
+        assert {"change", "constant speed"} <= set(found.counts)
+        readings = feed(FrictionTracker(design, chosen, kind=kind), log)
+        assert np.allclose([r.F_c for r in readings], found.history["F_c"], rtol=1e-9)
+        assert np.allclose([r.stderr_F_c for r in readings], found.stderr["F_c"], rtol=1e-9)
+        assert [r.event for r in readings] == [model.EVENTS[e] for e in found.events]
 
 
 def test_twin_agrees_with_filterpy_through_known_effects(design: Design) -> None:
@@ -143,8 +171,9 @@ def test_garbage_leaves_the_covariance_positive_definite(rows: list[tuple[float,
         assert math.isfinite(tracker.state["F_c"])
 
 
-def test_a_sample_that_is_not_a_number_changes_nothing(design: Design, log: Log) -> None:
-    tracker = FrictionTracker(design)
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_sample_that_is_not_a_number_changes_nothing(design: Design, log: Log, kind: Kind) -> None:
+    tracker = FrictionTracker(design, kind=kind)
     feed(tracker, log.slice(0, 500))
     before, P = tracker.state, tracker.P
     t = float(log.t[500])
@@ -157,7 +186,8 @@ def test_a_sample_that_is_not_a_number_changes_nothing(design: Design, log: Log)
     assert feed(tracker, log.slice(500, 1500))[-1].F_c == pytest.approx(F_C, rel=0.03)
 
 
-def test_an_hour_at_standstill(design: Design, log: Log) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_hour_at_standstill(design: Design, log: Log, kind: Kind) -> None:
     first = samples_of(design, log, "theta")
     n = 3_600_000
     rng = np.random.default_rng(1)
@@ -171,7 +201,7 @@ def test_an_hour_at_standstill(design: Design, log: Log) -> None:
     t, z, torque = (np.concatenate(column) for column in zip(*pieces, strict=True))
     chosen = Settings()
     s = numbers(design, chosen, 0.001)
-    out = filter_samples(design, chosen, s, Samples(t, z, torque, np.zeros(t.size)))
+    out = filter_samples(design, chosen, s, Samples(t, z, torque, np.zeros(t.size)), kind)
     moved, stood = len(first.t), len(first.t) + n
     for k in (1, 2):
         # all the while the estimates are where they were; the deviation says how long that is ago
@@ -183,21 +213,23 @@ def test_an_hour_at_standstill(design: Design, log: Log) -> None:
     assert positive_definite(out.P[np.ix_(chosen.active, chosen.active)])
 
 
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("jump", [2.0 * math.pi / 131072 * 40, 0.02, 1.0, -300.0])
-def test_an_encoder_jump_is_rejected(design: Design, log: Log, jump: float) -> None:
+def test_an_encoder_jump_is_rejected(design: Design, log: Log, jump: float, kind: Kind) -> None:
     theta = log["theta"].copy()
     theta[2137:] += jump
-    clean, hurt = track(design, log), track(design, log.with_channels(theta=theta))
+    clean, hurt = track(design, log, kind=kind), track(design, log.with_channels(theta=theta), kind=kind)
     for name in ("F_c", "F_v"):
         difference = np.abs(hurt.history[name] - clean.history[name])
         assert difference.max() < 2.5 * clean.stderr[name][2137]
         assert difference[-1] < 0.5 * clean.stderr[name][-1]
 
 
-def test_dropped_samples_are_bridged(design: Design, log: Log, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+def test_dropped_samples_are_bridged(design: Design, log: Log, rng: np.random.Generator, kind: Kind) -> None:
     keep = rng.random(len(log)) > 0.03
     thinned = Log({name: values[keep] for name, values in log.channels.items()})
-    clean, hurt = track(design, log), track(design, thinned)
+    clean, hurt = track(design, log, kind=kind), track(design, thinned, kind=kind)
     for name in ("F_c", "F_v"):
         assert abs(hurt.history[name][-1] - clean.history[name][-1]) < 0.8 * clean.stderr[name][-1]
 
@@ -227,6 +259,8 @@ def test_bad_requests_are_told(design: Design, log: Log) -> None:
         track(design.without_effect("viscous"), log)
     with pytest.raises(RequestError, match="extended, unscented"):
         FrictionTracker(design, kind="cubature")  # type: ignore[arg-type]
+    with pytest.raises(RequestError, match="extended, unscented"):
+        track(design, log, kind="cubature")  # type: ignore[arg-type]
     with pytest.raises(LogError, match="no channel 'theta'"):
         track(design, Log({"t": log.t, "omega": log["omega"], "i_q": log["i_q"]}), Settings(measure="theta"))
     with pytest.raises(LogError, match="neither torque nor i_q"):
@@ -249,15 +283,16 @@ def test_settings_can_start_without_friction(design: Design, log: Log) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
 def test_twin_is_500_times_faster(
-    request: pytest.FixtureRequest, design: Design, monkeypatch: pytest.MonkeyPatch
+    request: pytest.FixtureRequest, design: Design, monkeypatch: pytest.MonkeyPatch, kind: Kind
 ) -> None:
     """Processor time in alternating pairs, so that a busy machine slows both; the best of three tries."""
     monkeypatch.syspath_prepend(str(request.config.rootpath))
     from tests.benchmarks.tracking import speeds
 
     log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0), seed=1)
-    found = (speeds(design, log, "extended") for _ in range(3))
+    found = (speeds(design, log, kind) for _ in range(3))
     assert max(fast / slow for slow, fast in found) > 500.0
 
 
