@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,6 +20,7 @@ from pmsm_ctrl.console import (
     parse_values,
     progress_bar,
     run,
+    writable,
     write_json,
     write_report,
 )
@@ -41,6 +42,12 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+
+def _output(metavar: str, text: str, *names: str) -> Any:
+    """Option that names a file to write; a place that cannot be written is refused before the work begins."""
+    return typer.Option(*(names or ("--output", "-o")), callback=writable, metavar=metavar, help=text)
+
+
 DesignArgument = Annotated[
     Path, typer.Argument(metavar="DESIGN", help="design in TOML, such as designs/seed_motor.toml")
 ]
@@ -50,14 +57,10 @@ MapOption = Annotated[
     list[str] | None,
     typer.Option("--map", "-m", metavar="CHANNEL=COLUMN", help="such as omega='speed [rpm]'; may be repeated"),
 ]
-JsonOption = Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the result as JSON")]
-ReportOption = Annotated[
-    Path | None, typer.Option("--report", metavar="FILE", help="write the result as one HTML page")
-]
+JsonOption = Annotated[Path | None, _output("FILE", "write the result as JSON", "--json")]
+ReportOption = Annotated[Path | None, _output("FILE", "write the result as one HTML page", "--report")]
 HoldoutOption = Annotated[Path | None, typer.Option("--holdout", metavar="LOG2", help="another log, predicted only")]
-NewDesignOption = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with what was found")
-]
+NewDesignOption = Annotated[Path | None, _output("NEW_DESIGN", "write the design with what was found")]
 MethodOption = Annotated[
     str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")
 ]
@@ -123,7 +126,7 @@ app.command()(init)
 @app.command()
 def simulate(
     design: DesignArgument,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="LOG", help="the log to write, canonical CSV")],
+    output: Annotated[Path, _output("LOG", "the log to write, canonical CSV")],
     scenario: Annotated[
         str, typer.Option("--scenario", "-s", metavar="NAME", help="the motion", autocompletion=_scenario_names)
     ] = "sweep",
@@ -154,9 +157,7 @@ def simulate(
 @app.command()
 def tune(
     design: DesignArgument,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="write the design with its loops set")
-    ] = None,
+    output: Annotated[Path | None, _output("NEW_DESIGN", "write the design with its loops set")] = None,
     current: Annotated[
         str, typer.Option("--current", help="modulus_optimum, pole_cancellation or bandwidth")
     ] = "modulus_optimum",
@@ -296,7 +297,7 @@ def add(
     effect: Annotated[str, typer.Argument(metavar="EFFECT", help="an id of the catalogue", autocompletion=_effect_ids)],
     design: DesignOption,
     log: Annotated[Path, typer.Option("--log", metavar="LOG", help="the log its parameters are fitted to")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="NEW_DESIGN", help="the design to write")],
+    output: Annotated[Path, _output("NEW_DESIGN", "the design to write")],
     mapping: MapOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -395,9 +396,7 @@ def study(
     design: DesignArgument,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="a measured log of this axis")] = None,
     holdout: HoldoutOption = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="the report; reports/NAME.html if left out")
-    ] = None,
+    output: Annotated[Path | None, _output("FILE", "the report; reports/NAME.html if left out")] = None,
     mapping: MapOption = None,
     seed: SeedOption = 0,
     json_file: JsonOption = None,
@@ -424,16 +423,17 @@ def study(
 def import_log(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="what a drive or logger wrote")],
     design: Annotated[Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="for its [log] table")] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="LOG", help="write it as canonical CSV")
-    ] = None,
+    output: Annotated[Path | None, _output("LOG", "write it as canonical CSV")] = None,
     mapping: MapOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Show what was understood of a foreign log, and the [log] table that reads it again."""
+    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import write_text
     from pmsm_ctrl.importers import describe
 
+    if output is not None and output.resolve() == file.resolve():
+        raise RequestError(f"--output {output}: is the file that is read; it would be lost")
     result = describe(file, _design(design) if design is not None else None, parse_map(mapping))
     finish("import", result, json_file=json_file)
     if output is not None:
@@ -450,9 +450,7 @@ def effects(
     design: Annotated[
         Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="simulate the effect's signature on it")
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="draw the signature: .svg, .png or .pdf")
-    ] = None,
+    output: Annotated[Path | None, _output("FILE", "draw the signature: .svg, .png or .pdf")] = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
-from pmsm_ctrl.files import write_text
+from pmsm_ctrl.files import require_writable, write_text
 
 if TYPE_CHECKING:
     from pmsm_ctrl.result import Result, Section
@@ -28,6 +28,7 @@ __all__ = [
     "parse_values",
     "progress_bar",
     "run",
+    "writable",
     "write_json",
     "write_report",
 ]
@@ -79,7 +80,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
 NEXT_COMMANDS = (
     (r"no such file; a design", "pmsm-ctrl init writes a design from a datasheet"),
     (r"loops: missing", "pmsm-ctrl tune DESIGN --output NEW_DESIGN"),
-    (r"no channel '", "say which column it is, such as --map i_q='COLUMN [UNIT]'"),
+    (r"no channel '", "--map i_q='COLUMN [UNIT]' says which column it is"),
     (r"a number was expected|holds text|neither (omega|theta|torque)|\bunit \[", "pmsm-ctrl import LOG"),
     (r"unknown effect", "pmsm-ctrl effects lists them"),
     (r"no plateau|settled speed level", "pmsm-ctrl identify takes a log of any motion"),
@@ -166,6 +167,13 @@ def parse_values(entries: Sequence[str] | None) -> dict[str, float]:
         except ValueError:
             raise RequestError(f"--set '{entry}': NAME=NUMBER was expected, such as speed_max=100") from None
     return values
+
+
+def writable(path: Path | None) -> Path | None:
+    """Callback of an option that names an output: what cannot be written is refused before the work begins."""
+    if path is not None:
+        require_writable(path)
+    return path
 
 
 def write_json(path: Path, verb: str, data: Mapping[str, Any]) -> None:

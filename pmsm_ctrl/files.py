@@ -4,41 +4,95 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pmsm_ctrl.errors import RequestError
 
-__all__ = ["atomic_path", "sha256", "write_text"]
+__all__ = ["atomic_path", "require_writable", "sha256", "write_text"]
+
+# A process that was killed leaves its temporary file behind. Nobody writes for a day: what is older is swept up.
+STALE = 86400.0
 
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary name beside `path`; rename it to `path` when the block ends without error.
 
+    A link is followed, a file's permissions are kept, and a device or pipe is written to, not replaced.
+
     Raises
     ------
     RequestError
         When the folder does not exist or cannot be written.
     """
-    target = Path(path)
+    require_writable(path)
+    target = Path(os.path.realpath(path))
+    stream = target.exists() and not target.is_file()  # /dev/stdout, a named pipe
+    folder = Path(tempfile.gettempdir()) if stream else target.parent
+    prefix, suffix = f".{target.name[:100]}.", ".part"
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
+        handle, name = tempfile.mkstemp(prefix=prefix, suffix=suffix, dir=folder)
     except OSError as error:
-        raise RequestError(f"{target}: cannot write here ({error.strerror})") from None
+        raise RequestError(f"{path}: cannot write here ({error.strerror})") from None
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o644)
-        os.replace(temporary, target)
-    except IsADirectoryError:
-        raise RequestError(f"{target}: is a folder; a file name was expected") from None
+        if stream:
+            with open(temporary, "rb") as source, open(target, "wb") as sink:
+                shutil.copyfileobj(source, sink)
+        else:
+            temporary.chmod(_mode(target))
+            os.replace(temporary, target)
+            _sweep(folder, prefix, suffix)
     finally:
         with suppress(FileNotFoundError):
             temporary.unlink()
+
+
+def require_writable(path: str | os.PathLike[str]) -> None:
+    """Refuse a place that cannot be written, before the work whose result should go there.
+
+    Raises
+    ------
+    RequestError
+        When `path` is a folder, or its folder does not exist or cannot be written.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+        if target.is_dir():
+            raise RequestError(f"{path}: is a folder; a file name was expected")
+        if not target.parent.is_dir():
+            raise RequestError(f"{path}: cannot write here (no folder '{Path(path).parent}')")
+        occupied = target if target.exists() and not target.is_file() else target.parent
+        if not os.access(occupied, os.W_OK):
+            raise RequestError(f"{path}: cannot write here (permission denied)")
+    except (OSError, ValueError) as error:  # a name with a zero byte, or longer than the system allows
+        raise RequestError(f"{path}: cannot write here ({getattr(error, 'strerror', None) or error})") from None
+
+
+def _mode(target: Path) -> int:
+    """Permissions of the file that is replaced, or those that a new file gets here."""
+    if target.exists():
+        return target.stat().st_mode & 0o777
+    mask = os.umask(0)
+    os.umask(mask)
+    return 0o666 & ~mask
+
+
+def _sweep(folder: Path, prefix: str, suffix: str) -> None:
+    """Remove what killed processes left behind while they wrote the same file."""
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            if name.startswith(prefix) and name.endswith(suffix):
+                left = folder / name
+                if time.time() - left.stat().st_mtime > STALE:
+                    left.unlink()
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
