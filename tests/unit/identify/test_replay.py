@@ -1,0 +1,106 @@
+"""The log's experiment repeated: against the simulation that made the log."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import DesignError, LogError
+from pmsm_ctrl.identify.problem import build_problem
+from pmsm_ctrl.identify.replay import build_replay, plant_with
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.simulate.scenarios import Scenario
+
+IDEAL = {"encoder_counts": 0, "current_noise": 0.0}
+
+
+@pytest.fixture(scope="module")
+def design(designs) -> Design:
+    return Design.read(designs / "seed_motor.toml")
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+# (scenario, its parameters, error of the replayed current in A rms; the sensor's noise is 4 mA)
+MOTIONS = [
+    ("triangle", {"speed": 150.0, "period": 2.0}, 1e-9),  # the references in the log are all there is
+    ("positioning", {"count": 2.0}, 1e-9),  # steps of the reference
+    ("reversal", {"speed": 80.0}, 1e-4),  # acceleration feedforward, which no log holds
+    ("s_curve", {"cycles": 1.0}, 3e-4),
+    ("multisine", {"period": 1.0}, 3e-4),  # a test signal, which no log holds
+    ("identification", {"duration": 12.0}, 6e-4),
+]
+
+
+@pytest.mark.parametrize(("name", "parameters", "error"), MOTIONS, ids=[m[0] for m in MOTIONS])
+@pytest.mark.parametrize("divider", [16, 1])
+def test_a_noisy_log_is_repeated_without_its_noise(design, name, parameters, error, divider) -> None:
+    sampled = design.replace(sensor={"log_divider": divider})
+    motion = scenario(name, design, **parameters)
+    noisy, clean = simulate(sampled, motion, seed=3), simulate(sampled.replace(sensor=IDEAL), motion)
+    again = build_replay(sampled, noisy).run(sampled)
+    assert len(again) == len(noisy)
+    assert rms(again["i_q"] - clean["i_q"]) < error
+    assert rms(noisy["i_q"] - clean["i_q"]) > 3e-3
+
+
+def test_a_log_that_begins_while_the_axis_moves(design) -> None:
+    motion = scenario("triangle", design, speed=150.0, period=2.0)
+    noisy, clean = simulate(design, motion, seed=4), simulate(design.replace(sensor=IDEAL), motion)
+    again = build_replay(design, noisy.slice(2200, 5200)).run(design)
+    assert rms((again["i_q"] - clean["i_q"][2200:5200])[300:]) < 5e-4
+
+
+def test_what_was_added_to_the_current_is_said(design) -> None:
+    motion = scenario("multisine", design, amplitude=0.05, period=1.0)
+    replay = build_replay(design, simulate(design, motion, seed=1))
+    assert "beside the speed controller: replayed" in replay.notes[0]
+    added = replay.scenario.inputs(np.arange(1000) / 1000.0 + 2.0)[:, 3]
+    assert rms(added) == pytest.approx(0.05, rel=0.02)
+
+
+def test_the_load_torque_of_the_log_is_applied(design) -> None:
+    push = Scenario("push", 3.0, lambda t: {"omega_ref": np.full(t.shape, 20.0), "T_load": 0.05 * np.sin(9.0 * t)})
+    clean = simulate(design.replace(sensor=IDEAL), push)
+    again = build_replay(design, clean).run(design)
+    assert rms(again["i_q"] - clean["i_q"]) < 1e-3 * rms(clean["i_q"])
+
+
+def test_a_rate_that_does_not_divide_the_control_rate(design) -> None:
+    motion = scenario("triangle", design, speed=150.0, period=2.0)
+    clean = simulate(design.replace(sensor=IDEAL), motion)
+    t = np.arange(0.0, clean.t[-1], 0.0013)
+    odd = Log({"t": t} | {n: np.interp(t, clean.t, v) for n, v in clean.channels.items() if n != "t"})
+    again = build_replay(design, odd).run(design)
+    assert len(again) == len(odd)
+    assert rms(again["omega"] - odd["omega"]) < 0.2
+
+
+def test_without_reference_loops_or_motor(design) -> None:
+    log = simulate(design, scenario("triangle", design, period=1.0, cycles=1.0))
+    bare = Log({name: log[name] for name in ("t", "theta", "i_q")})
+    with pytest.raises(LogError, match=r"no omega_ref and no theta_ref.*method = 'regression'"):
+        build_replay(design, bare)
+    plain = Design.from_dict({"motor": {"J": 0.01, "K_t": 1.0}})
+    with pytest.raises(DesignError, match="add them, or use method = 'regression'"):
+        build_replay(plain, log)
+
+
+def test_a_current_at_its_limit_is_said(design) -> None:
+    weak = design.replace(drive={"i_max": 0.05})
+    log = simulate(weak, scenario("sweep", design, dwell=0.2, speed_step=50.0))
+    assert any("current limit" in note for note in build_replay(weak, log).notes)
+
+
+def test_values_become_a_plant(design) -> None:
+    problem = build_problem(design, simulate(design, scenario("triangle", design, period=1.0)))
+    plant = plant_with(design, problem.columns, [8e-5, -0.1, 2e-4])
+    assert pytest.approx(8e-5) == plant.J
+    assert plant.parameters("coulomb")["F_c"] == 0.0  # moved to its bound
+    assert plant.parameters("viscous")["F_v"] == 2e-4
+    assumed = design.replace(assumed={"K_t": 1.0})
+    assert plant_with(assumed, (), ()).K_t == pytest.approx(1.0)
