@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.export.program import Program
+from pmsm_ctrl.export.writers import plain
 
 __all__ = ["Block", "Value", "identifier", "loop_gains"]
 
@@ -20,6 +21,9 @@ class Value:
     meaning: str
     number: float = 0.0
     kind: str = "real"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "meaning", plain(self.meaning))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,9 @@ class Block:
     arrays: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     start: tuple[ast.stmt, ...] = ()
     gains: tuple[Value, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "title", plain(self.title))
 
     @property
     def name(self) -> str:

@@ -9,7 +9,7 @@ from typing import Literal
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export.trees import expressions
 
-__all__ = ["CWriter", "Flavour", "StWriter", "real", "symbols_of"]
+__all__ = ["CWriter", "Flavour", "StWriter", "plain", "real", "symbols_of"]
 
 Flavour = Literal["iec", "br", "beckhoff"]
 
@@ -25,6 +25,13 @@ def real(value: float) -> str:
     text = repr(float(value)).upper()
     mantissa, mark, exponent = text.partition("E")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{mark}{exponent}"
+
+
+def plain(text: str) -> str:
+    """Return a text that may stand in a comment of any language here: ASCII, and nothing that ends the comment."""
+    for ending in ("*)", "*/", "]]>"):
+        text = text.replace(ending, " ".join(ending))
+    return " ".join(text.encode("ascii", "replace").decode().split())
 
 
 def symbols_of(statements: Iterable[ast.stmt]) -> dict[str, float]:
@@ -174,7 +181,7 @@ class CWriter(_Writer):
 
     def remark(self, text: str) -> str:
         """Return a comment."""
-        return f"/* {text} */"
+        return f"/* {plain(text)} */"
 
     def element(self, array: str, index: list[str]) -> str:
         """Return an element of an array."""
@@ -225,7 +232,7 @@ class StWriter(_Writer):
 
     def remark(self, text: str) -> str:
         """Return a comment."""
-        return f"(* {text} *)"
+        return f"(* {plain(text)} *)"
 
     def element(self, array: str, index: list[str]) -> str:
         """Return an element of an array."""

@@ -131,6 +131,18 @@ def test_a_second_parser_finds_no_error(design: Design, flavour: str) -> None:
         assert parser.parse(text.replace("END_VAR", "", 1).encode()).root_node.has_error
 
 
+def test_no_name_ends_a_comment_or_leaves_ascii(design: Design, tmp_path: Path) -> None:
+    odd = design.replace(name="Ständer*/ 2 *) ]]> #1")
+    for flavour in ("iec", "br", "beckhoff"):
+        for name, text in export_files(odd, "st", flavour=flavour).items():
+            assert name.isascii()
+            if not name.endswith((".csv", ".toml", ".lis")):
+                assert text.isascii()
+    (tmp_path / "axis.c").write_text(export(odd, "c"), encoding="ascii")
+    subprocess.run(["gcc", *FLAGS, str(tmp_path / "axis.c"), "-o", str(tmp_path / "axis.so"), "-lm"], check=True)
+    assert "double St_nder_2_1_compensation(" in export(odd, "c")
+
+
 def test_gains_are_in_both(design: Design) -> None:
     assert "#define SEED_MOTOR_SPEED_KP 0.0274" in export(design, "c")
     assert "SPEED_KP : LREAL := 0.0274;" in export(design, "st")
