@@ -5,13 +5,18 @@ Speeds are taken in alternating pairs of processor time, so that a busy machine 
 
 from __future__ import annotations
 
+import ctypes
+import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.export import export_files
+from pmsm_ctrl.export.blocks import identifier
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.track import FrictionTracker, Settings, track
@@ -57,6 +62,35 @@ def difference(design: Design, log: Log, kind: Kind) -> float:
     return max(float(np.abs(np.array(a) - b).max() / np.abs(b).max()) for a, b in pairs)
 
 
+def exported(design: Design, log: Log) -> tuple[float, float]:
+    """Return nanoseconds per sample of the exported C at -O2, and its largest relative difference from the twin."""
+    axis = f"{identifier(design.name)}_tracker"
+    loop = f"""#include "{axis}.h"
+    void loop(int n, const double *t, const double *theta, const double *i_d, const double *i_q, double *F_c) {{
+        {axis}_t self; {axis}_init(&self);
+        for (int k = 0; k < n; k++) {{ {axis}_update(&self, t[k], theta[k], i_d[k], i_q[k], 0.0); F_c[k] = self.F_c; }}
+    }}"""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        for name, text in {**export_files(design, "c"), "loop.c": loop}.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        sources = [str(folder / f"{axis}.c"), str(folder / "loop.c")]
+        subprocess.run(
+            ["gcc", "-std=c99", "-O2", "-shared", "-fPIC", *sources, "-o", f"{place}/a.so", "-lm"], check=True
+        )
+        run = ctypes.CDLL(f"{place}/a.so").loop
+        F_c = np.zeros(len(log))
+        channels = [np.ascontiguousarray(log[name]) for name in ("t", "theta", "i_d", "i_q")]
+        arguments = [ctypes.c_void_p(a.ctypes.data) for a in (*channels, F_c)]
+        took = []
+        for _ in range(20):
+            start = time.process_time()
+            run(len(log), *arguments)
+            took.append((time.process_time() - start) / len(log))
+    wanted = track(design, log, adapt=False).history["F_c"]
+    return 1e9 * float(np.median(took)), float(np.abs(F_c - wanted).max() / np.abs(wanted).max())
+
+
 def row(name: str, figure: str, wanted: str) -> None:
     """Print one line of the table."""
     print(f"| {name} | {figure} | {wanted} |", flush=True)
@@ -74,6 +108,9 @@ def main() -> None:
         row(f"samples/s, filterpy's {kind} filter and its twin", f"{slow:,.0f} and {fast:,.0f}, {fast / slow:.0f} x",
             "500 x")  # fmt: skip
         row(f"largest relative difference, {kind} filter and twin", f"{difference(design, log, kind):.0e}", "1e-9")
+    took, apart = exported(design, log)
+    row("exported C of the extended filter, ns per sample, and difference from the twin", f"{took:.0f}, {apart:.0e}",
+        "1e-6")  # fmt: skip
     steps = []
     for seed in range(20):
         for share in (0.3, -0.3):
