@@ -106,7 +106,7 @@ def share_panel(axes: Any, found: Where) -> None:
     colours = [VERMILION if d.significant else GREY for d in shown]
     axes.barh([d.coordinate for d in shown], [100 * d.share for d in shown], color=colours)
     for k, d in enumerate(shown):
-        text = f"{100 * d.share:.0f} %" if d.significant else "not significant"
+        text = f"{100 * d.share:.0f} %" if d.significant else d.why_not
         axes.text(100 * d.share + 1.5, k, text, va="center", fontsize="x-small")
     axes.set_xlim(0.0, 118.0)
     axes.set_xticks([0, 25, 50, 75, 100])
@@ -123,27 +123,30 @@ def dependence_panel(axes: Any, d: Dependence, residual: Any, found: Where) -> N
     axes.plot(d.values[used], residual[used], ".", ms=1.5, alpha=0.35, color=GREY, rasterized=True, zorder=0)
     spread = float(np.quantile(np.abs(residual[used]), 0.995))
     limit = 1.1 * max(spread, d.peak)
+    faint = 1.0 if d.significant else 0.35
     if d.coordinate == "direction":
-        axes.plot([-1.0, 1.0], [d.backward[0], d.forward[1]], "s", color=VERMILION, ms=8)
+        axes.plot([-1.0, 1.0], [d.backward[0], d.forward[1]], "s", color=VERMILION, ms=8, alpha=faint)
         axes.set_xticks([-1.0, 1.0], ["backward", "forward"])
         axes.set_xlim(-1.8, 1.8)
+    elif d.coordinate == "speed":
+        x, y = np.concatenate([-d.x[::-1], d.x]), np.concatenate([d.backward[::-1], d.forward])
+        axes.plot(x, y, color=VERMILION, linewidth=1.6, alpha=faint)
+        # friction bends at low speed, where a straight scale shows nothing
+        axes.set_xscale("symlog", linthresh=0.05 * float(d.x[-1]), linscale=1.2)
+        axes.locator_params(axis="x", numticks=7)
+        axes.set_xlabel(f"speed [{d.unit}], logarithmic")
     else:
-        x = d.x if d.coordinate != "speed" else np.concatenate([-d.x[::-1], d.x])
-        curves = (d.forward, d.backward)
-        if d.coordinate == "speed":
-            axes.plot(x, np.concatenate([d.backward[::-1], d.forward]), color=VERMILION, linewidth=1.6)
-        else:
-            for y, colour, style, label in zip(
-                curves, (BLUE, VERMILION), ("-", "--"), ("forward", "backward"), strict=True
-            ):
-                if np.isfinite(y).any():
-                    axes.plot(d.x, y, color=colour, linestyle=style, linewidth=1.5, label=label)
+        for y, colour, style, label in zip(
+            (d.forward, d.backward), (BLUE, VERMILION), ("-", "--"), ("forward", "backward"), strict=True
+        ):
+            if np.isfinite(y).any():
+                axes.plot(d.x, y, color=colour, linestyle=style, linewidth=1.5, label=label, alpha=faint)
+        if d.significant:
             axes.legend(fontsize="x-small", loc="upper right", framealpha=0.7)
-        unit = f" [{d.unit}]" if d.unit else ""
-        axes.set_xlabel(("angle within a turn" if d.orders else d.coordinate) + unit)
+        axes.set_xlabel(("angle within a turn" if d.orders else d.coordinate) + f" [{d.unit}]")
     axes.set_ylim(-limit, limit)
     axes.set_ylabel(f"residual [{found.unit}]")
-    state = f"{100 * d.share:.0f} %" if d.significant else "nothing sure"
+    state = f"{100 * d.share:.0f} %" if d.significant else d.why_not
     axes.set_title(f"over {d.coordinate}: {state}", fontsize="small")
     axes.grid(alpha=0.3)
 

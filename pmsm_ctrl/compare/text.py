@@ -13,21 +13,21 @@ if TYPE_CHECKING:
 
 __all__ = ["report_section", "summary_text"]
 
-HEAD = ("channel", "how", "rms", "noise floor", "unit", "relative", "worst", "mean", "log")
+HEAD = ("record", "channel", "how", "rms", "noise floor", "unit", "relative", "worst", "mean")
 
 
 def _cells(name: str, how: str, e: ChannelError, label: str) -> tuple[str, ...]:
     floor = f"{e.floor:.3g}" if np.isfinite(e.floor) else "-"
     figures = (f"{e.rms:.4g}", floor, e.unit, f"{100 * e.relative:.2f} %", f"{e.worst:.3g}", f"{e.mean:+.2g}")
-    return (name, how, *figures, label)
+    return (label, name, how, *figures)
 
 
 def error_rows(c: Comparison) -> list[tuple[str, ...]]:
     """Errors of every channel by every method on both logs."""
     rows: list[tuple[str, ...]] = []
-    records = [(c.log_name, c.channels, c.simulated)]
+    records = [("log", c.channels, c.simulated)]
     if c.holdout is not None:
-        records.append((c.holdout_name, c.holdout, c.holdout_simulated or ()))
+        records.append(("held out", c.holdout, c.holdout_simulated or ()))
     for label, errors, simulated in records:
         rows += [_cells(name, "prediction", e, label) for name, e in errors.items()]
         for run in simulated:
@@ -52,15 +52,16 @@ def where_rows(c: Comparison, channel: str) -> list[tuple[str, ...]]:
 
 def summary_text(c: Comparison) -> str:
     """Return the result as text, trust first."""
-    lines = [f"comparison of {c.design.name} with {c.log_name}"]
+    held = f", held out: {c.holdout_name}" if c.holdout is not None else ""
+    lines = [f"comparison of {c.design.name} with {c.log_name}{held}"]
     lines += [f"  warning: {text}" for text in c.warnings] or ["  no reason to doubt the numbers was found"]
     for channel, found in c.where.items():
         lines.append(f"  {channel}: {found.sentence()}")
     lines.append("  errors, measured less predicted:")
-    for name, how, rms, floor, unit, relative, worst, mean, label in error_rows(c):
+    for label, name, how, rms, floor, unit, relative, worst, mean in error_rows(c):
         lines.append(
-            f"    {name:<7} rms {rms:>9} {unit:<6} relative {relative:>8}  noise floor {floor:>8}  worst {worst:>8}"
-            f"  mean {mean:>8}  {how} ({label})"
+            f"    {label:<8} {name:<7} rms {rms:>9} {unit:<6} relative {relative:>8}  noise floor {floor:>8}"
+            f"  worst {worst:>8}  mean {mean:>8}  {how}"
         )
     lines.append("  share of the torque residual that depends on:")
     for name, share, beyond, p, place in where_rows(c, "torque"):
@@ -95,6 +96,6 @@ def report_section(c: Comparison) -> Section:
         )
     if c.holdout_traces:
         figures.append((c.plot_holdout(), "The same parameters on the record that was held out."))
-    where_head = ("coordinate", "share of the residual", "beyond those above", "p", "where, or why it does not count")
+    where_head = ("coordinate", "share alone", "share added", "p", "where, or why it does not count")
     tables = [(HEAD, tuple(error_rows(c))), (where_head, tuple(where_rows(c, "torque")))]
     return Section("Model against measurement", tuple(paragraphs), tuple(tables), tuple(figures))

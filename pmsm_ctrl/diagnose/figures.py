@@ -1,50 +1,327 @@
-"""Figures of the diagnosis. Colours of Okabe and Ito, safe for the colour-blind."""
+"""Figures of the diagnosis: ladder, residual maps, worst stretch, contributions. Colours of Okabe and Ito."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.compare.figures import SHADE, outline
+from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
+from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pmsm_ctrl.diagnose.diagnosis import Diagnosis
+    from pmsm_ctrl.diagnose.leftover import Leftover
+    from pmsm_ctrl.diagnose.selection import Fitted
 
-__all__ = ["ladder_figure"]
+__all__ = [
+    "Plane", "contributions", "contributions_figure", "ladder_figure", "leftover_figure", "maps_figure", "plane_of",
+    "step_names", "worst_stretch", "worst_stretch_figure",
+]  # fmt: skip
 
-BLUE, VERMILION, BLACK = "#0072B2", "#D55E00", "#000000"
+Array = NDArray[np.float64]
+
+# Told apart by the colour-blind; from the fifth on they are hatched as well.
+PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442", "#D55E00", "#7f8a97")
+MOST_MAPS = 6
+CELLS = (24, 18)  # of a map: over speed, and over the other coordinate
+LEAST = 3  # samples in a cell that is drawn
+SPEED_BINS = 24
+
+
+def step_names(d: Diagnosis) -> list[str]:
+    """Names of the accepted effects, an order told where there are several of one kind."""
+    names = []
+    for step in d.steps:
+        order = step.parameters.get("order")
+        names.append(f"{step.effect} {order.value:g}" if order is not None else step.effect)
+    return names
+
+
+def _linear(d: Diagnosis) -> bool:
+    return d.record.linear
+
+
+def _speed_label(d: Diagnosis) -> str:
+    return "speed [m/s]" if _linear(d) else "speed [rad/s]"
+
+
+def _torque_label(d: Diagnosis, what: str = "") -> str:
+    word = "force" if _linear(d) else "torque"
+    return f"{word}{what} [{d.record.unit('torque')}]"
+
+
+# ---- ladder ---------------------------------------------------------------------------------------------------------
 
 
 def ladder_figure(d: Diagnosis) -> Figure:
-    """Draw the error of every rung, and the torque residual over speed before and after."""
+    """Draw the relative error of every balance on every rung, on the log and on the held-out record."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    rungs = ["refitted", *(f"+ {s.effect}" for s in d.steps)]
-    own = [d.errors["base"]["torque"]["relative"], *(s.error_after["torque"]["relative"] for s in d.steps)]
-    left.plot(np.array(own) * 100, "o-", color=BLUE, label="log")
-    if d.steps and d.steps[0].holdout_before:
-        other = [d.steps[0].holdout_before["torque"]["relative"]]
-        other += [s.holdout_after["torque"]["relative"] for s in d.steps]
-        left.plot(np.array(other) * 100, "s--", color=VERMILION, label="held-out record")
-    floor = d.errors["noise_floor"]["torque"]["relative"] * 100
-    left.axhline(floor, color=BLACK, linestyle=":", label="noise floor")
-    left.set_xticks(range(len(rungs)), rungs, rotation=30, ha="right", fontsize="small")
-    left.set_ylabel("relative torque error [%]")
-    left.set_ylim(bottom=0.0)
-    left.set_title("The error falls with every effect")
-    left.legend(fontsize="small")
-    first, last = d.selection.fits[0], d.selection.fits[-1]
-    omega, used = first.record.at_grid(first.record.signals["omega"]), first.record.mask
-    unit = first.record.unit("torque")
-    right.plot(omega[used], first.residual[0][used], ".", ms=2, color=VERMILION, label="before")
-    right.plot(omega[used], last.residual[0][used], ".", ms=2, color=BLUE, label="after")
-    right.set_xlabel("speed [m/s]" if first.record.linear else "speed [rad/s]")
-    right.set_ylabel(f"torque residual [{unit}]")
-    right.set_title("Residual over speed: a shape is a missing effect")
-    right.legend(fontsize="small")
-    for axes in (left, right):
+    channels = list(d.errors["base"])
+    rungs = ["design\nas given", "parameters\nrefitted", *(f"+ {name}" for name in step_names(d))]
+    figure = Figure(figsize=(9.0, 3.6 if len(channels) == 1 else 2.6 * len(channels) + 0.8), layout="constrained")
+    panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, channel in zip(panels, channels, strict=True):
+        own = [d.errors[rung][channel]["relative"] for rung in ("nominal", "base")]
+        own += [s.error_after[channel]["relative"] for s in d.steps]
+        _rungs(axes, list(range(len(own))), own, BLUE, "o-", "log", (0, 7))
+        if d.steps and channel in d.steps[0].holdout_before:
+            other = [d.steps[0].holdout_before[channel]["relative"]]
+            other += [s.holdout_after[channel]["relative"] for s in d.steps]
+            _rungs(axes, list(range(1, 1 + len(other))), other, VERMILION, "s--", "held-out record", (0, 7))
+        floor = d.errors["noise_floor"][channel]["relative"] * 100
+        axes.axhline(floor, color=BLACK, linestyle=":", label=f"noise floor, {floor:.3g} %")
+        axes.set_ylim(0.0, 1.28 * axes.get_ylim()[1])
+        axes.set_ylabel(f"{'force' if _linear(d) else channel} error [%]")
+        axes.legend(fontsize="small", loc="upper right")
         axes.grid(alpha=0.3)
+    panels[-1].set_xticks(range(len(rungs)), rungs, fontsize="small", rotation=0 if len(rungs) < 6 else 20)
+    panels[-1].set_xlim(-0.4, len(rungs) - 0.6)
+    panels[0].set_title("Relative error, rung by rung")
+    return figure
+
+
+def _rungs(
+    axes: Any, x: list[int], values: Sequence[float], colour: str, style: str, label: str, offset: tuple[int, int]
+) -> None:
+    axes.plot(x, 100 * np.array(values), style, color=colour, label=label)
+    for k, value in zip(x, values, strict=True):
+        axes.annotate(
+            f"{100 * value:.3g}", (k, 100 * value), textcoords="offset points", xytext=offset, fontsize="x-small",
+            ha="center", color=colour,
+        )  # fmt: skip
+
+
+# ---- residual maps --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """The second coordinate of the maps, shape (m,), in which the first residual has the most shape."""
+
+    name: str
+    label: str
+    values: Array
+
+
+def plane_of(d: Diagnosis) -> Plane:
+    """Choose position or acceleration for the maps: where the cells' means explain more of the first residual.
+
+    On a rotary axis the position is the angle within one wave of the first order found, or within a turn.
+    """
+    first = d.selection.fits[0]
+    record, used = first.record, first.record.mask
+    theta = record.at_grid(record.signals["theta"])
+    planes = [
+        Plane(
+            "acceleration",
+            f"acceleration [{'m/s²' if _linear(d) else 'rad/s²'}]",
+            record.at_grid(record.signals["alpha"]),
+        )
+    ]
+    if _linear(d):
+        planes.append(Plane("position", "position [m]", theta))
+    else:
+        orders = [s.parameters["order"].value for s in d.steps if "order" in s.parameters]
+        order = orders[0] if orders else 1.0
+        within = (
+            f"angle within a wave of order {order:g} [rad of the wave]" if order != 1.0 else "angle in a turn [rad]"
+        )
+        planes.append(Plane("position", within, np.mod(order * theta, 2.0 * np.pi)))
+    omega = record.at_grid(record.signals["omega"])
+    shares = [_explained(omega[used], p.values[used], first.residual[0][used]) for p in planes]
+    return planes[int(np.argmax(shares))]
+
+
+def _edges(values: Array, count: int) -> Array:
+    low, high = np.quantile(values, [0.005, 0.995])
+    return np.linspace(low, high if high > low else low + 1.0, count + 1)
+
+
+def _explained(omega: Array, other: Array, residual: Array) -> float:
+    """Share of the residual's variance that the cells' means explain, the cells paid for."""
+    mean, count = _cells(omega, other, residual, _edges(omega, CELLS[0]), _edges(other, CELLS[1]))
+    full = count >= LEAST
+    between = float(np.sum(count[full] * mean[full] ** 2))
+    noise = float(np.mean(residual**2)) * int(full.sum())
+    return between - noise
+
+
+def _cells(omega: Array, other: Array, residual: Array, x: Array, y: Array) -> tuple[Array, Array]:
+    """Mean residual and number of samples of every cell."""
+    count, _, _ = np.histogram2d(omega, other, bins=(x, y))
+    total, _, _ = np.histogram2d(omega, other, bins=(x, y), weights=residual)
+    return np.divide(total, count, out=np.zeros_like(total), where=count > 0), count
+
+
+def maps_figure(d: Diagnosis) -> Figure:
+    """Draw the mean residual over speed and a second coordinate, before and after each step, in one colour scale."""
+    from matplotlib.figure import Figure
+
+    plane = plane_of(d)
+    fits = list(d.selection.fits)
+    titles = ["before", *(f"with {name}" for name in step_names(d)[: len(fits) - 1])]
+    if len(fits) > MOST_MAPS:  # the first ones and the last
+        fits, titles = [*fits[: MOST_MAPS - 1], fits[-1]], [*titles[: MOST_MAPS - 1], f"... {titles[len(fits) - 1]}"]
+    used = fits[0].record.mask
+    omega = fits[0].record.at_grid(fits[0].record.signals["omega"])[used]
+    x, y = _edges(omega, CELLS[0]), _edges(plane.values[used], CELLS[1])
+    cells = [_cells(omega, plane.values[used], fit.residual[0][used], x, y) for fit in fits]
+    columns = min(3, len(fits))
+    rows = -(-len(fits) // columns)
+    figure = Figure(figsize=(3.2 * columns + 0.8, 2.9 * rows + 0.3), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    limit = float(np.quantile(np.abs(cells[0][0][cells[0][1] >= LEAST]), 0.98))
+    drawn = None
+    for k, axes in enumerate(panels.ravel()):
+        if k >= len(fits):
+            axes.set_axis_off()
+            continue
+        mean, count = cells[k]
+        shown = np.ma.masked_where(count < LEAST, mean)
+        axes.set_facecolor("#dddddd")
+        drawn = axes.pcolormesh(x, y, shown.T, cmap="PuOr", vmin=-limit, vmax=limit, rasterized=True)
+        rms = float(np.sqrt(np.mean(fits[k].residual[0][used] ** 2)))
+        axes.set_title(f"{titles[k]}\nrms {rms:.3g} {d.record.unit('torque')}", fontsize="small")
+    for axes in panels[-1]:
+        axes.set_xlabel(_speed_label(d))
+    figure.supylabel(plane.label, fontsize="medium")
+    assert drawn is not None
+    figure.colorbar(drawn, ax=panels, label=f"mean residual [{d.record.unit('torque')}]", extend="both")
+    return figure
+
+
+# ---- worst stretch --------------------------------------------------------------------------------------------------
+
+
+def worst_stretch(d: Diagnosis) -> Stretch | None:
+    """The stretch in which the design as it was, refitted, fails worst; None where none stands out."""
+    first = d.selection.fits[0]
+    record = first.record
+    omega = record.at_grid(record.signals["omega"])
+    unit = "m/s" if _linear(d) else "rad/s"
+    found = worst_stretches(record.t, first.residual[0], record.mask, omega, record.unit("torque"), unit, 1)
+    return found[0] if found else None
+
+
+def worst_stretch_figure(d: Diagnosis, stretch: Stretch) -> Figure:
+    """Draw measured against predicted, before and with all effects, in the worst stretch."""
+    from matplotlib.figure import Figure
+
+    first, last = d.selection.fits[0], d.selection.fits[-1]
+    t = first.record.t
+    around = 0.5 * (stretch.stop - stretch.start)
+    part = (t >= stretch.start - around) & (t <= stretch.stop + around)
+    measured = first.record.target[0][part]
+    figure = Figure(figsize=(8.5, 5.0), layout="constrained")
+    upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=[3, 1.5, 1])
+    upper.plot(t[part], measured, color=BLACK, linewidth=1.4, label="measured")
+    named = f"with {', '.join(step_names(d))}" if d.steps else "after the last round"
+    for fit, colour, style, label in ((first, VERMILION, "--", "predicted before"), (last, BLUE, "-.", named)):
+        residual = fit.residual[0][part]
+        if fit is last and len(d.selection.fits) == 1:
+            continue
+        upper.plot(t[part], fit.record.target[0][part] - residual, color=colour, linestyle=style, label=label)
+        middle.plot(t[part], residual, color=colour, linestyle=style, linewidth=1.0)
+    middle.axhline(0.0, color=BLACK, linewidth=0.5)
+    lower.plot(t[part], first.record.at_grid(first.record.signals["omega"])[part], color=BLACK, linewidth=1.0)
+    lower.axhline(0.0, color=BLACK, linewidth=0.5)
+    upper.set_ylabel(_torque_label(d))
+    middle.set_ylabel(f"residual [{d.record.unit('torque')}]")
+    lower.set_ylabel(_speed_label(d))
+    lower.set_xlabel("time [s]")
+    upper.legend(fontsize="small")
+    upper.set_title(f"{stretch.start:.4g} to {stretch.stop:.4g} s: {stretch.doing}")
+    for axes in (upper, middle, lower):
+        axes.axvspan(stretch.start, stretch.stop, color=SHADE, alpha=0.3, linewidth=0)
+        axes.grid(alpha=0.3)
+    return figure
+
+
+# ---- contributions --------------------------------------------------------------------------------------------------
+
+
+def contributions(fit: Fitted) -> dict[str, Array]:
+    """What every part of the model adds to the torque balance, shape (m,); the parts sum to the prediction."""
+    out: dict[str, Array] = {}
+    for position, group in enumerate(fit.model.groups):
+        columns = fit.model.columns_of(position)
+        values = fit.model.matrix[0][:, columns] @ fit.plain.values[columns]
+        if not np.any(values):
+            continue
+        name = (
+            "inertia"
+            if group.symbols == ("J",)
+            else (group.effect.id if group.effect is not None else group.symbols[0])
+        )
+        order = group.shape.get("order")
+        key = f"{name} {order:g}" if order else name
+        out[key] = out.get(key, 0.0) + values
+    return out
+
+
+def contributions_figure(d: Diagnosis) -> Figure:
+    """Draw the mean contribution of every effect over speed, stacked, and its rms beside it."""
+    from matplotlib.figure import Figure
+
+    fit = d.selection.fits[-1]
+    used = fit.record.mask
+    omega = fit.record.at_grid(fit.record.signals["omega"])[used]
+    edges = np.unique(np.quantile(omega, np.linspace(0.0, 1.0, SPEED_BINS + 1)))
+    place = np.clip(np.searchsorted(edges, omega, side="right") - 1, 0, len(edges) - 2)
+    count = np.maximum(np.bincount(place, minlength=len(edges) - 1), 1)
+    x = np.bincount(place, omega, len(edges) - 1) / count
+    parts = {name: values[used] for name, values in contributions(fit).items()}
+    names = sorted(parts, key=lambda n: -float(np.mean(parts[n] ** 2)))
+    figure = Figure(figsize=(9.5, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    above, below = np.zeros(len(x)), np.zeros(len(x))
+    for k, name in enumerate(names):
+        mean = np.bincount(place, parts[name], len(x)) / count
+        colour, hatch = PALETTE[k % len(PALETTE)], ("" if k < 4 else "//")
+        left.fill_between(x, above, above + np.maximum(mean, 0.0), color=colour, hatch=hatch, linewidth=0, label=name)
+        left.fill_between(x, below, below + np.minimum(mean, 0.0), color=colour, hatch=hatch, linewidth=0)
+        above, below = above + np.maximum(mean, 0.0), below + np.minimum(mean, 0.0)
+        rms = np.sqrt(np.bincount(place, parts[name] ** 2, len(x)) / count)
+        right.plot(x, rms, color=colour, linestyle="-" if k < 4 else "--", marker=".", ms=4, label=name)
+    measured = np.bincount(place, fit.record.target[0][used], len(x)) / count
+    left.plot(x, measured, "o", color=BLACK, ms=3.5, label="measured, mean")
+    left.axhline(0.0, color=BLACK, linewidth=0.5)
+    left.set_ylabel(_torque_label(d, ", mean"))
+    left.set_title("Means, stacked")
+    right.set_ylabel(_torque_label(d, ", rms"))
+    right.set_title("Size of each part")
+    right.set_ylim(bottom=0.0)
+    left.legend(fontsize="x-small")
+    for axes in (left, right):
+        axes.set_xlabel(_speed_label(d))
+        axes.grid(alpha=0.3)
+    return figure
+
+
+# ---- what is left ---------------------------------------------------------------------------------------------------
+
+
+def leftover_figure(d: Diagnosis, left: Leftover) -> Figure:
+    """Draw the residual that nothing explains over its coordinate, with the smooth curve that stands in."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.5, 3.6), layout="constrained")
+    axes = figure.subplots()
+    x, y = outline(*left.curve, bins=300)
+    unit = d.record.unit(left.channel)
+    axes.plot(x, y, color=VERMILION, linewidth=1.5, label="smooth curve, a stopgap")
+    axes.axhline(0.0, color=BLACK, linewidth=0.5)
+    axes.set_xlabel(f"{left.coordinate} [SI]")
+    axes.set_ylabel(f"{left.channel} residual [{unit}]")
+    axes.set_title(f"What nothing in the catalogue explains: {100 * left.share:.0f} % of what is left")
+    axes.legend(fontsize="small")
+    axes.grid(alpha=0.3)
     return figure

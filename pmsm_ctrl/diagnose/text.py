@@ -7,9 +7,13 @@ from typing import TYPE_CHECKING
 from pmsm_ctrl.result import Section
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from pmsm_ctrl.diagnose.diagnosis import Diagnosis, Errors
 
 __all__ = ["ladder_rows", "report_section", "summary_text"]
+
+Table = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
 
 VERDICTS = {
     "consistent": "the design explains this log; no effect is missing",
@@ -76,17 +80,80 @@ def summary_text(d: Diagnosis) -> str:
 
 
 def report_section(d: Diagnosis) -> Section:
-    """Return the section of the report."""
+    """Return the section of the report: what was found, the ladder, maps, worst stretch and contributions."""
+    from pathlib import Path
+
     ranking = tuple(
         (r.effect, f"{100 * r.explained:.1f} %", f"{r.p_value:.2g}", "accepted" if r.accepted else r.why_not)
         for r in d.ranking
     )
-    return Section(
-        title=f"Diagnosis from {d.log_name}",
-        paragraphs=(f"Verdict: {d.verdict}, {VERDICTS[d.verdict]}.", *(f"Warning: {w}" for w in d.warnings)),
-        tables=(
-            (("rung", "error on the log", "error on the held-out record"), tuple(ladder_rows(d))),
-            (("effect", "explains", "p", "taken, or why not"), ranking),
-        ),
-        figures=((d.plot(), "The error falls from rung to rung towards the noise floor."),),
+    tables: list[Table] = []
+    if d.steps:
+        tables.append((("found", "parameters", "p after Holm", "this log cannot tell it from"), tuple(_found_rows(d))))
+    tables.append((("rung", "error on the log", "error on the held-out record"), tuple(ladder_rows(d))))
+    tables.append((("effect", "explains", "p", "taken, or why not"), ranking))
+    if d.parameter_deviations:
+        head = ("parameter", "design", "estimate", "unit", "remark")
+        tables.append((head, tuple(_deviation_rows(d))))
+    paragraphs = [f"Verdict: {d.verdict}, {VERDICTS[d.verdict]}.", *(f"Warning: {w}" for w in d.warnings)]
+    if d.next_experiment:
+        paragraphs.append(f"Next experiment: {d.next_experiment['profile']}: {d.next_experiment['why']}.")
+    return Section(f"Diagnosis from {Path(d.log_name).name}", tuple(paragraphs), tuple(tables), tuple(_figures(d)))
+
+
+def _found_rows(d: Diagnosis) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for step in d.steps:
+        numbers = ", ".join(
+            f"{s} = {e.value:.4g}" + (f" ± {e.stderr:.2g}" if e.stderr == e.stderr else "") + f" {e.unit}"
+            for s, e in step.parameters.items()
+        )
+        p = step.evidence["p_holm"]
+        shown = "< 1e-12" if p < 1e-12 else f"{p:.2g}"
+        rows.append((step.effect, numbers, shown, ", ".join(step.equivalents) or "-"))
+    return rows
+
+
+def _deviation_rows(d: Diagnosis) -> list[tuple[str, ...]]:
+    return [
+        (v.parameter, f"{v.nominal:.5g}", f"{v.estimate:.5g} ± {v.stderr:.2g}", v.unit, v.note if v.flagged else "-")
+        for v in d.parameter_deviations
+    ]
+
+
+def _figures(d: Diagnosis) -> list[tuple[Figure, str]]:
+    """Every figure with the sentence that says what to see."""
+    from pmsm_ctrl.diagnose.figures import (
+        contributions_figure,
+        leftover_figure,
+        maps_figure,
+        plane_of,
+        step_names,
+        worst_stretch,
+        worst_stretch_figure,
     )
+
+    found = ", then ".join(step_names(d)) or "nothing"
+    kind = "force" if d.record.linear else "torque"
+    before, after, floor = (100 * d.errors[r]["torque"]["relative"] for r in ("base", "final", "noise_floor"))
+    fall = f"from {before:.2f} to {after:.2f} % of the {kind}, with a noise floor of {floor:.2f} %"
+    ladder = f"Every step down is an effect taken in ({found}): the error falls {fall}."
+    if not d.steps:
+        ladder = f"No effect was taken in: {after:.2f} % of the {kind} is left, with a noise floor of {floor:.2f} %."
+    made = [(d.plot(), ladder)]
+    maps = f"Mean residual over speed and {plane_of(d).name}, all in one colour scale; grey: no samples. "
+    maps += "A pattern is a missing effect; it fades with every effect taken in." if d.steps else "No pattern is left."
+    made.append((maps_figure(d), maps))
+    stretch = worst_stretch(d)
+    if stretch is not None:
+        text = f"The stretch in which the refitted design fails worst ({stretch.doing}). "
+        text += "The effects found bring the prediction onto the measurement." if d.steps else ""
+        made.append((worst_stretch_figure(d, stretch), text.strip()))
+    text = (
+        "What every part of the final model contributes over speed. Left, means stacked: together they meet the "
+        f"measured {kind} (dots). Right, the size of each part, those that average out over a turn included."
+    )
+    made.append((contributions_figure(d), text))
+    if d.left is not None:
+        made.append((leftover_figure(d, d.left), f"{d.left.text[0].upper()}{d.left.text[1:]}."))
+    return made
