@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from pmsm_ctrl.errors import PmsmCtrlError, RequestError
+from pmsm_ctrl.errors import CacheWarning, PmsmCtrlError, RequestError
 from pmsm_ctrl.files import require_writable, write_text
 
 if TYPE_CHECKING:
@@ -51,6 +51,8 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     if not debug:
         # What a user should doubt is in a result's own warnings; a library's are for developers.
         warnings.simplefilter("ignore")
+        warnings.simplefilter("always", CacheWarning)
+        warnings.showwarning = _show_warning
     # So that `kill` unwinds the stack and no half-written temporary file stays behind.
     with contextlib.suppress(ValueError):  # only the main thread may set a handler
         signal.signal(signal.SIGTERM, _terminate)
@@ -93,6 +95,12 @@ def _next_command(message: str, words: Sequence[str]) -> str:
     if not message or "pmsm-ctrl " in message:
         return ""
     return next((f"; next: {command}" for sign, command in NEXT_COMMANDS if re.search(sign, message)), "")
+
+
+def _show_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+) -> None:
+    print(f"pmsm-ctrl: {message}", file=sys.stderr)
 
 
 def _terminate(signum: int, frame: Any) -> NoReturn:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-__all__ = ["DesignError", "LogError", "PmsmCtrlError", "RequestError", "SimulationError", "nearest"]
+__all__ = ["CacheWarning", "DesignError", "LogError", "PmsmCtrlError", "RequestError", "SimulationError", "nearest"]
 
 
 class PmsmCtrlError(Exception):
@@ -26,6 +26,10 @@ class RequestError(PmsmCtrlError):
 
 class SimulationError(PmsmCtrlError):
     """A simulation left the finite numbers; the message says where, when and why."""
+
+
+class CacheWarning(UserWarning):
+    """The cache of compiled kernels is damaged or cannot be written; it costs time, not the answer."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pmsm_ctrl.effects.base import SIGNALS, Effect
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import write_text
-from pmsm_ctrl.kernels import OPTIONS, cache_folder
+from pmsm_ctrl.kernels import OPTIONS, cache_folder, soundly_cached
 
 __all__ = ["column", "columns"]
 
@@ -125,7 +125,10 @@ def _compile(effect: Effect) -> Callable[..., Any]:
     signature = numba.types.void(numba.float64[:, ::1], *([array] * len(effect.signals)), *scalars)
     module = effect.py_term.__module__
     if module.startswith("pmsm_ctrl.effects.") and getattr(sys.modules.get(module), "term", None) is effect.term:
-        return numba.njit(signature, **OPTIONS)(_filed_loop(effect, module))
+        loop = soundly_cached(numba.njit(**OPTIONS)(_filed_loop(effect, module)))
+        loop.compile(signature)
+        loop.disable_compile()
+        return loop
     # An own effect may change between two runs without numba noticing, so its loop is never kept on disk.
     scope: dict[str, Any] = {"term": effect.term}
     exec(_source(effect), scope)
@@ -139,9 +142,10 @@ def _filed_loop(effect: Effect, module: str) -> Callable[..., Any]:
     """
     name = f"column_{module.rpartition('.')[2]}"
     path = cache_folder() / f"{name}.py"
-    if not path.exists():
+    text = f"from {module} import term\n\n\n{_source(effect)}"
+    if not path.exists() or path.read_bytes() != text.encode():
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, f"from {module} import term\n\n\n{_source(effect)}")
+        write_text(path, text)
     spec = importlib.util.spec_from_file_location(f"_pmsm_ctrl_{name}", path)
     assert spec is not None
     assert spec.loader is not None

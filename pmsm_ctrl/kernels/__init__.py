@@ -16,7 +16,9 @@ from typing import Any
 
 import numba
 
-__all__ = ["OPTIONS", "cache_folder", "inlined", "kernel", "source_hash"]
+from pmsm_ctrl.kernels.cache import SoundCache
+
+__all__ = ["OPTIONS", "cache_folder", "inlined", "kernel", "soundly_cached", "source_hash"]
 
 # Contraction only: it gives the fused multiply-add (1.6 x) and keeps NaN, infinity and signed zero exact.
 OPTIONS: dict[str, Any] = {
@@ -58,7 +60,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     What was typed at a prompt has no file, and so no place in the cache: it is compiled anew in every process.
     """
-    return numba.njit(**{**OPTIONS, "cache": _on_file(function)})(function)
+    return soundly_cached(numba.njit(**{**OPTIONS, "cache": _on_file(function)})(function))
 
 
 def inlined(function: Callable[..., Any]) -> Any:
@@ -67,7 +69,14 @@ def inlined(function: Callable[..., Any]) -> Any:
     Left alone, LLVM calls the larger pieces, and everything constant in the loop around is worked out again at
     every step (1.2 x). Without wrappers for Python they compile faster.
     """
-    return numba.njit(**{**_INLINED, "cache": _on_file(function)})(function)
+    return soundly_cached(numba.njit(**{**_INLINED, "cache": _on_file(function)})(function))
+
+
+def soundly_cached(dispatcher: Any) -> Any:
+    """Give a compiled function that numba would cache a cache that survives damage."""
+    if _on_file(dispatcher.py_func):
+        dispatcher._cache = SoundCache(dispatcher.py_func)
+    return dispatcher
 
 
 def _on_file(function: Callable[..., Any]) -> bool:

@@ -258,7 +258,7 @@ def _compiled(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect,
         return module
     folder = cache_folder() / "generated"
     path = folder / f"{name}.py"
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
+    if not path.exists() or path.read_bytes() != text.encode():
         folder.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
     spec = importlib.util.spec_from_file_location(f"pmsm_ctrl_generated_{name}", path)
