@@ -61,7 +61,10 @@ SIDE = 0.5 / SCALE  # weight of every point beside the middle one
 
 @inlined
 def root(P, U, slow, from_angle):
-    """Fill the rows of `U` with the upper root of SCALE P; a state without variance has a row of zeros."""
+    """Fill the rows of `U` with the upper root of SCALE P; a state without variance has a row of zeros.
+
+    The angle's own row is left out: nothing depends on the angle, so its points need not be carried.
+    """
     for i in range(slow):
         pivot = SCALE * P[i, i]
         for k in range(i):
@@ -78,11 +81,6 @@ def root(P, U, slow, from_angle):
             for k in range(i):
                 rest_of -= U[k, i] * U[k, THETA]
             U[i, THETA] = rest_of * per
-    if from_angle != 0.0:
-        pivot = SCALE * P[THETA, THETA]
-        for k in range(slow):
-            pivot -= U[k, THETA] * U[k, THETA]
-        U[THETA, THETA] = sqrt(pivot) if pivot > 0.0 else 0.0
 
 
 @inlined
@@ -102,10 +100,11 @@ def accelerated(x, U, k, sign, direction, torque, known, dt):
 
 
 @inlined
-def predict_points(x, P, m, s, slow, middle, U, up, down):
+def predict_points(x, P, m, s, slow, middle, U, gain):
     """Carry the sigma points one step on; `middle` is the middle point's weight. Returns the direction of motion.
 
-    `up` and `down` are filled with how much faster than the middle point the points at either side become.
+    A point's speed changes by ``dt`` times its acceleration; the rest of the step is linear. So the points are needed
+    for that change alone: for its mean, its variance, and its covariance with the states, which fills `gain`.
     """
     dt = m[DT]
     half = 0.5 * dt
@@ -114,47 +113,40 @@ def predict_points(x, P, m, s, slow, middle, U, up, down):
     root(P, U, slow, from_angle)
     torque, known = m[TORQUE], m[KNOWN]
     alpha = accelerated(x, U, OMEGA, 0.0, direction, torque, known, dt)
-    shift = 0.0
+    for i in range(slow):
+        gain[i] = 0.0
+    gain[THETA], shift, squares, points = 0.0, 0.0, 0.0, 0.0
     for k in range(slow):
-        up[k] = dt * (accelerated(x, U, k, 1.0, direction, torque, known, dt) - alpha)
-        down[k] = dt * (accelerated(x, U, k, -1.0, direction, torque, known, dt) - alpha)
-        shift += SIDE * (up[k] + down[k])
+        # how much more than the middle point's the speed of the two points changes
+        up = dt * (accelerated(x, U, k, 1.0, direction, torque, known, dt) - alpha)
+        down = dt * (accelerated(x, U, k, -1.0, direction, torque, known, dt) - alpha)
+        shift += SIDE * (up + down)
+        squares += SIDE * (up * up + down * down)
+        points += 2.0 * SIDE if U[k, k] > 0.0 else 0.0
+        apart = SIDE * (up - down)
+        for i in range(k, slow):
+            gain[i] += U[k, i] * apart
+        gain[THETA] += U[k, THETA] * apart
+    # two more points, apart in the angle alone, change as the middle one does
+    points += 2.0 * SIDE if from_angle != 0.0 else 0.0
+    # weighted sum of (change - shift)^2, multiplied out: the weighted sum of the changes is the shift itself
+    spread = squares + (middle + points - 2.0) * shift * shift
     per_J = 1.0 / x[INERTIA]
-    q = process_variance(m, s) * per_J * per_J
-    turned = half * shift
-    # residuals of the middle point are -shift and -turned
-    aa = middle * shift * shift + q
-    ab = middle * shift * turned + half * q
-    bb = middle * turned * turned + half * half * q
-    for k in range(slow):
-        side = SIDE if U[k, k] > 0.0 else 0.0  # a state that is not estimated has no points
-        first, second = U[k, OMEGA] + up[k] - shift, down[k] - U[k, OMEGA] - shift
-        aa += side * (first * first + second * second)
-        # the angle of a point: its own deviation, its speed's over the step, and the change of its speed
-        swung = U[k, THETA] + dt * U[k, OMEGA]
-        third, fourth = swung + half * up[k] - turned, half * down[k] - swung - turned
-        ab += side * (first * third + second * fourth)
-        bb += side * (third * third + fourth * fourth)
-    last = U[THETA, THETA]
-    # two more points, apart in the angle alone
-    aa += SIDE * 2.0 * shift * shift if from_angle != 0.0 else 0.0
-    ab += SIDE * 2.0 * shift * turned
-    bb += SIDE * ((last - turned) * (last - turned) + (last + turned) * (last + turned))
-    for i in range(1, slow):
-        with_omega, with_theta = 0.0, 0.0
-        for k in range(i + 1):
-            apart = 2.0 * U[k, OMEGA] + up[k] - down[k]
-            with_omega += U[k, i] * apart
-            with_theta += U[k, i] * (2.0 * (U[k, THETA] + dt * U[k, OMEGA]) + half * (up[k] - down[k]))
-        P[OMEGA, i] = P[i, OMEGA] = SIDE * with_omega
-        if from_angle != 0.0:
-            P[THETA, i] = P[i, THETA] = SIDE * with_theta
-    x[THETA] += dt * (x[OMEGA] + half * alpha) + turned
-    x[OMEGA] += dt * alpha + shift
-    P[OMEGA, OMEGA] = aa
+    noise = spread + process_variance(m, s) * per_J * per_J
+    with_omega, with_theta = gain[OMEGA], gain[THETA]
     if from_angle != 0.0:
-        P[OMEGA, THETA] = P[THETA, OMEGA] = ab
-        P[THETA, THETA] = bb
+        for i in range(1, slow):
+            P[THETA, i] = P[i, THETA] = P[i, THETA] + dt * P[i, OMEGA] + half * gain[i]
+        both = P[OMEGA, THETA]
+        P[THETA, THETA] += 2.0 * dt * both + dt * dt * P[OMEGA, OMEGA] + dt * (with_theta + dt * with_omega)
+        P[THETA, THETA] += half * half * noise
+        P[OMEGA, THETA] = both + dt * (P[OMEGA, OMEGA] + with_omega) + half * (with_omega + noise) + with_theta
+        P[THETA, OMEGA] = P[OMEGA, THETA]
+    for i in range(1, slow):
+        P[OMEGA, i] = P[i, OMEGA] = P[i, OMEGA] + gain[i]
+    P[OMEGA, OMEGA] += 2.0 * with_omega + noise
+    x[THETA] += dt * (x[OMEGA] + half * alpha) + half * shift
+    x[OMEGA] += dt * alpha + shift
     return direction
 
 
@@ -238,9 +230,9 @@ def run_unscented(t, z, torque, known, s, x, P, m, estimates, variances, covaria
             grow(P, s, slow, m[DT])
         if event == PREDICTED:
             if slow == 3:  # a constant bound lets the compiler unroll the loops of the usual case
-                direction = predict_points(x, P, m, s, 3, middle, U, up, down)
+                direction = predict_points(x, P, m, s, 3, middle, U, cross)
             else:
-                direction = predict_points(x, P, m, s, slow, middle, U, up, down)
+                direction = predict_points(x, P, m, s, slow, middle, U, cross)
             if m[DUE] != 0.0:
                 event, y, S = update_points(x, P, m, s, z[k], slow, middle, direction, U, up, down, cross, K)
                 innovations[k, 0] = y
