@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 REVERSAL_WINDOW = 0.1  # s around a change of the reference speed's sign
 SETTLE = 0.8  # s of rest that belong to the motion before, or to a push
 SHORTEST = 0.5  # s of rest in which a limit cycle can be seen
-CYCLE_TURNS = 4  # changes of direction at rest that make a limit cycle
+CYCLE_SWINGS = 4  # swings over most of its width, there and back, that make a limit cycle
 
 UNITS = {
     "rms": "rad", "peak": "rad", "reversal_peak": "rad", "stuck": "1", "cycle_amplitude": "rad",
@@ -106,7 +106,7 @@ def _metrics(
     quiet = np.ones(error.size - 1, dtype=bool)
     quiet[np.minimum(turned, error.size - 2)] = False
     quiet[np.maximum(turned - 1, 0)] = False
-    amplitude, frequency = _cycle(log["theta_true"][used], omega, commanded, period)
+    amplitude, frequency = _cycle(log["theta_true"][used], commanded, period)
     return Metrics(
         rms=float(np.sqrt(np.mean(error**2))),
         peak=float(np.max(np.abs(error))),
@@ -127,17 +127,29 @@ def _turns(reference: Array) -> NDArray[np.intp]:
     return np.concatenate([moving[:1], moving[change]])
 
 
-def _cycle(theta: Array, omega: Array, commanded: NDArray[np.bool_], period: float) -> tuple[float, float]:
-    """Largest limit cycle while the reference rests: half its width and its frequency."""
+def _cycle(theta: Array, commanded: NDArray[np.bool_], period: float) -> tuple[float, float]:
+    """Largest limit cycle while the reference rests: half its width and its frequency.
+
+    It lasts to the end of the rest: it is looked for in all of the rest (slow hunting), in its last half and in its
+    last quarter (a fast cycle that a last slip on the way to rest would hide).
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[True], commanded, [True]]).astype(np.int8)))
     worst = (0.0, 0.0)
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        first = start + round(SETTLE / period)
-        if stop - first < round(SHORTEST / period):
+        length = stop - start - round(SETTLE / period)
+        if length < round(SHORTEST / period):
             continue
-        moving = omega[first:stop][omega[first:stop] != 0.0]
-        turns = int(np.sum(np.diff(np.sign(moving)) != 0))
-        amplitude = 0.5 * float(np.ptp(theta[first:stop]))
-        if turns >= CYCLE_TURNS and amplitude > worst[0]:
-            worst = amplitude, turns / (2.0 * (stop - first) * period)
+        for share in (1, 2, 4):
+            seen = theta[stop - length // share : stop]
+            swings, amplitude = _swings(seen), 0.5 * float(np.ptp(seen))
+            if swings.size >= CYCLE_SWINGS and amplitude > worst[0]:
+                worst = amplitude, float((swings.size - 1) / (2.0 * (swings[-1] - swings[0]) * period))
     return worst
+
+
+def _swings(theta: Array) -> NDArray[np.intp]:
+    """Samples at which the angle has swung from the lowest to the highest quarter of its range, or back."""
+    low, high = float(theta.min()), float(theta.max())
+    outside = np.flatnonzero((theta < low + 0.25 * (high - low)) | (theta > high - 0.25 * (high - low)))
+    above = theta[outside] > 0.5 * (low + high)
+    return outside[1:][above[1:] != above[:-1]]

@@ -55,9 +55,7 @@ def study_trials(design: Design) -> dict[str, Trial]:
     motions = {f"reversal {speed:g} rad/s": _sine_then_rest(design, speed) for speed in (0.5, 2.0, 10.0)}
     motions["triangle"] = _path("triangle", _triangle)
     motions |= {f"creep {speed:g} rad/s": _path("creep", _creep(speed)) for speed in (0.1, 1.0)}
-    motions["positioning"] = scenario(
-        "s_curve", design, distance=0.5, speed=5.0, acceleration=50.0, jerk=1000.0, dwell=2.0, cycles=2.0
-    )
+    motions["positioning"] = _path("positioning", _positioning)
     motions["push"] = _push(design)
     trials = {name: Trial((motion,)) for name, motion in motions.items()}
     trials[CIRCLE] = Trial((_circle(0), _circle(1)), radius=RADIUS)
@@ -137,9 +135,9 @@ def _circle(axis: int) -> Scenario:
 
 
 def _push(design: Design) -> Scenario:
-    """A slow sine, then rest; a push of twice the friction for 5 ms wakes what sleeps there, and 2 s to see it."""
-    moving = _sine_then_rest(design, 2.0, cycles=1.0, rest=2.5)
-    start = moving.duration - 2.3
+    """A slow sine, then rest; a push of twice the friction for 5 ms wakes what sleeps there, and 4 s to see it."""
+    moving = _sine_then_rest(design, 2.0, cycles=1.0, rest=4.2)
+    start = moving.duration - 4.0
     push = Limits.of(design).breakaway * design.K_t
 
     def references(t: Array) -> Mapping[str, Array]:
@@ -181,6 +179,14 @@ def _triangle(builder: PathBuilder) -> None:
     for level in (2.0, -2.0, 2.0, -2.0, 0.0):
         builder.ramp(level, 4.0)
     builder.piece(1.0)
+
+
+def _positioning(builder: PathBuilder) -> None:
+    """Half a radian there and back, with rests long enough to see hunting from 0.7 Hz on."""
+    limits = Limits(speed=5.0, acceleration=50.0, jerk=1000.0)
+    for place in (0.5, 0.0):
+        builder.move(place, limits)
+        builder.piece(4.0)
 
 
 def _creep(speed: float) -> Callable[[PathBuilder], None]:

@@ -207,6 +207,8 @@ def compensate(
 ) -> CompensationStudy:
     """Compare no, partial, full and adaptive friction compensation, and sweep the gain for its safe window.
 
+    The sweep compensates what the design compensates, or every effect where it has no compensation.
+
     Parameters
     ----------
     design : Design
@@ -235,6 +237,8 @@ def compensate(
     if full is None:
         raise DesignError(f"{design.source or design.name}: effects: no friction to compensate; identify it first")
     every = tuple(dict.fromkeys(effect.id for effect in full.effects))
+    chosen = tuple(name for name in every if name in design.compensation.effects)
+    swept = chosen if design.compensation.gain > 0.0 and chosen else every
     advance = progress or (lambda share: None)
 
     def run(believed: Design, trial: Trial) -> Metrics:
@@ -244,7 +248,7 @@ def compensate(
     windows = {}
     for done, source in enumerate(SOURCES):
         windows[source] = gain_window(
-            _swept(run, base, every, source, trials, own),
+            _swept(run, base, swept, source, trials, own),
             SWEEP_TRIALS,
             source,
             gains=gains,
