@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Plane", "contributions", "contributions_figure", "ladder_figure", "leftover_figure", "maps_figure", "plane_of",
-    "step_names", "worst_stretch", "worst_stretch_figure",
+    "rms_within", "step_names", "worst_stretch", "worst_stretch_figure",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -33,6 +33,7 @@ MOST_MAPS = 6
 CELLS = (24, 18)  # of a map: over speed, and over the other coordinate
 LEAST = 3  # samples in a cell that is drawn
 SPEED_BINS = 24
+NEGLIGIBLE = 1e-3  # of the largest part: a smaller one is not drawn
 
 
 def step_names(d: Diagnosis) -> list[str]:
@@ -141,8 +142,11 @@ def plane_of(d: Diagnosis) -> Plane:
 
 
 def _edges(values: Array, count: int) -> Array:
+    """Edges of cells, half-way between evenly spread ones and ones that hold equally many samples."""
     low, high = np.quantile(values, [0.005, 0.995])
-    return np.linspace(low, high if high > low else low + 1.0, count + 1)
+    even = np.linspace(low, high if high > low else low + 1.0, count + 1)
+    full = np.quantile(values, np.linspace(0.005, 0.995, count + 1))
+    return 0.5 * (even + np.maximum(full, low))
 
 
 def _explained(omega: Array, other: Array, residual: Array) -> float:
@@ -211,6 +215,12 @@ def worst_stretch(d: Diagnosis) -> Stretch | None:
     return found[0] if found else None
 
 
+def rms_within(fit: Fitted, stretch: Stretch) -> float:
+    """Rms torque residual of a fit inside a stretch of time."""
+    inside = fit.record.mask & (fit.record.t >= stretch.start) & (fit.record.t <= stretch.stop)
+    return float(np.sqrt(np.mean(fit.residual[0][inside] ** 2)))
+
+
 def worst_stretch_figure(d: Diagnosis, stretch: Stretch) -> Figure:
     """Draw measured against predicted, before and with all effects, in the worst stretch."""
     from matplotlib.figure import Figure
@@ -223,7 +233,7 @@ def worst_stretch_figure(d: Diagnosis, stretch: Stretch) -> Figure:
     figure = Figure(figsize=(8.5, 5.0), layout="constrained")
     upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=[3, 1.5, 1])
     upper.plot(t[part], measured, color=BLACK, linewidth=1.4, label="measured")
-    named = f"with {', '.join(step_names(d))}" if d.steps else "after the last round"
+    named = "predicted with the effects found"
     for fit, colour, style, label in ((first, VERMILION, "--", "predicted before"), (last, BLUE, "-.", named)):
         residual = fit.residual[0][part]
         if fit is last and len(d.selection.fits) == 1:
@@ -237,7 +247,7 @@ def worst_stretch_figure(d: Diagnosis, stretch: Stretch) -> Figure:
     middle.set_ylabel(f"residual [{d.record.unit('torque')}]")
     lower.set_ylabel(_speed_label(d))
     lower.set_xlabel("time [s]")
-    upper.legend(fontsize="small")
+    upper.legend(fontsize="small", loc="upper left", bbox_to_anchor=(0.0, -0.02), ncols=3, frameon=False)
     upper.set_title(f"{stretch.start:.4g} to {stretch.stop:.4g} s: {stretch.doing}")
     for axes in (upper, middle, lower):
         axes.axvspan(stretch.start, stretch.stop, color=SHADE, alpha=0.3, linewidth=0)
@@ -249,18 +259,17 @@ def worst_stretch_figure(d: Diagnosis, stretch: Stretch) -> Figure:
 
 
 def contributions(fit: Fitted) -> dict[str, Array]:
-    """What every part of the model adds to the torque balance, shape (m,); the parts sum to the prediction."""
+    """What every part of the model adds to the torque balance, shape (m,); the parts sum to the prediction.
+
+    What only sets clocks right is called timing.
+    """
     out: dict[str, Array] = {}
     for position, group in enumerate(fit.model.groups):
         columns = fit.model.columns_of(position)
         values = fit.model.matrix[0][:, columns] @ fit.plain.values[columns]
         if not np.any(values):
             continue
-        name = (
-            "inertia"
-            if group.symbols == ("J",)
-            else (group.effect.id if group.effect is not None else group.symbols[0])
-        )
+        name = group.effect.id if group.effect is not None else ("inertia" if group.symbols == ("J",) else "timing")
         order = group.shape.get("order")
         key = f"{name} {order:g}" if order else name
         out[key] = out.get(key, 0.0) + values
@@ -279,25 +288,29 @@ def contributions_figure(d: Diagnosis) -> Figure:
     count = np.maximum(np.bincount(place, minlength=len(edges) - 1), 1)
     x = np.bincount(place, omega, len(edges) - 1) / count
     parts = {name: values[used] for name, values in contributions(fit).items()}
-    names = sorted(parts, key=lambda n: -float(np.mean(parts[n] ** 2)))
+    size = {name: float(np.mean(values**2)) for name, values in parts.items()}
+    names = [n for n in sorted(parts, key=lambda n: -size[n]) if size[n] > NEGLIGIBLE**2 * max(size.values())]
     figure = Figure(figsize=(9.5, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     above, below = np.zeros(len(x)), np.zeros(len(x))
     for k, name in enumerate(names):
         mean = np.bincount(place, parts[name], len(x)) / count
         colour, hatch = PALETTE[k % len(PALETTE)], ("" if k < 4 else "//")
-        left.fill_between(x, above, above + np.maximum(mean, 0.0), color=colour, hatch=hatch, linewidth=0, label=name)
-        left.fill_between(x, below, below + np.minimum(mean, 0.0), color=colour, hatch=hatch, linewidth=0)
+        look = {"facecolor": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0}
+        left.fill_between(x, above, above + np.maximum(mean, 0.0), label=name, **look)
+        left.fill_between(x, below, below + np.minimum(mean, 0.0), **look)
         above, below = above + np.maximum(mean, 0.0), below + np.minimum(mean, 0.0)
-        rms = np.sqrt(np.bincount(place, parts[name] ** 2, len(x)) / count)
-        right.plot(x, rms, color=colour, linestyle="-" if k < 4 else "--", marker=".", ms=4, label=name)
+        if name != "inertia":  # it would dwarf the others
+            rms = np.sqrt(np.bincount(place, parts[name] ** 2, len(x)) / count)
+            right.plot(x, rms, color=colour, linestyle="-" if k < 4 else "--", marker=".", ms=4, label=name)
     measured = np.bincount(place, fit.record.target[0][used], len(x)) / count
-    left.plot(x, measured, "o", color=BLACK, ms=3.5, label="measured, mean")
+    left.plot(x, above + below, color=BLACK, linewidth=1.0, label="their sum")
+    left.plot(x, measured, "o", color=BLACK, ms=3.5, label="measured")
     left.axhline(0.0, color=BLACK, linewidth=0.5)
     left.set_ylabel(_torque_label(d, ", mean"))
     left.set_title("Means, stacked")
     right.set_ylabel(_torque_label(d, ", rms"))
-    right.set_title("Size of each part")
+    right.set_title("Size of each part, inertia left out")
     right.set_ylim(bottom=0.0)
     left.legend(fontsize="x-small")
     for axes in (left, right):

@@ -83,21 +83,29 @@ def report_section(d: Diagnosis) -> Section:
     """Return the section of the report: what was found, the ladder, maps, worst stretch and contributions."""
     from pathlib import Path
 
+    tried = [r for r in d.ranking if r.accepted or r.p_value < 1.0]
     ranking = tuple(
         (r.effect, f"{100 * r.explained:.1f} %", f"{r.p_value:.2g}", "accepted" if r.accepted else r.why_not)
-        for r in d.ranking
+        for r in tried
     )
+    rest: dict[str, list[str]] = {}
+    for r in d.ranking:
+        if r not in tried:
+            rest.setdefault(r.why_not, []).append(r.effect)
     tables: list[Table] = []
     if d.steps:
-        tables.append((("found", "parameters", "p after Holm", "this log cannot tell it from"), tuple(_found_rows(d))))
+        tables.append((("found", "parameters", "p after Holm", "not told from"), tuple(_found_rows(d))))
     tables.append((("rung", "error on the log", "error on the held-out record"), tuple(ladder_rows(d))))
     tables.append((("effect", "explains", "p", "taken, or why not"), ranking))
     if d.parameter_deviations:
         head = ("parameter", "design", "estimate", "unit", "remark")
         tables.append((head, tuple(_deviation_rows(d))))
-    paragraphs = [f"Verdict: {d.verdict}, {VERDICTS[d.verdict]}.", *(f"Warning: {w}" for w in d.warnings)]
+    paragraphs = [f"Verdict: {VERDICTS[d.verdict]}.", *(f"Warning: {w}" for w in d.warnings)]
     if d.next_experiment:
         paragraphs.append(f"Next experiment: {d.next_experiment['profile']}: {d.next_experiment['why']}.")
+    if rest:
+        parts = "; ".join(f"{', '.join(names)} ({why})" for why, names in rest.items())
+        paragraphs.append(f"What explains nothing on this log, or cannot be tried on it: {parts}.")
     return Section(f"Diagnosis from {Path(d.log_name).name}", tuple(paragraphs), tuple(tables), tuple(_figures(d)))
 
 
@@ -128,6 +136,7 @@ def _figures(d: Diagnosis) -> list[tuple[Figure, str]]:
         leftover_figure,
         maps_figure,
         plane_of,
+        rms_within,
         step_names,
         worst_stretch,
         worst_stretch_figure,
@@ -146,12 +155,16 @@ def _figures(d: Diagnosis) -> list[tuple[Figure, str]]:
     made.append((maps_figure(d), maps))
     stretch = worst_stretch(d)
     if stretch is not None:
-        text = f"The stretch in which the refitted design fails worst ({stretch.doing}). "
-        text += "The effects found bring the prediction onto the measurement." if d.steps else ""
-        made.append((worst_stretch_figure(d, stretch), text.strip()))
+        text = f"The stretch in which the refitted design fails worst ({stretch.doing})."
+        if d.steps:
+            old, new = (rms_within(fit, stretch) for fit in (d.selection.fits[0], d.selection.fits[-1]))
+            unit = d.record.unit("torque")
+            text += f" With the effects found the residual there falls from {old:.3g} to {new:.3g} {unit} rms."
+        made.append((worst_stretch_figure(d, stretch), text))
     text = (
-        "What every part of the final model contributes over speed. Left, means stacked: together they meet the "
-        f"measured {kind} (dots). Right, the size of each part, those that average out over a turn included."
+        "What every part of the final model contributes over speed. Left, means stacked: those above zero less "
+        f"those below are the predicted {kind} (line), which has to meet the measured one (dots). Right, the size of "
+        "each part, those that average out over a turn included."
     )
     made.append((contributions_figure(d), text))
     if d.left is not None:
