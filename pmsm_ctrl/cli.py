@@ -397,6 +397,9 @@ def study(
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="a measured log of this axis")] = None,
     holdout: HoldoutOption = None,
     output: Annotated[Path | None, _output("FILE", "the report; reports/NAME.html if left out")] = None,
+    history: Annotated[
+        Path | None, typer.Option("--history", metavar="FILE", help="add to, and show, what earlier studies identified")
+    ] = None,
     mapping: MapOption = None,
     seed: SeedOption = 0,
     json_file: JsonOption = None,
@@ -412,8 +415,9 @@ def study(
     other = _log(holdout, believed, mapping) if holdout is not None else None
     with progress_bar(f"study {believed.name}") as progress:
         result = run_study(
-            believed, measured, holdout=other, output=output, seed=seed, command=command_line(), progress=progress
-        )
+            believed, measured, holdout=other, output=output, seed=seed, history=history, command=command_line(),
+            progress=progress,
+        )  # fmt: skip
     print(result.summary())
     if json_file is not None:
         write_json(json_file, "study", result.to_dict())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 import re
@@ -19,7 +20,8 @@ from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
 from pmsm_ctrl.identify.paper import PAPER_CASES
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.report.page import Headline, render
+from pmsm_ctrl.report.history import Entry, extended, history_section, history_text, read_history
+from pmsm_ctrl.report.page import Headline, render, versions
 from pmsm_ctrl.result import Result, Section, jsonable
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.tune import Tuning, tune
@@ -93,6 +95,7 @@ def study(
     output: str | os.PathLike[str] | None = None,
     seed: int = 0,
     own: Iterable[Effect] = (),
+    history: str | os.PathLike[str] | None = None,
     command: str = "",
     progress: Callable[[float], None] | None = None,
 ) -> Study:
@@ -111,6 +114,8 @@ def study(
         Seed of the simulated noise.
     own : iterable of Effect
         A user's own effects that the design names.
+    history : path, optional
+        A file with what earlier studies of this axis identified: this one is added to it, and all are shown.
     command : str
         Shown in the appendix as the command that makes the page again.
     progress : function, optional
@@ -125,6 +130,7 @@ def study(
     """
     own = tuple(own)
     path = _target(design, output)
+    before = read_history(history) if history is not None else ()  # refused before the work, not after it
     advance = progress or (lambda share: None)
     results, skipped = _simulated_parts(design, log is None, seed, own, advance)
     tuned = results.get("tune")
@@ -144,10 +150,11 @@ def study(
         found = diagnose(drive, record, holdout=holdout, own=own, progress=lambda s: advance(0.8 + 0.15 * s))
         results["diagnose"] = found
         headline = _measured(design, record, found)
+    earlier = _history(before, design, record, identification) if history is not None else _Earlier()
     outcome = Study(identification.design, path, headline, results, tuple(skipped))
     text = render(
         f"Study of {design.name}",
-        [_section(verb, results[verb]) for verb in _reading_order(results)],
+        [*(_section(verb, results[verb]) for verb in _reading_order(results)), *earlier.sections],
         headline=headline,
         warnings=[*(f"Left out: {text}" for text in skipped), *_import_warnings(log, holdout)],
         facts=_facts(
@@ -157,8 +164,26 @@ def study(
         command=command,
     )
     write_text(path, text)
+    if history is not None:
+        write_text(history, history_text(earlier.entries))
     advance(1.0)
     return outcome
+
+
+@dataclass(frozen=True)
+class _Earlier:
+    """The history with this study in it, and its section."""
+
+    entries: tuple[Entry, ...] = ()
+    sections: tuple[Section, ...] = ()
+
+
+def _history(before: tuple[Entry, ...], design: Design, record: Log, identification: Identification) -> _Earlier:
+    name = Path(record.provenance.file).name or identification.log_name
+    key = (record.provenance.sha256, hashlib.sha256(design.to_toml().encode()).hexdigest(), versions()["pmsm-ctrl"])
+    entry = Entry(name, key, dict(identification.estimates), identification.relative_error)
+    entries = extended(before, entry)
+    return _Earlier(entries, (history_section(entries),))
 
 
 # What a reader must know about a part before its section, where the section cannot know it.
