@@ -109,6 +109,8 @@ def motion_in_words(omega: Array, fast: float, unit: str) -> str:
     if high - low <= STEADY * abs(mean):
         return f"constant {mean:+.3g} {unit}"
     start, stop = abs(float(omega[0])), abs(float(omega[-1]))
+    if float(np.min(np.abs(omega))) < 0.1 * top and min(start, stop) > 0.2 * top:
+        return f"stopping and starting again {way}, up to {top:.3g} {unit}"
     change = abs(stop - start)
     if change < 0.5 * (high - low):
         return f"unsteady, {min(abs(low), abs(high)):.3g} to {top:.3g} {unit} {way}"

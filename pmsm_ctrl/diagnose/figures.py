@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.figures import SHADE, outline
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
+from pmsm_ctrl.diagnose.text import step_names
 from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Plane", "contributions", "contributions_figure", "ladder_figure", "leftover_figure", "maps_figure", "plane_of",
-    "rms_within", "step_names", "worst_stretch", "worst_stretch_figure",
+    "rms_within", "worst_stretch", "worst_stretch_figure",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -34,15 +35,6 @@ CELLS = (24, 18)  # of a map: over speed, and over the other coordinate
 LEAST = 3  # samples in a cell that is drawn
 SPEED_BINS = 24
 NEGLIGIBLE = 1e-3  # of the largest part: a smaller one is not drawn
-
-
-def step_names(d: Diagnosis) -> list[str]:
-    """Names of the accepted effects, an order told where there are several of one kind."""
-    names = []
-    for step in d.steps:
-        order = step.parameters.get("order")
-        names.append(f"{step.effect} {order.value:g}" if order is not None else step.effect)
-    return names
 
 
 def _linear(d: Diagnosis) -> bool:
@@ -81,7 +73,7 @@ def ladder_figure(d: Diagnosis) -> Figure:
         axes.axhline(floor, color=BLACK, linestyle=":", label=f"noise floor, {floor:.3g} %")
         axes.set_ylim(0.0, 1.28 * axes.get_ylim()[1])
         axes.set_ylabel(f"{'force' if _linear(d) else channel} error [%]")
-        axes.legend(fontsize="small", loc="upper right")
+        axes.legend(fontsize="small", loc="best")
         axes.grid(alpha=0.3)
     panels[-1].set_xticks(range(len(rungs)), rungs, fontsize="small", rotation=0 if len(rungs) < 6 else 20)
     panels[-1].set_xlim(-0.4, len(rungs) - 0.6)
@@ -132,9 +124,7 @@ def plane_of(d: Diagnosis) -> Plane:
     else:
         orders = [s.parameters["order"].value for s in d.steps if "order" in s.parameters]
         order = orders[0] if orders else 1.0
-        within = (
-            f"angle within a wave of order {order:g} [rad of the wave]" if order != 1.0 else "angle in a turn [rad]"
-        )
+        within = f"angle in a wave of order {order:g} [rad]" if order != 1.0 else "angle in a turn [rad]"
         planes.append(Plane("position", within, np.mod(order * theta, 2.0 * np.pi)))
     omega = record.at_grid(record.signals["omega"])
     shares = [_explained(omega[used], p.values[used], first.residual[0][used]) for p in planes]
@@ -290,7 +280,7 @@ def contributions_figure(d: Diagnosis) -> Figure:
     parts = {name: values[used] for name, values in contributions(fit).items()}
     size = {name: float(np.mean(values**2)) for name, values in parts.items()}
     names = [n for n in sorted(parts, key=lambda n: -size[n]) if size[n] > NEGLIGIBLE**2 * max(size.values())]
-    figure = Figure(figsize=(9.5, 4.2), layout="constrained")
+    figure = Figure(figsize=(9.5, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     above, below = np.zeros(len(x)), np.zeros(len(x))
     for k, name in enumerate(names):
@@ -312,7 +302,7 @@ def contributions_figure(d: Diagnosis) -> Figure:
     right.set_ylabel(_torque_label(d, ", rms"))
     right.set_title("Size of each part, inertia left out")
     right.set_ylim(bottom=0.0)
-    left.legend(fontsize="x-small")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize="small")
     for axes in (left, right):
         axes.set_xlabel(_speed_label(d))
         axes.grid(alpha=0.3)
@@ -332,7 +322,7 @@ def leftover_figure(d: Diagnosis, left: Leftover) -> Figure:
     unit = d.record.unit(left.channel)
     axes.plot(x, y, color=VERMILION, linewidth=1.5, label="smooth curve, a stopgap")
     axes.axhline(0.0, color=BLACK, linewidth=0.5)
-    axes.set_xlabel(f"{left.coordinate} [SI]")
+    axes.set_xlabel(f"{left.coordinate}, SI units")
     axes.set_ylabel(f"{left.channel} residual [{unit}]")
     axes.set_title(f"What nothing in the catalogue explains: {100 * left.share:.0f} % of what is left")
     axes.legend(fontsize="small")

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
     from pmsm_ctrl.diagnose.diagnosis import Diagnosis, Errors
 
-__all__ = ["ladder_rows", "report_section", "summary_text"]
+__all__ = ["ladder_rows", "report_section", "step_names", "summary_text"]
 
 Table = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
 
@@ -27,13 +27,23 @@ def _percent(errors: Errors) -> str:
     return ", ".join(f"{name} {100 * e['relative']:.2f} %" for name, e in errors.items() if e["relative"] is not None)
 
 
+def step_names(d: Diagnosis) -> list[str]:
+    """Names of the accepted effects, an order told where an effect has one."""
+    names = []
+    for step in d.steps:
+        order = step.parameters.get("order")
+        names.append(f"{step.effect} {order.value:g}" if order is not None else step.effect)
+    return names
+
+
 def ladder_rows(d: Diagnosis) -> list[tuple[str, str, str]]:
     """Rows of the ladder: rung, error on the log, error on the held-out record."""
     rows = [("design as given", _percent(d.errors["nominal"]), "")]
     rows.append(
         ("parameters refitted", _percent(d.errors["base"]), _percent(d.steps[0].holdout_before) if d.steps else "")
     )
-    rows += [(f"+ {step.effect}", _percent(step.error_after), _percent(step.holdout_after)) for step in d.steps]
+    for name, step in zip(step_names(d), d.steps, strict=True):
+        rows.append((f"+ {name}", _percent(step.error_after), _percent(step.holdout_after)))
     rows.append(("noise floor", _percent(d.errors["noise_floor"]), ""))
     return rows
 
@@ -84,8 +94,14 @@ def report_section(d: Diagnosis) -> Section:
     from pathlib import Path
 
     tried = [r for r in d.ranking if r.accepted or r.p_value < 1.0]
+    names = iter(step_names(d))  # the accepted ones come first, in the order of the steps
     ranking = tuple(
-        (r.effect, f"{100 * r.explained:.1f} %", f"{r.p_value:.2g}", "accepted" if r.accepted else r.why_not)
+        (
+            next(names, r.effect) if r.accepted else r.effect,
+            f"{100 * r.explained:.1f} %",
+            f"{r.p_value:.2g}",
+            "accepted" if r.accepted else r.why_not,
+        )
         for r in tried
     )
     rest: dict[str, list[str]] = {}
@@ -104,21 +120,21 @@ def report_section(d: Diagnosis) -> Section:
     if d.next_experiment:
         paragraphs.append(f"Next experiment: {d.next_experiment['profile']}: {d.next_experiment['why']}.")
     if rest:
-        parts = "; ".join(f"{', '.join(names)} ({why})" for why, names in rest.items())
+        parts = "; ".join(f"{', '.join(effects)} ({why})" for why, effects in rest.items())
         paragraphs.append(f"What explains nothing on this log, or cannot be tried on it: {parts}.")
     return Section(f"Diagnosis from {Path(d.log_name).name}", tuple(paragraphs), tuple(tables), tuple(_figures(d)))
 
 
 def _found_rows(d: Diagnosis) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
-    for step in d.steps:
+    for name, step in zip(step_names(d), d.steps, strict=True):
         numbers = ", ".join(
             f"{s} = {e.value:.4g}" + (f" ± {e.stderr:.2g}" if e.stderr == e.stderr else "") + f" {e.unit}"
             for s, e in step.parameters.items()
         )
         p = step.evidence["p_holm"]
         shown = "< 1e-12" if p < 1e-12 else f"{p:.2g}"
-        rows.append((step.effect, numbers, shown, ", ".join(step.equivalents) or "-"))
+        rows.append((name, numbers, shown, ", ".join(step.equivalents) or "-"))
     return rows
 
 
@@ -137,7 +153,6 @@ def _figures(d: Diagnosis) -> list[tuple[Figure, str]]:
         maps_figure,
         plane_of,
         rms_within,
-        step_names,
         worst_stretch,
         worst_stretch_figure,
     )

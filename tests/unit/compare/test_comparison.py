@@ -140,6 +140,7 @@ def test_even_noise_has_no_worst_stretch(rng: np.random.Generator) -> None:
         (np.linspace(-80.0, -20.0, 50), "slowing down backward, 80 to 20 rad/s"),
         (np.linspace(-0.4, 0.4, 50), "reversal, up to 0.4 rad/s"),
         (np.linspace(0.0, 5.0, 50), "starting forward, up to 5 rad/s"),
+        (-5.0 * np.abs(np.linspace(-1.0, 0.6, 50)), "stopping and starting again backward, up to 5 rad/s"),
         (np.zeros(50), "at rest"),
         (np.sin(np.linspace(0.0, 30.0, 200)), "back and forth, up to 1 rad/s"),
     ],
