@@ -65,6 +65,8 @@ class Tracking(Result):
     omega : array, shape (n,)
     torque_noise : float
         Noise of the drive torque per sample that the filter ended up with, N m rms.
+    kind : {"extended", "unscented"}
+        Which filter it was.
     """
 
     design: Design
@@ -80,6 +82,7 @@ class Tracking(Result):
     torque_noise: float
     log_name: str
     reasons: tuple[str, ...] = ()
+    kind: Kind = "extended"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -113,7 +116,9 @@ class Tracking(Result):
 
     def summary(self) -> str:
         """Return the result as text, trust first."""
-        lines = [f"tracking of {self.design.name} over {self.log_name}, {self.t[-1] - self.t[0]:.4g} s"]
+        lines = [
+            f"tracking of {self.design.name} over {self.log_name}, {self.t[-1] - self.t[0]:.4g} s, {self.kind} filter"
+        ]
         lines += [f"  warning: {text}" for text in self.warnings] or ["  no reason to doubt the numbers was found"]
         for name, e in self.estimates.items():
             values = self.history[name]
@@ -140,6 +145,7 @@ class Tracking(Result):
         judged = np.isfinite(self.nis)
         return jsonable({
             "schema": "pmsm-ctrl/tracking/1",
+            "filter": self.kind,
             "log": self.log_name,
             "warnings": self.warnings,
             "estimates": self.estimates,
@@ -249,6 +255,7 @@ def track(
         torque_noise=math.sqrt(s[model.TORQUE_DENSITY] / log.period),
         log_name=log.provenance.file or "the given log",
         reasons=tuple(reasons),
+        kind=kind,
     )
 
 
