@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.columns import Group, UnavailableError, effect_group, missing_signals
+from pmsm_ctrl.diagnose.columns import Group, UnavailableError, as_candidate, effect_group, missing_signals
 from pmsm_ctrl.diagnose.orders import strongest_orders
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
@@ -47,7 +47,7 @@ class Candidate:
         """Columns for every shape of the grid."""
         for shape in self.grid:
             try:
-                yield effect_group(record, self.effect, shape)
+                yield as_candidate(record, effect_group(record, self.effect, shape))
             except UnavailableError:
                 return
 

@@ -8,7 +8,7 @@ All of it is evaluated with the effect's own term; nothing of its physics is wri
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,9 @@ from pmsm_ctrl.diagnose.motion import bristle_direction, load_behind_gap, load_b
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.evaluate import column, columns
+from pmsm_ctrl.identify.signals import low_pass
 
-__all__ = ["Group", "UnavailableError", "effect_group", "missing_signals"]
+__all__ = ["Group", "UnavailableError", "as_candidate", "effect_group", "missing_signals"]
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,7 @@ class Group:
 
 # What terms read that is no channel of a log but follows from the motion.
 STATES = ("p", "zeta", "travel", "limit", "twist", "twist_rate")
+ABOVE_NOISE = 4.0
 # A scale common to all torques is the torque constant's business: no column can tell it from the parameters.
 COMMON_SCALE = (("current_gain", "g"),)
 
@@ -108,6 +110,23 @@ def _build(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array:
             raise UnavailableError("it has no parameter that multiplies a column")
         parts = [_entering(record, effect, terms[symbol]) for symbol in _symbols(effect)]
     return np.stack([record.stack(part) for part in parts], axis=-1)
+
+
+def as_candidate(record: Record, group: Group) -> Group:
+    """Return the columns by which an effect that is not in the model yet is judged.
+
+    A delay only where the torque changes faster than its noise does. The speed controller answers noise at once, so
+    that noise and the slope of the torque go together, and look like a torque that comes too early. Noise is what
+    the slope holds in the upper half of the band, as a median.
+    """
+    if group.effect is None or group.effect.structure != "delay":
+        return group
+    values = group.values.copy()
+    for slope in values[0].T:
+        fast = slope - low_pass(slope, record.rate, 0.5 * record.prepared.cutoff)
+        noise = 1.4826 * np.sqrt(2.0) * float(np.median(np.abs(fast)))
+        slope[np.abs(slope) <= ABOVE_NOISE * noise] = 0.0
+    return replace(group, values=values)
 
 
 def _entering(record: Record, effect: Effect, term: Array) -> dict[str, Array]:

@@ -19,6 +19,9 @@ __all__ = ["Model", "Solved", "base_groups", "design_shape", "solve_model", "wit
 
 Array = NDArray[np.float64]
 
+# How well the moments of reversal are known, all of them late or early alike: s, and samples of the log.
+TURN, TURN_SAMPLES = 1e-4, 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class Model:
@@ -108,6 +111,11 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
     groups.append(Group(None, ("J",), alpha, {}))
     nominal.append(design.J)
     sigma.append(tolerance.get("J", 0.15) * design.J)
+    if record.dry > 0.0:
+        turning = record.stack({"torque": -record.dry * record.rate_of(record.signals["direction"])})
+        groups.append(Group(None, ("tau_turn",), turning[..., None], {}))
+        nominal.append(0.0)
+        sigma.append(TURN + TURN_SAMPLES * record.period)
     if "u_d" in record.channels:
         _winding(design, record, groups, nominal, sigma)
     notes = []

@@ -59,6 +59,8 @@ class Record:
         Samples that take part.
     weight : array, shape (channels, m)
         Relative inverse noise level, at most 1: fast transients are aliased and count less.
+    dry : float
+        Rough level of the dry friction, N m (N); 0 when there is none.
     """
 
     design: Design
@@ -69,6 +71,7 @@ class Record:
     mask: Mask
     weight: Array
     duration: float
+    dry: float = 0.0
     notes: tuple[str, ...] = ()
     memo: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False)
 
@@ -165,7 +168,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
     moving = sure & _edges(prepared)
     record = Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
-        np.array(weight), float(prepared.t[-1] - prepared.t[0]), prepared.notes,
+        np.array(weight), float(prepared.t[-1] - prepared.t[0]), kink[0], prepared.notes,
     )  # fmt: skip
     return record
 
@@ -268,7 +271,7 @@ def _direction(
     level = J = 0.0
     reach = max(4, round(prepared.rate / wide))
     direction[long] = 0.0
-    for _ in range(2):  # once more with what the reversals say of the level
+    for _ in range(3):  # again with what the reversals say of the level
         columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free]
         weights = np.linalg.lstsq(columns, driving[free], rcond=None)[0]
         level, J = float(weights[1]), float(weights[0])
@@ -276,7 +279,7 @@ def _direction(
             break
         left = (driving - weights[2] * omega - weights[3]) / level
         direction[long] = np.clip(left[long] - J / level * prepared.alpha[long], -1.0, 1.0)
-        reversals(direction, long, omega, left, J / level, 1.0 / prepared.rate, reach)
+        reversals(direction, long, omega, prepared.signals["theta"], left, J / level, 1.0 / prepared.rate, reach)
     sure = ~long
     dilate = round(prepared.rate / prepared.cutoff)
     for piece in stretches(long):

@@ -18,9 +18,10 @@ __all__ = ["reversals", "timed_sign"]
 
 Array = NDArray[np.float64]
 
-SUBSTEPS = 8  # of a sample
+SUBSTEPS = 16  # of a sample: the direction turns at a substep
 LONGEST = 30  # times what the smoothing mixes: longer rests have no part in a reversal
-ROUNDS = 14  # of the bisection for the torque that is missing to meet the speed after the reversal
+ROUNDS = 12  # of either bisection
+LEVELS = (0.5, 2.5)  # friction at the reversal over its usual level
 
 
 def timed_sign(omega: Array) -> Array:
@@ -35,8 +36,9 @@ def timed_sign(omega: Array) -> Array:
 
 
 def reversals(
-    direction: Array, resting: NDArray[np.bool_], omega: Array, torque: Array, J: float, period: float, reach: int
-) -> None:
+    direction: Array, resting: NDArray[np.bool_], omega: Array, theta: Array, torque: Array, J: float, period: float,
+    reach: int,
+) -> None:  # fmt: skip
     """Overwrite `direction` around every reversal by what a shaft with dry friction would do there.
 
     Parameters
@@ -45,8 +47,8 @@ def reversals(
         Friction as a share of its level; changed in place.
     resting : bool array, shape (n,)
         Samples at which the shaft rests.
-    omega, torque : array, shape (n,)
-        Smoothed speed, and what drives it less everything but dry friction, as a share of its level.
+    omega, theta, torque : array, shape (n,)
+        Smoothed speed and position, and what drives it less everything but dry friction, as a share of its level.
     J : float
         Inertia over the level of dry friction, s^2.
     reach : int
@@ -58,15 +60,7 @@ def reversals(
         start, stop = first - reach, last + reach + 1
         if start < 0 or stop > len(omega) or stop - start > longest:
             continue
-        driving = torque[start:stop]
-        low, high = -1.0, 1.0
-        for _ in range(ROUNDS):
-            middle = 0.5 * (low + high)
-            if through(omega[start], driving, middle, J, period, SUBSTEPS, share) > omega[stop - 1]:
-                high = middle
-            else:
-                low = middle
-        if abs(middle) < 0.5:  # else it is no dry friction that turns the shaft here
+        if turned(omega[start:stop], theta[start:stop], torque[start:stop], J, period, share):
             direction[start + 1 : stop - 1] = share[1 : stop - start - 1]
 
 
@@ -86,18 +80,53 @@ def _events(omega: Array, resting: NDArray[np.bool_], reach: int) -> list[tuple[
 
 
 @kernel
-def through(speed: float, torque: Array, missing: float, J: float, period: float, substeps: int, share: Array) -> float:
-    """Run through a reversal; return the last speed, and in `share` the friction around every sample.
+def turned(omega: Array, theta: Array, torque: Array, J: float, period: float, share: Array) -> bool:
+    """Fill `share` for one reversal; False when no dry friction turns the shaft like that.
 
-    Set-valued friction of level 1 in a semi-implicit step: what would carry the speed through zero stops it there.
+    Two things are not known: a torque that is missing, found from the speed at the end, and the level of friction at
+    low speed, found from the travel: more friction bends the path more.
     """
-    h = period / substeps
+    travel = theta[-1] - theta[0]
+    low_level, high_level = LEVELS
+    inside = False
+    for _ in range(ROUNDS):
+        level = np.sqrt(low_level * high_level)
+        low, high = -1.0, 1.0
+        missing = travelled = 0.0
+        for _ in range(ROUNDS):
+            missing = 0.5 * (low + high)
+            last, travelled = through(omega[0], torque, missing, level, J, period, share)
+            if last > omega[-1]:
+                high = missing
+            else:
+                low = missing
+        inside = abs(missing) < 0.5
+        # friction delays the turn: with more of it the shaft gets further the way it drives
+        if (travelled - travel) * (omega[-1] - omega[0]) > 0.0:
+            high_level = level
+        else:
+            low_level = level
+    return inside
+
+
+@kernel
+def through(
+    speed: float, torque: Array, missing: float, level: float, J: float, period: float, share: Array
+) -> tuple[float, float]:
+    """Run through a reversal; return the last speed and the travel, and in `share` the friction around every sample.
+
+    Set-valued friction in a semi-implicit step: what would carry the speed through zero stops it there.
+    """
+    h = period / SUBSTEPS
+    travel = 0.0
     share[: torque.size] = 0.0
     for n in range(torque.size - 1):
-        for m in range(substeps):
-            x = (m + 0.5) / substeps
+        for m in range(SUBSTEPS):
+            x = (m + 0.5) / SUBSTEPS
             free = speed + h / J * ((1.0 - x) * torque[n] + x * torque[n + 1] + missing)
-            friction = min(1.0, max(-1.0, free * J / h))
+            friction = min(level, max(-level, free * J / h))
+            before = speed
             speed = free - h / J * friction
-            share[n + (1 if x > 0.5 else 0)] += friction / substeps
-    return speed
+            travel += 0.5 * h * (before + speed)
+            share[n + (1 if x > 0.5 else 0)] += friction / (level * SUBSTEPS)
+    return speed, travel
