@@ -62,7 +62,7 @@ def traces_figure(traces: Mapping[str, Trace], label: str, stretches: Iterable[S
         upper.plot(
             *outline(trace.t, trace.predicted * shown), color=BLUE, linewidth=1.0, linestyle="--", label="predicted"
         )
-        upper.set_ylabel(f"{name} [{trace.unit}]")
+        upper.set_ylabel(f"{'force' if trace.unit == 'N' else name} [{trace.unit}]")
         lower.plot(*outline(trace.t, residual * shown), color=VERMILION, linewidth=0.8)
         lower.axhline(0.0, color=BLACK, linewidth=0.5)
         lower.set_ylabel(f"residual [{trace.unit}]")
@@ -132,8 +132,10 @@ def dependence_panel(axes: Any, d: Dependence, residual: Any, found: Where) -> N
         x, y = np.concatenate([-d.x[::-1], d.x]), np.concatenate([d.backward[::-1], d.forward])
         axes.plot(x, y, color=VERMILION, linewidth=1.6, alpha=faint)
         # friction bends at low speed, where a straight scale shows nothing
-        axes.set_xscale("symlog", linthresh=0.05 * float(d.x[-1]), linscale=1.2)
-        axes.locator_params(axis="x", numticks=7)
+        slow, fast = (float(f"{share * d.x[-1]:.1g}") for share in (0.05, 1.0))
+        axes.set_xscale("symlog", linthresh=slow, linscale=1.2)
+        axes.set_xticks(marks := [-fast, -slow, 0.0, slow, fast], [f"{mark:g}" for mark in marks])
+        axes.set_xticks([], minor=True)
         axes.set_xlabel(f"speed [{d.unit}], logarithmic")
     else:
         for y, colour, style, label in zip(

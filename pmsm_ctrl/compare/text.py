@@ -97,5 +97,5 @@ def report_section(c: Comparison) -> Section:
     if c.holdout_traces:
         figures.append((c.plot_holdout(), "The same parameters on the record that was held out."))
     where_head = ("coordinate", "share alone", "share added", "p", "where, or why it does not count")
-    tables = [(HEAD, tuple(error_rows(c))), (where_head, tuple(where_rows(c, "torque")))]
+    tables = [(HEAD[:-1], tuple(row[:-1] for row in error_rows(c))), (where_head, tuple(where_rows(c, "torque")))]
     return Section("Model against measurement", tuple(paragraphs), tuple(tables), tuple(figures))

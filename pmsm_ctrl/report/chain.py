@@ -187,7 +187,7 @@ def _history(before: tuple[Entry, ...], design: Design, record: Log, identificat
 
 
 # What a reader must know about a part before its section, where the section cannot know it.
-INTRODUCTIONS = {"compare": "The model is the design with the values identified above; nothing more was fitted."}
+INTRODUCTIONS = {"compare": "The model is the design with the identified inertia and friction; no more was fitted."}
 
 
 # The page answers before it explains: what the headline speaks of comes first, the loops last.

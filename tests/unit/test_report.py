@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pmsm_ctrl import Design, Log, study
+from pmsm_ctrl import Design, Log, compare, diagnose, simulate, study
+from pmsm_ctrl.diagnose import Diagnosis
+from pmsm_ctrl.diagnose.figures import contributions, plane_of
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.report import Headline, render
 from pmsm_ctrl.report.svg import inline_svg
@@ -211,6 +213,72 @@ def test_study_says_where_it_cannot_write(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "reports").write_text("a file in the way", encoding="utf-8")
     with pytest.raises(RequestError, match="reports"):
         study(axis(), axis_log())
+
+
+# ---- the report of a diagnosis ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def hidden_cogging() -> Diagnosis:
+    design = Design.read(Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml")
+    truth = design.with_effect("cogging", {"a_s": 0.004, "a_c": 0.003, "order": 24.0})
+    log, other = (
+        simulate(design, motion, truth=truth, seed=s) for motion, s in (("identification", 3), ("triangle", 4))
+    )
+    return diagnose(design, log, holdout=other)
+
+
+def test_diagnosis_report_shows_the_way_down(hidden_cogging: Diagnosis) -> None:
+    section = hidden_cogging.section()
+    captions = [caption for _, caption in section.figures]
+    for word in ("error falls from", "Mean residual over speed and position", "fails worst", "contributes over speed"):
+        assert any(word in caption for caption in captions), word
+    ladder = {row[0]: row[1:] for header, rows in section.tables if header[0] == "rung" for row in rows}
+    assert list(ladder) == ["design as given", "parameters refitted", "+ cogging 24", "noise floor"]
+    assert all("torque" in cell for cell in ladder["+ cogging 24"]), "log and held-out record"
+    text = render("Diagnosis", [section])
+    Page(text)
+    assert len(text) < 1_500_000
+
+
+def test_every_figure_has_units_on_its_axes(hidden_cogging: Diagnosis) -> None:
+    results = [hidden_cogging, compare(axis(), axis_log())]
+    for made in (figure for result in results for figure, _ in result.section().figures):
+        labels = [made.get_supxlabel(), made.get_supylabel()]
+        for panel in made.axes:
+            shown = [panel.get_xlabel(), panel.get_ylabel()]
+            labels += [text for text in shown if text]
+        assert labels
+        for text in labels:
+            assert not text or "[" in text or "SI units" in text, f"no unit in '{text}'"
+
+
+def test_contributions_sum_to_the_prediction(hidden_cogging: Diagnosis) -> None:
+    fit = hidden_cogging.selection.fits[-1]
+    parts = contributions(fit)
+    assert {"inertia", "coulomb", "viscous", "cogging 24"} <= set(parts)
+    predicted = fit.record.target[0] - fit.residual[0]
+    assert sum(parts.values()) == pytest.approx(predicted, abs=1e-12)
+    # what was hidden: 4 and 3 mN m of order 24
+    slow = np.abs(fit.record.at_grid(fit.record.signals["omega"])) < 5.0
+    assert np.sqrt(2.0 * np.mean(parts["cogging 24"][slow] ** 2)) == pytest.approx(0.005, rel=0.15)
+
+
+def test_residual_maps_fade(hidden_cogging: Diagnosis) -> None:
+    before, after = (fit for fit in hidden_cogging.selection.fits)
+    plane = plane_of(hidden_cogging)
+    assert plane.label == "angle in a wave of order 24 [rad]"
+    slow = before.record.mask & (np.abs(before.record.at_grid(before.record.signals["omega"])) < 8.0)
+    cell = np.digitize(plane.values[slow], np.linspace(0.0, 2.0 * np.pi, 9))
+    means = [[fit.residual[0][slow][cell == k].mean() for k in range(1, 9)] for fit in (before, after)]
+    assert np.max(np.abs(means[1])) < 0.2 * np.max(np.abs(means[0]))
+
+
+def test_clean_diagnosis_has_a_report_too(designs: Path) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    found = diagnose(design, simulate(design, "triangle", seed=1))
+    captions = [caption for _, caption in found.section().figures]
+    assert any("No effect was taken in" in caption for caption in captions)
 
 
 @pytest.mark.skipif(
