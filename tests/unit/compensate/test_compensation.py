@@ -195,6 +195,46 @@ def test_metrics_against_a_made_up_log() -> None:
         measure(Log({"t": t, "theta_ref": theta_ref}))
 
 
+def at_rest(theta: np.ndarray) -> Metrics:
+    """Return the metrics of 1 s of motion and then 5 s of rest, in which the shaft does what `theta` says."""
+    t = np.arange(6000) / 1000.0
+    moving = t < 1.0
+    return measure(Log({
+        "t": t, "theta_ref": np.where(moving, t - 1.0, 0.0), "omega_ref": np.where(moving, 1.0, 0.0),
+        "theta_true": np.where(moving, t - 1.0, 0.0) + np.concatenate([np.zeros(1000), theta]),
+        "omega_true": np.where(moving, 1.0, np.concatenate([np.zeros(1000), np.gradient(theta, 0.001)])),
+        "i_q_ref": np.zeros(t.size),
+    }))  # fmt: skip
+
+
+REST = np.arange(5000) / 1000.0
+
+
+@pytest.mark.parametrize(("amplitude", "frequency"), [(0.003, 0.8), (0.0005, 9.0), (0.001, 170.0)])
+def test_a_cycle_is_found_whatever_its_frequency(amplitude: float, frequency: float) -> None:
+    found = at_rest(amplitude * np.sign(np.sin(2.0 * np.pi * frequency * REST + 0.1)))  # stick-slip is nearly square
+    assert found.cycle_amplitude == pytest.approx(amplitude)
+    assert found.cycle_frequency == pytest.approx(frequency, rel=0.02)
+
+
+def test_a_slip_on_the_way_to_rest_hides_no_cycle() -> None:
+    slip = np.where(REST < 3.0, 0.02, 0.0)
+    found = at_rest(slip + 0.0004 * np.sin(2.0 * np.pi * 12.0 * REST))
+    assert found.cycle_amplitude == pytest.approx(0.0004, rel=0.01)
+    assert found.cycle_frequency == pytest.approx(12.0, rel=0.02)
+
+
+def test_what_comes_to_rest_is_no_cycle() -> None:
+    twitches = np.where((REST > 4.42) & (REST < 4.43), 2e-5, 0.0) + np.where((REST > 4.45) & (REST < 4.47), 1e-5, 0.0)
+    for theta in (
+        np.where(REST < 4.5, 0.0016, -0.0016) + twitches,  # a last slip, and twitches of a thousandth of it
+        0.01 * np.exp(-REST / 0.3) * np.cos(2.0 * np.pi * 5.0 * REST) * (REST < 2.0),  # swings that die away
+        np.zeros(5000),
+        -0.003 * np.exp(-REST),
+    ):
+        assert at_rest(theta).cycle_amplitude == 0.0
+
+
 def test_window_ends_before_the_first_gain_that_cycles() -> None:
     def run(gain: float, factor: float, motion: str) -> Metrics:
         cycle = 0.01 if gain * factor > 0.75 else 0.0
