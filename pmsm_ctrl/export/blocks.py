@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.export.program import Program
@@ -39,6 +40,7 @@ class Block:
     start : statements that set the memory before the first call
     program : what every call does
     gains : the loops' gains, which go along as constants for whoever sets up the drive
+    linear : the axis moves along a line, so that every torque is a force; the meanings are told in its units
     """
 
     axis: str
@@ -51,9 +53,14 @@ class Block:
     arrays: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     start: tuple[ast.stmt, ...] = ()
     gains: tuple[Value, ...] = ()
+    linear: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", plain(self.title))
+        if self.linear:
+            for part in ("inputs", "outputs", "constants", "gains"):
+                values = tuple(replace(v, meaning=_along_a_line(v.meaning)) for v in getattr(self, part))
+                object.__setattr__(self, part, values)
 
     @property
     def name(self) -> str:
@@ -65,6 +72,13 @@ class Block:
         """Scalars of the program that are neither inputs nor outputs, with their kinds, in alphabetical order."""
         known = {value.name for value in (*self.inputs, *self.outputs)}
         return {text: kind for text, kind in sorted(self.program.variables.items()) if text not in known}
+
+
+def _along_a_line(text: str) -> str:
+    """Return a meaning in the units of a linear axis."""
+    for turning, moving in (("kg m^2", "kg"), ("(N m)^2", "N^2"), ("N m", "N"), ("N s/rad", "N s/m")):
+        text = text.replace(turning, moving)
+    return re.sub(r"\brad\b", "m", text)
 
 
 def identifier(text: str) -> str:

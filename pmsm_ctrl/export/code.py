@@ -62,12 +62,20 @@ def export_files(
 ) -> dict[str, str]:
     """Return every file of the export: name -> text. Compensator, tracker, and the tables that drives accept.
 
-    Parameters and errors as for `export`.
+    Parameters and errors as for `export`. A design whose noise or effects rule the tracker out gets a file that says so
+    in its place, unless `settings` ask for the tracker.
     """
     from pmsm_ctrl.export.tables import table_files
 
     _check(language, flavour, "compensation")
-    blocks = [_block(design, part, settings) for part in PARTS]
+    blocks = [_block(design, "compensation", settings)]
+    missing = ""
+    try:
+        blocks.append(_block(design, "tracker", settings))
+    except RequestError as error:
+        if settings is not None:
+            raise
+        missing = str(error)
     if language == "c":
         files = {f"{b.name}.h": c_header(b) for b in blocks} | {f"{b.name}.c": c_source(b) for b in blocks}
     elif flavour == "br":
@@ -76,6 +84,9 @@ def export_files(
         files = {f"FB_{b.name}.TcPOU": tcpou(b) for b in blocks}
     else:
         files = {f"FB_{b.name}.st": st_block(b) for b in blocks}
+    if missing:
+        # the rest is of use without it, but nobody should look for it in vain
+        files[f"{blocks[0].axis}_tracker_not_exported.txt"] = f"{missing}\n"
     return files | table_files(design)
 
 

@@ -10,6 +10,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export.blocks import Block, Value, identifier, loop_gains
 from pmsm_ctrl.export.program import Flattener
 from pmsm_ctrl.export.trees import constant, name
+from pmsm_ctrl.export.writers import symbols_of
 from pmsm_ctrl.simulate.feedforward import READABLE
 
 __all__ = ["Terms", "compensator"]
@@ -103,10 +104,12 @@ def compensator(design: Design) -> Block:
     }
     reserved = [value.name for value in (*inputs, *constants)] + ["i_q_add"]
     flat = Flattener(reserved).program(ast.parse("\n".join(lines)).body, terms.scope, given, {"i_q_add"})
+    used = symbols_of(flat.statements)
     return Block(
         identifier(design.name), "compensation", f"Friction compensation of {design.name}",
         inputs, (Value("i_q_add", "current to add to the speed controller's output, A"),), flat,
-        constants=tuple(constants), gains=loop_gains(design),
+        constants=tuple(value for value in constants if value.name in used), gains=loop_gains(design),
+        linear=design.motion == "linear",
     )  # fmt: skip
 
 

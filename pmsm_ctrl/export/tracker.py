@@ -101,6 +101,7 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
         inputs, outputs, flat,
         constants=tuple(value for value in constants if value.name in used),
         arrays={long: shape for long, shape in _ARRAYS.values() if long in used}, start=first,
+        linear=design.motion == "linear",
     )  # fmt: skip
 
 

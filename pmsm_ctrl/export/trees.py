@@ -84,7 +84,8 @@ def _is_one(node: ast.expr) -> bool:
 
 def power(node: ast.BinOp) -> ast.expr:
     """Print a root as a root and a square as a product: not every controller has a power in double precision."""
-    exponent = node.right.value if isinstance(node.right, ast.Constant) else None
+    # a named exponent stays one: somebody may want to change it
+    exponent = node.right.value if isinstance(node.right, ast.Constant) and not _symbol(node.right) else None
     if exponent == 0.5:
         return ast.Call(name("sqrt"), [node.left], [])
     if exponent == 2.0:

@@ -226,6 +226,28 @@ def test_bad_requests_are_told(design: Design) -> None:
         export(warm.replace(compensation={"effects": ("coulomb", "thermal_drift")}), "c")
 
 
+DESIGNS = sorted((Path(__file__).resolve().parents[3] / "designs").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", DESIGNS, ids=lambda path: path.stem)
+def test_every_design_is_exported_and_compiles(path: Path, tmp_path: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc not found: the exported C cannot be compiled")
+    axis = Design.read(path)
+    for name, text in export_files(axis, "c").items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    for source in tmp_path.glob("*.c"):
+        subprocess.run(["gcc", *FLAGS, str(source), "-o", str(tmp_path / "a.so"), "-lm"], check=True)
+    names = {file.name for file in tmp_path.iterdir()}
+    assert any(name.endswith(("_tracker.c", "_tracker_not_exported.txt")) for name in names)
+    if axis.motion == "linear":
+        text = next(tmp_path.glob("*_compensation.c")).read_text("utf-8")
+        assert "/* N, Coulomb friction torque */" in text
+        assert "rad" not in text
+    with pytest.raises(RequestError):
+        export_files(axis.replace_effects(()), "c")
+
+
 def test_command_line_writes_a_file_or_a_folder(designs: Path, tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
