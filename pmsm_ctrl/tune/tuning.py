@@ -357,6 +357,11 @@ def _assemble(
                 name,
                 plots.unstable_figure(name, loop, found[name]),
             )
+        if not math.isfinite(found[name].crossover):
+            raise DesignError(
+                f"{tuned.source or tuned.name}: {name} loop: its gain never crosses 1, so it controls nothing; "
+                f"is J = {tuned.J:.4g} right for this motor and its friction?"
+            )
     d_axis = current_loop(tuned, loops.current, "d")
     if not margins(d_axis, brief=True).stable:
         figure = plots.unstable_figure("current (d)", d_axis, margins(d_axis, brief=True))

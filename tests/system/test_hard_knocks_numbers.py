@@ -277,7 +277,15 @@ def test_the_largest_and_the_smallest_axis(capsys: pytest.CaptureFixture[str], f
         assert "times the design's J" in said
 
 
-@pytest.mark.parametrize("J", [1e-11, 9e-5, 1e6])
+def test_an_axis_that_weighs_nothing_is_not_tuned(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    data = {name: part for name, part in changed("motor.J", 1e-11).items() if name != "loops"}
+    Path("axis.toml").write_text(tomli_w.dumps(data), encoding="utf-8")
+    status, _, said = attempt(capsys, "tune", "axis.toml", "--no-prove")
+    assert status == 2
+    assert "axis.toml: speed loop: its gain never crosses 1" in said
+
+
+@pytest.mark.parametrize("J", [9e-6, 9e-5, 1.0, 1e6])
 def test_noise_of_the_axis_agrees_with_its_frequency_response(J: float) -> None:
     """Parseval: the rms factor of white noise is the mean of the squared response over the unit circle."""
     from pmsm_ctrl.tune import tune
