@@ -95,13 +95,8 @@ class CompensationStudy(Result):
         """Return the result as text, trust first."""
         lines = [f"friction compensation of {self.design.name}"]
         lines += [f"  warning: {text}" for text in self.warnings] or ["  no reason to doubt the numbers was found"]
-        lines.append(f"  {'change against no compensation':<49}" + "".join(f"{title:>11}"[-11:] for title, *_ in SHOWN))
-        variants = list(dict.fromkeys(row.variant for row in self.table if row.variant != "none"))
-        for variant in variants:
-            for factor in sorted({row.factor for row in self.table if row.variant == variant}):
-                off = "" if factor == 1.0 else f", parameters {100 * (factor - 1):+.0f} %"
-                cells = (f"{100 * self.change(variant, metric, factor, motion):+9.0f} %" for _, metric, motion in SHOWN)
-                lines.append(f"  {variant + off:<49}" + "".join(cells))
+        lines.append(f"  {'change against no compensation':<49}" + "".join(f"{title:>11}" for title, *_ in SHOWN))
+        lines += [f"  {name:<49}" + "".join(f"{cell:>11}" for cell in cells) for name, *cells in self._changes()]
         lines += self._rest()
         for window in self.windows.values():
             hint = "no limit" if window.hint is None else f"a cycle from {100 * window.hint:.0f} %"
@@ -111,6 +106,15 @@ class CompensationStudy(Result):
             )
         lines += [f"  acceptance {verdict.summary()}" for verdict in self.verdicts]
         return "\n".join(lines)
+
+    def _changes(self) -> list[tuple[str, ...]]:
+        """Variant and its changes against no compensation, as `SHOWN` says, a row each."""
+        found = []
+        for variant, factor in dict.fromkeys((row.variant, row.factor) for row in self.table if row.variant != "none"):
+            off = "" if factor == 1.0 else f", parameters {100 * (factor - 1):+.0f} %"
+            cells = (f"{100 * self.change(variant, metric, factor, motion):+.0f} %" for _, metric, motion in SHOWN)
+            found.append((variant + off, *cells))
+        return found
 
     def _rest(self) -> list[str]:
         """What the axis does while the reference rests, simulated and in theory."""
@@ -188,6 +192,7 @@ class CompensationStudy(Result):
                 *self._rest(),
             ),
             tables=(
+                (("change against no compensation", *(title for title, *_ in SHOWN)), tuple(self._changes())),
                 (header, body),
                 (("by", "gain", "worst RMS of none", "worst reversal peak of none", "cycle [rad]", "verdict"), sweep),
                 *(((("acceptance", "verdict"), verdicts),) if verdicts else ()),
@@ -257,7 +262,7 @@ def compensate(
         )
         advance(0.5 + 0.5 * (done + 1) / len(SOURCES))
     verdicts = tuple(accept(design, wanted, seed=seed, own=own) for wanted in design.acceptance)
-    doubts = _doubts(table, windows, full.notes, verdicts)
+    doubts = _doubts(design, table, windows, full.notes, verdicts)
     return CompensationStudy(design, tuple(table), windows, doubts, hunting(base), verdicts)
 
 
@@ -301,10 +306,20 @@ def _swept(
 
 
 def _doubts(
-    table: list[Row], windows: dict[str, GainWindow], notes: tuple[str, ...], verdicts: tuple[Verdict, ...]
-) -> tuple[str, ...]:  # fmt: skip
+    design: Design,
+    table: list[Row],
+    windows: dict[str, GainWindow],
+    notes: tuple[str, ...],
+    verdicts: tuple[Verdict, ...],
+) -> tuple[str, ...]:
     doubts = [verdict.summary() for verdict in verdicts if not verdict.passed]
     doubts += notes
+    gain, chosen = design.compensation.gain, design.compensation.source
+    own = windows["reference" if chosen == "adaptive" else chosen]
+    if gain > own.safe:
+        doubts.append(
+            f"the design's own gain of {100 * gain:.0f} % by {chosen} speed is not safe: {100 * own.safe:.0f} % is"
+        )
     for source, window in windows.items():
         if window.safe < 1.0:
             doubts.append(f"by {source} speed a gain of 100 % is not safe: {100 * window.safe:.0f} % is")

@@ -119,8 +119,9 @@ def test_change_needs_a_compensation(seed_text: str) -> None:
 
 
 def test_study_says_what_became_of_the_acceptance(seed_text: str) -> None:
-    text = with_gain(seed_text, 1.0) + LINE.format("reversal 2 rad/s", "rms", 1e-6)
+    text = with_gain(seed_text, 1.0, "measured") + LINE.format("reversal 2 rad/s", "rms", 1e-6)
     study = compensate(Design.from_dict(tomllib.loads(text)), gains=(0.0, 1.0))
+    assert any("own gain of 100 % by measured speed is not safe" in text for text in study.warnings)
     assert not study.accepted
     assert "acceptance FAILED: reversal 2 rad/s: rms = " in study.summary()
     assert study.warnings[0].startswith("FAILED: reversal 2 rad/s")

@@ -113,7 +113,7 @@ def test_measured_speed_has_the_narrower_window(study: CompensationStudy) -> Non
 def test_result_renders(study: CompensationStudy) -> None:
     assert "safe up to" in study.summary()
     assert study.to_dict()["schema"] == "pmsm-ctrl/compensation/1"
-    assert len(study.section().tables) == 3
+    assert len(study.section().tables) == 4
     assert study.accepted == all(verdict.passed for verdict in study.verdicts)
     assert all(axis.get_ylabel() for axis in study.plot().axes)
 
