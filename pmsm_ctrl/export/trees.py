@@ -168,13 +168,31 @@ def _does_something(body: Statements) -> bool:
 
 
 def without_unread(statements: Statements, outputs: set[str]) -> Statements:
-    """Leave out scalars that nobody reads: strict compilers warn of them."""
+    """Leave out scalars on which neither an output nor an array depends: strict compilers warn of them."""
+    wanted = set(outputs)
     while True:
-        wanted = outputs.union(*(read(e) for e in expressions(statements)))
-        kept = _keep(statements, wanted)
-        if [ast.dump(s) for s in kept] == [ast.dump(s) for s in statements]:
-            return kept
-        statements = kept
+        more = wanted | _needed(statements, wanted)
+        if more == wanted:
+            return _keep(statements, wanted)
+        wanted = more
+
+
+def _needed(statements: Statements, wanted: set[str]) -> set[str]:
+    """Return what is read to work out the wanted scalars and all elements; a condition counts if it decides on any."""
+    out: set[str] = set()
+    for statement in statements:
+        if isinstance(statement, ast.Assign):
+            target = statement.targets[0]
+            if isinstance(target, ast.Subscript):
+                out |= read(target.slice) | read(statement.value)
+            elif base(target) in wanted:
+                out |= read(statement.value)
+        elif isinstance(statement, ast.If | ast.For):
+            inner = [*statement.body, *statement.orelse]
+            if _does_something(_keep(inner, wanted)):
+                out |= read(statement.test if isinstance(statement, ast.If) else statement.iter)
+            out |= _needed(inner, wanted)
+    return out
 
 
 def _keep(statements: Statements, wanted: set[str]) -> Statements:
