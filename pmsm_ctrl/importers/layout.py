@@ -9,9 +9,12 @@ import codecs
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.names import guess_channel, is_unit, split_header
@@ -20,7 +23,9 @@ from pmsm_ctrl.log import CHANNELS
 
 __all__ = [
     "SAMPLE",
+    "Form",
     "Layout",
+    "Stamps",
     "decimal_mark",
     "encoding_of",
     "is_number",
@@ -38,6 +43,27 @@ _NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$|\s*[+-]?
 
 
 @dataclass(frozen=True)
+class Form:
+    """One way to write a moment: its name, and what turns cells into ns since 1970 (or since midnight), shape (n,).
+
+    `read` raises `ValueError` with the index of the first bad cell.
+    """
+
+    name: str
+    read: Callable[[Sequence[str]], NDArray[np.int64]]
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """A column of dates: its form, and the moment that becomes t = 0, in ns."""
+
+    column: int
+    form: Form
+    origin: int
+    only_date: str = ""  # where day and month could be exchanged, the one date that may appear
+
+
+@dataclass(frozen=True)
 class Layout:
     """How a text file is laid out.
 
@@ -51,6 +77,8 @@ class Layout:
         Columns that hold no numbers at all.
     ragged : bool
         Whether rows may end early because channels have unequal lengths.
+    stamps : Stamps or None
+        The column that gives the time as dates.
     """
 
     encoding: str
@@ -63,6 +91,7 @@ class Layout:
     text_columns: tuple[int, ...] = ()
     ragged: bool = False
     notes: tuple[str, ...] = ()
+    stamps: Stamps | None = None
 
     @property
     def accepts_comma(self) -> bool:

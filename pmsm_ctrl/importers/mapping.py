@@ -141,9 +141,11 @@ def _shown(columns: tuple[Column, ...]) -> str:
 def _unmapped(table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: bool) -> list[tuple[str, int, str]]:
     """Channels for columns that no mapping names: exact names first, then guesses."""
     used = {index for index, _, _ in chosen.values()}
-    free = [(i, c) for i, c in enumerate(table.columns) if i not in used]
+    free = [(i, c) for i, c in enumerate(table.columns) if i not in used and not c.is_text]
     found: dict[str, tuple[int, str]] = {}
     for i, column in free:
+        if column.is_date and "t" not in chosen:
+            found["t"] = (i, "guessed" if guess else "canonical")
         if column.name in CHANNELS and column.name not in chosen and column.name not in found:
             found[column.name] = (i, "canonical" if column.unit else "guessed")
     if guess:
@@ -181,7 +183,7 @@ def _motion(
 def _source(table: Table, channel: str, index: int, stated: str, how: str, scale: float | None, motion: str) -> Source:
     column = table.columns[index]
     target = CHANNELS[channel][1 if motion == "linear" else 0]
-    spelled = stated or column.unit
+    spelled = column.unit if column.is_date else stated or column.unit
     unit = unit_spelling(spelled) if spelled else target
     place = f"{table.file}: column {index + 1} ('{column.label}')"
     if unit not in UNITS:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.layout import Layout, pieces, split_line
+from pmsm_ctrl.importers.stamps import dated
 from pmsm_ctrl.importers.table import Array, one_line
 
 __all__ = ["line_of_row", "parse_numpy", "parse_pyarrow", "parse_rows", "read_columns", "row_blocks"]
@@ -69,7 +71,10 @@ def row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[in
                 f"{file}: column {c + 1} ('{one_line(layout.header[c][:60])}') holds text; numbers were expected"
             )
     large = os.path.getsize(path) >= PYARROW_FROM
+    clock = (0, 0)
     for index, piece in enumerate(_data_pieces(path, layout)):
+        if layout.stamps is not None:
+            piece, clock = dated(piece, file, layout, partial(_first_line, path, layout, index), clock)
         blocks = parse_pyarrow(piece, layout, columns) if large else None
         if blocks is None and len(piece) >= NUMPY_FROM:
             blocks = parse_numpy(piece, layout, columns)

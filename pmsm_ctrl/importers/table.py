@@ -36,6 +36,10 @@ class Column:
         Columns of one group share one time base.
     is_time : bool
         Whether the format itself says that this is the time of its group.
+    is_date : bool
+        Whether the file holds dates here, which come out as seconds whatever a mapping calls their unit.
+    is_text : bool
+        Whether the file holds words here; never a channel.
     """
 
     name: str
@@ -43,6 +47,8 @@ class Column:
     header: str = ""
     group: int = 0
     is_time: bool = False
+    is_date: bool = False
+    is_text: bool = False
 
     @property
     def label(self) -> str:

@@ -13,6 +13,7 @@ from pmsm_ctrl.importers import twincat
 from pmsm_ctrl.importers.layout import Layout, opening, place_header, separator_name
 from pmsm_ctrl.importers.names import guess_channel, split_header
 from pmsm_ctrl.importers.numbers import line_of_row, read_columns, row_blocks
+from pmsm_ctrl.importers.stamps import with_stamps
 from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.log import CHANNELS
 
@@ -35,11 +36,11 @@ def open_text(path: Path, file: str, separator: str | None = None, decimal: str 
         layout, columns = scope
         kind = "TwinCAT Scope CSV"
     else:
-        layout = place_header(lines, found, encoding, file)
+        layout = with_stamps(place_header(lines, found, encoding, file), lines)
         columns = _columns(layout)
         canonical = all(column.name in CHANNELS and column.unit for column in columns)
         kind = "canonical CSV" if canonical else "CSV"
-        if any(column.is_time for column in columns):
+        if any(column.group for column in columns):
             layout, kind = replace(layout, ragged=True), "CSV with repeated time columns"
     if decimal is not None:
         layout = replace(layout, decimal=cast(Decimal, decimal))
@@ -54,8 +55,12 @@ def _columns(layout: Layout) -> tuple[Column, ...]:
         name, unit = split_header(header)
         if i < len(layout.units) and layout.units[i] not in ("", "-"):
             unit = layout.units[i]
-        named.append(Column(name=name, unit=unit, header=header))
-    is_time = [guess_channel(column.name) == "t" for column in named]
+        named.append(Column(name=name, unit=unit, header=header, is_text=i in layout.text_columns))
+    if layout.stamps is not None:
+        at = layout.stamps.column
+        named[at] = replace(named[at], unit="s", is_time=True, is_date=True)
+        return tuple(named)
+    is_time = [guess_channel(column.name) == "t" and not column.is_text for column in named]
     if sum(is_time) < 2 or not is_time[0]:
         return tuple(named)
     groups = np.cumsum(is_time) - 1
