@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -16,7 +16,7 @@ from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.output_error import output_error
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import Fit, solve
-from pmsm_ctrl.identify.replay import build_replay
+from pmsm_ctrl.identify.replay import Replay, build_replay
 from pmsm_ctrl.identify.signals import Processing, prepare
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["Identification", "Method", "identify"]
 
 Method = Literal["regression", "iv", "output_error"]
+# Low-pass of the methods that noise in the motion does not bias, Hz: they need not hide from it below 40 Hz.
+WIDE = 100.0
 _TITLES = {
     "regression": "Inverse-dynamics least squares",
     "iv": "Inverse dynamics by instrumental variables",
@@ -114,7 +116,7 @@ class Identification(Result):
 
         p = self.problem
         return measured_against_predicted(
-            p.t, p.target, self.fit.predicted, p.mask, "torque" if p.unit == "N m" else "force", p.unit
+            p.t, p.torque, p.torque - self.fit.residual, p.mask, "torque" if p.unit == "N m" else "force", p.unit
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -184,7 +186,8 @@ def identify(
     own : iterable of Effect
         A user's own effects that the design names.
     processing : Processing, optional
-        Filter, derivative and mask; the defaults suit a log of 1 kHz.
+        Filter, derivative and mask; the defaults suit a log of 1 kHz. Without a cutoff given, the methods that
+        simulate work up to 100 Hz or an eighth of the log's rate.
 
     Raises
     ------
@@ -200,21 +203,21 @@ def identify(
     if method not in get_args(Method):
         known = ", ".join(get_args(Method))
         raise RequestError(f"identification method '{method}'{nearest(method, get_args(Method))} (known: {known})")
-    own = tuple(own)
-    prepared = prepare(design, log, processing)
-    problem = build_problem(design, prepared, own=own)
+    own, processing = tuple(own), processing or Processing()
+    bias: BiasTest | None = None
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
-    bias = None
     if method == "regression":
+        problem = build_problem(design, log, own=own, processing=processing)
         fit = solve(problem, with_own(own))
     else:
         replay = build_replay(design, log, own)
+        problem, fit, bias, warnings = _by_simulation(method, design, log, replay, own, processing)
         remarks = replay.notes
-        if method == "iv":
-            problem, fit, bias, warnings = instrumental(design, problem, replay, own=own, processing=processing)
-        else:
-            problem, fit, warnings = output_error(design, problem, prepared, replay, own=own)
+        if why := fit.unidentifiable.get("J"):
+            # An inertia that the log does not show would take the others' errors with it.
+            problem, fit, bias, warnings = _by_simulation(method, design, log, replay, own, processing, inertia=False)
+            fit = replace(fit, unidentifiable={"J": f"{why}; held at the design's value", **fit.unidentifiable})
     found, bounds = _identified(design, problem, fit)
     mask = problem.mask
     return Identification(
@@ -236,6 +239,24 @@ def identify(
         bias=bias,
         remarks=remarks,
     )
+
+
+def _by_simulation(
+    method: Method,
+    design: Design,
+    log: Log,
+    replay: Replay,
+    own: tuple[Effect, ...],
+    processing: Processing,
+    inertia: bool = True,
+) -> tuple[Problem, Fit, BiasTest | None, tuple[str, ...]]:
+    wide = processing if processing.cutoff is not None else replace(processing, cutoff=min(WIDE, log.rate / 8.0))
+    if method == "iv":
+        return instrumental(design, log, replay, own=own, processing=wide, usual=processing, inertia=inertia)
+    prepared = prepare(design, log, replace(wide, through_reversals=True))
+    problem = build_problem(design, prepared, own=own, inertia=inertia)
+    problem, fit, warnings = output_error(design, problem, prepared, replay, own=own)
+    return problem, fit, None, warnings
 
 
 def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tuple[str, ...]]:
@@ -272,7 +293,8 @@ def _doubts(design: Design, problem: Problem, fit: Fit) -> list[str]:
         doubts.append(f"condition number {fit.condition:.3g}: some columns are nearly alike on this motion")
     if fit.dof < 20.0:
         doubts.append(
-            f"only {fit.dof:.1f} effective degrees of freedom: the residual is slow, so a longer log is needed"
+            f"only {fit.dof:.1f} effective degrees of freedom: the standard errors are themselves uncertain by "
+            f"{100.0 / np.sqrt(2.0 * fit.dof):.0f} %; a longer log is needed"
         )
     if "J" in fit.values:
         deviation = fit.values["J"] / design.J - 1.0

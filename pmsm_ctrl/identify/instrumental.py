@@ -23,7 +23,8 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import Fit, solve, t_quantile
 from pmsm_ctrl.identify.replay import Replay, plant_with
-from pmsm_ctrl.identify.signals import Processing, prepare
+from pmsm_ctrl.identify.signals import Processing
+from pmsm_ctrl.log import Log
 
 __all__ = ["BiasTest", "bias_test", "instrumental"]
 
@@ -78,17 +79,26 @@ class BiasTest:
 
 def instrumental(
     design: Design,
-    problem: Problem,
+    log: Log,
     replay: Replay,
     *,
     own: Iterable[Effect] = (),
-    processing: Processing | None = None,
+    processing: Processing,
+    usual: Processing,
+    inertia: bool = True,
 ) -> tuple[Problem, Fit, BiasTest, tuple[str, ...]]:
     """Solve a regression by instrumental variables.
 
     The noise-free drive is simulated with the last estimates, the columns of that log are the instruments of the
     next, until nothing moves. What the processing itself makes of the noise-free log (the residual it leaves) is
     taken off the target.
+
+    Parameters
+    ----------
+    processing, usual : Processing
+        Of the estimates, and of the least squares that is tested for bias: instruments bear a wider band.
+    inertia : bool
+        Whether the inertia is searched; it is the design's otherwise.
 
     Returns
     -------
@@ -103,14 +113,14 @@ def instrumental(
         When the simulated drive does not move.
     """
     own, effects = tuple(own), with_own(own)
-    ordinary = solve(problem, effects)
-    values = _values(problem, ordinary)
+    problem = build_problem(design, log, own=own, processing=processing, inertia=inertia)
+    values = _values(problem, solve(problem, effects))
     warnings: tuple[str, ...] = ()
     for _ in range(ROUNDS):
-        twin = _twin(design, problem, replay, values, own, processing)
-        z = twin.matrix()
-        corrected = replace(problem, target=problem.target - (twin.target - z @ values))
-        fit = solve(corrected, effects, instruments=z, ratio=None)
+        plant = plant_with(design, problem.columns, values)
+        twin = replay.run(plant)
+        corrected, instruments = _instruments(plant, twin, problem, values, own, processing)
+        fit = solve(corrected, effects, instruments, ratio=None)
         last, values = values, _values(problem, fit)
         moved = np.abs(values - last) > STILL * np.array([fit.stderr.get(n, np.inf) for n in problem.names])
         if not moved.any():
@@ -118,7 +128,23 @@ def instrumental(
     else:
         still = ", ".join(np.array(problem.names)[moved])
         warnings = (f"instrumental variables: {still} had not come to rest after {ROUNDS} rounds",)
-    return corrected, fit, bias_test(corrected, ordinary, fit), warnings
+    narrow = build_problem(design, log, own=own, processing=usual, inertia=inertia)
+    tested, instruments = _instruments(plant, twin, narrow, last, own, usual)
+    test = bias_test(tested, solve(narrow, effects), solve(tested, effects, instruments, ratio=None))
+    return corrected, fit, test, warnings
+
+
+def _instruments(
+    plant: Design, twin: Log, problem: Problem, values: Array, own: tuple[Effect, ...], processing: Processing
+) -> tuple[Problem, Array]:
+    """Return the problem without what the processing makes of the noise-free log, and the instruments, its columns."""
+    try:
+        inertia = any(column.symbol == "J" for column in problem.columns)
+        clean = build_problem(plant, twin, own=own, processing=processing, inertia=inertia)
+    except LogError as error:
+        raise LogError(f"the simulated drive does not follow this log's reference: {error}") from error
+    z = clean.matrix()
+    return replace(problem, target=problem.target - (clean.target - z @ values)), z
 
 
 def _values(problem: Problem, fit: Fit) -> Array:
@@ -126,22 +152,6 @@ def _values(problem: Problem, fit: Fit) -> Array:
     return np.array([
         min(max(fit.values.get(c.name, c.nominal), c.lower), c.upper) for c in problem.columns
     ])  # fmt: skip
-
-
-def _twin(
-    design: Design,
-    problem: Problem,
-    replay: Replay,
-    values: Array,
-    own: tuple[Effect, ...],
-    processing: Processing | None,
-) -> Problem:
-    plant = plant_with(design, problem.columns, values)
-    try:
-        prepared = prepare(design, replay.run(plant), processing)
-    except LogError as error:
-        raise LogError(f"the simulated drive does not follow this log's reference: {error}") from error
-    return build_problem(plant, prepared, own=own)
 
 
 def bias_test(problem: Problem, ordinary: Fit, unbiased: Fit) -> BiasTest:

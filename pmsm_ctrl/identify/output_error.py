@@ -111,10 +111,9 @@ def output_error(
     first = model.slopes(start, range(len(columns)), model.torque(start))
     size = np.sqrt(np.mean(first[mask] ** 2, axis=0)) * steps / STEP
     free = np.flatnonzero(size > NOTHING * force)
-    values, warnings = _fitted(model, measured / force, mask, start, free, first[:, free], force)
-    simulated = model.torque(values)
+    values, simulated, found, warnings = _fitted(model, measured / force, mask, start, free, first[:, free], force)
     slopes = np.zeros_like(first)
-    slopes[:, free] = model.slopes(values, free.tolist(), simulated)
+    slopes[:, free] = found
     linear = replace(
         problem,
         target=measured - simulated + slopes @ values,
@@ -156,44 +155,64 @@ def _step(column: Column, problem: Problem, force: float, value: float) -> float
 
 def _fitted(
     model: _Model, target: Array, mask: Mask, start: Array, free: NDArray[np.intp], first: Array, force: float
-) -> tuple[Array, tuple[str, ...]]:
-    """Return the parameters of the least squares of the simulated torque; those not free stay as they are.
+) -> tuple[Array, Array, Array, tuple[str, ...]]:
+    """Fit the simulated torque to the measured one; parameters that are not free stay as they are.
 
     `target` is in multiples of `force`; `first`, shape (m, free), are the sensitivities at the start.
+
+    Returns
+    -------
+    values : array, shape (columns,)
+    torque : array, shape (m,)
+        Simulated with these values.
+    slopes : array, shape (m, free)
+        Sensitivities there.
+    warnings : tuple of str
     """
     from scipy.optimize import least_squares
 
     scale = model.steps / STEP
-    last: dict[str, Array] = {}
+    torques: dict[bytes, Array] = {}  # the latest only
+    slopes: dict[bytes, Array] = {}
 
     def full(x: Array) -> Array:
         values = start.copy()
         values[free] = x * scale[free]
         return values
 
+    def torque_at(x: Array) -> Array:
+        if x.tobytes() not in torques:
+            made = model.torque(full(x))
+            torques.clear()
+            torques[x.tobytes()] = made
+        return torques[x.tobytes()]
+
+    def slopes_at(x: Array) -> Array:
+        if x.tobytes() not in slopes:
+            made = model.slopes(full(x), free.tolist(), torque_at(x))
+            slopes.clear()
+            slopes[x.tobytes()] = made
+        return slopes[x.tobytes()]
+
     def residual(x: Array) -> Array:
         try:
-            torque = model.torque(full(x))
+            return (torque_at(x) / force - target)[mask]
         except SimulationError:
             return np.full(int(mask.sum()), FAR)
-        last.update(x=x.copy(), torque=torque)
-        return (torque / force - target)[mask]
 
     def jacobian(x: Array) -> Array:
-        slopes = first
-        if not np.array_equal(x, inside):
-            base = last["torque"] if np.array_equal(last["x"], x) else model.torque(full(x))
-            slopes = model.slopes(full(x), free.tolist(), base)
-        return slopes[mask] * scale[free] / force
+        return slopes_at(x)[mask] * scale[free] / force
 
     low, high = model.lower[free] / scale[free], model.upper[free] / scale[free]
     inside = np.clip(start[free] / scale[free], low, high)
-    # A sum of squares that falls by a millionth moves a parameter by a few hundredths of its standard error.
+    slopes[inside.tobytes()] = first
+    # A sum of squares that falls by a ten thousandth moves a parameter by a fraction of its standard error; the
+    # linear problem that follows takes that step as well.
     found = least_squares(
-        residual, inside, jac=jacobian, bounds=(low, high), x_scale="jac", xtol=1e-5, ftol=1e-6, max_nfev=ROUNDS
+        residual, inside, jac=jacobian, bounds=(low, high), x_scale="jac", xtol=1e-5, ftol=1e-4, max_nfev=ROUNDS
     )
     warnings = () if found.status > 0 else (f"the fit by simulation had not converged after {ROUNDS} runs",)
-    return full(found.x), warnings
+    return full(found.x), torque_at(found.x), slopes_at(found.x), warnings
 
 
 def _mismatch(ordinary: Fit, fit: Fit, mask: Mask) -> tuple[str, ...]:

@@ -158,16 +158,35 @@ def _scenario(inputs: Mapping[str, Array], raw: Mapping[str, Array], t: Array, r
 
 
 def _knots(t: Array, values: Array) -> tuple[Array, Array]:
-    """Return times and values between which the reference runs straight; a jump stays a jump.
+    """Return times and values between which the reference runs straight; jumps and corners stay what they are.
 
-    A reference that jumps is new at the sample that shows it first: a knot just before holds the old value.
+    A reference that jumps is new at the sample that shows it first: a knot just before holds the old value. A corner
+    between two samples lies where the straight pieces on either side meet.
     """
-    step = np.abs(np.diff(values))
-    around = np.maximum(np.concatenate([[0.0], step[:-1]]), np.concatenate([step[1:], [0.0]]))
-    jumps = np.flatnonzero(step > np.maximum(5.0 * around, 1e-9 * (float(np.ptp(values)) or 1.0)))
-    at = t[jumps + 1] - 1e-6 * (t[1] - t[0])
-    order = np.argsort(np.concatenate([t, at]), kind="stable")
-    return np.concatenate([t, at])[order], np.concatenate([values, values[jumps]])[order]
+    step = np.diff(values)
+    size = np.abs(step)
+    around = np.maximum(np.concatenate([[0.0], size[:-1]]), np.concatenate([size[1:], [0.0]]))
+    jumps = np.flatnonzero(size > np.maximum(5.0 * around, 1e-9 * (float(np.ptp(values)) or 1.0)))
+    corners, at = _corners(step)
+    times = np.concatenate([t, t[jumps + 1] - 1e-6 * t[1], t[corners] + at * (t[1] - t[0])])
+    order = np.argsort(times, kind="stable")
+    held = np.concatenate([values, values[jumps], values[corners] + at * step[corners - 1]])
+    return times[order], held[order]
+
+
+def _corners(step: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return the steps inside which two straight pieces meet, and where in them, as a share of the step."""
+    if len(step) < 5:
+        return np.zeros(0, dtype=np.intp), np.zeros(0)
+    k = np.arange(2, len(step) - 2)
+    same = 1e-6 * float(np.max(np.abs(step))) + 1e-300
+    before, after = step[k - 1], step[k + 1]
+    straight = (np.abs(before - step[k - 2]) < same) & (np.abs(after - step[k + 2]) < same)
+    bent = (np.abs(step[k] - before) > same) & (np.abs(step[k] - after) > same) & (np.abs(before - after) > same)
+    k = k[straight & bent]
+    at = (step[k] - step[k + 1]) / (step[k - 1] - step[k + 1])
+    inside = (at > 0.0) & (at < 1.0)
+    return k[inside], at[inside]
 
 
 def _added(

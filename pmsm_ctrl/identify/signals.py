@@ -69,6 +69,9 @@ class Processing:
         Time cut on either side of every reversal, s. The moment at which a filtered speed changes its sign is not
         quite that at which the axis did; one period of the cutoff removes that error, and a few samples. Zero, as
         the authors of the method have it, keeps them.
+    through_reversals : bool
+        Whether samples at rest take part where the rest is shorter than the filter's memory, as at a reversal:
+        for an evaluation that simulates the rest. Longer rests never take part.
     """
 
     cutoff: float | None = None
@@ -78,6 +81,7 @@ class Processing:
     standstill_speed: float = 0.0
     edge: float | None = None
     reversal: float = 0.0
+    through_reversals: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,6 +369,8 @@ def _moving(omega: Array, good: Mask, rate: float, cutoff: float, edge: int, pro
     for start, stop in zip(change[::2], change[1::2], strict=True):
         if stop - start > memory:
             moving[max(0, start - memory) : stop + memory] = False
+        elif processing.through_reversals:
+            moving[start:stop] = True
     near = round(processing.reversal * rate)
     for k in np.flatnonzero(np.diff(np.sign(omega)) != 0.0) if near else ():
         moving[max(0, k + 1 - near) : k + 1 + near] = False
