@@ -89,6 +89,16 @@ def test_emps_page_holds_no_measured_curve() -> None:
     assert len(markers) < 150, f"{len(markers)} of {uses} points"
 
 
+def test_the_readme_says_of_emps_what_its_page_says() -> None:
+    """Percentages of the README's table, effect by effect, are those of the committed page."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| \+ [^|]+\| ([\d.]+ %) \| ([\d.]+ %) \|$", readme, re.MULTILINE)
+    tree = parsed(ROOT / "reports" / "gallery" / "emps.html")
+    table = next(t for t in tree.iter("table") if text_of(t).startswith("effect"))
+    shown = [[text_of(cell) for cell in row] for row in table.iter("tr")][1:]
+    assert rows == [(cells[3], cells[4]) for cells in shown]
+
+
 def browser(*words: str, profile: Path) -> subprocess.CompletedProcess[bytes]:
     command = [
         "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
