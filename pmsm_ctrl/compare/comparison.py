@@ -280,7 +280,7 @@ def _record(design: Design, log: Log, own: tuple[Effect, ...], processing: Proce
         traces[name] = Trace(problem.t, measured, prepared.column(values), problem.mask, CHANNELS[name][0])
     per_ampere = design.K_t_assumed if "i_q" in prepared.signals else None
     found = {
-        name: where(prepared, trace.measured, trace.predicted, trace.mask, trace.unit, predicted, per_ampere)
+        name: where(prepared, trace.measured, trace.predicted, trace.mask, trace.unit, predicted, design.J, per_ampere)
         for name, trace in traces.items()
     }
     torque = traces["torque"]

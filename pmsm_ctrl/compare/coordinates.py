@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.orders import strongest_orders, waves
-from pmsm_ctrl.identify.signals import Prepared
+from pmsm_ctrl.identify.signals import Prepared, low_pass
 
 __all__ = ["UNITS", "Curve", "curves", "grid_coordinates"]
 
@@ -29,6 +29,8 @@ UNITS = {
 ONE_WAY = 0.03
 SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: close together where friction bends
 ORDERS = 4
+QUIET = 0.25  # of the cutoff: above it lies nearly all noise of a twice differentiated angle
+TRUE = 0.7  # least share of the fast acceleration that has to be true
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,28 +65,50 @@ class Curve:
     spectrum: Array | None = None
 
 
-def grid_coordinates(prepared: Prepared, predicted: Array, per_ampere: float | None) -> dict[str, Array]:
+def grid_coordinates(prepared: Prepared, predicted: Array, per_ampere: float | None, J: float) -> dict[str, Array]:
     """Return coordinates of shape (m,) on the thinned grid.
 
     Parameters
     ----------
     predicted : array, shape (m,)
         Drive torque as the model predicts it: against the measured one its own noise would be a dependence.
+    J : float
+        Inertia that `predicted` holds.
     per_ampere : float or None
         Torque constant; None where the log has a torque and no current.
     """
     s, keep = prepared.signals, prepared.keep
+    alpha = prepared.column(prepared.alpha)
+    slow = _quiet(prepared, alpha, J)
+    predicted = predicted - J * (alpha - slow)
     out = {
         "speed": s["omega"][keep],
         "direction": np.sign(s["omega"][keep]),
         "position": s["theta"][keep],
-        "acceleration": prepared.column(prepared.alpha),
+        "acceleration": slow,
         _load_name(prepared, per_ampere): predicted / (per_ampere or 1.0),
         "time since start": prepared.t[keep] - prepared.t[0],
     }
     if "temperature" in s and float(np.ptp(s["temperature"])) > 0.0:
         out["temperature"] = s["temperature"][keep]
     return out
+
+
+def _quiet(prepared: Prepared, alpha: Array, J: float) -> Array:
+    """Return the acceleration, its fast part only where the drive's torque says that it is true.
+
+    The noise of a coarse encoder stands in the prediction and in the acceleration alike, and would be a dependence.
+    What is true of the fast part needs torque: the slope of one over the other, in inertias, is the share that is.
+    """
+    wide = low_pass(prepared.alpha, prepared.rate, QUIET * prepared.cutoff)
+    fast = prepared.alpha - wide
+    torque = prepared.signals["torque"]
+    torque = torque - low_pass(torque, prepared.rate, QUIET * prepared.cutoff)
+    fast_column, torque_column = prepared.column(fast)[prepared.mask], prepared.column(torque)[prepared.mask]
+    power = float(fast_column @ fast_column)
+    if power <= 0.0 or float(fast_column @ torque_column) > TRUE * J * power:
+        return alpha
+    return prepared.column(wide)
 
 
 def _load_name(prepared: Prepared, per_ampere: float | None) -> str:

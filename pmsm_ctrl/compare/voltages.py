@@ -12,7 +12,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.identify.problem import term_signals
-from pmsm_ctrl.identify.signals import Prepared
+from pmsm_ctrl.identify.signals import Prepared, derivative
 from pmsm_ctrl.kernels.balance import voltage_d, voltage_q
 
 __all__ = ["predicted_voltages"]
@@ -54,4 +54,7 @@ def predicted_voltages(
             continue
         added = column(effect, known, parameters)
         u_d, u_q = u_d + added[0], u_q + added[1]
-    return {"u_d": u_d, "u_q": u_q}, tuple(notes)
+    # the command logged now acts after the drive's delay and is held for one period: half a period later on average
+    age = (design.drive.delay_periods + 0.5) / design.drive.f_control
+    period = 1.0 / prepared.rate
+    return {"u_d": u_d + age * derivative(u_d, period), "u_q": u_q + age * derivative(u_q, period)}, tuple(notes)

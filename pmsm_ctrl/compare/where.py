@@ -23,7 +23,8 @@ Mask = NDArray[np.bool_]
 
 SIGNIFICANCE = 0.01  # family-wise, by Holm
 SURE = 2.8  # standard errors by which the gain of left-out blocks must be above zero
-MATERIAL = 0.004  # of the measured channel: smaller curves are not worth a word
+# Of the measured channel: smaller curves are not worth a word. A voltage follows the sampled current no closer.
+MATERIAL, MATERIAL_VOLTAGE = 0.004, 0.02
 WORTH = 0.05  # least share of what is left that is worth a word: aliased edges of the torque make up to 3 %
 ALIKE = 0.97  # of two coordinates that explain the same to within this, the simpler is named
 MOST = 3  # coordinates that are named
@@ -163,7 +164,7 @@ class Where:
 
 
 def where(
-    prepared: Prepared, measured: Array, predicted: Array, mask: Mask, unit: str, torque: Array,
+    prepared: Prepared, measured: Array, predicted: Array, mask: Mask, unit: str, torque: Array, J: float,
     per_ampere: float | None = None,
 ) -> Where:  # fmt: skip
     """Find what a residual depends on.
@@ -176,16 +177,19 @@ def where(
         Samples that count.
     torque : array, shape (m,)
         Drive torque as the model predicts it.
+    J : float
+        Inertia that this prediction holds.
     per_ampere : float, optional
         Torque constant, where the log has a current.
     """
     t, residual = prepared.t[prepared.keep], measured - predicted
-    coordinates = grid_coordinates(prepared, torque, per_ampere)
+    coordinates = grid_coordinates(prepared, torque, per_ampere, J)
     used = mask & _away_from_reversals(prepared, coordinates["speed"])
     if int(used.sum()) < 100:
         used = mask
+    material = MATERIAL_VOLTAGE if unit == "V" else MATERIAL
     made, noise = _modelled(prepared, coordinates, residual, used)
-    case = _case(t, residual, used, noise, made, prepared.cutoff, measured, coordinates["direction"])
+    case = _case(t, residual, used, noise, made, prepared.cutoff, measured, coordinates["direction"], material)
     constant = case.bench.judge([], [1])
     offset_sure = constant is not None and not case.objection(constant, constant.p_value)
     alone = {c.name: case.bench.judge(case.base[c.name], case.own[c.name]) for c in made}
@@ -212,7 +216,7 @@ class _Case:
     bench: Bench
     base: Mapping[str, list[int]]
     own: Mapping[str, list[int]]
-    size: float
+    least: float
     direction: Array
 
     def objection(self, outcome: Outcome, p: float) -> str:
@@ -222,14 +226,14 @@ class _Case:
         holds = outcome.gain > SURE * outcome.stderr or (outcome.p_rank < 0.5 * SIGNIFICANCE and outcome.gain > 0.0)
         if not holds or outcome.share <= 0.0:
             return "does not hold on blocks left out"
-        if outcome.share <= WORTH or outcome.size <= MATERIAL * self.size:
+        if outcome.share <= WORTH or outcome.size <= self.least:
             return "too small to matter"
         return ""
 
 
 def _case(
     t: Array, residual: Array, mask: Mask, noise: Noise, made: list[Curve], cutoff: float, measured: Array,
-    direction: Array,
+    direction: Array, material: float,
 ) -> _Case:  # fmt: skip
     """Put residual, constant, direction and every curve's own columns side by side."""
     columns = [np.ones(len(t)), direction]
@@ -238,9 +242,9 @@ def _case(
         base[curve.name] = [1, 2][: curve.base.shape[1]]
         own[curve.name] = list(range(len(columns) + 1, len(columns) + 1 + curve.own.shape[1]))
         columns += list(curve.own.T)
-    size = float(np.sqrt(np.mean(measured[mask] ** 2)))
+    least = material * float(np.sqrt(np.mean(measured[mask] ** 2)))
     laid = bench(noise, t, residual, mask, np.column_stack(columns), cutoff)
-    return _Case(residual, mask, laid, base, own, size, direction)
+    return _Case(residual, mask, laid, base, own, least, direction)
 
 
 def _away_from_reversals(prepared: Prepared, omega: Array) -> Mask:

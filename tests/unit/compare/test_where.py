@@ -49,7 +49,7 @@ def coloured(rng: np.random.Generator, n: int, a: float = 0.9) -> np.ndarray:
 def search(axis: Prepared, residual: np.ndarray) -> Where:
     rng = np.random.default_rng(99)
     torque = axis.column(0.02 * axis.signals["direction"]) + 0.001 * rng.standard_normal(len(residual))
-    return where(axis, residual, np.zeros_like(residual), axis.mask, "N m", torque, 1.0)
+    return where(axis, residual, np.zeros_like(residual), axis.mask, "N m", torque, 0.0, 1.0)
 
 
 def shape(axis: Prepared, values: np.ndarray) -> np.ndarray:
