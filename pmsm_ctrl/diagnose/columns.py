@@ -108,8 +108,20 @@ def _build(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array:
         terms, _ = columns(effect, term_signals(record), values)
         if not terms:
             raise UnavailableError("it has no parameter that multiplies a column")
-        parts = [_entering(record, effect, terms[symbol]) for symbol in _symbols(effect)]
+        slow = _slow_enough(record, effect, shape)
+        parts = [_entering(record, effect, terms[symbol] * slow) for symbol in _symbols(effect)]
     return np.stack([record.stack(part) for part in parts], axis=-1)
+
+
+def _slow_enough(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array | float:
+    """Where an order of the angle lies below the log's Nyquist frequency; above it, it would come back as an alias.
+
+    None of it is lost: the balances are filtered far below.
+    """
+    if "order" not in shape:
+        return 1.0
+    per_turn = shape["order"] * (record.design.motor.p or 1 if "p" in effect.signals else 1)
+    return np.asarray(per_turn * np.abs(record.signals["omega"]) < 0.8 * np.pi * record.prepared.rate, dtype=float)
 
 
 def as_candidate(record: Record, group: Group) -> Group:
