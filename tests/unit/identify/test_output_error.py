@@ -10,6 +10,7 @@ import pytest
 from pmsm_ctrl.cli import app
 from pmsm_ctrl.console import run
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify import Processing, identify
 from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.simulate.scenarios import Scenario
@@ -127,6 +128,13 @@ def test_one_direction_cannot_tell_load_from_coulomb(design, method) -> None:
     result = identify(loaded, simulate(loaded, sway, seed=1), method=method)
     assert set(result.unidentifiable) == {"F_c", "T_0"}
     assert "known is F_c + T_0 = 0.024" in result.unidentifiable["F_c"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_at_standstill_nothing_is_identified(design, method) -> None:
+    log = simulate(design, Scenario("still", 3.0, lambda t: {"omega_ref": 0.0 * t}), seed=1)
+    with pytest.raises(LogError, match=r"stands still|moves for too short"):
+        identify(design, log, method=method)
 
 
 def test_an_effect_that_is_off_has_no_shape(design) -> None:
