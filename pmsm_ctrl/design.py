@@ -23,6 +23,7 @@ __all__ = [
 # In SI units everything from a watch's motor to a ship's shaft lies well inside. What lies outside is a slip of the
 # unit, and products of such numbers leave what a double can hold.
 SMALL, LARGE = 1e-15, 1e15
+MAX_FILE = 1 << 24  # bytes of a design
 Positive = Annotated[float, Field(ge=SMALL, le=LARGE, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGE, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGE, le=LARGE, allow_inf_nan=False)]
@@ -389,6 +390,10 @@ class Design(Part):
             When the file is missing, is not TOML, or has a field that is wrong.
         """
         try:
+            if Path(path).exists() and not Path(path).is_file():
+                raise DesignError(f"{path}: is no file; a design in TOML was expected")
+            if Path(path).stat().st_size > MAX_FILE:
+                raise DesignError(f"{path}: larger than {MAX_FILE >> 20} MB; a design in TOML was expected")
             text = Path(path).read_bytes().decode("utf-8")
             data = tomllib.loads(text)
         except FileNotFoundError:
@@ -399,6 +404,8 @@ class Design(Part):
             raise DesignError(f"{path}: not UTF-8 text at byte {error.start}; a design in TOML was expected") from None
         except (tomllib.TOMLDecodeError, RecursionError) as error:
             raise DesignError(f"{path}: not valid TOML: {error}") from None
+        except ValueError as error:  # a name with a zero byte
+            raise DesignError(f"{path!r}: cannot be read ({error})") from None
         if not data:
             raise DesignError(f"{path}: empty; a design needs at least a [motor] table")
         return cls.from_dict(data, source=str(path))

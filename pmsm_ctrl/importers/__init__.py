@@ -164,6 +164,8 @@ def _existing(path: str | os.PathLike[str]) -> tuple[Path, str]:
             raise LogError(f"{file}: is a folder; a log file was expected")
         if not target.exists():
             raise LogError(f"{file}: no such file; a log was expected")
+        if not target.is_file():
+            raise LogError(f"{file}: is a device or a pipe; a log file was expected")
         with open(target, "rb"):
             return target, str(file)
     except PmsmCtrlError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,13 +11,29 @@ from contextlib import contextmanager
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.table import one_line
 
-__all__ = ["guarded", "reason"]
+__all__ = ["afford", "guarded", "reason"]
 
 
 def reason(error: BaseException) -> str:
     """Return the first line of an error's message, or its name."""
     text = str(error).strip()
     return one_line(text.splitlines()[0][:120]) if text else type(error).__name__
+
+
+def afford(file: str, kind: str, values: float) -> None:
+    """Refuse a file that says it holds more values than fit into half of the memory; a few bytes can say so.
+
+    Raises
+    ------
+    LogError
+        With what would be needed and what there is.
+    """
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 1 << 33
+    if 8.0 * values > 0.5 * memory:
+        raise LogError(
+            f"{file}: {kind} file of {values:.3g} values: {8e-9 * values:.3g} GB needed, {1e-9 * memory:.3g} GB there; "
+            "damaged, or to be cut into shorter records"
+        )
 
 
 @contextmanager

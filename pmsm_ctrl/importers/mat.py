@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.guard import guarded
+from pmsm_ctrl.importers.guard import afford, guarded
 from pmsm_ctrl.importers.isolated import ask
 from pmsm_ctrl.importers.names import split_header
 from pmsm_ctrl.importers.table import Array, Column, Table, one_line
@@ -52,11 +52,15 @@ def open_hdf5(path: Path, file: str) -> Table:
     except ImportError:
         raise LogError(f"{file}: MATLAB v7.3 (HDF5) needs h5py: pip install 'pmsm-ctrl[matlab73]'") from None
     found: dict[str, Any] = {}
+    total = 0.0
     with guarded(file, "HDF5"), h5py.File(path, "r") as content:
 
         def visit(name: str, item: Any) -> None:
+            nonlocal total
             # names under #refs# are cells that other variables point to
             if isinstance(item, h5py.Dataset) and not name.startswith("#") and item.dtype.kind in "fiub":
+                total += item.size
+                afford(file, "HDF5", total)  # before anything is read: sizes are only promised here
                 found[name.replace("/", ".")] = item[()]
 
         content.visititems(visit)

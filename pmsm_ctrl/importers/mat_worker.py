@@ -5,6 +5,7 @@ Started by `pmsm_ctrl.importers.isolated`; imports nothing of this package. Noth
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import warnings
@@ -37,6 +38,7 @@ def flattened(content: dict[str, Any], prefix: str = "", depth: int = 0) -> dict
 def main(arguments: list[str]) -> int:
     """Answer with the name and shape of every variable, then the values of the numeric ones."""
     warnings.simplefilter("ignore")
+    _bound_memory()
     output = sys.stdout.buffer
     values: list[np.ndarray] = []
     try:
@@ -53,6 +55,18 @@ def main(arguments: list[str]) -> int:
         output.write(array.tobytes())
     output.flush()
     return 0
+
+
+def _bound_memory() -> None:
+    """A damaged file may ask for any amount; the machine must not swap itself to death for it."""
+    try:
+        import os
+        import resource
+    except ImportError:  # Windows
+        return
+    limit = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 if __name__ == "__main__":

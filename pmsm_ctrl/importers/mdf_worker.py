@@ -5,6 +5,7 @@ Started by `pmsm_ctrl.importers.isolated`; imports nothing of this package.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import sys
@@ -19,6 +20,7 @@ __all__ = ["main"]
 def main(arguments: list[str]) -> int:
     """Answer ``PATH`` with the columns, ``PATH G:I ...`` with the values of channel I of group G."""
     warnings.simplefilter("ignore")
+    _bound_memory()
     logging.disable(logging.CRITICAL)
     output = sys.stdout.buffer
     values: list[np.ndarray] = []
@@ -65,6 +67,18 @@ def _values(content: Any, group: int, index: int) -> np.ndarray:
     if samples.ndim != 1 or samples.dtype.kind not in "fiub":
         raise ValueError(f"channel '{content.groups[group].channels[index].name}' holds no single numbers")
     return np.asarray(samples, dtype=np.float64)
+
+
+def _bound_memory() -> None:
+    """A damaged file may ask for any amount; the machine must not swap itself to death for it."""
+    try:
+        import os
+        import resource
+    except ImportError:  # Windows
+        return
+    limit = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.guard import guarded
+from pmsm_ctrl.importers.guard import afford, guarded
 from pmsm_ctrl.importers.names import split_header
 from pmsm_ctrl.importers.table import Array, Column, Table, one_line
 
@@ -32,13 +32,15 @@ def open_parquet(path: Path, file: str) -> Table:
     except ImportError:
         raise LogError(f"{file}: Parquet needs pyarrow: pip install 'pmsm-ctrl[parquet]'") from None
     with guarded(file, "Parquet"), open(path, "rb") as stream:
-        schema = pyarrow.parquet.read_schema(stream)
+        content = pyarrow.parquet.ParquetFile(stream)
+        schema, rows = content.schema_arrow, content.metadata.num_rows
     fields = [field for field in schema if _usable(pyarrow, field.type)]
     if not fields:
         raise LogError(f"{file}: no numeric columns in this Parquet file (found: {', '.join(schema.names) or 'none'})")
     columns = tuple(_column(pyarrow, field) for field in fields)
 
     def load(indices: Sequence[int]) -> list[Array]:
+        afford(file, "Parquet", float(rows) * len(indices))
         wanted = list(dict.fromkeys(fields[i].name for i in indices))
         with guarded(file, "Parquet"), open(path, "rb") as stream:
             table = pyarrow.parquet.read_table(stream, columns=wanted)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.guard import guarded
+from pmsm_ctrl.importers.guard import afford, guarded
 from pmsm_ctrl.importers.names import guess_channel, split_header
 from pmsm_ctrl.importers.table import Array, Column, Table, one_line
 
@@ -61,6 +61,11 @@ def open_tdms(path: Path, file: str) -> Table:
 
     def load(indices: Sequence[int]) -> list[Array]:
         with _opened(path, file) as content:
+            sizes = (
+                s.samples if isinstance(s, _Waveform) else len(content[s[0]][s[1]])
+                for s in map(sources.__getitem__, indices)
+            )
+            afford(file, "TDMS", float(sum(sizes)))
             return [_values(content, sources[i]) for i in indices]
 
     def locate(column: int, sample: int) -> str:

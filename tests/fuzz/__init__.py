@@ -1,0 +1,1 @@
+"""Fuzzing: hypothesis over every command (test_commands.py), atheris over every reader (``python -m tests.fuzz``)."""
