@@ -50,6 +50,8 @@ class _Writer:
 
     functions: Mapping[str, str]
     equal, unequal, both, either = "==", "!=", "&&", "||"
+    # a branch: its first condition, a further one, what is left, the end; `#` stands for the condition
+    branch_words: tuple[str, str, str, str]
 
     def __init__(self, names: Mapping[str, str] | None = None) -> None:
         self.names = dict(names or {})
@@ -72,6 +74,17 @@ class _Writer:
         assert isinstance(statement, ast.Expr)
         assert isinstance(statement.value, ast.Constant)
         return [pad + self.remark(str(statement.value.value))]
+
+    def _branch(self, statement: ast.If, depth: int, further: bool = False) -> list[str]:
+        pad, (first, another, otherwise, end) = "    " * depth, self.branch_words
+        head = (another if further else first).replace("#", self.text(statement.test))
+        out = [pad + head, *self.lines(statement.body, depth + 1)]
+        other = statement.orelse
+        if len(other) == 1 and isinstance(other[0], ast.If):
+            return out + self._branch(other[0], depth, True)
+        if other:
+            out += [pad + otherwise, *self.lines(other, depth + 1)]
+        return [*out, pad + end]
 
     def text(self, node: ast.expr, within: int = 0) -> str:
         """Return an expression; brackets keep Python's own order of evaluation, rounding included."""
@@ -124,9 +137,6 @@ class _Writer:
     def _assignment(self, target: ast.expr, value: ast.expr) -> str:
         raise NotImplementedError
 
-    def _branch(self, statement: ast.If, depth: int) -> list[str]:
-        raise NotImplementedError
-
     def _loop(self, statement: ast.For, depth: int) -> list[str]:
         raise NotImplementedError
 
@@ -154,6 +164,8 @@ class _Writer:
 class CWriter(_Writer):
     """C99 with math.h."""
 
+    branch_words = ("if (#) {", "} else if (#) {", "} else {", "}")
+
     functions = {
         "abs": "fabs", "min": "fmin", "max": "fmax", "sqrt": "sqrt", "sin": "sin", "cos": "cos", "exp": "exp",
         "isfinite": "isfinite",
@@ -161,16 +173,6 @@ class CWriter(_Writer):
 
     def _assignment(self, target: ast.expr, value: ast.expr) -> str:
         return f"{self.text(target)} = {self.text(value)};"
-
-    def _branch(self, statement: ast.If, depth: int, opening: str = "if") -> list[str]:
-        pad = "    " * depth
-        out = [f"{pad}{opening} ({self.text(statement.test)}) {{", *self.lines(statement.body, depth + 1)]
-        other = statement.orelse
-        if len(other) == 1 and isinstance(other[0], ast.If):
-            return out + self._branch(other[0], depth, "} else if")
-        if other:
-            out += [f"{pad}}} else {{", *self.lines(other, depth + 1)]
-        return [*out, f"{pad}}}"]
 
     def _loop(self, statement: ast.For, depth: int) -> list[str]:
         pad, counter = "    " * depth, self.text(statement.target)
@@ -205,6 +207,7 @@ class StWriter(_Writer):
 
     functions = {"abs": "ABS", "min": "MIN", "max": "MAX", "sqrt": "SQRT", "sin": "SIN", "cos": "COS", "exp": "EXP"}
     equal, unequal, both, either = "=", "<>", "AND", "OR"
+    branch_words = ("IF # THEN", "ELSIF # THEN", "ELSE", "END_IF;")
 
     def __init__(self, names: Mapping[str, str] | None = None, flavour: Flavour = "iec") -> None:
         super().__init__(names)
@@ -212,16 +215,6 @@ class StWriter(_Writer):
 
     def _assignment(self, target: ast.expr, value: ast.expr) -> str:
         return f"{self.text(target)} := {self.text(value)};"
-
-    def _branch(self, statement: ast.If, depth: int, opening: str = "IF") -> list[str]:
-        pad = "    " * depth
-        out = [f"{pad}{opening} {self.text(statement.test)} THEN", *self.lines(statement.body, depth + 1)]
-        other = statement.orelse
-        if len(other) == 1 and isinstance(other[0], ast.If):
-            return out + self._branch(other[0], depth, "ELSIF")
-        if other:
-            out += [f"{pad}ELSE", *self.lines(other, depth + 1)]
-        return [*out, f"{pad}END_IF;"]
 
     def _loop(self, statement: ast.For, depth: int) -> list[str]:
         pad = "    " * depth
