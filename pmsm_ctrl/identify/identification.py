@@ -155,7 +155,10 @@ class Identification(Result):
                 f"{_TITLES[self.method]}; what remains is {100 * self.relative_error:.2f} % of the torque. "
                 "The standard errors allow for the correlation of the residual.",
             ),
-            tables=((("parameter", "value", "standard error", "unit", "95 % interval"), rows),),
+            tables=(
+                (("parameter", "value", "standard error", "unit", "95 % interval"), rows),
+                *(() if self.bias is None or not self.bias.bias else (self.bias.table(),)),
+            ),
             figures=((self.plot(), "The residual below should look like noise; a shape in it is a missing effect."),),
         )
 

@@ -76,6 +76,20 @@ class BiasTest:
         )
         return f"least squares is biased on this log: {', '.join(parts)}"
 
+    def table(self) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+        """Return header and rows for a report."""
+        header = ("parameter", "least squares less instruments", "standard error", "in errors of least squares", "")
+        return header, tuple(
+            (
+                name,
+                f"{self.bias[name]:+.3g}",
+                f"{self.stderr[name]:.2g}",
+                f"{self.shares[name]:+.2f}",
+                "biased" if name in self.biased else "",
+            )
+            for name in self.bias
+        )
+
 
 def instrumental(
     design: Design,

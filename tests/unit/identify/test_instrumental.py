@@ -103,6 +103,7 @@ def test_a_noisy_encoder_in_a_wide_band_biases_least_squares(design) -> None:
     assert result.bias.bias["J"] == pytest.approx(ordinary.value - unbiased.value, rel=1e-6)
     assert "least squares is biased on this log: J by -" in result.summary()
     assert result.to_dict()["least_squares_bias"]["biased"] == ["J"]
+    assert result.section().tables[1][1][0][4] == "biased"
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
