@@ -78,11 +78,12 @@ def build_replay(design: Design, log: Log, own: Iterable[Effect] = ()) -> Replay
     Raises
     ------
     LogError
-        When the log holds no reference.
+        When the log holds no reference, or too little to be evaluated.
     DesignError
         When the design knows no loops or no electrical data: the drive cannot be simulated.
     """
     where = f"{log.provenance.file}: " if log.provenance.file else ""
+    log.check_evaluable(100)
     t, raw, _, _ = uniform(log)
     t = t - t[0]
     rate = (len(t) - 1) / float(t[-1])

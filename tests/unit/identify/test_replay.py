@@ -83,6 +83,8 @@ def test_a_rate_that_does_not_divide_the_control_rate(design) -> None:
 def test_without_reference_loops_or_motor(design) -> None:
     log = simulate(design, scenario("triangle", design, period=1.0, cycles=1.0))
     bare = Log({name: log[name] for name in ("t", "theta", "i_q")})
+    with pytest.raises(LogError, match="1 sample; at least 100 were expected"):
+        build_replay(design, log.slice(0, 1))
     with pytest.raises(LogError, match=r"no omega_ref and no theta_ref.*method = 'regression'"):
         build_replay(design, bare)
     plain = Design.from_dict({"motor": {"J": 0.01, "K_t": 1.0}})
