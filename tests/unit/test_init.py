@@ -12,11 +12,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pmsm_ctrl import Design
 from pmsm_ctrl.cli import main
-from pmsm_ctrl.datasheet import QUESTIONS, answers_from, design_toml, plausibility, read_answer
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.datasheet import QUESTIONS, Question, answers_from, design_toml, plausibility, read_answer
+from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.init import _asking
 
 BY_KEY = {question.key: question for question in QUESTIONS}
@@ -250,3 +252,32 @@ def test_a_heavy_load_leaves_a_motion_to_identify_it() -> None:
     assert motion.duration == 30.0
     with pytest.raises(RequestError, match="ramps leave too little"):
         scenario("identification", heavy, speed_max=400.0)
+
+
+LIKE_AN_ANSWER = st.from_regex(r"-?\d{1,4}(\.\d)?(e-?\d{1,3})? ?[A-Za-z/²Ω ]*")
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(QUESTIONS), st.text(max_size=30) | LIKE_AN_ANSWER)
+def test_any_text_is_read_or_refused(question: Question, text: str) -> None:
+    try:
+        value = read_answer(question, text).value
+    except RequestError as error:
+        said = str(error)
+    else:
+        said = question.option if math.isfinite(value) else "not finite"
+    assert question.option in said
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.dictionaries(st.sampled_from(sorted(set(SHEET) - {"emf_constant"})), st.floats(1e-300, 1e300), max_size=4))
+def test_any_numbers_make_a_design_or_are_refused_in_one_line(numbers: dict[str, float]) -> None:
+    sheet = SHEET | {key: f"{value!r} {SHEET[key].partition(' ')[2]}" for key, value in numbers.items()}
+    try:
+        answers = answers_from(sheet)
+        design = Design.from_dict(tomllib.loads(design_toml("x", answers)))
+        said = " ".join(plausibility(design, answers)[0])
+    except (RequestError, DesignError) as error:
+        said = str(error)
+    assert "\n" not in said
+    assert "nan" not in said
