@@ -57,6 +57,7 @@ def init(
 
 
 def _write(name: str, target: Path, given: dict[str, Text], *, force: bool, json_file: Path | None) -> None:
+    import shlex
     import tomllib
 
     from pmsm_ctrl.console import write_json
@@ -79,10 +80,11 @@ def _write(name: str, target: Path, given: dict[str, Text], *, force: bool, json
     print("\n".join(facts))
     if json_file is not None:
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target), "warnings": doubts})
+    typed = shlex.quote(str(target))
     following = {
-        f"study {target}": "tunes the loops and shows what the simulated axis does",
+        f"study {typed}": "tunes the loops and shows what the simulated axis does",
         "import LOG": "says what the drive's log holds, and what looks wrong in it",
-        f"study {target} --log LOG": "says what the model lacks on the measured axis",
+        f"study {typed} --log LOG": "says what the model lacks on the measured axis",
     }
     width = max(map(len, following))
     print(f"design: {target}")

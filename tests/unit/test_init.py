@@ -167,6 +167,11 @@ def test_a_bad_sheet_writes_nothing(
     assert not list(tmp_path.iterdir())
 
 
+def test_the_next_command_can_be_pasted(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("init", "press 2", *options(SHEET)) == 0
+    assert "next: pmsm-ctrl study 'press 2.toml' " in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("name", ["../up", ""])
 def test_a_name_is_no_path(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("init", name, *options(SHEET)) == 2
