@@ -73,7 +73,9 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
 
             traceback.print_exception(error, file=sys.stderr)
         if message:
-            print(f"pmsm-ctrl: {' '.join(message.split())}", file=sys.stderr)
+            # what stands in a file must not steer the terminal
+            shown = "".join(c if c.isprintable() else " " for c in message)
+            print(f"pmsm-ctrl: {' '.join(shown.split())}", file=sys.stderr)
         return status
     return outcome if isinstance(outcome, int) else DONE
 

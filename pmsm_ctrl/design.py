@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from pmsm_ctrl.errors import DesignError, nearest
 from pmsm_ctrl.files import write_text
@@ -252,7 +252,7 @@ class Design(Part):
     Every part is frozen; `model_copy`, `with_effect` and `without_effect` return changed copies.
     """
 
-    name: str = "axis"
+    name: str = Field(default="axis", max_length=100, description="one line of printable characters")
     motion: Literal["rotary", "linear"] = Field(default="rotary", description="linear: theta in m, J in kg, T in N")
     motor: Motor
     load: Load = Load()
@@ -268,6 +268,14 @@ class Design(Part):
     )
     log: LogMap = LogMap()
     source: str = Field(default="", exclude=True, repr=False, description="file the design was read from")
+
+    @field_validator("name")
+    @classmethod
+    def _printable(cls, name: str) -> str:
+        # it is printed, and stands in reports and in generated code
+        if not name.isprintable():
+            raise ValueError(f"found {name[:60]!r}; one line of printable characters was expected")
+        return name
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Design) and self.to_dict() == other.to_dict()

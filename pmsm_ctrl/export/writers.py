@@ -29,7 +29,7 @@ def real(value: float) -> str:
 
 def plain(text: str) -> str:
     """Return a text that may stand in a comment of any language here: ASCII, and nothing that ends the comment."""
-    for ending in ("*)", "*/", "]]>"):
+    for ending in ("*)", "(*", "*/", "]]>"):
         text = text.replace(ending, " ".join(ending))
     return " ".join(text.encode("ascii", "replace").decode().split())
 

@@ -30,8 +30,7 @@ _REFUSED = {
     b"PK\x03\x04": "a zip archive or Excel workbook; save the sheet as CSV",
     b"\x93NUMPY": "a NumPy array without channel names; save it as CSV or MAT",
     b"\x1f\x8b": "gzip-compressed; unpack it first",
-    b"\x80\x04\x95": "a Python pickle, which is never read",
-    b"\x80\x05\x95": "a Python pickle, which is never read",
+    **{bytes([0x80, protocol]): "a Python pickle, which is never read" for protocol in range(2, 6)},
 }
 
 

@@ -58,7 +58,13 @@ def open_hdf5(path: Path, file: str) -> Table:
         def visit(name: str, item: Any) -> None:
             nonlocal total
             # names under #refs# are cells that other variables point to
-            if isinstance(item, h5py.Dataset) and not name.startswith("#") and item.dtype.kind in "fiub":
+            if not isinstance(item, h5py.Dataset) or name.startswith("#"):
+                return
+            if item.external is not None or item.is_virtual:
+                raise LogError(
+                    f"{file}: dataset '{one_line(name)}' points to another file; a log of its own was expected"
+                )
+            if item.dtype.kind in "fiub":
                 total += item.size
                 afford(file, "HDF5", total)  # before anything is read: sizes are only promised here
                 found[name.replace("/", ".")] = item[()]
