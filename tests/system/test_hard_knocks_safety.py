@@ -1,4 +1,4 @@
-"""Nothing in a file is executed, no pickle is read, no path leaves its folder, no name breaks out of where it stands."""
+"""Nothing in a file is executed, no pickle is read, no path leaves its folder, no name breaks out of its place."""
 
 from __future__ import annotations
 
