@@ -50,8 +50,8 @@ class Curve:
         Curves that were looked at to find this one; the significance pays for them.
     orders : tuple of int
         Of position on a rotary axis.
-    spectrum : array, shape (highest,), or None
-        Amplitude of every mechanical order, in the residual's unit; NaN where it cannot be seen.
+    spectrum : array, shape (2, highest), or None
+        Amplitude of every mechanical order over what noise makes of it; NaN where it cannot be seen.
     """
 
     name: str

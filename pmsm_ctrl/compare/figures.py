@@ -146,6 +146,8 @@ def dependence_panel(axes: Any, d: Dependence, residual: Any, found: Where) -> N
         if d.significant:
             axes.legend(fontsize="x-small", loc="upper right", framealpha=0.7)
         axes.set_xlabel(("angle within a turn" if d.orders else d.coordinate) + f" [{d.unit}]")
+        margin = 0.05 * float(d.x[-1] - d.x[0])
+        axes.set_xlim(float(d.x[0]) - margin, float(d.x[-1]) + margin)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel(f"residual [{found.unit}]")
     state = f"{100 * d.share:.0f} %" if d.significant else d.why_not
@@ -156,13 +158,16 @@ def dependence_panel(axes: Any, d: Dependence, residual: Any, found: Where) -> N
 def spectrum_panel(axes: Any, d: Dependence, unit: str) -> None:
     """The residual's spectrum over the angle, mechanical orders; orders in the curve are marked."""
     assert d.spectrum is not None
-    orders = np.arange(1, len(d.spectrum) + 1)
-    axes.vlines(orders, 0.0, d.spectrum, color=GREY, linewidth=1.2)
+    amplitude, level = d.spectrum
+    orders = np.arange(1, len(amplitude) + 1)
+    axes.vlines(orders, 0.0, amplitude, color=GREY, linewidth=1.2)
+    axes.plot(orders, level, color=BLACK, linestyle=":", linewidth=1.0, label="noise stays below")
+    axes.legend(fontsize="x-small", loc="best", framealpha=0.7)
     for k in d.orders if d.significant else ():
-        axes.plot([k, k], [0.0, d.spectrum[k - 1]], color=VERMILION, linewidth=2.2)
-        axes.annotate(str(k), (k, d.spectrum[k - 1]), fontsize="x-small", ha="center", va="bottom")
-    axes.set_ylim(bottom=0.0, top=1.2 * float(np.nanmax(d.spectrum)))
-    axes.set_xlim(0.0, float(orders[np.isfinite(d.spectrum)].max()) + 2.0)
+        axes.plot([k, k], [0.0, amplitude[k - 1]], color=VERMILION, linewidth=2.2)
+        axes.annotate(str(k), (k, amplitude[k - 1]), fontsize="x-small", ha="center", va="bottom")
+    axes.set_ylim(bottom=0.0, top=1.2 * float(np.nanmax(amplitude)))
+    axes.set_xlim(0.0, float(orders[np.isfinite(amplitude)].max()) + 2.0)
     axes.set_xlabel("order [waves per turn]")
     axes.set_ylabel(f"amplitude [{unit}]")
     axes.set_title("spectrum over the angle", fontsize="small")

@@ -89,14 +89,19 @@ def _fitted(turning: NDArray[np.complex128], w: Array, r: Array, d: Array | None
 def strongest_orders(
     prepared: Prepared, residual: Array, mask: Mask, weight: Array, count: int
 ) -> tuple[Array, list[int], int]:
-    """Return the spectrum, the orders that stand out most, best first, and how many could be seen.
+    """Return the spectrum over what noise makes of it, the orders that stand out, best first, and how many were seen.
+
+    The spectrum has shape (2, highest): amplitude of every order, and the one that noise alone exceeds in one order
+    of a hundred spectra.
 
     One order at a time is taken out of the residual before the next is looked for: it leaks into its neighbours.
     """
     first, score = order_spectrum(prepared, residual, mask, weight)
     seen = int(np.sum(score > 0.0))
     if seen == 0:
-        return first, [], 0
+        return np.stack([first, first]), [], 0
+    by_chance = 2.0 * np.log(seen / 0.01)  # of so many chi-squares with two degrees of freedom
+    level = np.divide(first * np.sqrt(by_chance), np.sqrt(score), out=np.full_like(first, np.nan), where=score > 0.0)
     best, orders = float(score.max()), [int(np.argmax(score)) + 1]
     theta, direction = prepared.signals["theta"][prepared.keep], np.sign(prepared.signals["omega"][prepared.keep])
     w = (weight * mask)[:, None]
@@ -109,4 +114,4 @@ def strongest_orders(
         if score.max() < max(STANDS_OUT, KEPT * best):
             break
         orders.append(int(np.argmax(score)) + 1)
-    return first, orders, seen
+    return np.stack([first, level]), orders, seen

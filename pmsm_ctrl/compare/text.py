@@ -81,8 +81,8 @@ def report_section(c: Comparison) -> Section:
     figures = [
         (
             c.plot(),
-            "Where prediction and measurement part, and where the residual has a shape, an effect is missing; "
-            "the worst stretches are shaded.",
+            "Where prediction and measurement part, and where the residual has a shape, an effect is missing"
+            + ("; the worst stretches are shaded." if c.stretches else ". No stretch is worse than the rest."),
         ),
         (
             c.plot_where(),

@@ -61,7 +61,8 @@ class Dependence:
     largest : str
         Where the curve is large, in words.
     orders, spectrum
-        Of position on a rotary axis: the orders in the curve, and the amplitude of every order.
+        Of position on a rotary axis: the orders in the curve; amplitude of every order and what noise makes of it,
+        shape (2, highest).
     """
 
     coordinate: str
@@ -139,7 +140,8 @@ class Where:
             start = f"{share} of what is left depends" if not parts else f"a further {share} depends"
             text = f"{start} on {d.name}"
             if number == 0 and d.coordinate != "direction":
-                text += f"; it is largest {d.largest}, up to {d.peak:.2g} {self.unit}"
+                place = "; it is up to" if len(d.orders) == 1 else f"; it is largest {d.largest}, up to"
+                text += f"{place} {d.peak:.2g} {self.unit}"
             parts.append(text)
         return "; ".join(parts) if parts else "what is left depends on no coordinate of this log"
 
@@ -362,7 +364,7 @@ def _largest(curve: Curve, x: Array, forward: Array, backward: Array) -> str:
     if curve.name == "direction":
         return f"{forward[1]:+.2g} forward, {backward[0]:+.2g} backward"
     if curve.orders and curve.spectrum is not None:
-        seen = [(curve.spectrum[k - 1], k) for k in curve.orders]
+        seen = [(curve.spectrum[0, k - 1], k) for k in curve.orders]
         return f"in order {max(seen)[1]}"
     height = both.max(axis=0)
     strong = height >= LARGE * height.max()
