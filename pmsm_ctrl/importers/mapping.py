@@ -206,17 +206,18 @@ def _source(table: Table, channel: str, index: int, stated: str, how: str, scale
 
 def _require(table: Table, sources: tuple[Source, ...]) -> None:
     present = {source.channel for source in sources}
-    for group in REQUIRED:
-        if "t" in group and any(column.is_time for column in table.columns):
-            continue
-        if not present.intersection(group):
-            wanted = " or ".join(f"'{name}'" for name in group)
-            _explain_unit(table, group, wanted)
-            example = "'column [unit]' or 'every 1 ms'" if group == ("t",) else "'column [unit]'"
-            raise LogError(
-                f"{table.file}: no channel {wanted}; found the columns {_shown(table.columns)} "
-                f"(name one in [log.channels] or as {group[-1]} = {example})"
-            )
+    timed = any(column.is_time for column in table.columns)
+    missing = [group for group in REQUIRED if not present.intersection(group) and not (timed and "t" in group)]
+    if not missing:
+        return
+    named = [" or ".join(f"'{name}'" for name in group) for group in missing]
+    for group, wanted in zip(missing, named, strict=True):
+        _explain_unit(table, group, wanted)
+    examples = [f"{group[-1]} = 'column [unit]'" + " or 'every 1 ms'" * ("t" in group) for group in missing]
+    raise LogError(
+        f"{table.file}: no channel {', and no '.join(named)}; found the columns {_shown(table.columns)} "
+        f"(name them in [log.channels] or with --map: {', '.join(examples)})"
+    )
 
 
 def _explain_unit(table: Table, group: tuple[str, ...], wanted: str) -> None:

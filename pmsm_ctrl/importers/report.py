@@ -95,6 +95,8 @@ class ImportReport(Result):
             rows.append(("dtheta/dt over omega", f"{self.velocity[0]:.4g} (spread {100 * self.velocity[1]:.2g} %)"))
         if math.isfinite(self.torque[0]):
             rows.append(("torque over K_t i_q", f"{self.torque[0]:.4g} (correlation {self.torque[1]:.3f})"))
+        if base.gaps or base.jitter_max > 0.2 * base.period:
+            rows.append(("delays", "not estimated: the time stamps are irregular"))
         rows += [(f"delay of {d.later} behind {d.earlier}", f"{1e3 * d.seconds:.3g} ms") for d in self.delays]
         return rows
 
@@ -124,10 +126,11 @@ class ImportReport(Result):
         if guessed:
             lines.append(f"  guessed: {', '.join(guessed)}; the table below says so for good")
         lines += [f"  {name}: {value}" for name, value in self._facts()[1:]]
-        lines += [
-            f"  {channel:<11} {how} from '{column}' {unit} x {gain}: {span}, step {step}, at the limit {limit}"
-            for channel, column, unit, gain, how, span, step, limit in self._rows()
-        ]
+        for channel, column, unit, gain, how, span, step, limit in self._rows():
+            factor = f" x {gain}" if gain != "1" else ""
+            remarks = {"constant": ", constant", "none": ""}.get(step, f", in steps of {step}")
+            remarks += f", at its limit {limit} of the time" if limit != "0 %" else ""
+            lines.append(f"  {channel:<11} {how} from '{column}' {unit}{factor}: {span}{remarks}")
         if self.unused:
             lines.append(f"  not used: {', '.join(self.unused[:20])}{', ...' if len(self.unused) > 20 else ''}")
         return "\n".join([*lines, "", self.table.rstrip()])

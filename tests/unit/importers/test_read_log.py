@@ -279,3 +279,11 @@ def test_a_clock_without_a_period(tmp_path: Path, spec: str) -> None:
 def test_no_time_says_how_to_give_one(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"no channel 't'.* or 'every 1 ms'"):
         read_log(write(tmp_path, "Position;Iq\n1;2\n2;3\n"))
+
+
+def test_everything_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
+    with pytest.raises(LogError) as caught:
+        read_log(write(tmp_path, "a,b\n0,1\n1,2\n2,3\n"))
+    message = str(caught.value)
+    for word in ("no channel 't'", "no 'theta' or 'omega'", "no 'i_q' or 'torque'", "found the columns a, b", "--map"):
+        assert word in message
