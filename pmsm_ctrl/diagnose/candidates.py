@@ -151,7 +151,14 @@ def _dead(record: Record) -> Iterator[dict[str, float]]:
         yield {"i_0": max(share * level, 1e-5)}
 
 
+def _frame(record: Record) -> Iterator[dict[str, float]]:
+    yield {"frame": 1.0}
+    if "u_d" in record.channels:
+        yield {"frame": 0.0}
+
+
 _SHAPES = {
+    "encoder_eccentricity": _frame,
     "stribeck": _stribeck,
     "viscous_power": _power,
     "thermal_drift": _thermal,

@@ -109,7 +109,7 @@ def _build(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array:
         if not terms:
             raise UnavailableError("it has no parameter that multiplies a column")
         slow = _slow_enough(record, effect, shape)
-        parts = [_entering(record, effect, terms[symbol] * slow) for symbol in _symbols(effect)]
+        parts = [_entering(record, effect, terms[symbol] * slow, shape) for symbol in _symbols(effect)]
     return np.stack([record.stack(part) for part in parts], axis=-1)
 
 
@@ -141,14 +141,14 @@ def as_candidate(record: Record, group: Group) -> Group:
     return replace(group, values=values)
 
 
-def _entering(record: Record, effect: Effect, term: Array) -> dict[str, Array]:
+def _entering(record: Record, effect: Effect, term: Array, shape: Mapping[str, float]) -> dict[str, Array]:
     """What a term per unit does to each balance, at the log's rate."""
     if effect.enters == "torque":
         return {"torque": term}
     if effect.enters == "voltage":
         return {"u_d": term[0], "u_q": term[1]}
     if effect.channels == ("theta",):
-        return _angle(record, term)
+        return _angle(record, term, shape.get("frame", 1.0))
     if effect.structure == "delay" and record.design.motor.p is None:
         return _late_torque(record)
     return _current(record, term)
@@ -185,17 +185,18 @@ def _late_torque(record: Record) -> dict[str, Array]:
     return {"torque": -record.rate_of(record.signals["torque"])}
 
 
-def _angle(record: Record, wrong: Array) -> dict[str, Array]:
+def _angle(record: Record, wrong: Array, frame: float) -> dict[str, Array]:
     """Balances built from an angle that is measured less true by `wrong`, shape (n,).
 
-    The acceleration is wrong by its second derivative. The drive's frame is turned, and the magnets' flux stands
-    askew in it: u_d gains p^2 omega psi_f delta, u_q loses p psi_f times the false speed.
+    The acceleration is wrong by its second derivative, and u_q loses p psi_f times the false speed. Where the drive
+    turns its frame by the same angle (`frame` 1), the magnets' flux stands askew in it: u_d gains
+    p^2 omega psi_f delta. A drive that commutates by another sensor, or logs another encoder, has `frame` 0.
     """
     motor = record.design.motor
     speed = record.rate_of(wrong)
     out = {"torque": -record.design.J * record.rate_of(speed)}
     if motor.p is not None and motor.psi_f is not None:
-        out["u_d"] = motor.p**2 * record.signals["omega"] * motor.psi_f * wrong
+        out["u_d"] = frame * motor.p**2 * record.signals["omega"] * motor.psi_f * wrong
         out["u_q"] = -motor.p * motor.psi_f * speed
     return out
 

@@ -14,7 +14,7 @@ from pmsm_ctrl.diagnose.whitening import Whitener
 
 __all__ = ["refine"]
 
-FIXED = ("order",)  # whole numbers
+FIXED = ("order", "frame")  # whole numbers
 LINEAR = (0.85, 1.18)
 
 
