@@ -84,7 +84,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
 NEXT_COMMANDS = (
     (r"no such file; a design", "pmsm-ctrl init writes a design from a datasheet"),
     (r"loops: missing", "pmsm-ctrl tune DESIGN --output NEW_DESIGN"),
-    (r"no channel '(?!.*--map)", "--map i_q='COLUMN [UNIT]' says which column it is"),
+    (r"no channel '", "--map i_q='COLUMN [UNIT]' says which column it is"),
     (r"a number was expected|holds text|neither (omega|theta|torque)|\bunit \[", "pmsm-ctrl import LOG"),
     (r"unknown effect", "pmsm-ctrl effects lists them"),
     (r"no plateau|settled speed level", "pmsm-ctrl identify takes a log of any motion"),

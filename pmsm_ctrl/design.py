@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import tomllib
+import unicodedata
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -273,7 +274,7 @@ class Design(Part):
     @classmethod
     def _printable(cls, name: str) -> str:
         # it is printed, and stands in reports and in generated code
-        if not name.isprintable():
+        if any(unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") for c in name):
             raise ValueError(f"found {name[:60]!r}; one line of printable characters was expected")
         return name
 
@@ -398,7 +399,7 @@ class Design(Part):
             When the file is missing, is not TOML, or has a field that is wrong.
         """
         try:
-            if Path(path).exists() and not Path(path).is_file():
+            if Path(path).exists() and not (Path(path).is_file() or Path(path).is_dir()):
                 raise DesignError(f"{path}: is no file; a design in TOML was expected")
             if Path(path).stat().st_size > MAX_FILE:
                 raise DesignError(f"{path}: larger than {MAX_FILE >> 20} MB; a design in TOML was expected")

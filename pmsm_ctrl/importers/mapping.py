@@ -216,7 +216,7 @@ def _require(table: Table, sources: tuple[Source, ...]) -> None:
     examples = [f"{group[-1]} = 'column [unit]'" + " or 'every 1 ms'" * ("t" in group) for group in missing]
     raise LogError(
         f"{table.file}: no channel {', and no '.join(named)}; found the columns {_shown(table.columns)} "
-        f"(name them in [log.channels] or with --map: {', '.join(examples)})"
+        f"(name them in [log.channels] or as {', '.join(examples)})"
     )
 
 

@@ -333,6 +333,14 @@ def _named(method: str, bandwidth: float | None, slowed: float) -> str:
     return words if slowed == 1.0 else f"{words}, slowed down {slowed:.3g} times to keep the margins"
 
 
+def _require_crossover(design: Design, name: str, crossover: float) -> None:
+    if not math.isfinite(crossover):
+        raise DesignError(
+            f"{design.source or design.name}: {name} loop: its gain never crosses 1, so it controls nothing; "
+            f"is J = {design.J:.4g} right for this motor and its friction?"
+        )
+
+
 def _assemble(
     design: Design,
     loops: Loops,
@@ -357,11 +365,7 @@ def _assemble(
                 name,
                 plots.unstable_figure(name, loop, found[name]),
             )
-        if not math.isfinite(found[name].crossover):
-            raise DesignError(
-                f"{tuned.source or tuned.name}: {name} loop: its gain never crosses 1, so it controls nothing; "
-                f"is J = {tuned.J:.4g} right for this motor and its friction?"
-            )
+        _require_crossover(tuned, name, found[name].crossover)
     d_axis = current_loop(tuned, loops.current, "d")
     if not margins(d_axis, brief=True).stable:
         figure = plots.unstable_figure("current (d)", d_axis, margins(d_axis, brief=True))

@@ -182,7 +182,7 @@ def design_data(draw: st.DrawFn) -> dict[str, Any]:
         lambda head: st.dictionaries(parameter, number, max_size=3).map(lambda rest: {**head, **rest})
     )
     optional: dict[str, st.SearchStrategy[Any]] = {
-        "name": st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=20),
+        "name": st.text(st.characters(exclude_categories=("Cs", "Cc", "Cf", "Zl", "Zp")), max_size=20),
         "motion": st.sampled_from(["rotary", "linear"]),
         "load": st.fixed_dictionaries({}, optional={"J": positive, "gear": st.floats(1e-6, 1e6)}),
         "drive": st.fixed_dictionaries({}, optional={"u_dc": positive, "i_max": positive, "plant_steps": st.just(8)}),

@@ -285,5 +285,11 @@ def test_everything_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
     with pytest.raises(LogError) as caught:
         read_log(write(tmp_path, "a,b\n0,1\n1,2\n2,3\n"))
     message = str(caught.value)
-    for word in ("no channel 't'", "no 'theta' or 'omega'", "no 'i_q' or 'torque'", "found the columns a, b", "--map"):
+    for word in (
+        "no channel 't'",
+        "no 'theta' or 'omega'",
+        "no 'i_q' or 'torque'",
+        "found the columns a, b",
+        "torque = ",
+    ):
         assert word in message
