@@ -1,4 +1,4 @@
-"""Nothing cycles inside a window reported as safe: ``python -m tests.benchmarks.windows [drives] [first seed]``.
+"""Nothing cycles inside a window reported as safe: ``python -m tests.benchmarks.windows [drives] [source] [step]``.
 
 Each random drive gets its windows as `compensate` finds them, by the same sweep with steps of 25 % instead of 10 %.
 Then gains drawn anywhere inside, with parameters off by up to 20 % and other noise, are simulated: a limit cycle there
@@ -24,8 +24,9 @@ from pmsm_ctrl.simulate.run import Prepared, prepare
 from tests.unit.compensate.random_drives import random_drive
 
 ROOT = Path(__file__).resolve().parents[2]
-STEPS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)  # coarser than `compensate`'s own: more room to hide between
-STAGES = (2, 4, 7)  # steps done after each stage; who is not safe then is not swept further
+STEP = 0.25  # coarser than `compensate`'s own: more room to hide between
+STAGES = (2, 4, 7)  # gains done after each stage, 0 among them; who is not safe then is not swept further
+FIRST = 100  # seed of the first drive
 EFFECTS = ("coulomb", "viscous", "stribeck")
 PROBES = 4  # gains drawn inside each window
 PROBED = ("reversal 2 rad/s", "positioning", "push")
@@ -66,18 +67,20 @@ def side_by_side(runs: Mapping[Key, Prepared], seed: int) -> dict[Key, Metrics]:
     return found
 
 
-def swept(drives: Mapping[int, Design], seed: int) -> dict[int, dict[str, GainWindow]]:
+def swept(
+    drives: Mapping[int, Design], seed: int, sources: Iterable[str] = SOURCES, step: float = STEP
+) -> dict[int, dict[str, GainWindow]]:
     """Return each drive's windows by source, as `compensate` finds them; beyond a gain that is not safe none is run."""
     bases, trials = ({k: make(drive) for k, drive in drives.items()} for make in (baseline, study_trials))
     found = side_by_side(
         {(k, *PLAIN, name): prepared(bases[k], trials[k][name], *PLAIN) for k in drives for name in SWEEP_TRIALS}, seed
     )
     windows: dict[int, dict[str, GainWindow]] = {k: {} for k in drives}
-    alive, done = [(k, source) for k in drives for source in SOURCES], 1
+    alive, done, gains = [(k, source) for k in drives for source in sources], 1, [step * n for n in range(STAGES[-1])]
     for stage in STAGES:
         found.update(side_by_side({
             (k, source, gain, factor, name): prepared(bases[k], trials[k][name], source, gain, factor)
-            for k, source in alive for gain in STEPS[done:stage] for factor in WRONG for name in SWEEP_TRIALS
+            for k, source in alive for gain in gains[done:stage] for factor in WRONG for name in SWEEP_TRIALS
         }, seed))  # fmt: skip
         done = stage
         for k, source in alive:
@@ -85,8 +88,8 @@ def swept(drives: Mapping[int, Design], seed: int) -> dict[int, dict[str, GainWi
             def run(gain: float, factor: float, name: str, k: int = k, source: str = source) -> Metrics:
                 return found[(k, *PLAIN, name) if gain == 0.0 else (k, source, gain, factor, name)]
 
-            windows[k][source] = gain_window(run, SWEEP_TRIALS, source, gains=STEPS[:done], at_rest=AT_REST)
-        alive = [(k, source) for k, source in alive if windows[k][source].safe == STEPS[done - 1]]
+            windows[k][source] = gain_window(run, SWEEP_TRIALS, source, gains=gains[:done], at_rest=AT_REST)
+        alive = [(k, source) for k, source in alive if windows[k][source].safe == gains[done - 1]]
     return windows
 
 
@@ -110,14 +113,21 @@ def cycles_inside(drives: Mapping[int, Design], windows: Mapping[int, Mapping[st
     ]
 
 
-def check(seeds: Iterable[int], batch: int = 20, report: Callable[[str], None] = print) -> list[Cycle]:
+def check(
+    seeds: Iterable[int],
+    sources: Iterable[str] = SOURCES,
+    step: float = STEP,
+    batch: int = 20,
+    report: Callable[[str], None] = print,
+) -> list[Cycle]:
     """Check the windows of the random drives with these seeds; return what cycles inside."""
+    sources = tuple(sources)
     design = Design.read(ROOT / "designs" / "seed_motor.toml")
     every, wrong, start = list(seeds), [], time.perf_counter()
-    safe: dict[str, Counter[float]] = {source: Counter() for source in SOURCES}
+    safe: dict[str, Counter[float]] = {source: Counter() for source in sources}
     for first in range(0, len(every), batch):
         drives = {k: random_drive(design, np.random.default_rng(k)) for k in every[first : first + batch]}
-        windows = swept(drives, first)
+        windows = swept(drives, first, sources, step)
         new = cycles_inside(drives, windows)
         for cycle in new:
             report(f"# {cycle}")
@@ -126,21 +136,19 @@ def check(seeds: Iterable[int], batch: int = 20, report: Callable[[str], None] =
             for source, window in found.items():
                 safe[source][window.safe] += 1
         report(f"# {first + len(drives)} drives, {time.perf_counter() - start:.0f} s, {len(wrong)} cycles inside")
-    report(
-        "| by | drives whose window reaches 0 %, 25 to 50 %, 75 to 125 %, 150 % | limit cycles inside |\n|---|---|---|"
-    )
+    report("| by | windows that end at: drives | limit cycles inside |\n|---|---|---|")
     for source, counted in safe.items():
-        shares = [sum(n for gain, n in counted.items() if low <= gain <= high)
-                  for low, high in ((0.0, 0.0), (0.2, 0.6), (0.7, 1.3), (1.4, 1.6))]  # fmt: skip
-        report(f"| {source} speed | {', '.join(map(str, shares))} | {sum(c.source == source for c in wrong)} |")
+        ends = ", ".join(f"{100 * gain:.0f} %: {n}" for gain, n in sorted(counted.items()))
+        report(f"| {source} speed | {ends} | {sum(c.source == source for c in wrong)} |")
     return wrong
 
 
 def main() -> None:
     """Print how many windows were wrong."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
-    first = int(sys.argv[2]) if len(sys.argv) > 2 else 100
-    check(range(first, first + count), report=lambda text: print(text, flush=True))
+    sources = tuple(sys.argv[2].split(",")) if len(sys.argv) > 2 else SOURCES
+    step = float(sys.argv[3]) if len(sys.argv) > 3 else STEP
+    check(range(FIRST, FIRST + count), sources, step, report=lambda text: print(text, flush=True))
 
 
 if __name__ == "__main__":
