@@ -23,14 +23,15 @@ __all__ = ["FORMS", "dated", "form_of", "with_stamps"]
 Nanoseconds = NDArray[np.int64]
 DAY = 86_400_000_000_000  # ns
 OF_DAY = "time of day"
+FIRST_YEAR, LAST_YEAR = "1700", "2250"  # 64 bits of ns since 1970 hold no more, and numpy would not say so
 LOOKED_AT = 400  # rows that decide on the form
 
 _CLOCK = r"(\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?)"
 _ISO = re.compile(
-    rf"(\d{{4}})-(\d{{2}})-(\d{{2}})[T ]\s*{_CLOCK}\s*(Z|[+-]\d{{2}}:?\d{{2}})?", re.IGNORECASE
+    rf"(\d{{4}})-(\d{{2}})-(\d{{2}})[T ]\s*{_CLOCK}\s*(Z|[+-][01]\d:?[0-5]\d)?", re.IGNORECASE
 )  # fmt: skip
 _COMPACT = re.compile(
-    r"(\d{4})(\d{2})(\d{2})T(\d{2})(\d{2})(\d{2}(?:[.,]\d{1,9})?)(Z|[+-]\d{2}:?\d{2})?", re.IGNORECASE
+    r"(\d{4})(\d{2})(\d{2})T(\d{2})(\d{2})(\d{2}(?:[.,]\d{1,9})?)(Z|[+-][01]\d:?[0-5]\d)?", re.IGNORECASE
 )
 _YEAR_FIRST = re.compile(rf"(\d{{4}})/(\d{{1,2}})/(\d{{1,2}})\s+{_CLOCK}")
 _DOTTED = re.compile(rf"(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}}),?\s+{_CLOCK}")
@@ -46,6 +47,8 @@ def _moments(cells: Sequence[str], pattern: re.Pattern[str], write: Callable[[re
         if match is None:
             raise ValueError(k)
         texts.append(write(match).replace(",", "."))
+        if not FIRST_YEAR <= texts[-1][:4] <= LAST_YEAR:
+            raise ValueError(k)
         shifts.append(_offset(match[match.re.groups]) if pattern in (_ISO, _COMPACT) else 0)
     try:
         read = np.array(texts, dtype="datetime64[ns]")

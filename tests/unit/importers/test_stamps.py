@@ -110,7 +110,18 @@ def test_day_and_month_that_can_be_exchanged(tmp_path: Path) -> None:
         read_log(write(tmp_path, table(stamps)))
 
 
-@pytest.mark.parametrize("bad", ["2024-05-32T10:00:00", "2024-05-17T25:00:00", "yesterday", "2024-05-17", ""])
+@pytest.mark.parametrize(
+    "bad",
+    [
+        "2024-05-32T10:00:00",
+        "2024-05-17T25:00:00",
+        "9999-12-31T23:59:59",
+        "0001-01-01T00:00",
+        "yesterday",
+        "2024-05-17",
+        "",
+    ],
+)
 def test_a_bad_date_names_its_place(tmp_path: Path, bad: str) -> None:
     stamps = [FORMS["ISO 8601"](moment) for moment in [*MOMENTS, *MOMENTS, *MOMENTS]]
     stamps[500] = bad  # far below the rows that decide on the form
