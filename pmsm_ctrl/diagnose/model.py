@@ -14,6 +14,7 @@ from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.whitening import Whitener
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.identify.signals import low_pass
 
 __all__ = ["Model", "Solved", "base_groups", "design_shape", "solve_model", "with_honest_errors"]
 
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 
 # How well the moments of reversal are known, all of them late or early alike: s, and samples of the log.
 TURN, TURN_SAMPLES = 1e-4, 0.05
+# From this share of noise in the acceleration on, the inertia is held at its nominal value, to within a share of it.
+MOST_NOISE, HELD = 0.05, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +113,8 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
     alpha = record.stack({"torque": record.signals["alpha"]})[..., None]
     groups.append(Group(None, ("J",), alpha, {}))
     nominal.append(design.J)
-    sigma.append(tolerance.get("J", 0.15) * design.J)
+    share = _noise_share(record, alpha[0, :, 0])
+    sigma.append((tolerance.get("J", 0.15) if share < MOST_NOISE else HELD) * design.J)
     if record.dry > 0.0:
         turning = record.stack({"torque": -record.dry * record.rate_of(record.signals["direction"])})
         groups.append(Group(None, ("tau_turn",), turning[..., None], {}))
@@ -139,6 +143,19 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
             names.append(f"{s}#{twins + 1}" if twins else s)
     matrix = np.concatenate([g.values for g in groups], axis=-1)
     return Model(tuple(groups), tuple(names), np.array(nominal), np.array(sigma), matrix), tuple(notes)
+
+
+def _noise_share(record: Record, alpha: Array) -> float:
+    """Share of noise in the acceleration where it counts.
+
+    Noise makes an estimated inertia too small by that share: where fast transients are all that accelerates the axis
+    and the log's rate is too low for them, hardly anything else is left. Noise is what the acceleration holds in the
+    upper half of the band, as a median.
+    """
+    fast = alpha - low_pass(alpha, record.rate, 0.5 * record.prepared.cutoff)
+    noise = 1.4826 * np.sqrt(2.0) * float(np.median(np.abs(fast)))
+    weight = (record.weight[0] * record.mask) ** 2
+    return float(noise**2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
 
 
 def _winding(design: Design, record: Record, groups: list[Group], nominal: list[float], sigma: list[float]) -> None:
