@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -184,11 +185,19 @@ def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False) -> 
     Butterworth of fourth order, or where `steep` the Chebyshev filter of eighth order with 0.05 dB ripple
     that is customary before thinning; run twice, both attenuate twice.
     """
-    from scipy.signal import butter, cheby1, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
-    design = cheby1(8, 0.05, cutoff, fs=rate, output="sos") if steep else butter(4, cutoff, fs=rate, output="sos")
     pad = min(len(values) - 1, round(3.0 * rate / cutoff))
-    return sosfiltfilt(design, values, padlen=pad)
+    return sosfiltfilt(_sections(rate, cutoff, steep), values, padlen=pad)
+
+
+@lru_cache(maxsize=32)
+def _sections(rate: float, cutoff: float, steep: bool) -> Array:
+    from scipy.signal import butter, cheby1
+
+    if steep:
+        return np.array(cheby1(8, 0.05, cutoff, fs=rate, output="sos"))
+    return np.array(butter(4, cutoff, fs=rate, output="sos"))
 
 
 def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[str, ...]]:
