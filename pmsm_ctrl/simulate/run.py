@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import SIGNALS, Effect, bound_effects
-from pmsm_ctrl.errors import DesignError, SimulationError
+from pmsm_ctrl.errors import DesignError, RequestError, SimulationError
 from pmsm_ctrl.log import Log, Provenance, Segment
 from pmsm_ctrl.simulate.compose import BARE_STATES, MEMORY, load, memory
 from pmsm_ctrl.simulate.feedforward import Feedforward
@@ -31,6 +31,7 @@ LOGGED = (
     "theta_true", "omega_true", "theta_load",
 )  # fmt: skip
 TRUTHS = ("theta_true", "omega_true", "theta_load")
+MOST_ROWS = 2e8  # two days at 1 kHz, and 25 GB of memory
 CHUNK = 1 << 18  # control periods between two progress reports: a fraction of a second
 
 
@@ -146,11 +147,19 @@ def prepare(
     ------
     DesignError
         When the plant or the loops are not known well enough to simulate.
+    RequestError
+        When the motion is too long for a log.
     """
     motion = named_scenario(scenario, design) if isinstance(scenario, str) else scenario
     plant_design = truth if truth is not None else design
     plant = Plant.of(plant_design)
     controller = Controller.of(design, motion.control)
+    rows = motion.duration / (plant.period * plant.log_divider)
+    if rows > MOST_ROWS:
+        raise RequestError(
+            f"scenario '{motion.name}': {motion.duration:.3g} s are {rows:.3g} logged samples; at most {MOST_ROWS:.0e} "
+            "were expected: shorten the motion, or raise sensor.log_divider"
+        )
     bound = [(effect, values) for effect, values in bound_effects(plant_design, own) if effect.active(values)]
     _check_structures(bound, plant, plant_design)
     effects = tuple(value for _, values in bound for value in values.values()) or (0.0,)
