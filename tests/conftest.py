@@ -6,10 +6,11 @@ import os
 import random
 from pathlib import Path
 
-import numpy as np
-import pytest
-
 os.environ.setdefault("MPLBACKEND", "Agg")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the tests run side by side; small matrices gain nothing from more
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 
