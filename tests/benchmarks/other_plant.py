@@ -241,7 +241,7 @@ def judge(effects: Sequence[str], seeds: range, clean: int) -> None:
     from rich.progress import track
 
     cases = [(effect, seed) for effect in effects for seed in seeds]
-    cases += [("none", 100 + seed) for seed in range(clean)]
+    cases += [("none", 100 + seeds.start + seed) for seed in range(clean)]
     rows: dict[str, list[str]] = {}
     hits = alarms = 0
     for effect, seed in track(cases, description="diagnosing"):
