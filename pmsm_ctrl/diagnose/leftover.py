@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare.blocks import holm
 from pmsm_ctrl.diagnose.columns import Group
 from pmsm_ctrl.diagnose.evidence import blocked_gain, f_tail
 from pmsm_ctrl.diagnose.orders import order_spectrum
 from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.diagnose.selection import BLOCK_ERRORS, SIGNIFICANCE, Fitted, holm
+from pmsm_ctrl.diagnose.selection import BLOCK_ERRORS, SIGNIFICANCE, Fitted
 
 __all__ = ["Leftover", "leftover"]
 

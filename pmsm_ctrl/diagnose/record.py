@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare.band import band
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.reversals import reversals, timed_sign
 from pmsm_ctrl.identify.noise import stretches
@@ -33,8 +34,6 @@ EDGE_PERIODS = 3.0
 RINGING = ((1.0, 0.035), (3.0, 0.023), (5.0, 0.009), (9.0, 0.004), (13.0, 0.0007))
 # Logs of twice this rate and more are thinned to about it first, Hz.
 FAST = 1000.0
-# Longer logs, s, keep the usual band: their length makes up for it, and memory stays small.
-LONG = 200.0
 # Share of the rounded kink that stays as an error of the moment of reversal.
 ROUNDED = 0.15
 # No model of a real axis is better than this share of the torque; errors below it need no care.
@@ -130,7 +129,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
     """
     log.check_evaluable(32)
     log = _thinned(_in_time(design, log))
-    processing = processing or Processing(standstill=STANDSTILL, cutoff=_band(log))
+    processing = processing or Processing(standstill=STANDSTILL, cutoff=band(log))
     prepared = prepare(design, log, processing)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
@@ -212,29 +211,6 @@ def _punctual(log: Log, prepared: Prepared) -> Mask:
         first, last = np.searchsorted(prepared.t, [log.t[k] - reach, log.t[k + 1] + reach])
         keep[first:last] = False
     return keep[prepared.keep] if keep.mean() > 0.4 else np.ones(len(prepared.keep), dtype=bool)
-
-
-def _band(log: Log) -> float:
-    """Low-pass for the balances, Hz: 40 Hz, or more where the drive torque itself lives above that.
-
-    Ninety-five per cent of what the drive signal holds above its noise floor has to pass; the floor is the level of
-    the uppermost quarter of the spectrum.
-    """
-    from scipy.signal import welch
-
-    source = "torque" if "torque" in log else "i_q"
-    values = log[source] if source in log else log["t"]
-    rate = (len(log) - 1) / log.duration
-    usual = min(40.0, rate / 8.0)
-    if log.duration > LONG:
-        return usual
-    frequency, power = welch(values - np.mean(values), rate, nperseg=min(len(values), 2048))
-    excess = np.maximum(power - np.median(power[frequency > 0.375 * rate]), 0.0)
-    total = np.cumsum(excess)
-    if total[-1] <= 0.0:
-        return usual
-    reach = float(frequency[int(np.searchsorted(total, 0.95 * total[-1]))])
-    return usual if reach < 0.8 * usual else float(min(max(usual, 1.5 * reach), rate / 8.0))
 
 
 def _edges(prepared: Prepared) -> Mask:

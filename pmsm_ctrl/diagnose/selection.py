@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare.blocks import holm
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED, Candidate, candidates_for
 from pmsm_ctrl.diagnose.columns import effect_group
@@ -252,17 +253,6 @@ def _name(trial: Trial) -> str:
     order = trial.group.shape.get("order")
     effect = trial.candidate.effect.id
     return f"{effect} {order:g}" if effect in REPEATED and order else effect
-
-
-def holm(p_values: list[float]) -> list[float]:
-    """Holm's step-down corrected p-values, in the given order. Source: S. Holm, Scand. J. Statist. 6 (1979) 65."""
-    order = np.argsort(p_values)
-    out = np.empty(len(p_values))
-    worst = 0.0
-    for rank, k in enumerate(order):
-        worst = max(worst, min(1.0, (len(p_values) - rank) * p_values[k]))
-        out[k] = worst
-    return out.tolist()
 
 
 def _winner(fit: Fitted, refused: dict[str, str]) -> tuple[Trial, Evidence] | None:

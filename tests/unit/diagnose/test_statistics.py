@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
+from pmsm_ctrl.compare.blocks import holm
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.evidence import equal_blocks, f_tail
 from pmsm_ctrl.diagnose.record import make_record
 from pmsm_ctrl.diagnose.reversals import timed_sign
-from pmsm_ctrl.diagnose.selection import holm
 from pmsm_ctrl.diagnose.whitening import make_whitener
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.simulate import simulate
