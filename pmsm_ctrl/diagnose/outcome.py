@@ -18,6 +18,11 @@ from pmsm_ctrl.result import Estimate
 
 __all__ = ["build_outcome", "fitted_parameters"]
 
+OTHER_ANGLE = (
+    "encoder_eccentricity: the voltages do not follow the wrong angle, so the drive commutates by another one; the "
+    "design has no word for that, and simulating it turns the drive's frame as well"
+)
+
 
 def build_outcome(
     design: Design, record: Record, holdout: Record | None, selection: Selection, effects: Mapping[str, Effect],
@@ -48,6 +53,8 @@ def build_outcome(
     hints = (*hints, *(f"{name}: {why}" for name, why in hidden.items()))
     if left is not None and not steps and verdict == "consistent":
         verdict = "unexplained"
+    if any(one.shape.get("frame") == 0.0 for one in selection.accepted):
+        hints = (*hints, OTHER_ANGLE)
     reasons = [*record.notes, *final.notes, *hints]
     if left is not None:
         reasons.append(left.text)

@@ -275,7 +275,7 @@ def _turning(
     rate, omega = prepared.rate, signals["omega"]
     if level <= 0.0 or J <= 0.0:
         return np.ones(len(prepared.keep))
-    wide = processing.prefilter if processing.prefilter is not None else 2.5 * prepared.cutoff
+    wide = _prefilter(processing, prepared)
     rounded = ROUNDED * 2.0 * level / J / (2.0 * np.pi * wide)
     turns = np.flatnonzero(np.diff(np.sign(omega)) != 0)
     slope = np.abs(low_pass(prepared.alpha, rate, prepared.cutoff))[turns]

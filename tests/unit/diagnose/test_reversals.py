@@ -1,0 +1,65 @@
+"""Reversals against closed forms: dry friction turned by a constant torque, or by a ramp that lets the shaft stick."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.diagnose.reversals import reversals, timed_sign
+from pmsm_ctrl.identify.signals import derivative, low_pass
+
+J = 1.0 / 200.0  # inertia over the level of friction, s^2
+WIDE = 100.0  # Hz, the low-pass before differentiation
+
+
+def turned(t: np.ndarray, theta: np.ndarray, torque: np.ndarray, resting: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the direction by the smoothed speed alone, and by running through the reversal."""
+    rate = 1.0 / (t[1] - t[0])
+    smooth = low_pass(theta, rate, WIDE)
+    omega = derivative(smooth, 1.0 / rate)
+    plain = timed_sign(omega)
+    through = plain.copy()
+    reversals(through, resting, omega, smooth, torque, J, 1.0 / rate, round(rate / WIDE))
+    return plain, through
+
+
+def moment(t: np.ndarray, direction: np.ndarray) -> float:
+    """When a direction that falls from 1 to -1 does so, by its area."""
+    near = np.abs(t) < 0.05
+    dt = t[1] - t[0]
+    return float(t[near][0] - 0.5 * dt + 0.5 * dt * np.sum(1.0 + direction[near]))
+
+
+@pytest.mark.parametrize("rate", [1000.0, 2000.0])
+@pytest.mark.parametrize("drive", [-1.5, -2.0, -4.0])
+@pytest.mark.parametrize("crossing", [0.0, 0.3e-3])
+def test_constant_torque(rate: float, drive: float, crossing: float) -> None:
+    # J domega/dt = T - sgn(omega): (T - 1) / J before the reversal, (T + 1) / J after it
+    t = np.arange(-round(0.4 * rate), round(0.4 * rate) + 1) / rate
+    since = t - crossing
+    theta = 0.5 * np.where(since < 0.0, drive - 1.0, drive + 1.0) / J * since**2
+    plain, through = turned(t, theta, np.full(t.size, drive), np.zeros(t.size, dtype=bool))
+    late, error = moment(t, plain) - crossing, moment(t, through) - crossing
+    assert late > 0.15e-3  # what the smoothed speed says
+    assert abs(error) < 0.05e-3
+    assert abs(error) < 0.2 * late
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.1])
+def test_a_shaft_that_sticks_in_between(missing: float) -> None:
+    # the torque falls by 100 levels of friction a second, from 0.5 where the shaft comes to rest to -1 where it leaves
+    rate, ramp = 1000.0, 100.0
+    t = np.arange(-400, 401) / rate
+    torque = 0.5 - ramp * np.clip(t, 0.0, 0.03)
+    rest, away = 0.0, 1.5 / ramp
+    before, after = np.minimum(t - rest, 0.0), np.maximum(t - away, 0.0)
+    held = np.minimum(after, 0.015)  # the torque stays at -2.5 from 30 ms on
+    theta = 0.5 * (0.5 - 1.0) / J * before**2
+    theta -= ramp / J * (held**3 / 6.0 + (after - held) * held**2 / 2.0 + held * (after - held) ** 2 / 2.0)
+    friction = np.where(t < rest, 1.0, np.where(t < away, torque, -1.0))
+    resting = (t >= rest) & (t < away)
+    _, through = turned(t, theta, torque - missing, resting)  # the torque is measured too low
+    # half a level of friction falls at once where the shaft comes to rest: one sample may be between
+    wrong = np.abs(through - friction)
+    assert np.sum(wrong[np.abs(t) < 0.1]) < 1.0 + 15.0 * missing
+    assert np.median(wrong[resting]) < 0.03 + missing
