@@ -217,13 +217,10 @@ class Log:
 
 def _frozen(values: Array) -> Array:
     """Return an array nobody can write to; one that is so already (another log's channel) is shared, not copied."""
-    if (
-        isinstance(values, np.ndarray)
-        and values.dtype == np.float64
-        and values.base is None
-        and not values.flags.writeable
-    ):
-        return values
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
+        whole = values if values.base is None else values.base
+        if isinstance(whole, np.ndarray) and not whole.flags.writeable and values.flags.c_contiguous:
+            return values
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array

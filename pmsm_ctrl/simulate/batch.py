@@ -17,7 +17,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.simulate.lanes import LANES, Group, groups, load_lanes, simulate_group
+from pmsm_ctrl.simulate.lanes import LANES, Group, groups, simulate_group
 from pmsm_ctrl.simulate.run import Prepared, prepare, simulate
 from pmsm_ctrl.simulate.scenarios import Scenario
 
@@ -150,8 +150,6 @@ def simulate_batch(
     together = []
     if lanes or (lanes is None and len(designs) >= LANES):
         together = groups(_prepared(designs, scenario, truths, effects), always=bool(lanes))
-    for group in together:
-        load_lanes(group)  # here, because two threads would both load it
     grouped = {k for group in together for k in group.numbers}
     work: list[tuple[tuple[int, ...], Callable[[], list[Any]]]] = [
         (group.numbers, partial(several, group)) for group in together
@@ -174,9 +172,9 @@ def _prepared(
 def _in_threads(work: list[tuple[tuple[int, ...], Callable[[], list[Any]]]], workers: int) -> list[Any]:
     """Do pieces of work, each with the numbers of the drives it gives; return one value a drive, in order."""
     work = sorted(work, key=lambda piece: piece[0])
-    results = dict(zip(work[0][0], work[0][1](), strict=True))  # compiles what most of them need, once
+    results: dict[int, Any] = {}
     with ThreadPoolExecutor(workers) as pool:
-        futures = [(numbers, pool.submit(call)) for numbers, call in work[1:]]
+        futures = [(numbers, pool.submit(call)) for numbers, call in work]
         try:
             for numbers, future in futures:
                 results.update(zip(numbers, future.result(), strict=True))

@@ -10,6 +10,7 @@ import hashlib
 import importlib.util
 import re
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
@@ -20,8 +21,9 @@ from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import cache_folder
 from pmsm_ctrl.simulate.feedforward import compensation_lines
 
-__all__ = ["BARE_STATES", "MEMORY", "load", "memory", "source"]
+__all__ = ["BARE_STATES", "MEMORY", "load", "memory", "module_of", "source"]
 
+_LOADING = threading.Lock()  # a module loaded twice would be compiled twice
 _MARK = re.compile(r"#\s<([a-z_ ]+)>\s*$")
 # Numbers the kernel carries from one call to the next, and what each structure adds to them.
 BARE_STATES = 15
@@ -60,7 +62,13 @@ def load(effects: Sequence[Effect], compensated: Sequence[Effect] = (), *, compi
     """
     plant, drive = tuple(effects), tuple(compensated)
     text = _source(plant, drive)
-    return _compiled(text, plant, drive) if compiled else _plain(text, plant, drive)
+    return module_of(text, plant, drive) if compiled else _plain(text, plant, drive)
+
+
+def module_of(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect, ...]) -> ModuleType:
+    """Return the module of a generated text, with the terms it calls; threads that ask for the same get the same."""
+    with _LOADING:
+        return _compiled(text, effects, compensated)
 
 
 def memory(effects: Sequence[Effect]) -> dict[str, int]:

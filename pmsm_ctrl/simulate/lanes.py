@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.simulate.compose import BARE_STATES, _compiled, source
+from pmsm_ctrl.simulate.compose import BARE_STATES, module_of, source
 from pmsm_ctrl.simulate.feedforward import FIRST
 from pmsm_ctrl.simulate.run import LOGGED, Prepared
 
@@ -100,7 +100,7 @@ def _load(active: tuple[Effect, ...], compensated: tuple[Effect, ...], parameter
             return "\n".join(mark.group(1) + line for line in new)
 
         text = re.sub(rf"^( *)\S.*# <{name}>$", indented, text, flags=re.MULTILINE)
-    return _compiled(text, active, compensated)
+    return module_of(text, active, compensated)
 
 
 def simulate_group(group: Group, seed: int, keep_truth: bool) -> list[Log] | None:

@@ -128,7 +128,9 @@ class Prepared:
             names.remove("theta_load")
         if self.motion.control != "position":
             names.remove("theta_ref")
-        channels = {name: table[:, LOGGED.index(name)] for name in names}
+        columns = table.T[[LOGGED.index(name) for name in names]]
+        columns.setflags(write=False)
+        channels = dict(zip(names, columns, strict=True))
         t = channels["t"]
         segments = tuple(
             Segment(name, int(np.searchsorted(t, start - 1e-12)), int(np.searchsorted(t, stop - 1e-12)))
