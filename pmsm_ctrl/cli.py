@@ -65,7 +65,7 @@ MethodOption = Annotated[
     str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")
 ]
 TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="seed of the simulated noise")]
+SeedOption = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="seed of the simulated noise")]
 
 
 # Completion may import the catalogue (half a second): a list kept by hand would go stale.
@@ -105,6 +105,10 @@ def _design(path: Path) -> Design:
     return Design.read(path)
 
 
+def _design_if_given(path: Path | None) -> Design | None:
+    return None if path is None else _design(path)
+
+
 def _write_design(design: Design, path: Path | None) -> None:
     if path is not None:
         design.write(path)
@@ -118,6 +122,10 @@ def _log(path: Path, design: Design | None, mapping: list[str] | None = None) ->
     for text in log.provenance.warnings:
         print(f"pmsm-ctrl: {path}: {text}", file=sys.stderr)
     return log
+
+
+def _log_if_given(path: Path | None, design: Design, mapping: list[str] | None) -> Log | None:
+    return None if path is None else _log(path, design, mapping)
 
 
 app.command()(init)
@@ -145,9 +153,7 @@ def simulate(
     believed = _design(design)
     motion = named_scenario(scenario, believed, **parse_values(parameters))
     with progress_bar(f"simulate {scenario}") as progress:
-        log = run_simulation(
-            believed, motion, truth=_design(truth) if truth is not None else None, seed=seed, progress=progress
-        )
+        log = run_simulation(believed, motion, truth=_design_if_given(truth), seed=seed, progress=progress)
     log.write_csv(output)
     print(f"{output}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
     if json_file is not None:
@@ -159,10 +165,10 @@ def tune(
     design: DesignArgument,
     output: Annotated[Path | None, _output("NEW_DESIGN", "write the design with its loops set")] = None,
     current: Annotated[
-        str, typer.Option("--current", help="modulus_optimum, pole_cancellation or bandwidth")
+        str, typer.Option("--current", metavar="METHOD", help="modulus_optimum, pole_cancellation or bandwidth")
     ] = "modulus_optimum",
     speed: Annotated[
-        str, typer.Option("--speed", help="symmetrical_optimum, pole_placement or bandwidth")
+        str, typer.Option("--speed", metavar="METHOD", help="symmetrical_optimum, pole_placement or bandwidth")
     ] = "symmetrical_optimum",
     current_bandwidth: Annotated[
         float | None, typer.Option("--current-bandwidth", metavar="HZ", help="crossover of the current loop")
@@ -182,7 +188,7 @@ def tune(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Tune the loops from the datasheet; status 1 when a margin falls short."""
+    """Tune the loops from the datasheet. Status 1 when a margin falls short."""
     from pmsm_ctrl.tune import UnstableLoopError, assess
     from pmsm_ctrl.tune import tune as run_tuning
 
@@ -211,7 +217,7 @@ def tune(
 def sweep(
     design: DesignArgument,
     truth: TruthOption = None,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="records to average")] = 3,
+    repeats: Annotated[int, typer.Option("--repeats", metavar="N", min=1, help="records to average")] = 3,
     paper: Annotated[bool, typer.Option("--paper", help="the reference paper's table beside ours")] = False,
     output: NewDesignOption = None,
     seed: SeedOption = 0,
@@ -226,7 +232,7 @@ def sweep(
     if paper:
         finish("paper", paper_table(believed, repeats=repeats, seed=seed), json_file=json_file, report=report)
         return
-    plant = _design(truth) if truth is not None else None
+    plant = _design_if_given(truth)
     with progress_bar(f"sweep {believed.name}") as progress:
         result = run_sweep(believed, truth=plant, repeats=repeats, seed=seed, progress=progress)
     finish("sweep", result, json_file=json_file, report=report)
@@ -265,7 +271,7 @@ def compare(
     from pmsm_ctrl.compare import compare as run_comparison
 
     believed = _design(design)
-    other = _log(holdout, believed, mapping) if holdout is not None else None
+    other = _log_if_given(holdout, believed, mapping)
     result = run_comparison(believed, _log(log, believed, mapping), holdout=other)
     finish("compare", result, json_file=json_file, report=report)
 
@@ -280,11 +286,11 @@ def diagnose(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Name the physical effect that the design lacks, and watch the error fall."""
+    """Name the physical effect that the design lacks. Shows how the error falls as it is added."""
     from pmsm_ctrl.diagnose import diagnose as run_diagnosis
 
     believed = _design(design)
-    other = _log(holdout, believed, mapping) if holdout is not None else None
+    other = _log_if_given(holdout, believed, mapping)
     measured = _log(log, believed, mapping)
     with progress_bar(f"diagnose {log.name}") as progress:
         result = run_diagnosis(believed, measured, holdout=other, progress=progress)
@@ -339,14 +345,12 @@ def compensate(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Compare friction compensations at low speed, find the safe gains; status 1 when the acceptance fails."""
+    """Compare friction compensations and find the safe gains. Status 1 when the acceptance fails."""
     from pmsm_ctrl.compensate import compensate as run_compensation
 
     believed = _design(design)
     with progress_bar(f"compensate {believed.name}") as progress:
-        result = run_compensation(
-            believed, truth=_design(truth) if truth is not None else None, seed=seed, progress=progress
-        )
+        result = run_compensation(believed, truth=_design_if_given(truth), seed=seed, progress=progress)
     finish("compensate", result, json_file=json_file, report=report)
     if not result.accepted:
         raise typer.Exit(NEGATIVE)
@@ -368,7 +372,7 @@ def export_code(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Write gains, friction compensator, tracker and drive tables for a PLC or a drive."""
+    """Write gains, compensator and tracker for a PLC or a drive. A folder gets the drives' tables as well."""
     from pmsm_ctrl.export import export as run_export
     from pmsm_ctrl.export import export_files
     from pmsm_ctrl.files import write_text
@@ -411,8 +415,8 @@ def study(
     believed = _design(design)
     if holdout is not None and log is None:
         raise RequestError("--holdout: needs --log, from which the model is identified")
-    measured = _log(log, believed, mapping) if log is not None else None
-    other = _log(holdout, believed, mapping) if holdout is not None else None
+    measured = _log_if_given(log, believed, mapping)
+    other = _log_if_given(holdout, believed, mapping)
     with progress_bar(f"study {believed.name}") as progress:
         result = run_study(
             believed, measured, holdout=other, output=output, seed=seed, history=history, command=command_line(),
@@ -431,14 +435,14 @@ def import_log(
     mapping: MapOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Show what was understood of a foreign log, and the [log] table that reads it again."""
+    """Show what was understood of a foreign log. Ends with the [log] table that reads it again."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import write_text
     from pmsm_ctrl.importers import describe
 
     if output is not None and output.resolve() == file.resolve():
         raise RequestError(f"--output {output}: is the file that is read; it would be lost")
-    result = describe(file, _design(design) if design is not None else None, parse_map(mapping))
+    result = describe(file, _design_if_given(design), parse_map(mapping))
     finish("import", result, json_file=json_file)
     if output is not None:
         result.log.write_csv(output)
@@ -449,7 +453,7 @@ def import_log(
 @app.command()
 def effects(
     identifier: Annotated[
-        str | None, typer.Argument(metavar="[EFFECT]", help="this one in full", autocompletion=_effect_ids)
+        str | None, typer.Argument(metavar="EFFECT", help="this one in full", autocompletion=_effect_ids)
     ] = None,
     design: Annotated[
         Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="simulate the effect's signature on it")
@@ -458,7 +462,7 @@ def effects(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """List the catalogue of effects, or one entry in full with a plot of its signature."""
+    """List the effects of the catalogue. One that is named is shown in full, with its signature."""
     from pmsm_ctrl.effects import CATALOGUE
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.report.catalogue import catalogue_table, describe_effect, save_figure
@@ -472,7 +476,7 @@ def effects(
         return
     if output is not None and design is None:
         raise RequestError("--output: a signature is simulated on a design; name one with --design")
-    entry = describe_effect(identifier, _design(design) if design is not None else None)
+    entry = describe_effect(identifier, _design_if_given(design))
     finish("effects", entry, json_file=json_file, report=report)
     if output is not None:
         save_figure(entry.plot(), output)

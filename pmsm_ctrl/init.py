@@ -46,7 +46,7 @@ def init(
     viscous: Annotated[Text, _option("'0.02 N m/krpm'")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the design as JSON")] = None,
 ) -> None:
-    """Ask for the datasheet and write a design; what is given as an option is not asked."""
+    """Ask for the datasheet and write a design. What is given as an option is not asked."""
     given = {
         "pole_pairs": pole_pairs, "torque_constant": torque_constant, "emf_constant": emf_constant,
         "resistance": resistance, "inductance": inductance, "inductance_q": inductance_q, "inertia": inertia,
