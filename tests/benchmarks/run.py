@@ -79,9 +79,18 @@ def against_others(design: Design) -> Iterator[Row]:
     """Factors against simulators in Python."""
     for name, rate, factor in others.speeds(design):
         yield name, f"{factor:,.0f} x slower ({rate:.3g} simulated s/s)", ""
-    for name in ("motulator", "gym_electric_motor"):
-        if not others.installed(name):
+    for name, call in others.OPTIONAL:
+        version = others.installed(name)
+        if version is None:
             yield name, "not installed: NOT MEASURED", ""
+            continue
+        speed = others.optional_speed(design, call)
+        if isinstance(speed, Exception):
+            text = "installed, but its interface is not the one known here: NOT MEASURED"
+            yield f"{name} {version}", f"{text} ({type(speed).__name__})", ""
+        else:
+            row = f"{name} {version}, sampled, no Coulomb friction"
+            yield row, f"{speed[1]:,.0f} x slower ({speed[0]:.3g} simulated s/s)", ""
 
 
 def _python(code: str, *arguments: str, cache: Path | None = None) -> list[float]:
