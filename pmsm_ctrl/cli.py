@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -20,16 +20,35 @@ from pmsm_ctrl.console import (
     parse_values,
     progress_bar,
     run,
-    writable,
     write_json,
     write_report,
 )
 from pmsm_ctrl.init import init
+from pmsm_ctrl.options import (
+    DesignArgument,
+    DesignOption,
+    HoldoutOption,
+    JsonOption,
+    LogArgument,
+    MapOption,
+    MethodOption,
+    NewDesignOption,
+    ReportOption,
+    SeedOption,
+    TruthOption,
+    design_if_given,
+    effect_ids,
+    load_log,
+    log_if_given,
+    output_option,
+    read_design,
+    scenario_names,
+    write_design,
+)
 
 if TYPE_CHECKING:
-    from pmsm_ctrl.design import Design
     from pmsm_ctrl.identify import Method
-    from pmsm_ctrl.log import Log
+    from pmsm_ctrl.track.settings import Kind
 
 __all__ = ["app", "main"]
 
@@ -41,44 +60,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-
-def _output(metavar: str, text: str, *names: str) -> Any:
-    """Option that names a file to write; a place that cannot be written is refused before the work begins."""
-    return typer.Option(*(names or ("--output", "-o")), callback=writable, metavar=metavar, help=text)
-
-
-DesignArgument = Annotated[
-    Path, typer.Argument(metavar="DESIGN", help="design in TOML, such as designs/seed_motor.toml")
-]
-DesignOption = Annotated[Path, typer.Option("--design", "-d", metavar="DESIGN", help="design in TOML")]
-LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="measured or simulated log: CSV, MAT, ...")]
-MapOption = Annotated[
-    list[str] | None,
-    typer.Option("--map", "-m", metavar="CHANNEL=COLUMN", help="such as omega='speed [rpm]'; may be repeated"),
-]
-JsonOption = Annotated[Path | None, _output("FILE", "write the result as JSON", "--json")]
-ReportOption = Annotated[Path | None, _output("FILE", "write the result as one HTML page", "--report")]
-HoldoutOption = Annotated[Path | None, typer.Option("--holdout", metavar="LOG2", help="another log, predicted only")]
-NewDesignOption = Annotated[Path | None, _output("NEW_DESIGN", "write the design with what was found")]
-MethodOption = Annotated[
-    str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")
-]
-TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")]
-SeedOption = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="seed of the simulated noise")]
-
-
-# Completion may import the catalogue (half a second): a list kept by hand would go stale.
-def _effect_ids(incomplete: str) -> list[str]:
-    from pmsm_ctrl.effects import CATALOGUE
-
-    return [name for name in CATALOGUE if name.startswith(incomplete)]
-
-
-def _scenario_names(incomplete: str) -> list[str]:
-    from pmsm_ctrl.simulate.scenarios import SCENARIOS
-
-    return [name for name in SCENARIOS if name.startswith(incomplete)]
 
 
 def _show_version(wanted: bool) -> None:
@@ -99,44 +80,15 @@ def _options(
     """Both options act before a verb runs: `--version` leaves at once, `--debug` is read by `console.run`."""
 
 
-def _design(path: Path) -> Design:
-    from pmsm_ctrl.design import Design
-
-    return Design.read(path)
-
-
-def _design_if_given(path: Path | None) -> Design | None:
-    return None if path is None else _design(path)
-
-
-def _write_design(design: Design, path: Path | None) -> None:
-    if path is not None:
-        design.write(path)
-        print(f"design: {path}")
-
-
-def _log(path: Path, design: Design | None, mapping: list[str] | None = None) -> Log:
-    from pmsm_ctrl.importers import read_log
-
-    log = read_log(path, design, parse_map(mapping))
-    for text in log.provenance.warnings:
-        print(f"pmsm-ctrl: {path}: {text}", file=sys.stderr)
-    return log
-
-
-def _log_if_given(path: Path | None, design: Design, mapping: list[str] | None) -> Log | None:
-    return None if path is None else _log(path, design, mapping)
-
-
 app.command()(init)
 
 
 @app.command()
 def simulate(
     design: DesignArgument,
-    output: Annotated[Path, _output("LOG", "the log to write, canonical CSV")],
+    output: Annotated[Path, output_option("LOG", "the log to write, canonical CSV")],
     scenario: Annotated[
-        str, typer.Option("--scenario", "-s", metavar="NAME", help="the motion", autocompletion=_scenario_names)
+        str, typer.Option("--scenario", "-s", metavar="NAME", help="the motion", autocompletion=scenario_names)
     ] = "sweep",
     truth: TruthOption = None,
     parameters: Annotated[
@@ -150,20 +102,22 @@ def simulate(
     from pmsm_ctrl.simulate import scenario as named_scenario
     from pmsm_ctrl.simulate import simulate as run_simulation
 
-    believed = _design(design)
+    believed = read_design(design)
     motion = named_scenario(scenario, believed, **parse_values(parameters))
     with progress_bar(f"simulate {scenario}") as progress:
-        log = run_simulation(believed, motion, truth=_design_if_given(truth), seed=seed, progress=progress)
+        log = run_simulation(believed, motion, truth=design_if_given(truth), seed=seed, progress=progress)
     log.write_csv(output)
     print(f"{output}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
     if json_file is not None:
-        write_json(json_file, "simulate", {"scenario": scenario, "seed": seed, "output": str(output)} | _describe(log))
+        run = {"scenario": scenario, "seed": seed, "output": str(output)}
+        held = {"samples": len(log), "duration": log.duration, "rate": log.rate}
+        write_json(json_file, "simulate", run | held | {"channels": {name: log.unit(name) for name in log}})
 
 
 @app.command()
 def tune(
     design: DesignArgument,
-    output: Annotated[Path | None, _output("NEW_DESIGN", "write the design with its loops set")] = None,
+    output: Annotated[Path | None, output_option("NEW_DESIGN", "write the design with its loops set")] = None,
     current: Annotated[
         str, typer.Option("--current", metavar="METHOD", help="modulus_optimum, pole_cancellation or bandwidth")
     ] = "modulus_optimum",
@@ -177,7 +131,7 @@ def tune(
         float | None, typer.Option("--speed-bandwidth", metavar="HZ", help="crossover of the speed loop")
     ] = None,
     phase_margin: Annotated[
-        float, typer.Option("--phase-margin", metavar="DEG", help="for the methods that take one")
+        float, typer.Option("--phase-margin", metavar="DEG", help="for the methods bandwidth and pole_placement")
     ] = 60.0,
     keep: Annotated[
         bool, typer.Option("--keep", help="judge the gains of the design instead of finding others")
@@ -189,10 +143,13 @@ def tune(
     report: ReportOption = None,
 ) -> None:
     """Tune the loops from the datasheet. Status 1 when a margin falls short."""
+    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.tune import UnstableLoopError, assess
     from pmsm_ctrl.tune import tune as run_tuning
 
-    believed = _design(design)
+    if keep and (robust or current_bandwidth is not None or speed_bandwidth is not None):
+        raise RequestError("--keep: takes neither --robust nor a bandwidth; the gains stay as the design has them")
+    believed = read_design(design)
     try:
         with progress_bar(f"tune {believed.name}") as progress:
             if keep:
@@ -208,7 +165,7 @@ def tune(
             write_report(report, error.section())
         raise
     finish("tune", result, json_file=json_file, report=report)
-    _write_design(result.design, output)
+    write_design(result.design, output)
     if not result.defended:
         raise typer.Exit(NEGATIVE)
 
@@ -225,18 +182,21 @@ def sweep(
     report: ReportOption = None,
 ) -> None:
     """Run the reference experiment: friction from a speed staircase."""
+    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.identify import paper_table
     from pmsm_ctrl.identify import sweep as run_sweep
 
-    believed = _design(design)
+    believed = read_design(design)
     if paper:
+        if truth is not None or output is not None:
+            raise RequestError("--paper: takes neither --truth nor --output; its table has two plants of its own")
         finish("paper", paper_table(believed, repeats=repeats, seed=seed), json_file=json_file, report=report)
         return
-    plant = _design_if_given(truth)
+    plant = design_if_given(truth)
     with progress_bar(f"sweep {believed.name}") as progress:
         result = run_sweep(believed, truth=plant, repeats=repeats, seed=seed, progress=progress)
     finish("sweep", result, json_file=json_file, report=report)
-    _write_design(result.design, output)
+    write_design(result.design, output)
 
 
 @app.command()
@@ -252,10 +212,10 @@ def identify(
     """Identify inertia and friction from a log."""
     from pmsm_ctrl.identify import identify as run_identification
 
-    believed = _design(design)
-    result = run_identification(believed, _log(log, believed, mapping), method=cast("Method", method))
+    believed = read_design(design)
+    result = run_identification(believed, load_log(log, believed, mapping), method=cast("Method", method))
     finish("identify", result, json_file=json_file, report=report)
-    _write_design(result.design, output)
+    write_design(result.design, output)
 
 
 @app.command()
@@ -270,9 +230,9 @@ def compare(
     """Hold a design's predictions against a log, channel by channel."""
     from pmsm_ctrl.compare import compare as run_comparison
 
-    believed = _design(design)
-    other = _log_if_given(holdout, believed, mapping)
-    result = run_comparison(believed, _log(log, believed, mapping), holdout=other)
+    believed = read_design(design)
+    other = log_if_given(holdout, believed, mapping)
+    result = run_comparison(believed, load_log(log, believed, mapping), holdout=other)
     finish("compare", result, json_file=json_file, report=report)
 
 
@@ -289,35 +249,38 @@ def diagnose(
     """Name the physical effect that the design lacks. Shows how the error falls as it is added."""
     from pmsm_ctrl.diagnose import diagnose as run_diagnosis
 
-    believed = _design(design)
-    other = _log_if_given(holdout, believed, mapping)
-    measured = _log(log, believed, mapping)
+    believed = read_design(design)
+    other = log_if_given(holdout, believed, mapping)
+    measured = load_log(log, believed, mapping)
     with progress_bar(f"diagnose {log.name}") as progress:
         result = run_diagnosis(believed, measured, holdout=other, progress=progress)
     finish("diagnosis", result, json_file=json_file, report=report)
-    _write_design(result.design, output)
+    write_design(result.design, output)
 
 
 @app.command()
 def add(
-    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="an id of the catalogue", autocompletion=_effect_ids)],
+    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="an id of the catalogue", autocompletion=effect_ids)],
     design: DesignOption,
     log: Annotated[Path, typer.Option("--log", metavar="LOG", help="the log its parameters are fitted to")],
-    output: Annotated[Path, _output("NEW_DESIGN", "the design to write")],
+    output: Annotated[Path, output_option("NEW_DESIGN", "the design to write")],
     mapping: MapOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Add an effect to a design, its parameters fitted to a log."""
     from pmsm_ctrl.diagnose import add as run_adding
+    from pmsm_ctrl.effects import lookup
+    from pmsm_ctrl.identify.signals import axis_unit
 
-    believed = _design(design)
-    result = run_adding(believed, _log(log, believed, mapping), effect)
+    believed = read_design(design)
+    result = run_adding(believed, load_log(log, believed, mapping), effect)
     result.write(output)
     print(f"{output}: {believed.name} with {effect}")
     for entry in result.effects:
         for symbol, value in entry.parameters.items():
             error = f" +- {entry.stderr[symbol]:.2g}" if symbol in entry.stderr else ""
-            print(f"  {entry.id:<28} {symbol:<8} {value:.5g}{error}")
+            unit = axis_unit(lookup(entry.id).parameter(symbol).unit, believed.motion)
+            print(f"  {entry.id:<28} {symbol:<8} {value:.5g}{error}{'' if unit == '1' else f' {unit}'}")
     if json_file is not None:
         write_json(json_file, "add", {"effect": effect, "design": result.to_dict()})
 
@@ -326,6 +289,9 @@ def add(
 def track(
     log: LogArgument,
     design: DesignOption,
+    kind: Annotated[
+        str, typer.Option("--filter", metavar="KIND", help="extended or unscented Kalman filter")
+    ] = "extended",
     mapping: MapOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
@@ -333,8 +299,9 @@ def track(
     """Track F_c and F_v over a log with a Kalman filter."""
     from pmsm_ctrl.track import track as run_tracking
 
-    believed = _design(design)
-    finish("track", run_tracking(believed, _log(log, believed, mapping)), json_file=json_file, report=report)
+    believed = read_design(design)
+    result = run_tracking(believed, load_log(log, believed, mapping), kind=cast("Kind", kind))
+    finish("track", result, json_file=json_file, report=report)
 
 
 @app.command()
@@ -348,9 +315,9 @@ def compensate(
     """Compare friction compensations and find the safe gains. Status 1 when the acceptance fails."""
     from pmsm_ctrl.compensate import compensate as run_compensation
 
-    believed = _design(design)
+    believed = read_design(design)
     with progress_bar(f"compensate {believed.name}") as progress:
-        result = run_compensation(believed, truth=_design_if_given(truth), seed=seed, progress=progress)
+        result = run_compensation(believed, truth=design_if_given(truth), seed=seed, progress=progress)
     finish("compensate", result, json_file=json_file, report=report)
     if not result.accepted:
         raise typer.Exit(NEGATIVE)
@@ -377,7 +344,7 @@ def export_code(
     from pmsm_ctrl.export import export_files
     from pmsm_ctrl.files import write_text
 
-    believed = _design(design)
+    believed = read_design(design)
     if output is not None and not output.suffix:
         files = export_files(believed, language, flavour=flavour)
         output.mkdir(parents=True, exist_ok=True)
@@ -400,7 +367,7 @@ def study(
     design: DesignArgument,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="a measured log of this axis")] = None,
     holdout: HoldoutOption = None,
-    output: Annotated[Path | None, _output("FILE", "the report; reports/NAME.html if left out")] = None,
+    output: Annotated[Path | None, output_option("FILE", "the report; reports/NAME.html if left out")] = None,
     history: Annotated[
         Path | None, typer.Option("--history", metavar="FILE", help="add to, and show, what earlier studies identified")
     ] = None,
@@ -412,11 +379,11 @@ def study(
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.report import study as run_study
 
-    believed = _design(design)
+    believed = read_design(design)
     if holdout is not None and log is None:
         raise RequestError("--holdout: needs --log, from which the model is identified")
-    measured = _log_if_given(log, believed, mapping)
-    other = _log_if_given(holdout, believed, mapping)
+    measured = log_if_given(log, believed, mapping)
+    other = log_if_given(holdout, believed, mapping)
     with progress_bar(f"study {believed.name}") as progress:
         result = run_study(
             believed, measured, holdout=other, output=output, seed=seed, history=history, command=command_line(),
@@ -431,7 +398,7 @@ def study(
 def import_log(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="what a drive or logger wrote")],
     design: Annotated[Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="for its [log] table")] = None,
-    output: Annotated[Path | None, _output("LOG", "write it as canonical CSV")] = None,
+    output: Annotated[Path | None, output_option("LOG", "write it as canonical CSV")] = None,
     mapping: MapOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -442,7 +409,7 @@ def import_log(
 
     if output is not None and output.resolve() == file.resolve():
         raise RequestError(f"--output {output}: is the file that is read; it would be lost")
-    result = describe(file, _design_if_given(design), parse_map(mapping))
+    result = describe(file, design_if_given(design), parse_map(mapping))
     finish("import", result, json_file=json_file)
     if output is not None:
         result.log.write_csv(output)
@@ -453,12 +420,12 @@ def import_log(
 @app.command()
 def effects(
     identifier: Annotated[
-        str | None, typer.Argument(metavar="EFFECT", help="this one in full", autocompletion=_effect_ids)
+        str | None, typer.Argument(metavar="EFFECT", help="this one in full", autocompletion=effect_ids)
     ] = None,
     design: Annotated[
         Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="simulate the effect's signature on it")
     ] = None,
-    output: Annotated[Path | None, _output("FILE", "draw the signature: .svg, .png or .pdf")] = None,
+    output: Annotated[Path | None, output_option("FILE", "draw the signature: .svg, .png or .pdf")] = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
@@ -476,18 +443,11 @@ def effects(
         return
     if output is not None and design is None:
         raise RequestError("--output: a signature is simulated on a design; name one with --design")
-    entry = describe_effect(identifier, _design_if_given(design))
+    entry = describe_effect(identifier, design_if_given(design))
     finish("effects", entry, json_file=json_file, report=report)
     if output is not None:
         save_figure(entry.plot(), output)
         print(f"signature: {output}")
-
-
-def _describe(log: Log) -> dict[str, object]:
-    return {
-        "samples": len(log), "duration": log.duration, "rate": log.rate,
-        "channels": {name: log.unit(name) for name in log},
-    }  # fmt: skip
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

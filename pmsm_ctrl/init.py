@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pmsm_ctrl.options import output_option
+
 if TYPE_CHECKING:
     from pmsm_ctrl.datasheet import Question
 
@@ -24,9 +26,7 @@ def _option(example: str) -> Text:
 
 def init(
     name: Annotated[str, typer.Argument(metavar="NAME", help="what the axis is called")] = "axis",
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DESIGN", help="the design to write; NAME.toml if left out")
-    ] = None,
+    output: Annotated[Path | None, output_option("DESIGN", "the design to write; NAME.toml if left out")] = None,
     force: Annotated[bool, typer.Option("--force", help="overwrite a design that is there")] = False,
     pole_pairs: Annotated[Text, _option("4")] = None,
     torque_constant: Annotated[Text, _option("'0.84 N m/A rms'")] = None,
@@ -44,7 +44,7 @@ def init(
     encoder: Annotated[Text, _option("'20 bit', '2500 lines' or '10000 counts'")] = None,
     friction: Annotated[Text, _option("'0.08 N m'")] = None,
     viscous: Annotated[Text, _option("'0.02 N m/krpm'")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="write the design as JSON")] = None,
+    json_file: Annotated[Path | None, output_option("FILE", "write the design as JSON", "--json")] = None,
 ) -> None:
     """Ask for the datasheet and write a design. What is given as an option is not asked."""
     given = {

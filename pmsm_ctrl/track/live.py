@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.track import model
 from pmsm_ctrl.track.filters import Extended, Unscented
 from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
-from pmsm_ctrl.track.settings import Kind, Settings, covariance, memory, numbers, start
+from pmsm_ctrl.track.settings import Kind, Settings, check_kind, covariance, memory, numbers, start
 
 __all__ = ["FrictionTracker", "Reading"]
 
@@ -72,8 +71,7 @@ class FrictionTracker:
         own: Iterable[Effect] = (),
     ) -> None:
         self.design, self.settings = design, settings or Settings()
-        if kind not in ("extended", "unscented"):
-            raise RequestError(f"kind: found '{kind}'; accepted: extended, unscented")
+        check_kind(kind)
         self._known = KnownTorque(design, own)
         logged = design.sensor.log_divider / design.drive.f_control
         self._s = numbers(design, self.settings, logged if period is None else period)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.track import model
 
-__all__ = ["Kind", "Settings", "covariance", "memory", "numbers", "start"]
+__all__ = ["Kind", "Settings", "check_kind", "covariance", "memory", "numbers", "start"]
 
 Array = NDArray[np.float64]
 Kind = Literal["extended", "unscented"]
@@ -191,6 +191,18 @@ def _slow_states(design: Design, settings: Settings) -> tuple[Array, Array]:
         share = design.motor.tolerance.get("J", 0.15)
         prior[model.INERTIA] = share * design.J if settings.prior_J is None else settings.prior_J
     return prior, drift
+
+
+def check_kind(kind: str) -> None:
+    """Refuse a filter that does not exist.
+
+    Raises
+    ------
+    RequestError
+        With the filters that do.
+    """
+    if kind not in get_args(Kind):
+        raise RequestError(f"no filter '{kind}'; accepted: {', '.join(get_args(Kind))}")
 
 
 def as_dict(settings: Settings) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
 from pmsm_ctrl.track import model
 from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
-from pmsm_ctrl.track.settings import Kind, Settings, covariance, memory, numbers, start
+from pmsm_ctrl.track.settings import Kind, Settings, check_kind, covariance, memory, numbers, start
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -210,10 +210,9 @@ def track(
     LogError
         When a channel is missing or the log is too short.
     RequestError
-        When the design has no friction to start from.
+        For another kind of filter, or when the design has no friction to start from.
     """
-    if kind not in ("extended", "unscented"):
-        raise RequestError(f"kind: found '{kind}'; accepted: extended, unscented")
+    check_kind(kind)
     if len(log) < 3:
         raise LogError(f"{_where(log)}{len(log)} samples; tracking needs at least 3")
     log.check_evaluable()

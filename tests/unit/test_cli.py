@@ -118,6 +118,25 @@ def test_identify_finds_the_axis_and_writes_what_was_asked(
     assert not list(tmp_path.glob(".*"))
 
 
+def test_add_prints_its_parameters_with_units(
+    tmp_path: Path, design: Path, log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("add", "constant_load", "--design", design, "--log", log, "--output", tmp_path / "new.toml") == 0
+    units = {line.split()[1]: line.split(maxsplit=5)[5] for line in capsys.readouterr().out.splitlines()[1:]}
+    assert units == {"F_c": "N m", "F_v": "N m s/rad", "T_0": "N m"}
+
+
+def test_both_filters_track(tmp_path: Path, design: Path, log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = tmp_path / "t.json"
+    for words, named in (([], "extended"), (["--filter", "unscented"], "unscented")):
+        assert call("track", log, "--design", design, "--json", result, *words) == 0
+        assert f"{named} filter" in capsys.readouterr().out
+        data = json.loads(result.read_text(encoding="utf-8"))
+        assert data["filter"] == named
+        assert data["estimates"]["F_c"]["value"] == pytest.approx(0.02, rel=0.05)
+    assert "accepted: extended, unscented" in refused(capsys, "track", log, "--design", design, "--filter", "ekf")
+
+
 def test_map_names_foreign_columns(tmp_path: Path, design: Path, capsys: pytest.CaptureFixture[str]) -> None:
     foreign = tmp_path / "foreign.csv"
     t = np.arange(0, 5, 0.01)
@@ -210,6 +229,8 @@ def test_bad_design_is_one_line(
         (["simulate", str(SEED_MOTOR)], "--output"),
         (["effects", "coulom"], "did you mean 'coulomb'"),
         (["import", "none.csv", "--map", "omega"], "--map 'omega'"),
+        (["sweep", str(SEED_MOTOR), "--paper", "--output", "x.toml"], "--paper: takes neither"),
+        (["tune", str(SEED_MOTOR), "--keep", "--robust"], "--keep: takes neither"),
     ],
 )
 def test_wrong_request_is_one_line(

@@ -29,6 +29,7 @@ LEVELS = [
     {"diagnose", "compensate"},
     {"report", "export", "acceptance"},
     {"console"},
+    {"options"},
     {"init"},
     {"cli"},
     {"__main__"},

@@ -1,0 +1,95 @@
+"""What the verbs share: their arguments and options, and how the files these name are read and written."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pmsm_ctrl.console import parse_map, writable
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.design import Design
+    from pmsm_ctrl.log import Log
+
+__all__ = [
+    "DesignArgument", "DesignOption", "HoldoutOption", "JsonOption", "LogArgument", "MapOption", "MethodOption",
+    "NewDesignOption", "ReportOption", "SeedOption", "TruthOption", "design_if_given", "effect_ids", "load_log",
+    "log_if_given", "output_option", "read_design", "scenario_names", "write_design",
+]  # fmt: skip
+
+
+def output_option(metavar: str, text: str, *names: str) -> Any:
+    """Option that names a file to write; a place that cannot be written is refused before the work begins."""
+    return typer.Option(*(names or ("--output", "-o")), callback=writable, metavar=metavar, help=text)
+
+
+DesignArgument = Annotated[
+    Path, typer.Argument(metavar="DESIGN", help="design in TOML, such as designs/seed_motor.toml")
+]
+DesignOption = Annotated[Path, typer.Option("--design", "-d", metavar="DESIGN", help="design in TOML")]
+LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="measured or simulated log: CSV, MAT, ...")]
+MapOption = Annotated[
+    list[str] | None,
+    typer.Option("--map", "-m", metavar="CHANNEL=COLUMN", help="such as omega='speed [rpm]'; may be repeated"),
+]
+JsonOption = Annotated[Path | None, output_option("FILE", "write the result as JSON", "--json")]
+ReportOption = Annotated[Path | None, output_option("FILE", "write the result as one HTML page", "--report")]
+HoldoutOption = Annotated[Path | None, typer.Option("--holdout", metavar="LOG2", help="another log, predicted only")]
+NewDesignOption = Annotated[Path | None, output_option("NEW_DESIGN", "write the design with what was found")]
+MethodOption = Annotated[
+    str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")
+]
+TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")]
+SeedOption = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="seed of the simulated noise")]
+
+
+# Completion may import the catalogue (half a second): a list kept by hand would go stale.
+def effect_ids(incomplete: str) -> list[str]:
+    """Return the effects whose id begins so."""
+    from pmsm_ctrl.effects import CATALOGUE
+
+    return [name for name in CATALOGUE if name.startswith(incomplete)]
+
+
+def scenario_names(incomplete: str) -> list[str]:
+    """Return the scenarios whose name begins so."""
+    from pmsm_ctrl.simulate.scenarios import SCENARIOS
+
+    return [name for name in SCENARIOS if name.startswith(incomplete)]
+
+
+def read_design(path: Path) -> Design:
+    """Return the design in a file; the module that knows designs is imported by the first that is read."""
+    from pmsm_ctrl.design import Design
+
+    return Design.read(path)
+
+
+def design_if_given(path: Path | None) -> Design | None:
+    """Return the design of an option that may be left out."""
+    return None if path is None else read_design(path)
+
+
+def write_design(design: Design, path: Path | None) -> None:
+    """Write a design where one was asked for, and print where it is."""
+    if path is not None:
+        design.write(path)
+        print(f"design: {path}")
+
+
+def load_log(path: Path, design: Design, mapping: list[str] | None) -> Log:
+    """Return the log in a file; what looks wrong in it is a line each on stderr."""
+    from pmsm_ctrl.importers import read_log
+
+    log = read_log(path, design, parse_map(mapping))
+    for text in log.provenance.warnings:
+        print(f"pmsm-ctrl: {path}: {text}", file=sys.stderr)
+    return log
+
+
+def log_if_given(path: Path | None, design: Design, mapping: list[str] | None) -> Log | None:
+    """Return the log of an option that may be left out."""
+    return None if path is None else load_log(path, design, mapping)
