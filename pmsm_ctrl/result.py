@@ -34,12 +34,16 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Section:
-    """One section of a report: text paragraphs, tables and figures, each figure with a sentence saying what to see."""
+    """One section of a report: text paragraphs, tables and figures, each figure with a sentence saying what to see.
+
+    `captions` are the headings of the tables in their order; a table whose heading is left out has none.
+    """
 
     title: str
     paragraphs: tuple[str, ...] = ()
     tables: tuple[tuple[tuple[str, ...], tuple[tuple[str, ...], ...]], ...] = ()  # (header, rows)
     figures: tuple[tuple[Figure, str], ...] = ()
+    captions: tuple[str, ...] = ()
 
 
 class Result(ABC):

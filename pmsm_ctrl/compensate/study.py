@@ -121,9 +121,9 @@ class CompensationStudy(Result):
         lines = []
         found = [r for r in self.table if r.factor == 1.0 and r.motion == "positioning" and r.metrics.cycle_amplitude]
         for row in found:
-            m = row.metrics
+            m, name = row.metrics, "without compensation" if row.variant == "none" else row.variant
             lines.append(
-                f"  at rest after positioning, {row.variant}: cycles with {1e3 * m.cycle_amplitude:.3g} mrad at "
+                f"  at rest after positioning, {name}: cycles with {1e3 * m.cycle_amplitude:.3g} mrad at "
                 f"{m.cycle_frequency:.3g} Hz"
             )
         if self.theory is not None:
@@ -174,7 +174,8 @@ class CompensationStudy(Result):
 
     def section(self) -> Section:
         """Return the section of the report."""
-        header = ("compensated", "motion", "parameters", *(f"{name} [{unit}]" for name, unit in UNITS.items()))
+        metrics = (f"{name.replace('_', ' ')} [{unit}]" for name, unit in UNITS.items())
+        header = ("compensated", "motion", "parameters", *metrics)
         body = tuple(
             (r.variant, r.motion, f"{100 * (r.factor - 1):+.0f} %", *(f"{v:.3g}" for v in r.metrics.as_dict().values()))
             for r in self.table
@@ -198,6 +199,12 @@ class CompensationStudy(Result):
                 *(((("acceptance", "verdict"), verdicts),) if verdicts else ()),
             ),
             figures=((self.plot(), "Where the lower curve leaves zero, the compensation shakes the axis at rest."),),
+            captions=(
+                "RMS of the position error; peak and quadrant: largest error after a change of direction",
+                "Every run",
+                "The gain, step by step",
+                "Acceptance of the design",
+            ),
         )
 
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
+from itertools import zip_longest
 from typing import Any
 
 from pmsm_ctrl.report.svg import inline_svg
@@ -15,6 +16,8 @@ from pmsm_ctrl.result import Section
 __all__ = ["Headline", "render", "versions"]
 
 _LIBRARIES = ("pmsm-ctrl", "numpy", "scipy", "numba", "matplotlib", "control", "filterpy")
+_UNIT = re.compile(r"\[[^]]*\]")
+_MANY = 8  # columns beyond which a table is set smaller, so that a page is wide enough
 _NUMBER = re.compile(r"[-+−±]?\s*\d[\d.,]*(e[-+]?\d+)?\s*%?")
 
 
@@ -97,7 +100,8 @@ def _view(number: int, section: Section) -> dict[str, Any]:
         name = f"s{number}f{k}"
         label = f"Figure {number}.{k}, {section.title}. {caption}"
         figures.append({"svg": inline_svg(figure, name, label), "caption": caption, "number": f"{number}.{k}"})
-    tables = [_table(header, rows) for header, rows in section.tables]
+    named = zip_longest(section.tables, section.captions[: len(section.tables)], fillvalue="")
+    tables = [_table(*table) | {"caption": caption} for table, caption in named]
     plain, doubts = [], []
     for text in section.paragraphs:
         kind, _, rest = text.partition(": ")
@@ -113,15 +117,17 @@ def _view(number: int, section: Section) -> dict[str, Any]:
 
 
 def _table(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...]) -> dict[str, Any]:
-    """Align whole columns: to the right where more than half of the cells are numbers."""
+    """Align whole columns: to the right where more than half of the cells are numbers; a unit is never broken."""
     right = []
     for k in range(len(header)):
         cells = [row[k] for row in rows if k < len(row) and row[k].strip() not in ("", "-")]
         right.append(2 * sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) > len(cells))
     return {
-        "head": list(zip(header, right, strict=True)),
+        "head": [(_UNIT.sub(lambda unit: unit[0].replace(" ", "\u00a0"), cell), r)
+                 for cell, r in zip(header, right, strict=True)],
         "rows": [list(zip(row, right, strict=False)) for row in rows],
-    }
+        "small": len(header) > _MANY,
+    }  # fmt: skip
 
 
 def _template() -> Any:

@@ -107,7 +107,7 @@ def step_plot(axis: Axes, promised: dict[str, Step], measured: dict[str, Step] |
         if measured and name in measured:
             axis.plot(1e3 * measured[name].t, measured[name].y, "--", color="black", lw=1, label=f"{name}: simulated")
     axis.axhline(1.0, color=GREY, lw=0.8)
-    axis.set(xlabel="time [ms]", ylabel="response / step [1]", title="Step responses")
+    axis.set(xlabel="time [ms]", ylabel="response / step [1]", title=f"Step response: {', '.join(promised)}")
     axis.grid(True, alpha=0.3)
     axis.legend(fontsize=8)
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pmsm_ctrl.tune.tuning import Tuning
 
 AS_GIVEN = "as given in the design"  # the method of gains that were only judged
+PROOF = 'Promised and measured ("shown" is not judged)'
 
 __all__ = ["AS_GIVEN", "section", "summary", "to_dict", "warnings"]
 
@@ -232,7 +233,7 @@ def _tables(tuning: Tuning) -> list[tuple[str, Table]]:
         ("Resistance to loads and noise", _resistance(tuning)),
         (f"Tolerances ({tuning.robustness.corners} points, worst named)", _robust_table(tuning)),
     ]
-    for title, table in (("Resonance", _resonance_table(tuning)), ("Promised and measured", _proof_table(tuning))):
+    for title, table in (("Resonance", _resonance_table(tuning)), (PROOF, _proof_table(tuning))):
         if table is not None:
             found.append((title, table))
     return found
@@ -262,7 +263,7 @@ def section(tuning: Tuning) -> Section:
     ]
     units = tuning.gains
     rows = tuple((maker, name, _number(value)) for maker, gains in units.items() for name, value in gains.items())
-    tables = [table for _, table in _tables(tuning)] + [(("drive", "parameter", "value"), rows)]
+    tables = [*_tables(tuning), ("The gains as drives take them", (("drive", "parameter", "value"), rows))]
     paragraphs.append(NOTE)
     figures = [
         (
@@ -283,7 +284,8 @@ def section(tuning: Tuning) -> Section:
             ),
             "The resonance lifts the loop gain where the phase has passed -180 deg; the filter takes the peak away.",
         ))  # fmt: skip
-    return Section("Tuning of the loops", tuple(paragraphs), tuple(tables), tuple(figures))
+    captions, shown = zip(*tables, strict=True)
+    return Section("Tuning of the loops", tuple(paragraphs), shown, tuple(figures), captions)
 
 
 def to_dict(tuning: Tuning) -> dict[str, Any]:

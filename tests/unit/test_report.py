@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from pmsm_ctrl import Design, Log, compare, diagnose, simulate, study
+from pmsm_ctrl import Design, Log, compare, diagnose, simulate, study, tune
+from pmsm_ctrl.compensate import CompensationStudy, GainWindow, Metrics
+from pmsm_ctrl.compensate.study import Row
 from pmsm_ctrl.diagnose import Diagnosis
 from pmsm_ctrl.diagnose.figures import contributions, plane_of
 from pmsm_ctrl.errors import RequestError
@@ -96,7 +98,7 @@ def test_page_is_well_formed_and_says_first_things_first() -> None:
     text = page()
     parsed = Page(text)
     order = [
-        text.index(w) for w in ("<h1>", "It was done.", "all is well.", "0.0213 N m", "doubt", "<h2>1.", "<h2>Appendix")
+        text.index(w) for w in ("<h1>", "It was done.", "all is well.", "<b>0.0213", "doubt", "<h2>1.", "<h2>Appendix")
     ]
     assert order == sorted(order)
     assert text.count("doubt &lt;one&gt;") == 1
@@ -281,9 +283,22 @@ def test_clean_diagnosis_has_a_report_too(designs: Path) -> None:
     assert any("No effect was taken in" in caption for caption in captions)
 
 
-@pytest.mark.skipif(
+no_browser = pytest.mark.skipif(
     shutil.which("chromium") is None, reason="CHROMIUM ABSENT: the page was not drawn (apt install chromium)"
 )
+
+
+def browsed(path: Path, width: int, folder: Path) -> str:
+    """Return the page as the browser holds it after its scripts have run."""
+    command = [
+        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync",
+        f"--user-data-dir={folder / 'profile'}", f"--window-size={width},900", "--dump-dom", path.as_uri(),
+    ]  # fmt: skip
+    return subprocess.run(command, capture_output=True, text=True, timeout=60).stdout
+
+
+@no_browser
 @pytest.mark.parametrize("width", [390, 1100], ids=["phone", "desk"])
 def test_browser_draws_the_page_without_sideways_scrolling(tmp_path: Path, width: int) -> None:
     probe = (
@@ -292,10 +307,38 @@ def test_browser_draws_the_page_without_sideways_scrolling(tmp_path: Path, width
     )
     path = tmp_path / "page.html"
     path.write_text(page().replace("</body>", probe + "</body>"), encoding="utf-8")
-    command = [
-        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-        "--disable-background-networking", "--disable-component-update", "--disable-sync",
-        f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},900", "--dump-dom", path.as_uri(),
-    ]  # fmt: skip
-    drawn = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert "<title>WIDE 0</title>" in drawn.stdout
+    assert "<title>WIDE 0</title>" in browsed(path, width, tmp_path)
+
+
+@no_browser
+def test_the_widest_tables_fit_a_desk(tmp_path: Path, designs: Path) -> None:
+    """Tuning and compensation have the widest tables of all; at 1100 px they wrap before they scroll."""
+    design = Design.read(designs / "seed_motor.toml")
+    sections = [tune(design, prove=False).section(), wide_compensation(design).section()]
+    probe = (
+        "<script>document.title = 'WIDE ' + Math.max(...[...document.querySelectorAll('.scroll')].map("
+        "(e) => e.scrollWidth - e.clientWidth))</script>"
+    )
+    path = tmp_path / "page.html"
+    path.write_text(render("Wide", sections).replace("</body>", probe + "</body>"), encoding="utf-8")
+    assert "<title>WIDE 0</title>" in browsed(path, 1100, tmp_path)
+
+
+def wide_compensation(design: Design) -> CompensationStudy:
+    """A study with its longest names and numbers of many digits, without the minutes it takes to run one."""
+    many = Metrics(0.000123, 0.000123, 0.000123, 0.123, 0.000123, 0.0123, 0.00123, 0.00123)
+    motions = ("reversal 0.5 rad/s", "triangle", "creep 0.1 rad/s", "circle", "warm-up")
+    variants = (("none", 1.0), ("all effects, commanded speed", 0.8))
+    table = tuple(Row(name, motion, factor, many) for name, factor in variants for motion in motions)
+    gains = np.array([0.0, 1.0])
+    window = GainWindow("commanded", gains, gains, gains, 0.00123 * gains, 0.0, 0.0, None)
+    return CompensationStudy(design, table, {"commanded": window})
+
+
+def test_tables_have_their_captions_and_one_section_one_title() -> None:
+    table = (("name", "value"), (("F_c", "1"),))
+    text = render("Only", [Section("Only", tables=(table, table), captions=("First & foremost",))])
+    Page(text)
+    assert text.count("<caption>") == 1
+    assert text.index("First &amp; foremost") < text.index("F_c")
+    assert "1. Only" not in text
