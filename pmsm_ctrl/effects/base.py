@@ -6,6 +6,7 @@ import inspect
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 from pmsm_ctrl.design import EffectEntry
@@ -109,12 +110,13 @@ class Effect:
         """The term as plain Python, for reading and for checking the compiled one."""
         return getattr(self.term, "py_func", self.term)
 
-    @property
+    # Read at every sample of a live stream, where asking for the signature anew takes longer than the term.
+    @cached_property
     def arguments(self) -> tuple[str, ...]:
         """Argument names of the term, in order."""
         return tuple(inspect.signature(self.py_term).parameters)
 
-    @property
+    @cached_property
     def signals(self) -> tuple[str, ...]:
         """Signals the term reads."""
         return tuple(name for name in self.arguments if name in SIGNALS)
