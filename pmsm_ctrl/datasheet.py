@@ -10,14 +10,16 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.units import DATASHEET, KRPM, RPM
 
-__all__ = ["QUESTIONS", "Answer", "Question", "answers_from", "design_toml", "plausibility", "read_answer"]
+__all__ = [
+    "MACHINES", "QUESTIONS", "Answer", "Question", "answers_from", "design_toml", "plausibility", "questions_of",
+    "read_answer",
+]  # fmt: skip
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 # Sheets put these words anywhere in a unit: "Vrms/krpm, l-l", "V/krpm (line-to-line, rms)".
@@ -109,6 +111,45 @@ QUESTIONS: tuple[Question, ...] = (
 )  # fmt: skip
 
 
+_BY_KEY = {question.key: question for question in QUESTIONS}
+# What is asked of a machine whose windings nobody knows. A rotary one is the motor's sheet without its electrical
+# part; a linear one has the same quantities along a line.
+_PLAIN = (
+    Question("torque_constant", "torque constant", "motor", {
+        "N m/A peak": ("K_t", 1.0), "N m/A rms": ("K_t", math.sqrt(0.5)), "N m/A dc": ("K_t", 1.0)}),
+    *(_BY_KEY[key] for key in ("inertia", "load_inertia", "gear")),
+    replace(_BY_KEY["current_limit"], default=""),
+    *(_BY_KEY[key] for key in ("encoder", "friction", "viscous")),
+)  # fmt: skip
+_LINEAR = (
+    Question("torque_constant", "force constant", "motor", {
+        "N/A peak": ("K_t", 1.0), "N/A rms": ("K_t", math.sqrt(0.5)), "N/A dc": ("K_t", 1.0)}),
+    Question("inertia", "moving mass, all of it", "motor", {"kg": ("J", 1.0), "g": ("J", 1e-3)}),
+    replace(_BY_KEY["current_limit"], default=""),
+    Question("encoder", "scale, its step or its counts", "sensor", {
+        "um": ("step", 1e-6), "nm": ("step", 1e-9), "counts/mm": ("encoder_counts", 1e3)}, "1 um"),
+    Question("friction", "friction force, if the sheet has one", "coulomb", {"N": ("F_c", 1.0)}, "0 N"),
+    Question("viscous", "viscous damping, if the sheet has one", "viscous", {"N s/m": ("F_v", 1.0)}, "0 N s/m"),
+)  # fmt: skip
+MACHINES: dict[str, tuple[Question, ...]] = {"motor": QUESTIONS, "plain": _PLAIN, "linear": _LINEAR}
+
+
+def questions_of(machine: str) -> tuple[Question, ...]:
+    """Return what is asked of a kind of machine.
+
+    Raises
+    ------
+    RequestError
+        For a kind that does not exist.
+    """
+    if machine not in MACHINES:
+        raise RequestError(
+            f"--machine '{machine}': motor (its windings are known), plain (only a torque constant is) or linear "
+            f"(a moving mass and a force constant) was expected{nearest(machine, MACHINES)}"
+        )
+    return MACHINES[machine]
+
+
 def read_answer(question: Question, text: str) -> Answer:
     """Turn ``0.84 N m/A rms`` into the field and the number of a design.
 
@@ -137,6 +178,10 @@ def read_answer(question: Question, text: str) -> Answer:
         if not 1 <= number <= 40:
             raise RequestError(f"{question.option} '{text}': 1 to 40 bit were expected")
         return Answer("encoder_counts", 2.0**number, name)
+    if field == "step":
+        if not 1e-10 <= factor * number <= 1e-2:
+            raise RequestError(f"{question.option} '{text}': a step of 0.1 nm to 10 mm was expected")
+        return Answer("encoder_counts", float(round(1.0 / (factor * number))), name)
     return Answer(field, factor * number, name)
 
 
@@ -154,7 +199,9 @@ def _essence(unit: str) -> tuple[frozenset[str], str]:
     return frozenset(words), re.sub(r"[\s()\[\]^*·.,_]", "", text)
 
 
-def answers_from(given: Mapping[str, str | None], ask: Callable[[Question], str] | None = None) -> dict[str, Answer]:
+def answers_from(
+    given: Mapping[str, str | None], ask: Callable[[Question], str] | None = None, machine: str = "motor"
+) -> dict[str, Answer]:
     """Collect the answers by key: those given, those asked for, and the defaults.
 
     Parameters
@@ -162,15 +209,21 @@ def answers_from(given: Mapping[str, str | None], ask: Callable[[Question], str]
     given : mapping of key to text or None
     ask : function, optional
         Asks a person for what was not given, and returns the text, "" for the default.
+    machine : {"motor", "plain", "linear"}
 
     Raises
     ------
     RequestError
-        When something is wrong, or missing and there is nobody to ask.
+        When something is wrong, does not belong to this kind of machine, or is missing and there is nobody to ask.
     """
+    questions = questions_of(machine)
+    own = {question.key for question in questions}
+    for key, text in given.items():
+        if text and key not in own:
+            raise RequestError(f"init: {_BY_KEY[key].option} is not asked of a {machine} machine; leave it out")
     answers: dict[str, Answer] = {}
     missing = []
-    for question in QUESTIONS:
+    for question in questions:
         text = given.get(question.key)
         if text is None:
             text = ask(question) if ask is not None else ""
@@ -182,12 +235,12 @@ def answers_from(given: Mapping[str, str | None], ask: Callable[[Question], str]
     if missing:
         named = ", ".join(f"{q.option} ({q.accepted})" for q in missing)
         raise RequestError(f"init: missing {named}; or run it in a terminal to be asked")
-    if "torque_constant" not in answers and "emf_constant" not in answers:
+    if machine == "motor" and "torque_constant" not in answers and "emf_constant" not in answers:
         raise RequestError("init: one of --torque-constant and --emf-constant is needed, from which the flux follows")
     return answers
 
 
-def design_toml(name: str, answers: Mapping[str, Answer]) -> str:
+def design_toml(name: str, answers: Mapping[str, Answer], machine: str = "motor") -> str:
     """Return the design as commented TOML.
 
     Raises
@@ -195,12 +248,14 @@ def design_toml(name: str, answers: Mapping[str, Answer]) -> str:
     DesignError, RequestError
         When the numbers do not make a design.
     """
-    tables = _tables(answers)
+    tables = _tables(answers, machine)
     lines = [
         "# Written from a datasheet. Numbers keep the sheet's unit, which their name says.",
-        "# Friction is what identify and sweep find; the loops are what tune finds.",
+        "# Friction is what identify and sweep find; the loops are what tune finds."
+        if machine == "motor" else "# Friction is what identify finds. Without winding data nothing is simulated.",
         f"name = {_quoted(name)}",
-    ]
+        *(['motion = "linear"'] if machine == "linear" else []),
+    ]  # fmt: skip
     for table in ("motor", "load", "drive", "sensor"):
         if table in tables:
             lines += ["", f"[{table}]", *(_line(*entry) for entry in tables[table])]
@@ -218,10 +273,19 @@ def _quoted(text: str) -> str:
 Entry = tuple[str, float | int, str]
 
 
-def _tables(answers: Mapping[str, Answer]) -> dict[str, list[Entry]]:
+_ROTARY_UNITS = {
+    "F_c": "N m", "F_v": "N m s/rad", "J": "kg m^2", "encoder_counts": "counts per turn", "K_t": "N m per A peak",
+}  # fmt: skip
+_LINEAR_UNITS = {
+    "F_c": "N", "F_v": "N s/m", "J": "kg", "encoder_counts": "counts per metre", "K_t": "N per A peak",
+}  # fmt: skip
+
+
+def _tables(answers: Mapping[str, Answer], machine: str) -> dict[str, list[Entry]]:
     """Sort the answers into the design's tables as (field, value, comment)."""
+    units = _LINEAR_UNITS if machine == "linear" else _ROTARY_UNITS
     tables: dict[str, list[Entry]] = {}
-    for question in QUESTIONS:
+    for question in MACHINES[machine]:
         answer = answers.get(question.key)
         if answer is None or (question.key == "emf_constant" and "torque_constant" in answers):
             continue
@@ -231,9 +295,7 @@ def _tables(answers: Mapping[str, Answer]) -> dict[str, list[Entry]]:
         if field in DATASHEET:
             comment = DATASHEET[field].meaning
         elif question.units:
-            comment = {"F_c": "N m", "F_v": "N m s/rad", "J": "kg m^2", "encoder_counts": "counts per turn"}.get(
-                field, answer.unit.replace("kHz", "Hz").replace("V ac", "V").replace("V dc", "V")
-            )
+            comment = units.get(field, answer.unit.replace("kHz", "Hz").replace("V ac", "V").replace("V dc", "V"))
         if field == "speed_rate":
             field, value, comment = _divider(answers["pwm"].value, value)
         tables.setdefault(question.table, []).append((field, value, comment))
@@ -265,6 +327,7 @@ LIKELY = {
     "electrical time constant L/R": (0.05e-3, 0.2),
     "no-load speed": (50 * RPM, 2e5 * RPM),
     "torque at the current limit over J": (30.0, 2e7),
+    "force at the current limit over the mass": (0.1, 2e3),
 }
 
 
@@ -273,26 +336,28 @@ def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[st
 
     The no-load speed is where the EMF ``p psi_f omega`` meets the largest phase voltage, ``u_dc / sqrt(3)``.
     """
-    motor = design.motor
-    assert motor.p is not None  # what is asked of the sheet makes all electrical data known
-    assert motor.psi_f is not None
-    assert motor.R is not None
-    assert motor.L_q is not None
-    speed = design.drive.u_dc / math.sqrt(3.0) / (motor.p * motor.psi_f)
-    torque = design.K_t * design.drive.i_max
-    figures: dict[str, Any] = {
-        "electrical time constant L/R": (motor.L_q / motor.R, f"{1e3 * motor.L_q / motor.R:.3g} ms"),
-        "no-load speed": (speed, f"{speed / RPM:.4g} rpm at {design.drive.u_dc:.4g} V dc"),
-        "torque at the current limit over J": (torque / design.J, f"{torque:.3g} N m, {torque / design.J:.3g} rad/s^2"),
-    }
-    lines = [f"K_t = {design.K_t:.4g} N m/A peak = {design.K_t * math.sqrt(2):.4g} N m/A rms"]
+    motor, linear = design.motor, design.motion == "linear"
+    figures: dict[str, tuple[float, str]] = {}
+    if motor.p is not None and motor.psi_f is not None and motor.R is not None and motor.L_q is not None:
+        speed = design.drive.u_dc / math.sqrt(3.0) / (motor.p * motor.psi_f)
+        figures["electrical time constant L/R"] = motor.L_q / motor.R, f"{1e3 * motor.L_q / motor.R:.3g} ms"
+        figures["no-load speed"] = speed, f"{speed / RPM:.4g} rpm at {design.drive.u_dc:.4g} V dc"
+    if math.isfinite(design.drive.i_max):
+        torque = design.K_t * design.drive.i_max
+        name = "force at the current limit over the mass" if linear else "torque at the current limit over J"
+        shown = f"{torque:.3g} {'N' if linear else 'N m'}, {torque / design.J:.3g} {'m' if linear else 'rad'}/s^2"
+        figures[name] = torque / design.J, shown
+    unit = "N/A" if linear else "N m/A"
+    lines = [f"K_t = {design.K_t:.4g} {unit} peak = {design.K_t * math.sqrt(2):.4g} {unit} rms"]
+    if "torque_constant" in answers and answers["torque_constant"].unit.endswith("dc"):
+        lines = [f"K_t = {design.K_t:.4g} {unit}"]
     lines += [f"{name}: {shown}" for name, (_, shown) in figures.items()]
     doubts = [
         f"{name} of {shown} is unlikely for a servo motor; look at the units again"
         for name, (value, shown) in figures.items()
         if not LIKELY[name][0] <= value <= LIKELY[name][1]
     ]
-    if "emf_constant" in answers and "torque_constant" in answers:
+    if motor.p is not None and motor.psi_f is not None and {"emf_constant", "torque_constant"} <= set(answers):
         doubts += _emf_check(motor.p, motor.psi_f, answers["emf_constant"])
     return lines, doubts
 

@@ -28,22 +28,31 @@ def init(
     name: Annotated[str, typer.Argument(metavar="NAME", help="what the axis is called")] = "axis",
     output: Annotated[Path | None, output_option("DESIGN", "the design to write; NAME.toml if left out")] = None,
     force: Annotated[bool, typer.Option("--force", help="overwrite a design that is there")] = False,
+    machine: Annotated[
+        Text,
+        typer.Option(
+            metavar="KIND",
+            help="motor: its windings are known; plain: only a torque constant is; linear: a "
+            "moving mass and a force constant are",
+            show_default=False,
+        ),
+    ] = None,
     pole_pairs: Annotated[Text, _option("4")] = None,
-    torque_constant: Annotated[Text, _option("'0.84 N m/A rms'")] = None,
+    torque_constant: Annotated[Text, _option("'0.84 N m/A rms'; linear: '35 N/A peak'")] = None,
     emf_constant: Annotated[Text, _option("'51 V rms line/krpm'")] = None,
     resistance: Annotated[Text, _option("'1.1 Ohm line'")] = None,
     inductance: Annotated[Text, _option("'7.6 mH line'")] = None,
     inductance_q: Annotated[Text, _option("'9 mH line'")] = None,
-    inertia: Annotated[Text, _option("'1.6 kg cm2'")] = None,
+    inertia: Annotated[Text, _option("'1.6 kg cm2'; linear: '95 kg'")] = None,
     load_inertia: Annotated[Text, _option("'200 kg cm2', at the load's own shaft")] = None,
     gear: Annotated[Text, _option("10, motor turns per load turn")] = None,
     current_limit: Annotated[Text, _option("'9 A rms'")] = None,
     supply: Annotated[Text, _option("'230 V ac' or '325 V dc'")] = None,
     pwm: Annotated[Text, _option("'16 kHz'")] = None,
     speed_loop: Annotated[Text, _option("'4 kHz'")] = None,
-    encoder: Annotated[Text, _option("'20 bit', '2500 lines' or '10000 counts'")] = None,
-    friction: Annotated[Text, _option("'0.08 N m'")] = None,
-    viscous: Annotated[Text, _option("'0.02 N m/krpm'")] = None,
+    encoder: Annotated[Text, _option("'20 bit', '2500 lines' or '10000 counts'; linear: '1 um'")] = None,
+    friction: Annotated[Text, _option("'0.08 N m'; linear: '20 N'")] = None,
+    viscous: Annotated[Text, _option("'0.02 N m/krpm'; linear: '200 N s/m'")] = None,
     json_file: Annotated[Path | None, output_option("FILE", "write the design as JSON", "--json")] = None,
 ) -> None:
     """Ask for the datasheet and write a design. What is given as an option is not asked."""
@@ -53,11 +62,12 @@ def init(
         "load_inertia": load_inertia, "gear": gear, "current_limit": current_limit, "supply": supply, "pwm": pwm,
         "speed_loop": speed_loop, "encoder": encoder, "friction": friction, "viscous": viscous,
     }  # fmt: skip
-    _write(name, output or Path(f"{name}.toml"), given, force=force, json_file=json_file)
+    _write(name, output or Path(f"{name}.toml"), machine, given, force=force, json_file=json_file)
 
 
-def _write(name: str, target: Path, given: dict[str, Text], *, force: bool, json_file: Path | None) -> None:
-    import shlex
+def _write(
+    name: str, target: Path, machine: Text, given: dict[str, Text], *, force: bool, json_file: Path | None
+) -> None:
     import tomllib
 
     from pmsm_ctrl.console import write_json
@@ -70,8 +80,11 @@ def _write(name: str, target: Path, given: dict[str, Text], *, force: bool, json
         raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output says where to write")
     if target.exists() and not force:
         raise RequestError(f"{target}: is there already; --force overwrites it, --output names another")
-    answers = answers_from(given, _asking(input) if sys.stdin.isatty() else None)
-    text = design_toml(name, answers)
+    ask = _asking(input) if sys.stdin.isatty() else None
+    if machine is None:
+        machine = "motor" if ask is None else _machine(input)
+    answers = answers_from(given, ask, machine)
+    text = design_toml(name, answers, machine)
     design = Design.from_dict(tomllib.loads(text), source=str(target))
     facts, doubts = plausibility(design, answers)
     write_text(target, text)
@@ -80,16 +93,39 @@ def _write(name: str, target: Path, given: dict[str, Text], *, force: bool, json
     print("\n".join(facts))
     if json_file is not None:
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target), "warnings": doubts})
+    print(f"design: {target}")
+    _print_next(target, simulated=design.motor.electrical)
+
+
+def _print_next(target: Path, *, simulated: bool) -> None:
+    import shlex
+
     typed = shlex.quote(str(target))
-    following = {
-        f"study {typed}": "tunes the loops and shows what the simulated axis does",
+    following = {f"study {typed}": "tunes the loops and shows what the simulated axis does"} if simulated else {}
+    following |= {
         "import LOG": "says what the drive's log holds, and what looks wrong in it",
         f"study {typed} --log LOG": "says what the model lacks on the measured axis",
     }
     width = max(map(len, following))
-    print(f"design: {target}")
-    for word, (command, answers_what) in zip(("next:", "", ""), following.items(), strict=True):
-        print(f"{word:<6}pmsm-ctrl {command:<{width}}   {answers_what}")
+    for number, (command, answers_what) in enumerate(following.items()):
+        print(f"{'' if number else 'next:':<6}pmsm-ctrl {command:<{width}}   {answers_what}")
+
+
+def _machine(read: Callable[[str], str]) -> str:
+    """Ask which kind of machine it is until the answer is one."""
+    from pmsm_ctrl.datasheet import questions_of
+    from pmsm_ctrl.errors import RequestError
+
+    while True:
+        try:
+            kind = read("machine: motor (windings known), plain (only a torque constant) or linear [motor]: ").strip()
+            questions_of(kind or "motor")
+        except EOFError:
+            raise RequestError("init: the input ended before all was answered; nothing was written") from None
+        except RequestError as error:
+            print(f"  {error}", file=sys.stderr)
+        else:
+            return kind or "motor"
 
 
 def _asking(read: Callable[[str], str]) -> Callable[[Question], str]:

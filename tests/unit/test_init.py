@@ -11,13 +11,14 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pmsm_ctrl import Design
+from pmsm_ctrl import Design, Log
 from pmsm_ctrl.cli import main
-from pmsm_ctrl.datasheet import QUESTIONS, Question, answers_from, design_toml, plausibility, read_answer
+from pmsm_ctrl.datasheet import MACHINES, QUESTIONS, Question, answers_from, design_toml, plausibility, read_answer
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.init import _asking
 
@@ -99,7 +100,7 @@ def test_what_could_mean_two_things_is_refused(key: str, text: str, said: str) -
 
 
 def test_every_unit_of_every_question_is_read_back_as_itself() -> None:
-    for question in QUESTIONS:
+    for question in (question for asked in MACHINES.values() for question in asked):
         for unit, (field, _) in question.units.items():
             answer = read_answer(question, f"4 {unit}")
             assert answer.unit == unit
@@ -128,6 +129,64 @@ def test_design_of_the_sheet(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert "next: pmsm-ctrl study geared.toml" in shown.out
     assert json.loads(Path("d.json").read_text())["schema"] == "pmsm-ctrl/init/1"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["d.json", "geared.toml"]
+
+
+LINEAR = {
+    "torque_constant": "35.15 N/A dc", "inertia": "95.11 kg", "encoder": "0.5 um", "friction": "20.39 N",
+    "viscous": "203.5 N s/m",
+}  # fmt: skip
+PLAIN = {"torque_constant": "0.0318 N m/A peak", "inertia": "61.4 g cm2", "encoder": "20000 counts"}
+
+
+def test_a_linear_axis_has_a_mass_and_a_force_constant(designs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The numbers of designs/emps.toml, whose force constant is per volt: what init cannot know is its log."""
+    assert call("init", "emps", "--machine", "linear", *options(LINEAR)) == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    assert "K_t = 35.15 N/A\n" in shown.out
+    assert "study emps.toml " in shown.out
+    assert shown.out.count("pmsm-ctrl ") == 2, "without winding data nothing is simulated"
+    made, known = Design.read("emps.toml"), Design.read(designs / "emps.toml")
+    assert (made.motion, made.J, made.K_t) == (known.motion, known.J, known.K_t)
+    for effect in ("coulomb", "viscous"):
+        assert made.parameters(effect) == known.parameters(effect)
+    assert made.sensor.encoder_counts == 2_000_000
+    assert "# counts per metre" in Path("emps.toml").read_text(encoding="utf-8")
+
+
+def test_a_plain_axis_is_identified_from_a_log(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("init", "--machine", "plain", *options({**PLAIN, "current_limit": "5 A peak"})) == 0
+    # by hand: 0.0318 N m/A times 5 A over 6.14e-6 kg m^2
+    assert "0.159 N m, 2.59e+04 rad/s^2" in capsys.readouterr().out
+    t = np.arange(0, 20, 1e-3)
+    omega = 80 * np.sin(np.pi * t) + 40 * np.sin(2.6 * np.pi * t + 1)
+    alpha = 80 * np.pi * np.cos(np.pi * t) + 104 * np.pi * np.cos(2.6 * np.pi * t + 1)
+    torque = 6.14e-6 * alpha + 2.67e-3 * np.sign(omega) + 3.66e-6 * omega
+    noise = np.random.default_rng(2).normal(0, 1e-3, t.size)
+    Log({"t": t, "omega": omega, "i_q": torque / 0.0318 + noise}).write_csv("axis.csv")
+    assert call("identify", "axis.csv", "--design", "axis.toml", "--output", "found.toml") == 0
+    found = Design.read("found.toml")
+    assert pytest.approx(6.14e-6, rel=0.01) == found.J
+    assert found.parameters("coulomb")["F_c"] == pytest.approx(2.67e-3, rel=0.01)
+    assert found.parameters("viscous")["F_v"] == pytest.approx(3.66e-6, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--machine", "plane", *options(PLAIN)], "did you mean 'plain'?"),
+        (["--machine", "plain", *options(PLAIN), "--resistance", "1 Ohm line"], "--resistance is not asked of a plain"),
+        (["--machine", "linear", *options({**LINEAR, "encoder": "0 um"})], "a step of 0.1 nm to 10 mm"),
+        (["--machine", "linear", *options({**LINEAR, "inertia": "1.6 kg cm2"})], "accepted: kg, g"),
+        (["--machine", "linear", *options(PLAIN)], "accepted: N/A peak"),
+    ],
+)
+def test_what_a_machine_does_not_have_is_refused(
+    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("init", *words) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_interior_magnets_have_two_inductances() -> None:
@@ -225,7 +284,31 @@ def test_input_that_ends_writes_nothing() -> None:
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="NO PSEUDO-TERMINAL: the dialogue was not typed")
 def test_dialogue_at_a_terminal(tmp_path: Path) -> None:
     """Typed line by line at a pseudo-terminal, as a new user would."""
-    typed = ["5", "0.84", "1", "", "1.1", "1", "7.6", "1", "", "1.6", "1", "", "", "9", "1", "", "", "", "", "", ""]
+    typed = [
+        "motr",
+        "",
+        "5",
+        "0.84",
+        "1",
+        "",
+        "1.1",
+        "1",
+        "7.6",
+        "1",
+        "",
+        "1.6",
+        "1",
+        "",
+        "",
+        "9",
+        "1",
+        "",
+        "",
+        "",
+        "",
+        "",
+        "",
+    ]
     ours, theirs = os.openpty()
     process = subprocess.Popen(
         [sys.executable, "-m", "pmsm_ctrl", "init", "typed"], stdin=theirs, stdout=subprocess.PIPE,
