@@ -135,7 +135,7 @@ def _level(left: Array, mask: Mask, rate: float) -> Array:
     width = 2 * round(0.5 * LEVEL_TIME * rate) + 1
     power = uniform_filter1d(np.where(mask, left**2, 0.0), width, mode="nearest")
     share = uniform_filter1d(mask.astype(np.float64), width, mode="nearest")
-    level = np.sqrt(np.divide(power, share, out=np.zeros_like(power), where=share > 0.0))
+    level = np.sqrt(np.maximum(np.divide(power, share, out=np.zeros_like(power), where=share > 0.0), 0.0))
     usual = float(np.median(level[mask]))
     return np.maximum(level, max(0.5 * usual, 1e-300))
 

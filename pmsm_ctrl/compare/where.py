@@ -167,7 +167,7 @@ class Where:
 
 def where(
     prepared: Prepared, measured: Array, predicted: Array, mask: Mask, unit: str, torque: Array, J: float,
-    per_ampere: float | None = None,
+    per_ampere: float | None = None, worth: float = WORTH, material: float | None = None,
 ) -> Where:  # fmt: skip
     """Find what a residual depends on.
 
@@ -183,15 +183,21 @@ def where(
         Inertia that this prediction holds.
     per_ampere : float, optional
         Torque constant, where the log has a current.
+    worth : float
+        Least share of what is left that is worth a word.
+    material : float, optional
+        Least size of a curve, as a share of the measured channel; by its unit when left out.
     """
     t, residual = prepared.t[prepared.keep], measured - predicted
     coordinates = grid_coordinates(prepared, torque, per_ampere, J)
     used = mask & _away_from_reversals(prepared, coordinates["speed"])
     if int(used.sum()) < 100:
         used = mask
-    material = MATERIAL_VOLTAGE if unit == "V" else MATERIAL
+    if material is None:
+        material = MATERIAL_VOLTAGE if unit == "V" else MATERIAL
     made, noise = _modelled(prepared, coordinates, residual, used)
-    case = _case(t, residual, used, noise, made, prepared.cutoff, measured, coordinates["direction"], material)
+    case = _case(t, residual, used, noise, made, prepared.cutoff, measured, coordinates["direction"],
+                 (worth, material))  # fmt: skip
     constant = case.bench.judge([], [1])
     offset_sure = constant is not None and not case.objection(constant, constant.p_value)
     alone = {c.name: case.bench.judge(case.base[c.name], case.own[c.name]) for c in made}
@@ -218,6 +224,7 @@ class _Case:
     bench: Bench
     base: Mapping[str, list[int]]
     own: Mapping[str, list[int]]
+    worth: float
     least: float
     direction: Array
 
@@ -228,14 +235,14 @@ class _Case:
         holds = outcome.gain > SURE * outcome.stderr or (outcome.p_rank < 0.5 * SIGNIFICANCE and outcome.gain > 0.0)
         if not holds or outcome.share <= 0.0:
             return "does not hold on blocks left out"
-        if outcome.share <= WORTH or outcome.size <= self.least:
+        if outcome.share <= self.worth or outcome.size <= self.least:
             return "too small to matter"
         return ""
 
 
 def _case(
     t: Array, residual: Array, mask: Mask, noise: Noise, made: list[Curve], cutoff: float, measured: Array,
-    direction: Array, material: float,
+    direction: Array, matter: tuple[float, float],
 ) -> _Case:  # fmt: skip
     """Put residual, constant, direction and every curve's own columns side by side."""
     columns = [np.ones(len(t)), direction]
@@ -244,9 +251,9 @@ def _case(
         base[curve.name] = [1, 2][: curve.base.shape[1]]
         own[curve.name] = list(range(len(columns) + 1, len(columns) + 1 + curve.own.shape[1]))
         columns += list(curve.own.T)
-    least = material * float(np.sqrt(np.mean(measured[mask] ** 2)))
+    least = matter[1] * float(np.sqrt(np.mean(measured[mask] ** 2)))
     laid = bench(noise, t, residual, mask, np.column_stack(columns), cutoff)
-    return _Case(residual, mask, laid, base, own, least, direction)
+    return _Case(residual, mask, laid, base, own, matter[0], least, direction)
 
 
 def _away_from_reversals(prepared: Prepared, omega: Array) -> Mask:

@@ -10,11 +10,20 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.columns import Group
-from pmsm_ctrl.diagnose.model import Model, Solved
+from pmsm_ctrl.diagnose.model import Model, Solved, spread
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.whitening import Whitener, make_whitener
 
-__all__ = ["Evidence", "Trial", "blocked_gain", "f_tail", "saturated_whitener", "try_candidate", "try_group"]
+__all__ = [
+    "Evidence",
+    "Trial",
+    "blocked_gain",
+    "f_tail",
+    "plain_evidence",
+    "saturated_whitener",
+    "try_candidate",
+    "try_group",
+]
 
 Array = NDArray[np.float64]
 
@@ -35,8 +44,8 @@ class Trial:
     p_value : float
         Of the group F-test, the searched shapes paid for; not yet corrected for the number of candidates.
     values, stderr : array, shape (k,)
-    share : float
-        Part of the fixable residual (above the noise floor) that it takes away, whitened.
+    slow : bool
+        Whether the estimate's own weights judged it, not the prewhitened rows.
     direction : array, shape (rows,)
         Whitened columns times values, orthogonal to the model: what it explains and nothing else does.
     """
@@ -51,6 +60,7 @@ class Trial:
     direction: Array
     wrong_sign: bool = False
     singular: bool = False
+    slow: bool = False
     plain_gain: float = 0.0
     plain_direction: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -144,19 +154,11 @@ def try_candidate(
 def try_group(solved: Solved, whitener: Whitener, candidate: Candidate, group: Group) -> Trial:
     """Test one group of columns against the model."""
     n = len(solved.rest)
-    rows = whitener(group.values)
-    size = np.linalg.norm(rows, axis=0)
-    z = np.vstack([rows, np.zeros((n - solved.rows, rows.shape[1]))])
-    left = z - solved.q @ (solved.q.T @ z)
-    left -= solved.q @ (solved.q.T @ left)
-    scale = np.where(size > 0.0, size, 1.0)
-    u, s, vt = np.linalg.svd(left / scale, full_matrices=False)
-    kept = s > 1e-2  # less than 1 % of its own left: the model has it already
-    k = int(kept.sum())
+    u, inverse, scale = beyond(solved, whitener, group)
+    k = u.shape[1]
     if k == 0:
-        nothing = np.zeros(len(size))
-        return Trial(candidate, group, 0.0, 0.0, 1.0, nothing, np.full(len(size), np.inf), np.zeros(n), singular=True)
-    u, inverse = u[:, kept], vt[kept].T / s[kept]
+        nothing = np.zeros(len(scale))
+        return Trial(candidate, group, 0.0, 0.0, 1.0, nothing, np.full(len(scale), np.inf), np.zeros(n), singular=True)
     along = u.T @ solved.rest
     values = inverse @ along / scale
     stderr = np.sqrt(np.sum(inverse**2, axis=1)) / scale
@@ -166,6 +168,37 @@ def try_group(solved: Solved, whitener: Whitener, candidate: Candidate, group: G
     wrong = _wrong_sign(group, values, solved)
     p = min(1.0, f_tail(gain / k, k, max(solved.rows - solved.q.shape[1] - k, 1)) * max(candidate.searched, 1))
     return Trial(candidate, group, gain, score, p, values, stderr, u @ along, wrong)
+
+
+def beyond(solved: Solved, whitener: Whitener, group: Group) -> tuple[Array, Array, Array]:
+    """Orthonormal basis of what a group has beyond the model; the way back to its values, and their scale."""
+    rows = whitener(group.values)
+    size = np.linalg.norm(rows, axis=0)
+    z = np.vstack([rows, np.zeros((len(solved.rest) - solved.rows, rows.shape[1]))])
+    left = z - solved.q @ (solved.q.T @ z)
+    left -= solved.q @ (solved.q.T @ left)
+    scale = np.where(size > 0.0, size, 1.0)
+    u, s, vt = np.linalg.svd(left / scale, full_matrices=False)
+    kept = s > 1e-2  # less than 1 % of its own left: the model has it already
+    return u[:, kept], vt[kept].T / s[kept], scale
+
+
+def plain_evidence(
+    plain: Solved, weights: Whitener, whitener: Whitener, candidate: Candidate, group: Group
+) -> tuple[float, float]:
+    """Return gain and p-value of the estimate by weighted least squares, its covariance that of correlated noise.
+
+    Less powerful than the prewhitened test where a column is right at every frequency; where its fast part is not,
+    as that of a differentiated current, the prewhitened estimate is drawn to zero and this one is not.
+    """
+    u, _, _ = beyond(plain, weights, group)
+    k = u.shape[1]
+    if k == 0:
+        return 0.0, 1.0
+    along = u.T @ plain.rest
+    gain = float(along @ np.linalg.solve(spread(u, weights, whitener), along))
+    p = f_tail(gain / k, k, max(plain.rows - plain.q.shape[1] - k, 1)) * max(candidate.searched, 1)
+    return gain, min(1.0, p)
 
 
 def _wrong_sign(group: Group, values: Array, solved: Solved) -> bool:
@@ -199,7 +232,13 @@ def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float
 
 
 def blocked_gain(
-    record: Record, solved: Solved, whitener: Whitener, group: Group, direction: Array, count: int = 16
+    record: Record,
+    solved: Solved,
+    whitener: Whitener,
+    group: Group,
+    direction: Array,
+    memory: float,
+    count: int = 16,
 ) -> tuple[float, float, int, float]:
     """Return the mean gain of held-out blocks, its standard error, their number, and Wilcoxon's p-value.
 
@@ -213,7 +252,7 @@ def blocked_gain(
     rows = whitener(solved.model.matrix)
     z = whitener(group.values)
     y = whitener(record.target)
-    gap = min(1.0, max(3.0 * whitener.memory, 4.0 / record.prepared.cutoff))
+    gap = min(1.0, max(3.0 * memory, 4.0 / record.prepared.cutoff))
     known = np.isfinite(solved.model.sigma)
     prior = np.diag(1.0 / solved.model.sigma[known]) @ np.eye(len(solved.model.sigma))[known]
     target = solved.model.nominal[known] / solved.model.sigma[known]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.figures import SHADE, outline
+from pmsm_ctrl.compare.figures import SHADE
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.diagnose.text import step_names
 from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
@@ -318,11 +318,12 @@ def leftover_figure(d: Diagnosis, left: Leftover) -> Figure:
 
     figure = Figure(figsize=(7.5, 3.6), layout="constrained")
     axes = figure.subplots()
-    x, y = outline(*left.curve, bins=300)
+    x, forward, backward = left.curve
     unit = d.record.unit(left.channel)
-    axes.plot(x, y, color=VERMILION, linewidth=1.5, label="smooth curve, a stopgap")
+    axes.plot(x, forward, color=VERMILION, linewidth=1.5, label="smooth curve, a stopgap: moving forward")
+    axes.plot(x, backward, color=BLUE, linewidth=1.5, linestyle="--", label="moving backward")
     axes.axhline(0.0, color=BLACK, linewidth=0.5)
-    axes.set_xlabel(f"{left.coordinate}, SI units")
+    axes.set_xlabel(f"{left.coordinate} [{left.unit}]" if left.unit else left.coordinate)
     axes.set_ylabel(f"{left.channel} residual [{unit}]")
     axes.set_title(f"What nothing in the catalogue explains: {100 * left.share:.0f} % of what is left")
     axes.legend(fontsize="small")

@@ -16,7 +16,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.identify.signals import low_pass
 
-__all__ = ["Model", "Solved", "base_groups", "design_shape", "solve_model", "with_honest_errors"]
+__all__ = ["Model", "Solved", "base_groups", "design_shape", "solve_model", "spread", "with_honest_errors"]
 
 Array = NDArray[np.float64]
 
@@ -200,24 +200,38 @@ def with_honest_errors(solved: Solved, weights: Whitener, whitener: Whitener) ->
     With the weights V and the prewhitener W (W'W the inverse covariance) the estimate is ``P V y`` and its
     covariance ``P V (W'W)^-1 V' P'``; priors add their own unit variance.
     """
+    P = solved.inverse @ solved.q.T
+    covariance = spread(P.T, weights, whitener)
+    return replace(solved, stderr=np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+
+
+def spread(weights_of: Array, weights: Whitener, whitener: Whitener) -> Array:
+    """Covariance of sums of weighted rows, ``weights_of.T @ rows``, under the noise's correlation.
+
+    Rows beyond the balances' are priors of unit variance.
+
+    Parameters
+    ----------
+    weights_of : array, shape (rows + priors, k)
+
+    Returns
+    -------
+    array, shape (k, k)
+    """
     from scipy.sparse.linalg import spsolve_triangular
 
     start = 0
-    covariance = np.zeros((len(solved.values), len(solved.values)))
-    P = solved.inverse @ solved.q.T
+    covariance = np.zeros((weights_of.shape[1],) * 2)
     for fine, coarse in zip(whitener.matrices, weights.matrices, strict=True):
-        used = np.asarray(coarse.sum(axis=1)).ravel() > 0.0
-        columns = np.unique(fine.indices)
-        count = fine.shape[0]
         scale = np.asarray(coarse.sum(axis=1)).ravel()
-        block = (P[:, start : start + count] * np.where(used, scale, 0.0)).T  # rows: samples in order
-        square = fine[:, columns].tocsr()
+        count = fine.shape[0]
+        block = weights_of[start : start + count] * np.where(scale > 0.0, scale, 0.0)[:, None]
+        square = fine[:, np.unique(fine.indices)].tocsr()
         back = spsolve_triangular(square.T.tocsr(), block, lower=False) if count else block
         covariance += back.T @ back
         start += count
-    prior = P[:, start:]
-    covariance += prior @ prior.T
-    return replace(solved, stderr=np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    prior = weights_of[start:]
+    return covariance + prior.T @ prior
 
 
 def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:

@@ -12,7 +12,15 @@ from pmsm_ctrl.compare.blocks import holm
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED, Candidate, candidates_for
 from pmsm_ctrl.diagnose.columns import effect_group
-from pmsm_ctrl.diagnose.evidence import Evidence, Trial, blocked_gain, saturated_whitener, try_candidate, try_group
+from pmsm_ctrl.diagnose.evidence import (
+    Evidence,
+    Trial,
+    blocked_gain,
+    plain_evidence,
+    saturated_whitener,
+    try_candidate,
+    try_group,
+)
 from pmsm_ctrl.diagnose.model import Model, Solved, base_groups, solve_model, with_honest_errors
 from pmsm_ctrl.diagnose.motion import bristle_direction
 from pmsm_ctrl.diagnose.record import Record, with_direction, with_modelled_torque
@@ -129,20 +137,28 @@ def fit_design(
             closed.append(candidate)
         else:
             trials.append(trial)
-    trials = [judged(solved, whitener, t) for t in _refined(record, plain, weights, trials)]
+    trials = [judged((solved, whitener), (plain, weights), t) for t in _refined(record, plain, weights, trials)]
     trials = in_order(trials)
     record.memo.clear()  # hundreds of columns; the best of each candidate stays with its trial
     return Fitted(record, model, whitener, solved, plain, weights, tuple(trials), tuple(closed), notes)
 
 
-def judged(solved: Solved, whitener: Whitener, trial: Trial) -> Trial:
-    """Keep a trial's shape and size, found with plain weights, and judge its significance prewhitened."""
+def judged(fit: tuple[Solved, Whitener], plain: tuple[Solved, Whitener], trial: Trial) -> Trial:
+    """Keep a trial's shape and size, found with plain weights, and judge its significance.
+
+    Twice: prewhitened, which has the greatest power where a column is right at all frequencies, and with the weights
+    of the estimate, which bears errors of its fast part. The better one counts, and pays for the second try.
+    """
+    (solved, whitener), (weighted, weights) = fit, plain
     sure = try_group(solved, whitener, trial.candidate, trial.group)
+    slow_gain, slow_p = plain_evidence(weighted, weights, whitener, trial.candidate, trial.group)
+    fast_p = 1.0 if sure.wrong_sign else sure.p_value
+    slow = slow_p < fast_p
+    gain = slow_gain if slow else sure.gain
     return replace(
         trial, plain_gain=trial.gain, plain_direction=trial.direction,
-        gain=sure.gain, score=sure.score, p_value=sure.p_value,
-        direction=sure.direction, singular=trial.singular or sure.singular,
-        wrong_sign=trial.wrong_sign or sure.wrong_sign,
+        gain=gain, score=sure.score + gain - sure.gain, p_value=min(1.0, 2.0 * min(slow_p, fast_p)),
+        direction=sure.direction, singular=trial.singular or sure.singular, slow=slow,
     )  # fmt: skip
 
 
@@ -279,7 +295,9 @@ def _gates(fit: Fitted, trial: Trial, p_holm: float) -> tuple[str, Evidence | No
     material = _material(fit, trial)
     if material < MATERIAL:
         return f"significant but immaterial: {100 * material:.2g} % of the balance where it acts", None
-    mean, stderr, blocks, p_rank = blocked_gain(fit.record, fit.solved, fit.whitener, trial.group, trial.direction)
+    judge = (fit.plain, fit.weights) if trial.slow else (fit.solved, fit.whitener)
+    direction = trial.plain_direction if trial.slow else trial.direction
+    mean, stderr, blocks, p_rank = blocked_gain(fit.record, *judge, trial.group, direction, fit.whitener.memory)
     evidence = Evidence(trial.gain, trial.p_value, p_holm, blocks, mean, stderr, p_rank, material)
     if not (mean > BLOCK_ERRORS * stderr or (p_rank < 0.5 * SIGNIFICANCE and mean > 0.0)):
         return f"does not hold on left-out blocks (gain {mean:.3g} +- {stderr:.2g})", evidence

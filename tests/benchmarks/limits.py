@@ -1,0 +1,89 @@
+"""The smallest strength of every effect that the diagnosis finds, beside what the noise allows anybody to find.
+
+    python -m tests.benchmarks.limits [--motion identification] [--seeds 3] [--effects …]
+
+The limit is that of the F-test with the true shape, order and noise known, at the significance that the diagnosis asks
+for: the strength at which the effect, in standard errors by Cramer and Rao's bound, passes in half of all logs. What is
+found is the smallest strength of a ladder of factors of the square root of two, by bisection, at which at least two
+thirds of the seeds name the effect or a declared equivalent first.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2, ncx2
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.columns import effect_group
+from pmsm_ctrl.diagnose.evidence import beyond
+from pmsm_ctrl.diagnose.model import design_shape
+from pmsm_ctrl.diagnose.selection import SIGNIFICANCE
+from pmsm_ctrl.effects.catalogue import CATALOGUE
+from tests.benchmarks.blind import DESIGN, MIDDLE, MOTIONS, Case, log_of, right, run, truth_of
+
+LADDER = 2.0 ** (np.arange(-10, 6) / 2.0)  # of the middle strength
+
+
+def bound(case: Case) -> float:
+    """Strength, in units of the middle one, at which the best possible test finds the effect in half of the logs."""
+    effect = CATALOGUE[case.hidden[0]]
+    if effect.id in ("backlash", "presliding"):
+        return float("nan")  # its strength is not the size of a column
+    design, truth = truth_of(Design.read(DESIGN), case)
+    fit = diagnose(design, log_of(design, truth, case), candidates=()).selection.fits[0]
+    values = MIDDLE[effect.id]
+    group = effect_group(fit.record, effect, design_shape(effect, values))
+    u, inverse, scale = beyond(fit.solved, fit.whitener, group)
+    if u.shape[1] == 0:
+        return float("inf")
+    # u' z times the values: what is left of the effect beside the model, in standard deviations of the noise
+    seen = np.linalg.pinv(inverse) @ (scale * np.array([values[s] for s in group.symbols]))
+    threshold = chi2.isf(SIGNIFICANCE / len(CATALOGUE), u.shape[1])
+    half = brentq(lambda x: ncx2.sf(threshold, u.shape[1], x) - 0.5, 1e-6, 10.0 * threshold)
+    return float(np.sqrt(half / (seen @ seen)))
+
+
+def found(effect: str, motion: str, seeds: int, strength: float) -> bool:
+    """Whether two thirds of the seeds name it first at this strength."""
+    cases = [Case((effect,), strength, motion, 400 + seed) for seed in range(seeds)]
+    return 3 * sum(right(case, run(case)) for case in cases) >= 2 * seeds
+
+
+def limits(effect: str, motion: str, seeds: int) -> tuple[str, float, float]:
+    """Return the effect, the smallest strength that was found, and the bound."""
+    low, high = -1, len(LADDER)  # not found at `low`, found at `high`
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if found(effect, motion, seeds, LADDER[middle]) else (middle, high)
+    bounds = [bound(Case((effect,), 1.0, motion, 400 + seed)) for seed in range(seeds)]
+    return effect, LADDER[high] if high < len(LADDER) else float("inf"), float(np.median(bounds))
+
+
+def main() -> None:
+    """Print the table, an effect a row."""
+    from rich.progress import track
+
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--motion", default="identification", choices=MOTIONS)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--effects", nargs="*", default=[e for e in MIDDLE if MIDDLE[e]])
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    args = parser.parse_args()
+    print("| effect | found from | the noise allows | factor |\n|---|---|---|---|")
+    work = partial(limits, motion=args.motion, seeds=args.seeds)
+    with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
+        for effect, smallest, allowed in track(pool.map(work, args.effects), "limits", len(args.effects)):
+            least = f"{allowed:.2g}" if np.isfinite(allowed) else "-"
+            factor = f"{smallest / allowed:.1f}" if np.isfinite(allowed) else "-"
+            print(f"| {effect} | {smallest:.2g} | {least} | {factor} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
