@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from pmsm_ctrl.complaints import explain
 from pmsm_ctrl.errors import DesignError, nearest
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.units import DATASHEET, psi_f_from, torque_constant
@@ -31,9 +32,29 @@ Finite = Annotated[float, Field(ge=-LARGE, le=LARGE, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
 
 
-def _convert_datasheet(data: dict[str, Any], part: str) -> dict[str, Any]:
+class Part(BaseModel):
+    """A frozen part of a design; an unknown field is an error, and so is a text where a number belongs."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class SheetPart(Part):
+    """A part whose fields may go by their names in `pmsm_ctrl.units.DATASHEET`, and are converted once, here."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_datasheet(cls, data: Any) -> Any:
+        return _convert_datasheet(data, cls) if isinstance(data, dict) else data
+
+    @classmethod
+    def datasheet_names(cls) -> list[str]:
+        """Return the datasheet names that belong in this part."""
+        fields = {*cls.model_fields, *(("L",) if "L_q" in cls.model_fields else ())}
+        return [name for name, sheet in DATASHEET.items() if sheet.field in fields]
+
+
+def _convert_datasheet(data: dict[str, Any], part: type[Part]) -> dict[str, Any]:
     """Replace datasheet names by SI fields; two names for one field are an error."""
-    fields = (Motor if part == "motor" else Drive).model_fields
     out: dict[str, Any] = {}
     origin: dict[str, str] = {}
     for key, value in data.items():
@@ -50,20 +71,14 @@ def _convert_datasheet(data: dict[str, Any], part: str) -> dict[str, Any]:
         for name, converted in targets.items():
             if name in origin:
                 raise ValueError(f"{key} and {origin[name]} both determine {name}; keep one")
-            if sheet is not None and name not in fields:
-                raise ValueError(f"{key} does not belong in [{part}]")
+            if sheet is not None and name not in part.model_fields:
+                raise ValueError(f"{key} does not belong in [{part.__name__.lower()}]")
             origin[name] = key
             out[name] = converted
     return out
 
 
-class Part(BaseModel):
-    """A frozen part of a design; an unknown field is an error, and so is a text where a number belongs."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class Motor(Part):
+class Motor(SheetPart):
     """The machine. Either its electrical data are known, or only its torque constant `K_t` (a plain axis).
 
     Datasheet names of `pmsm_ctrl.units.DATASHEET` (``J_kg_cm2``, ``K_t_rms``, ``L_line_to_line_mH``, ...) are
@@ -83,11 +98,6 @@ class Motor(Part):
         default_factory=lambda: {"J": 0.15, "psi_f": 0.07, "R": 0.15, "L_d": 0.2, "L_q": 0.2},
         description="relative datasheet tolerance of each parameter",
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _from_datasheet(cls, data: Any) -> Any:
-        return _convert_datasheet(data, "motor") if isinstance(data, dict) else data
 
     @model_validator(mode="after")
     def _complete(self) -> Motor:
@@ -122,7 +132,7 @@ class Load(Part):
     gear: Positive = Field(default=1.0, ge=1e-6, le=1e6, description="motor turns per load turn")
 
 
-class Drive(Part):
+class Drive(SheetPart):
     """Power stage and sampling of the drive."""
 
     u_dc: Positive = Field(default=560.0, description="dc-link voltage, V")
@@ -132,10 +142,10 @@ class Drive(Part):
     delay_periods: int = Field(default=1, ge=0, le=1, description="computation delay in control periods")
     plant_steps: int = Field(default=1, ge=1, le=64, description="integration steps per control period")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _from_datasheet(cls, data: Any) -> Any:
-        return _convert_datasheet(data, "drive") if isinstance(data, dict) else data
+    @property
+    def speed_period(self) -> float:
+        """Period of the speed and position controllers, s."""
+        return self.speed_divider / self.f_control
 
 
 class Sensor(Part):
@@ -387,7 +397,7 @@ class Design(Part):
         try:
             return cls.model_validate(_lists_to_tuples(data) | {"source": source})
         except ValidationError as error:
-            raise DesignError(_explain(error, data, source)) from None
+            raise DesignError(explain(error, cls, source)) from None
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Design:
@@ -434,67 +444,3 @@ def _lists_to_tuples(value: Any) -> Any:
     if isinstance(value, list):
         return tuple(_lists_to_tuples(item) for item in value)
     return value
-
-
-def _explain(error: ValidationError, data: dict[str, Any], source: str) -> str:
-    """Turn pydantic's first complaint into one line: where, what was found, what would have been accepted."""
-    complaints = error.errors()
-    # A mistyped name comes first: it explains the name that is missing.
-    first = next((c for c in complaints if c["type"] == "extra_forbidden"), complaints[0])
-    place = ".".join(str(part) for part in first["loc"]) or "design"
-    found = first.get("input")
-    where = f"{source}: {place}" if source else place
-    kind = first["type"]
-    if kind == "extra_forbidden":
-        known = _known_fields(first["loc"][:-1])
-        return f"{where}: unknown field{nearest(str(first['loc'][-1]), known)} (known: {', '.join(sorted(known))})"
-    if kind == "missing":
-        return f"{where}: missing; {_accepted(first['loc'])}"
-    if kind == "value_error":
-        return f"{where}: {first['msg'].removeprefix('Value error, ')}"
-    shown = repr(found) if len(repr(found)) < 60 else f"a {type(found).__name__}"
-    message = first["msg"][0].lower() + first["msg"][1:]
-    for bound in ("ge", "le"):  # pydantic writes 1e-15 with all its zeros
-        if bound in first.get("ctx", {}):
-            message = message.rpartition(" ")[0] + f" {first['ctx'][bound]:g}"
-    return f"{where}: found {shown}, but {message.replace('input ', 'it ')}; {_accepted(first['loc'])}"
-
-
-def _walk(loc: tuple[int | str, ...]) -> Any:
-    """Follow a location through the model fields; None where it leaves them."""
-    model: Any = Design
-    for part in loc:
-        if isinstance(part, int):
-            continue
-        field = getattr(model, "model_fields", {}).get(part)
-        if field is None:
-            return None
-        inner = [
-            arg
-            for arg in (field.annotation, *getattr(field.annotation, "__args__", ()))
-            if hasattr(arg, "model_fields")
-        ]
-        model = inner[0] if inner else field
-    return model
-
-
-def _known_fields(loc: tuple[int | str, ...]) -> list[str]:
-    model = _walk(loc)
-    fields = [name for name in getattr(model, "model_fields", {}) if name != "source"]
-    if model in (Motor, Drive):
-        fields += [
-            key
-            for key, sheet in DATASHEET.items()
-            if sheet.field in (*fields, "L") and (model is Motor or sheet.field == "i_max")
-        ]
-    return fields
-
-
-def _accepted(loc: tuple[int | str, ...]) -> str:
-    field = _walk(loc)
-    description = getattr(field, "description", None)
-    if description:
-        return f"accepted: {description}"
-    if hasattr(field, "model_fields"):
-        return f"accepted: a table with {', '.join(n for n in field.model_fields if n != 'source')}"
-    return "see the README for the fields of a design"

@@ -1,0 +1,78 @@
+"""What is wrong in a design file, in one line: pydantic's complaints in the words of a drive engineer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from pmsm_ctrl.errors import nearest
+
+__all__ = ["explain"]
+
+
+def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:
+    """Turn pydantic's first complaint into one line: where, what was found, what would have been accepted.
+
+    Parameters
+    ----------
+    error : ValidationError
+    root : type
+        The model that was to be built.
+    source : str
+        File the values come from; empty when they come from none.
+    """
+    complaints = error.errors()
+    # A mistyped name comes first: it explains the name that is missing.
+    first = next((c for c in complaints if c["type"] == "extra_forbidden"), complaints[0])
+    place = ".".join(str(part) for part in first["loc"]) or "design"
+    found = first.get("input")
+    where = f"{source}: {place}" if source else place
+    kind = first["type"]
+    if kind == "extra_forbidden":
+        known = _known_fields(root, first["loc"][:-1])
+        return f"{where}: unknown field{nearest(str(first['loc'][-1]), known)} (known: {', '.join(sorted(known))})"
+    if kind == "missing":
+        return f"{where}: missing; {_accepted(root, first['loc'])}"
+    if kind == "value_error":
+        return f"{where}: {first['msg'].removeprefix('Value error, ')}"
+    shown = repr(found) if len(repr(found)) < 60 else f"a {type(found).__name__}"
+    message = first["msg"][0].lower() + first["msg"][1:]
+    for bound in ("ge", "le"):  # pydantic writes 1e-15 with all its zeros
+        if bound in first.get("ctx", {}):
+            message = message.rpartition(" ")[0] + f" {first['ctx'][bound]:g}"
+    return f"{where}: found {shown}, but {message.replace('input ', 'it ')}; {_accepted(root, first['loc'])}"
+
+
+def _walk(root: type[BaseModel], loc: tuple[int | str, ...]) -> Any:
+    """Follow a location through the model fields; None where it leaves them."""
+    model: Any = root
+    for part in loc:
+        if isinstance(part, int):
+            continue
+        field = getattr(model, "model_fields", {}).get(part)
+        if field is None:
+            return None
+        inner = [
+            arg
+            for arg in (field.annotation, *getattr(field.annotation, "__args__", ()))
+            if hasattr(arg, "model_fields")
+        ]
+        model = inner[0] if inner else field
+    return model
+
+
+def _known_fields(root: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]:
+    model = _walk(root, loc)
+    fields = [name for name in getattr(model, "model_fields", {}) if name != "source"]
+    return [*fields, *getattr(model, "datasheet_names", list)()]
+
+
+def _accepted(root: type[BaseModel], loc: tuple[int | str, ...]) -> str:
+    field = _walk(root, loc)
+    description = getattr(field, "description", None)
+    if description:
+        return f"accepted: {description}"
+    if hasattr(field, "model_fields"):
+        return f"accepted: a table with {', '.join(n for n in field.model_fields if n != 'source')}"
+    return "see the README for the fields of a design"
