@@ -9,6 +9,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.errors import DesignError
+from pmsm_ctrl.sampling import speed_lag
 
 __all__ = ["baseline", "compensated"]
 
@@ -21,9 +22,7 @@ def baseline(design: Design) -> Design:
     """
     if design.loops is None:
         raise DesignError(f"{design.source or design.name}: loops: missing; `pmsm-ctrl tune` finds them")
-    T_s = design.drive.speed_divider / design.drive.f_control
-    share = 1.0 if design.sensor.speed_filter == 0.0 else -np.expm1(-T_s / design.sensor.speed_filter)
-    lag = float(0.5 * T_s + T_s * (1.0 - share) / share)
+    lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
     speed = design.loops.speed.model_copy(update={"reference_filter": design.loops.speed.reference_filter or lag})
     position = design.loops.position.model_copy(
         update={"acceleration_feedforward": design.loops.position.acceleration_feedforward or 1.0}

@@ -114,7 +114,7 @@ def describing_function_limit(design: Design, source: str, gains: Iterable[float
     if design.loops is None or source not in ("measured", "commanded"):
         return None
     speed, position = design.loops.speed, design.loops.position
-    T_s = design.drive.speed_divider / design.drive.f_control
+    T_s = design.drive.speed_period
     lag = design.sensor.speed_filter + 0.5 * T_s
     act = T_s + 2.0 / design.drive.f_control
     w = np.geomspace(1.0, 0.5 / T_s, 4000)

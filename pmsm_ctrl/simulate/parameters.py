@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError
+from pmsm_ctrl.sampling import smoothing
 from pmsm_ctrl.units import psi_f_from
 
 __all__ = ["Controller", "Plant"]
@@ -102,8 +102,7 @@ class Controller:
             raise DesignError(f"{design.source or design.name}: loops: missing; `pmsm-ctrl tune` finds them")
         if motor.p is None or motor.L_d is None or motor.L_q is None:
             raise DesignError(f"{design.source or design.name}: motor: electrical data missing for the current loop")
-        T = 1.0 / design.drive.f_control
-        T_s = T * design.drive.speed_divider
+        T, T_s = 1.0 / design.drive.f_control, design.drive.speed_period
         current, speed, position = loops.current, loops.speed, loops.position
         K_d, T_d = current.K_p_d or current.K_p, current.T_n_d or current.T_n
         inertia = assumed.J or design.J
@@ -117,8 +116,8 @@ class Controller:
             current_integral=(T / T_d, T / current.T_n),
             speed_gain=0.0 if control == "current" else speed.K_p,
             speed_integral=0.0 if control == "current" else T_s / speed.T_n,
-            speed_filter=_smoothing(T_s, design.sensor.speed_filter),
-            reference_filter=_smoothing(T_s, speed.reference_filter),
+            speed_filter=smoothing(T_s, design.sensor.speed_filter),
+            reference_filter=smoothing(T_s, speed.reference_filter),
             position_gain=position.K_v if in_position else 0.0,
             velocity_feedforward=position.velocity_feedforward if in_position else 1.0,
             acceleration_feedforward=position.acceleration_feedforward * inertia / design.K_t_assumed,
@@ -135,8 +134,3 @@ class Controller:
             self.speed_gain, self.speed_integral, self.speed_filter, self.reference_filter, self.position_gain,
             self.velocity_feedforward, self.acceleration_feedforward, self.i_max, self.L_d, self.L_q, self.psi_f,
         ], dtype=np.float64)  # fmt: skip
-
-
-def _smoothing(period: float, time_constant: float) -> float:
-    """Gain of the exact first-order filter x += a (u - x) for one period."""
-    return 1.0 if time_constant == 0.0 else -math.expm1(-period / time_constant)

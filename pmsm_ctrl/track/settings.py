@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.sampling import smoothing, speed_lag
 from pmsm_ctrl.track import model
 
 __all__ = ["Kind", "Settings", "check_kind", "covariance", "memory", "numbers", "start"]
@@ -161,13 +162,11 @@ def _angle_noise(design: Design, settings: Settings) -> float:
 def _speed_filter(design: Design, angle: float) -> tuple[float, float]:
     """Lag and noise of the drive's speed: the difference over a speed period, then a first-order filter.
 
-    With gain a per period T_s, the lag is T_s/2 of the difference and T_s (1 - a)/a of the filter; white angle
-    noise of variance r comes out with 2 a^2 r / ((2 - a) T_s^2).
+    With gain a per period T_s, white angle noise of variance r comes out with 2 a^2 r / ((2 - a) T_s^2).
     """
-    T_s = design.drive.speed_divider / design.drive.f_control
-    filter_time = design.sensor.speed_filter
-    a = 1.0 if filter_time == 0.0 else -math.expm1(-T_s / filter_time)
-    return 0.5 * T_s + T_s * (1.0 - a) / a, angle * a / T_s * math.sqrt(2.0 / (2.0 - a))
+    T_s, time_constant = design.drive.speed_period, design.sensor.speed_filter
+    a = smoothing(T_s, time_constant)
+    return speed_lag(T_s, time_constant), angle * a / T_s * math.sqrt(2.0 / (2.0 - a))
 
 
 def _slow_states(design: Design, settings: Settings) -> tuple[Array, Array]:

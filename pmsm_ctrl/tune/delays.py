@@ -9,9 +9,10 @@ import control as ct
 import numpy as np
 
 from pmsm_ctrl.design import CurrentLoop, Design
+from pmsm_ctrl.sampling import filter_delay
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.margins import Margins, margins
-from pmsm_ctrl.tune.sampled import current_loop, smoothing
+from pmsm_ctrl.tune.sampled import current_loop
 
 __all__ = ["DelayModel", "Delays", "compare_delay_models", "delays"]
 
@@ -60,11 +61,10 @@ class Delays:
 def delays(design: Design, current: CurrentLoop) -> Delays:
     """Return the delays of a design with this current loop.
 
-    The filter counts with the delay that its discrete form has at low frequency, T (1 - a) / a.
+    The filter counts with the delay that its discrete form has at low frequency.
     """
     m = Plant.of(design)
-    T_s = m.period * m.speed_divider
-    a = smoothing(T_s, design.sensor.speed_filter)
+    T_s = design.drive.speed_period
     # A PI that does not cancel the pole has the velocity constant K_p / (R T_n); both agree where it does.
     crossover = current.K_p / max(m.L_q, m.R * current.T_n)
     return Delays(
@@ -73,7 +73,7 @@ def delays(design: Design, current: CurrentLoop) -> Delays:
         current_loop=1.0 / crossover,
         speed_holding=0.5 * T_s,
         difference_quotient=0.5 * T_s,
-        speed_filter=T_s * (1.0 - a) / a,
+        speed_filter=filter_delay(T_s, design.sensor.speed_filter),
     )
 
 

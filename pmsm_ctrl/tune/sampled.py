@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import CurrentLoop, Design, PositionLoop, SpeedLoop
+from pmsm_ctrl.sampling import smoothing
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.linearise import Linearisation, linearise
 
-__all__ = ["FAINT", "Biquad", "Cascade", "current_loop", "frequencies", "pi", "smoothing", "speed_plant"]
+__all__ = ["FAINT", "Biquad", "Cascade", "current_loop", "frequencies", "pi", "speed_plant"]
 
 Array = NDArray[np.float64]
 
@@ -29,11 +30,6 @@ FAINT = 1.0 / 6.0  # share of a held reference below which its images excite too
 
 INPUTS = ("omega_ref", "theta_ref", "i_q_add", "T_load", "angle_noise", "i_q_ref")
 OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load")
-
-
-def smoothing(period: float, time_constant: float) -> float:
-    """Gain a of the exact first-order filter x += a (u - x)."""
-    return 1.0 if time_constant == 0.0 else -math.expm1(-period / time_constant)
 
 
 def pi(K_p: float, T_n: float, period: float) -> Any:
@@ -133,7 +129,7 @@ class Cascade:
     @property
     def period(self) -> float:
         """Period of the speed loop in s."""
-        return self.design.drive.speed_divider / self.design.drive.f_control
+        return self.design.drive.speed_period
 
     def system(self, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Any:
         """Return the cascade from some of `INPUTS` to some of `OUTPUTS` as a control.StateSpace at `period`.

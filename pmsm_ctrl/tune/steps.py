@@ -103,7 +103,7 @@ def run_current(
 ) -> Step:  # fmt: skip
     """Step i_q by `step` A on the simulated drive that turns at `speed` with i_q = i_0, outer loops open."""
     wait = 400.0 / design.drive.f_control
-    wait = math.ceil(wait / _speed_period(design)) * _speed_period(design)
+    wait = math.ceil(wait / design.drive.speed_period) * design.drive.speed_period
 
     def inputs(t: Array) -> dict[str, Array]:
         return {"i_q_add": np.asarray(i_0 + step * (t >= wait - 1e-9), dtype=np.float64)}
@@ -129,7 +129,7 @@ def run_steps(
     run without the step.
     """
     out = {}
-    T_s = _speed_period(design)
+    T_s = design.drive.speed_period
     for name, size in sizes.items():
         wait = math.ceil(2.0 * max(durations.values()) / T_s) * T_s
         runs = [
@@ -146,10 +146,6 @@ def run_steps(
         t = stepped.t - wait
         out[name] = Step(t, y, float(np.abs(y).max()), _return_time(t, y)) if name == "load" else Step.of(t, y)
     return out
-
-
-def _speed_period(design: Design) -> float:
-    return design.drive.speed_divider / design.drive.f_control
 
 
 def _logged(design: Design) -> Design:
@@ -173,7 +169,7 @@ def _step_scenario(name: str, speed: float, size: float, wait: float, duration: 
 
 def ripple(design: Design, speed: float, *, truth: Design | None = None, own: Iterable[Effect] = ()) -> float:
     """Return the rms of the current reference about its mean at constant speed on the simulated drive, A."""
-    T_s = _speed_period(design)
+    T_s = design.drive.speed_period
     n = 8192
 
     def inputs(t: Array) -> dict[str, Array]:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.design import CurrentLoop, Design
+from pmsm_ctrl.sampling import smoothing
 from pmsm_ctrl.tune.delays import compare_delay_models, delays
 from pmsm_ctrl.tune.margins import first_crossing, margins
-from pmsm_ctrl.tune.sampled import Cascade, current_loop, pi, smoothing
+from pmsm_ctrl.tune.sampled import Cascade, current_loop, pi
 from pmsm_ctrl.tune.speed import effective_delay
 
 OMEGA = np.geomspace(1e-2, 1e4, 6000)
