@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.table import one_line
 
-__all__ = ["afford", "guarded", "reason"]
+__all__ = ["afford", "guarded", "not_installed", "reason"]
 
 
 def reason(error: BaseException) -> str:
@@ -34,6 +34,11 @@ def afford(file: str, kind: str, values: float) -> None:
             f"{file}: {kind} file of {values:.3g} values: {8e-9 * values:.3g} GB needed, {1e-9 * memory:.3g} GB there; "
             "damaged, or to be cut into shorter records"
         )
+
+
+def not_installed(file: str, kind: str, library: str, extra: str) -> LogError:
+    """Return the error of a format whose library is optional and missing, with the command that installs it."""
+    return LogError(f"{file}: {kind} needs {library}: pip install 'pmsm-ctrl[{extra}]'")
 
 
 @contextmanager

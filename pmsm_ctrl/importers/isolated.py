@@ -1,7 +1,6 @@
 """Readers that run in a process of their own, because C code in their libraries crashes on some damaged files.
 
-A worker answers on standard output with one line of JSON, followed by float64 values. It imports nothing of this
-package, so that it starts quickly.
+The worker answers on standard output with one line of JSON, followed by float64 values.
 """
 
 from __future__ import annotations
@@ -21,17 +20,17 @@ __all__ = ["ask"]
 PATIENCE = 600.0  # s; a damaged file may send a reader in circles
 
 
-def ask(worker: str, kind: str, path: Path, file: str, arguments: Sequence[str] = ()) -> tuple[dict[str, Any], bytes]:
-    """Run ``worker.py`` beside this file on `path`; return its answer and the bytes of the values.
+def ask(kind: str, path: Path, file: str, words: Sequence[str] = ()) -> tuple[dict[str, Any], bytes]:
+    """Have a file of this kind ("MAT" or "MDF") read; return the worker's answer and the bytes of the values.
 
     Raises
     ------
     LogError
         When the worker reports an error, crashes, or does not come to an end.
     """
-    script = Path(__file__).with_name(f"{worker}.py")
+    script = Path(__file__).with_name("worker.py")
     # -P: the folder of the script must not hide the standard library's modules
-    command = [sys.executable, "-P", str(script), str(path.absolute()), *arguments]
+    command = [sys.executable, "-P", str(script), kind.lower(), str(path.absolute()), *words]
     try:
         run = subprocess.run(command, capture_output=True, timeout=PATIENCE, check=False)
     except subprocess.TimeoutExpired:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.guard import afford, guarded
+from pmsm_ctrl.importers.guard import afford, guarded, not_installed
 from pmsm_ctrl.importers.isolated import ask
 from pmsm_ctrl.importers.names import split_header
 from pmsm_ctrl.importers.table import Array, Column, Table, one_line
@@ -26,7 +26,7 @@ def open_mat(path: Path, file: str) -> Table:
     LogError
         When the file is damaged or holds no numeric vectors.
     """
-    answer, values = ask("mat_worker", "MAT", path, file)
+    answer, values = ask("MAT", path, file)
     content: dict[str, Array | None] = {}
     place = 0
     for name, shape in answer["variables"]:
@@ -50,7 +50,7 @@ def open_hdf5(path: Path, file: str) -> Table:
     try:
         import h5py
     except ImportError:
-        raise LogError(f"{file}: MATLAB v7.3 (HDF5) needs h5py: pip install 'pmsm-ctrl[matlab73]'") from None
+        raise not_installed(file, "MATLAB v7.3 (HDF5)", "h5py", "matlab73") from None
     found: dict[str, Any] = {}
     total = 0.0
     with guarded(file, "HDF5"), h5py.File(path, "r") as content:

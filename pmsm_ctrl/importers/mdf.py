@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.guard import not_installed
 from pmsm_ctrl.importers.isolated import ask
 from pmsm_ctrl.importers.names import split_header
-from pmsm_ctrl.importers.table import Array, Column, Table, one_line
+from pmsm_ctrl.importers.table import Array, Column, Table, left_out
 
 __all__ = ["open_mdf"]
 
@@ -26,8 +27,8 @@ def open_mdf(path: Path, file: str) -> Table:
         When asammdf is not installed, the file is damaged, or it holds no numeric channels.
     """
     if find_spec("asammdf") is None:
-        raise LogError(f"{file}: MDF needs asammdf: pip install 'pmsm-ctrl[mdf]'")
-    answer, _ = ask("mdf_worker", "MDF", path, file)
+        raise not_installed(file, "MDF", "asammdf", "mdf")
+    answer, _ = ask("MDF", path, file)
     columns: list[Column] = []
     places: list[str] = []
     for name, stated, group, index, is_time in answer["columns"]:
@@ -38,7 +39,7 @@ def open_mdf(path: Path, file: str) -> Table:
         raise LogError(f"{file}: no numeric channels with a time base in this MDF file")
 
     def load(indices: Sequence[int]) -> list[Array]:
-        sizes, raw = ask("mdf_worker", "MDF", path, file, [places[i] for i in indices])
+        sizes, raw = ask("MDF", path, file, [places[i] for i in indices])
         ends = np.cumsum([0, *sizes["sizes"]]) * 8
         return [np.frombuffer(raw[a:b], dtype=np.float64) for a, b in pairwise(ends)]
 
@@ -46,5 +47,4 @@ def open_mdf(path: Path, file: str) -> Table:
         return f"channel '{columns[column].label}', group {columns[column].group}, sample {sample + 1}"
 
     left = answer["left"]
-    notes = [f"channels that are no numbers left out: {one_line(', '.join(left[:12]))}"] if left else []
-    return Table(file, f"MDF {answer['version']}", tuple(columns), load, locate, tuple(notes))
+    return Table(file, f"MDF {answer['version']}", tuple(columns), load, locate, left_out("channels", left))

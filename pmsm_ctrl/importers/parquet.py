@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.guard import afford, guarded
+from pmsm_ctrl.importers.guard import afford, guarded, not_installed
 from pmsm_ctrl.importers.names import split_header
-from pmsm_ctrl.importers.table import Array, Column, Table, one_line
+from pmsm_ctrl.importers.table import Array, Column, Table, left_out
 
 __all__ = ["open_parquet"]
 
@@ -30,7 +30,7 @@ def open_parquet(path: Path, file: str) -> Table:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise LogError(f"{file}: Parquet needs pyarrow: pip install 'pmsm-ctrl[parquet]'") from None
+        raise not_installed(file, "Parquet", "pyarrow", "parquet") from None
     with guarded(file, "Parquet"), open(path, "rb") as stream:
         content = pyarrow.parquet.ParquetFile(stream)
         schema, rows = content.schema_arrow, content.metadata.num_rows
@@ -46,9 +46,11 @@ def open_parquet(path: Path, file: str) -> Table:
             table = pyarrow.parquet.read_table(stream, columns=wanted)
             return [_values(pyarrow, table[fields[i].name]) for i in indices]
 
+    def locate(column: int, sample: int) -> str:
+        return f"column '{columns[column].label}', row {sample + 1}"
+
     left = [name for name in schema.names if name not in {field.name for field in fields}]
-    notes = [f"columns that are no numbers left out: {one_line(', '.join(left[:12]))}"] if left else []
-    return Table(file, "Parquet", columns, load, lambda c, k: f"column '{columns[c].label}', row {k + 1}", tuple(notes))
+    return Table(file, "Parquet", columns, load, locate, left_out("columns", left))
 
 
 def _usable(pyarrow: Any, kind: Any) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Column", "Table", "one_line"]
+__all__ = ["Array", "Column", "Table", "left_out", "one_line"]
 
 Array = NDArray[np.float64]
 
@@ -20,6 +20,11 @@ Array = NDArray[np.float64]
 def one_line(text: str) -> str:
     """Return a text from a file fit to stand in a message: one line, single blanks, nothing unprintable."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
+def left_out(what: str, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the note on channels or columns that hold no numbers; none where there are none."""
+    return (f"{what} that are no numbers left out: {one_line(', '.join(names[:12]))}",) if names else ()
 
 
 @dataclass(frozen=True)

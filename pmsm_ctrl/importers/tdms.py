@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.guard import afford, guarded
+from pmsm_ctrl.importers.guard import afford, guarded, not_installed
 from pmsm_ctrl.importers.names import guess_channel, split_header
-from pmsm_ctrl.importers.table import Array, Column, Table, one_line
+from pmsm_ctrl.importers.table import Array, Column, Table, left_out
 
 __all__ = ["open_tdms"]
 
@@ -71,8 +71,7 @@ def open_tdms(path: Path, file: str) -> Table:
     def locate(column: int, sample: int) -> str:
         return f"channel '{columns[column].label}', sample {sample + 1}"
 
-    notes = [f"channels that are no numbers left out: {one_line(', '.join(left[:12]))}"] if left else []
-    return Table(file, "TDMS", tuple(columns), load, locate, tuple(notes))
+    return Table(file, "TDMS", tuple(columns), load, locate, left_out("channels", left))
 
 
 def _waveform(channel: Any) -> _Waveform | None:
@@ -93,7 +92,7 @@ def _opened(path: Path, file: str) -> Iterator[Any]:
     try:
         from nptdms import TdmsFile
     except ImportError:
-        raise LogError(f"{file}: TDMS needs npTDMS: pip install 'pmsm-ctrl[tdms]'") from None
+        raise not_installed(file, "TDMS", "npTDMS", "tdms") from None
     # given a path, the library leaves the file open when it fails
     with guarded(file, "TDMS", "nptdms"), open(path, "rb") as stream, TdmsFile.open(stream) as content:
         yield content

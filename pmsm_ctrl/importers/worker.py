@@ -1,0 +1,127 @@
+"""Readers in a process of their own: the C code of scipy and of asammdf crashes on some damaged files.
+
+Started by `pmsm_ctrl.importers.isolated` as ``worker.py FORMAT PATH [WORD ...]``; imports nothing of this package, so
+that it starts quickly. Nothing in a file is executed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+__all__ = ["main"]
+
+MAX_DEPTH = 4
+Answer = tuple[dict[str, Any], list[np.ndarray]]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Write the reader's answer as a line of JSON, then its values as float64."""
+    warnings.simplefilter("ignore")
+    logging.disable(logging.CRITICAL)
+    _bound_memory()
+    reader, path, *words = arguments
+    values: list[np.ndarray] = []
+    try:
+        answer, values = READERS[reader](path, words)
+    except Exception as error:  # a library raises whatever the damaged bytes lead to
+        answer = {"error": str(error).strip() or type(error).__name__}
+    output = sys.stdout.buffer
+    output.write(json.dumps(answer).encode() + b"\n")
+    for array in values:
+        output.write(array.tobytes())
+    output.flush()
+    return 0
+
+
+def _bound_memory() -> None:
+    """A damaged file may ask for any amount; the machine must not swap itself to death for it."""
+    try:
+        import os
+        import resource
+    except ImportError:  # Windows
+        return
+    limit = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    with contextlib.suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
+
+
+def read_mat(path: str, words: Sequence[str]) -> Answer:
+    """Return name and shape of every variable, and the values of the numeric ones."""
+    import scipy.io
+
+    content = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
+    flat = _flattened({name: value for name, value in content.items() if not name.startswith("__")})
+    variables = [[name, None if value is None else list(value.shape)] for name, value in flat.items()]
+    return {"variables": variables}, [value for value in flat.values() if value is not None]
+
+
+def _flattened(content: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str, np.ndarray | None]:
+    """Return structs as dotted names, numeric arrays as float64, and None for what is no numeric array."""
+    out: dict[str, np.ndarray | None] = {}
+    for name, value in content.items():
+        full = f"{prefix}{name}"
+        # a sparse matrix is an object with its own class, and no channel
+        array = np.asarray(value) if isinstance(value, np.ndarray | np.generic | float | int) else np.empty(0, object)
+        if array.dtype.names and array.size == 1 and depth < MAX_DEPTH:
+            record = array.reshape(-1)[0]
+            out |= _flattened({field: record[field] for field in array.dtype.names}, f"{full}.", depth + 1)
+        elif array.dtype.kind in "fiub" and array.dtype.names is None:
+            out[full] = np.ascontiguousarray(array, dtype=np.float64)
+        else:
+            out[full] = None
+    return out
+
+
+def read_mdf(path: str, words: Sequence[str]) -> Answer:
+    """Return the columns; with words ``G:I`` the values of channel I of group G instead."""
+    from asammdf import MDF
+
+    with open(path, "rb") as stream:
+        content = MDF(stream)
+        if words:
+            values = [_mdf_values(content, *map(int, place.split(":"))) for place in words]
+            answer: dict[str, Any] = {"sizes": [int(array.size) for array in values]}
+        else:
+            answer, values = _mdf_columns(content), []
+        content.close()
+    return answer, values
+
+
+def _mdf_columns(content: Any) -> dict[str, Any]:
+    columns, left = [], []
+    for number, group in enumerate(content.groups):
+        master = content.masters_db.get(number)
+        if master is None:
+            continue
+        for index, channel in enumerate(group.channels):
+            # data types 0 to 5 are integers and floats of either byte order; the rest are text, bytes and dates
+            if index != master and int(channel.data_type) > 5:
+                left.append(str(channel.name))
+                continue
+            unit = "s" if index == master else str(content.get_channel_unit(group=number, index=index) or "")
+            columns.append([str(channel.name), unit, number, index, index == master])
+    return {"version": str(content.version), "columns": columns, "left": left}
+
+
+def _mdf_values(content: Any, group: int, index: int) -> np.ndarray:
+    if content.masters_db.get(group) == index:
+        return np.asarray(content.get_master(group), dtype=np.float64)
+    samples = content.get(group=group, index=index).samples
+    if samples.ndim != 1 or samples.dtype.kind not in "fiub":
+        raise ValueError(f"channel '{content.groups[group].channels[index].name}' holds no single numbers")
+    return np.asarray(samples, dtype=np.float64)
+
+
+READERS = {"mat": read_mat, "mdf": read_mdf}
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
