@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmsm_ctrl.design import SMALL, Design, EffectEntry
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import with_own
 from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.identify.band import regression_problem, widest
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.output_error import output_error
 from pmsm_ctrl.identify.problem import Problem, build_problem
@@ -26,9 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Identification", "Method", "identify"]
 
+Array = NDArray[np.float64]
 Method = Literal["regression", "iv", "output_error"]
-# Low-pass of the methods that noise in the motion does not bias, Hz: they need not hide from it below 40 Hz.
-WIDE = 100.0
 _TITLES = {
     "regression": "Inverse-dynamics least squares",
     "iv": "Inverse dynamics by instrumental variables",
@@ -50,8 +51,12 @@ class Identification(Result):
         95 % intervals by Student's t with the effective degrees of freedom.
     unidentifiable : dict of name to str
         Parameters that got no number, and why.
+    shown : Problem
+        The regression with nothing blanked, for errors and figures.
+    unexplained : array, shape (m,)
+        Measured less predicted torque of `shown`.
     relative_error : float
-        norm(residual) / norm(torque) on the filtered, thinned, moving samples.
+        norm(unexplained) / norm(torque) on its moving samples.
     method : {"regression", "iv", "output_error"}
     bias : BiasTest or None
         Whether least squares is biased on this log; of the method "iv".
@@ -67,6 +72,8 @@ class Identification(Result):
     rms: float
     problem: Problem
     fit: Fit
+    shown: Problem
+    unexplained: Array
     log_name: str
     reasons: tuple[str, ...] = ()
     method: Method = "regression"
@@ -114,9 +121,9 @@ class Identification(Result):
         """Draw measured and predicted torque, and the residual, against time."""
         from pmsm_ctrl.identify.figures import measured_against_predicted
 
-        p = self.problem
+        p = self.shown
         return measured_against_predicted(
-            p.t, p.torque, p.torque - self.fit.residual, p.mask, "torque" if p.unit == "N m" else "force", p.unit
+            p.t, p.torque, p.torque - self.unexplained, p.mask, "torque" if p.unit == "N m" else "force", p.unit
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -190,7 +197,8 @@ def identify(
         A user's own effects that the design names.
     processing : Processing, optional
         Filter, derivative and mask; the defaults suit a log of 1 kHz. Without a cutoff given, the methods that
-        simulate work up to 100 Hz or an eighth of the log's rate.
+        simulate work up to 100 Hz or an eighth of the log's rate, least squares does so where the log tells much
+        beyond 40 Hz and its angle is fine enough. Rests and reversals are blanked unless told otherwise.
 
     Raises
     ------
@@ -207,11 +215,13 @@ def identify(
         known = ", ".join(get_args(Method))
         raise RequestError(f"identification method '{method}'{nearest(method, get_args(Method))} (known: {known})")
     own, processing = tuple(own), processing or Processing()
+    if processing.blank is None:
+        processing = replace(processing, blank=True)
     bias: BiasTest | None = None
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     if method == "regression":
-        problem = build_problem(design, log, own=own, processing=processing)
+        problem = regression_problem(design, log, own, processing)
         fit = solve(problem, with_own(own))
     else:
         replay = build_replay(design, log, own)
@@ -222,7 +232,11 @@ def identify(
             problem, fit, bias, warnings = _by_simulation(method, design, log, replay, own, processing, inertia=False)
             fit = replace(fit, unidentifiable={"J": f"{why}; held at the design's value", **fit.unidentifiable})
     found, bounds = _identified(design, problem, fit)
-    mask = problem.mask
+    shown, unexplained = problem, fit.residual
+    if method != "output_error":
+        plain = replace(processing, blank=False, cutoff=problem.cutoff)
+        shown, unexplained = _shown(design, log, problem, fit, own, plain)
+    mask = shown.mask
     return Identification(
         design=found,
         estimates={
@@ -232,10 +246,12 @@ def identify(
         },
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=fit.unidentifiable,
-        relative_error=float(np.linalg.norm(fit.residual[mask]) / np.linalg.norm(problem.torque[mask])),
-        rms=float(np.sqrt(np.mean(fit.residual[mask] ** 2))),
+        relative_error=float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask])),
+        rms=float(np.sqrt(np.mean(unexplained[mask] ** 2))),
         problem=problem,
         fit=fit,
+        shown=shown,
+        unexplained=unexplained,
         log_name=log.provenance.file or "the given log",
         reasons=(*problem.notes, *warnings, *bounds, *_doubts(design, problem, fit)),
         method=method,
@@ -253,13 +269,23 @@ def _by_simulation(
     processing: Processing,
     inertia: bool = True,
 ) -> tuple[Problem, Fit, BiasTest | None, tuple[str, ...]]:
-    wide = processing if processing.cutoff is not None else replace(processing, cutoff=min(WIDE, log.rate / 8.0))
+    wide = processing if processing.cutoff is not None else replace(processing, cutoff=widest(log))
     if method == "iv":
-        return instrumental(design, log, replay, own=own, processing=wide, usual=processing, inertia=inertia)
+        usual = replace(processing, cutoff=regression_problem(design, log, own, processing).cutoff)
+        return instrumental(design, log, replay, own=own, processing=wide, usual=usual, inertia=inertia)
     prepared = prepare(design, log, replace(wide, through_reversals=True))
     problem = build_problem(design, prepared, own=own, inertia=inertia)
     problem, fit, warnings = output_error(design, problem, prepared, replay, own=own)
     return problem, fit, None, warnings
+
+
+def _shown(
+    design: Design, log: Log, problem: Problem, fit: Fit, own: tuple[Effect, ...], processing: Processing
+) -> tuple[Problem, Array]:
+    """Return the regression with nothing blanked, and what the fit leaves of it: reversals are part of the error."""
+    inertia = any(column.entry < 0 for column in problem.columns)
+    shown = build_problem(design, log, own=own, processing=processing, inertia=inertia)
+    return shown, shown.target - shown.matrix() @ fit.coefficients
 
 
 def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tuple[str, ...]]:

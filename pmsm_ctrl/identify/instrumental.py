@@ -23,7 +23,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import Fit, solve, t_quantile
 from pmsm_ctrl.identify.replay import Replay, plant_with
-from pmsm_ctrl.identify.signals import Processing
+from pmsm_ctrl.identify.signals import Processing, prepare
 from pmsm_ctrl.log import Log
 
 __all__ = ["BiasTest", "bias_test", "instrumental"]
@@ -127,13 +127,14 @@ def instrumental(
         When the simulated drive does not move.
     """
     own, effects = tuple(own), with_own(own)
-    problem = build_problem(design, log, own=own, processing=processing, inertia=inertia)
+    prepared, narrow = prepare(design, log, processing), prepare(design, log, usual)
+    problem = build_problem(design, prepared, own=own, inertia=inertia)
     values = _values(problem, solve(problem, effects))
     warnings: tuple[str, ...] = ()
     for _ in range(ROUNDS):
         plant = plant_with(design, problem.columns, values)
         twin = replay.run(plant)
-        corrected, instruments = _instruments(plant, twin, problem, values, own, processing)
+        corrected, instruments = _instruments(plant, twin, problem, values, own, processing, prepared.weight)
         fit = solve(corrected, effects, instruments, ratio=None)
         last, values = values, _values(problem, fit)
         moved = np.abs(values - last) > STILL * np.array([fit.stderr.get(n, np.inf) for n in problem.names])
@@ -142,19 +143,28 @@ def instrumental(
     else:
         still = ", ".join(np.array(problem.names)[moved])
         warnings = (f"instrumental variables: {still} had not come to rest after {ROUNDS} rounds",)
-    narrow = build_problem(design, log, own=own, processing=usual, inertia=inertia)
-    tested, instruments = _instruments(plant, twin, narrow, last, own, usual)
-    test = bias_test(tested, solve(narrow, effects), solve(tested, effects, instruments, ratio=None))
+    ordinary = build_problem(design, narrow, own=own, inertia=inertia)
+    tested, instruments = _instruments(plant, twin, ordinary, last, own, usual, narrow.weight)
+    test = bias_test(tested, solve(ordinary, effects), solve(tested, effects, instruments, ratio=None))
     return corrected, fit, test, warnings
 
 
 def _instruments(
-    plant: Design, twin: Log, problem: Problem, values: Array, own: tuple[Effect, ...], processing: Processing
+    plant: Design,
+    twin: Log,
+    problem: Problem,
+    values: Array,
+    own: tuple[Effect, ...],
+    processing: Processing,
+    weight: Array | None,
 ) -> tuple[Problem, Array]:
-    """Return the problem without what the processing makes of the noise-free log, and the instruments, its columns."""
+    """Return the problem without what the processing makes of the noise-free log, and the instruments, its columns.
+
+    The noise-free log is blanked where the problem was as well: `weight`, shape (n,).
+    """
     try:
         inertia = any(column.symbol == "J" for column in problem.columns)
-        clean = build_problem(plant, twin, own=own, processing=processing, inertia=inertia)
+        clean = build_problem(plant, prepare(plant, twin, processing).blanked(weight), own=own, inertia=inertia)
     except LogError as error:
         raise LogError(f"the simulated drive does not follow this log's reference: {error}") from error
     z = clean.matrix()

@@ -10,7 +10,7 @@ of a closed-loop simulation); L. Ljung, System Identification, 2nd ed., Prentice
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,8 +122,25 @@ def output_error(
         columns=tuple(replace(c, values=s) for c, s in zip(columns, slopes.T, strict=True)),
         notes=tuple(note for note in problem.notes if "takes no part" not in note),
     )
-    fit = solve(linear, effects, ratio=SHAKEN)
+    fit = _shaped(solve(linear, effects, ratio=SHAKEN), columns, effects)
     return linear, fit, (*warnings, *_mismatch(ordinary, fit, mask))
+
+
+def _shaped(fit: Fit, columns: tuple[Column, ...], effects: Mapping[str, Effect]) -> Fit:
+    """Withhold the shape of an effect that may just as well be absent: noise of any shape resembles it."""
+    absent: dict[int, list[str]] = {}
+    linear = {effect.id: {p.symbol for p in effect.linear} for effect in effects.values()}
+    for entry in {c.entry for c in columns if c.entry >= 0}:
+        sizes = [c.name for c in columns if c.entry == entry and c.symbol in linear[c.effect]]
+        if sizes and all(n in fit.values and np.prod(fit.interval(n)) <= 0.0 for n in sizes):
+            absent[entry] = sizes
+    reasons = {
+        c.name: f"its effect may be absent: the interval of {' and '.join(absent[c.entry])} holds zero"
+        for c in columns
+        if c.entry in absent and c.name in fit.values and c.symbol not in linear[c.effect]
+    }
+    values, stderr = ({n: v for n, v in known.items() if n not in reasons} for known in (fit.values, fit.stderr))
+    return replace(fit, values=values, stderr=stderr, unidentifiable={**fit.unidentifiable, **reasons})
 
 
 def _parameters(design: Design, problem: Problem, own: tuple[Effect, ...]) -> tuple[Column, ...]:

@@ -69,7 +69,7 @@ class Problem:
     mask : bool array, shape (m,)
         Samples that take part.
     t, omega, torque : array, shape (m,)
-        Time, and filtered speed and drive torque for plots and for relative errors.
+        Time, and filtered speed and drive torque for plots and for relative errors, nothing blanked.
     """
 
     target: Array
@@ -148,8 +148,7 @@ def build_problem(
     """
     prepared = log if isinstance(log, Prepared) else prepare(design, log, processing)
     linear = prepared.motion == "linear"
-    drive = prepared.column(prepared.signals["torque"])
-    target = drive.copy()
+    target = prepared.column(prepared.signals["torque"])
     if "T_load" in prepared.signals:
         target -= prepared.column(prepared.signals["T_load"])
     acceleration = prepared.column(prepared.alpha)
@@ -176,8 +175,8 @@ def build_problem(
         columns=tuple(made),
         mask=prepared.mask,
         t=prepared.t[prepared.keep],
-        omega=prepared.column(prepared.signals["omega"]),
-        torque=drive,
+        omega=prepared.smooth(prepared.signals["omega"]),
+        torque=prepared.smooth(prepared.signals["torque"]),
         unit="N" if linear else "N m",
         rate=prepared.thinned_rate,
         cutoff=prepared.cutoff,

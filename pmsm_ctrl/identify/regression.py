@@ -33,6 +33,8 @@ class Fit:
         Identifiable columns only.
     unidentifiable : dict of column name to str
         Why the others got no number.
+    coefficients : array, shape (columns,)
+        Of all columns, those without a number of their own included.
     predicted, residual : array, shape (m,)
         On the whole thinned grid, masked samples included; residual = target - predicted.
     condition : float
@@ -48,6 +50,7 @@ class Fit:
     values: Mapping[str, float]
     stderr: Mapping[str, float]
     unidentifiable: Mapping[str, str]
+    coefficients: Array
     covariance: Array
     predicted: Array
     residual: Array
@@ -128,6 +131,7 @@ def solve(
         values={problem.names[k]: float(beta[k]) for k in good},
         stderr={problem.names[k]: float(stderr[k]) for k in good},
         unidentifiable={name: f"{why}{sums.get(name, '')}" for name, why in reasons.items()},
+        coefficients=beta,
         covariance=covariance,
         predicted=predicted,
         residual=residual,

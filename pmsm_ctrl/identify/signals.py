@@ -10,7 +10,7 @@ processing of A. Janot, M. Gautier, M. Brunot, Nonlinear Benchmarks Workshop 201
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Literal
 
@@ -38,6 +38,11 @@ __all__ = [
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 SMALLEST = 1e-15  # SI units; no sensor resolves less
+# Low-pass of the speed, Hz, from which rests and reversals are found that are to be blanked: a low-pass rounds off the
+# kink that dry friction makes at a reversal, and the rounded speed turns too late.
+KEEN = 250.0
+# Noise turns the axis where there are so many times the reversals that the band of the evaluation has.
+NERVOUS = 1.5
 
 # Central differences over 3 and 9 points (exact to degree 2 and 8): weights of x[k+j] - x[k-j].
 # B. Fornberg, Mathematics of Computation 51 (1988) 699.
@@ -56,7 +61,8 @@ class Processing:
     cutoff : float or None
         Low-pass of both sides, Hz. None: 40 Hz, or an eighth of the log's rate where that is less.
     prefilter : float or None
-        Low-pass of the signals before they are differentiated, Hz. None: 2.5 times the cutoff.
+        Low-pass of the signals before they are differentiated, Hz. None: 2.5 times the cutoff; where `blank` holds
+        `KEEN` if that is more and the encoder is fine enough.
     derivative : {"nine_point", "central", "spectral"}
         "central" loses 1 % at 30 Hz on a 1 kHz log; it is there to reproduce other people's figures.
     standstill : float
@@ -73,6 +79,11 @@ class Processing:
     through_reversals : bool
         Whether samples at rest take part where the rest is shorter than the filter's memory, as at a reversal:
         for an evaluation that simulates the rest. Longer rests never take part.
+    blank : bool or None
+        Whether rests and reversals are set to zero on both sides before the low-pass. Left out after it, they have
+        spread to their neighbours: friction at rest is whatever balances the drive, not the level that its column
+        holds. Not done where the encoder is so coarse that noise turns the axis. None: `identify` does, `prepare`
+        does not.
     """
 
     cutoff: float | None = None
@@ -83,6 +94,7 @@ class Processing:
     edge: float | None = None
     reversal: float = 0.0
     through_reversals: bool = False
+    blank: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +114,8 @@ class Prepared:
         False at standstill, at the edges and around gaps.
     keep : int array, shape (m,)
         Indices of the thinned grid, moving or not.
+    weight : array, shape (n,), or None
+        What every column is multiplied by before it is filtered: 0 where nothing is to be explained, 1 elsewhere.
     """
 
     t: Array
@@ -114,15 +128,27 @@ class Prepared:
     motion: str
     shape: Callable[[Array], Array] = field(repr=False)
     notes: tuple[str, ...] = ()
+    weight: Array | None = None
 
     def column(self, values: Array) -> Array:
-        """Filter a column over the log's own grid, shape (n,), and thin it to shape (m,)."""
+        """Weight a column over the log's own grid, shape (n,), filter it, and thin it to shape (m,)."""
+        return self.smooth(values if self.weight is None else self.weight * values)
+
+    def smooth(self, values: Array) -> Array:
+        """Filter a signal over the log's own grid, shape (n,), and thin it to shape (m,)."""
         return self.shape(values)[self.keep]
 
     @property
     def mask(self) -> Mask:
-        """Samples of the thinned grid that take part, shape (m,)."""
-        return self.moving[self.keep]
+        """Samples of the thinned grid that take part, shape (m,); none of which the weight leaves less than half."""
+        mask = self.moving[self.keep]
+        return mask if self.weight is None else mask & (self.smooth(self.weight) > 0.5)
+
+    def blanked(self, weight: Array | None) -> Prepared:
+        """Return a copy with this weight on top of its own."""
+        if weight is None:
+            return self
+        return replace(self, weight=weight if self.weight is None else self.weight * weight)
 
     @property
     def thinned_rate(self) -> float:
@@ -267,9 +293,8 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
     cutoff = processing.cutoff if processing.cutoff is not None else min(40.0, rate / 8.0)
     if not 0 < cutoff < rate / 2:
         raise RequestError(f"cutoff {cutoff:g} Hz: it should lie between 0 and half the log's rate, {rate / 2:g} Hz")
-    wide = processing.prefilter if processing.prefilter is not None else 2.5 * cutoff
-    clean = (lambda x: low_pass(x, rate, wide)) if wide < 0.45 * rate else (lambda x: x)
-    signals, alpha = _motion(raw, 1.0 / rate, clean, processing.derivative, where)
+    signals, alpha, clean, blank = _moved(raw, rate, cutoff, processing, where)
+    processing = replace(processing, blank=blank)
     for name in ("i_d", "i_q", "u_d", "u_q", "T_load", "temperature"):
         if name in raw:
             signals[name] = clean(raw[name])
@@ -279,7 +304,9 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
     for name in {"i_d", "i_q"} & signals.keys():
         signals[f"d{name}"] = derivative(signals[name], 1.0 / rate, processing.derivative)
     edge = processing.edge if processing.edge is not None else 4.0 / cutoff
-    moving = _moving(signals["omega"], good, rate, cutoff, round(edge * rate), processing)
+    rest = _resting(signals["omega"], rate, cutoff, processing)
+    moving = np.ones(len(t), dtype=bool) if processing.blank else ~rest
+    moving = _sound(moving, good, round(edge * rate))
     # A drive that runs at the log's own rate holds its torque between samples: nothing is missed then.
     decimated = design.motor.electrical and design.drive.f_control > 1.5 * rate
     spikes = _spikes(raw["torque"] if "torque" in raw else raw["i_q"]) if decimated else np.arange(0)
@@ -289,13 +316,16 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
         share = 100.0 * len(spikes) / len(t)
         notes = (*notes, f"the torque jumps between samples ({share:.2g} % of them): those moments are left out")
     keep = np.arange(0, len(t), max(1, round(rate / (2.5 * cutoff))))
-    if int(moving[keep].sum()) < 20:
-        raise LogError(f"{where}the axis moves for too short a time: {moving.sum() / rate:.3g} s usable")
 
     def shape(values: Array) -> Array:
         return low_pass(values, rate, cutoff, steep=True)
 
-    return Prepared(t, signals, alpha, moving, keep, rate, cutoff, log.motion, shape, notes)
+    weight = np.where(rest, 0.0, 1.0) if processing.blank else None
+    prepared = Prepared(t, signals, alpha, moving, keep, rate, cutoff, log.motion, shape, notes, weight)
+    if int(prepared.mask.sum()) < 20:
+        usable = int((moving & ~rest).sum()) / rate
+        raise LogError(f"{where}the axis moves for too short a time: {usable:.3g} s usable")
+    return prepared
 
 
 def _without_dead_voltages(raw: dict[str, Array], notes: tuple[str, ...]) -> tuple[dict[str, Array], tuple[str, ...]]:
@@ -316,6 +346,35 @@ def _require_motion(signals: Mapping[str, Array], where: str) -> None:
             raise LogError(
                 f"{where}{what} throughout ({name} below {SMALLEST:g} SI units); a driven motion was expected"
             )
+
+
+def _moved(
+    raw: Mapping[str, Array], rate: float, cutoff: float, processing: Processing, where: str
+) -> tuple[dict[str, Array], Array, Callable[[Array], Array], bool]:
+    """Return what moves, the acceleration, the low-pass that made them, and whether rests are to be blanked."""
+
+    def made(wide: float) -> tuple[dict[str, Array], Array, Callable[[Array], Array]]:
+        clean = (lambda x: low_pass(x, rate, wide)) if wide < 0.45 * rate else (lambda x: x)
+        return *_motion(raw, 1.0 / rate, clean, processing.derivative, where), clean
+
+    usual = processing.prefilter if processing.prefilter is not None else 2.5 * cutoff
+    if not processing.blank:
+        return *made(usual), False
+    most = NERVOUS * _turns(made(cutoff)[0]["omega"], processing)
+    for wide in (max(usual, KEEN), usual) if processing.prefilter is None else (usual,):
+        signals, alpha, clean = made(wide)
+        if _turns(signals["omega"], processing) <= most:
+            return signals, alpha, clean, True
+    return signals, alpha, clean, False
+
+
+def _slow(omega: Array, processing: Processing) -> float:
+    return max(processing.standstill * float(np.quantile(np.abs(omega), 0.99)), processing.standstill_speed)
+
+
+def _turns(omega: Array, processing: Processing) -> int:
+    """Return how often a speed changes its direction."""
+    return int(np.count_nonzero(np.diff(np.sign(omega[np.abs(omega) > _slow(omega, processing)]))))
 
 
 def _motion(
@@ -369,20 +428,28 @@ def drive_torque(design: Design, signals: Mapping[str, Array], where: str = "") 
     return torque_em.py_func(motor.p, psi_f, motor.L_d, motor.L_q, i_d, i_q)
 
 
-def _moving(omega: Array, good: Mask, rate: float, cutoff: float, edge: int, processing: Processing) -> Mask:
-    slow = max(processing.standstill * float(np.quantile(np.abs(omega), 0.99)), processing.standstill_speed)
-    moving = np.abs(omega) > slow
+def _resting(omega: Array, rate: float, cutoff: float, processing: Processing) -> Mask:
+    """Return the samples, shape (n,), at which the axis rests or turns, and what they spoil of their neighbours."""
+    rest = np.abs(omega) <= _slow(omega, processing)
+    turns = np.flatnonzero(np.diff(np.sign(omega)) != 0.0)
     # A reversal passes; after a rest longer than the filter's memory the neighbours are contaminated as well.
     memory = round(rate / cutoff)
-    change = np.flatnonzero(np.diff(np.concatenate([[True], moving, [True]]).astype(np.int8)))
+    if processing.blank and not processing.through_reversals:
+        rest[turns] = rest[turns + 1] = True
+    change = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(np.int8)))
     for start, stop in zip(change[::2], change[1::2], strict=True):
-        if stop - start > memory:
-            moving[max(0, start - memory) : stop + memory] = False
-        elif processing.through_reversals:
-            moving[start:stop] = True
+        if stop - start > memory and not processing.blank:
+            rest[max(0, start - memory) : stop + memory] = True
+        elif stop - start <= memory and processing.through_reversals:
+            rest[start:stop] = False
     near = round(processing.reversal * rate)
-    for k in np.flatnonzero(np.diff(np.sign(omega)) != 0.0) if near else ():
-        moving[max(0, k + 1 - near) : k + 1 + near] = False
+    for k in turns if near else ():
+        rest[max(0, k + 1 - near) : k + 1 + near] = True
+    return rest
+
+
+def _sound(moving: Mask, good: Mask, edge: int) -> Mask:
+    """Return `moving` without the gaps, what surrounds them, and both ends."""
     for k in np.flatnonzero(np.diff(good.astype(np.int8))):
         moving[max(0, k - edge) : k + edge] = False
     moving &= good
