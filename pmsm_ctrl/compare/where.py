@@ -6,7 +6,7 @@ were left out, and is large enough to matter. The next one is judged on what the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -168,6 +168,7 @@ class Where:
 def where(
     prepared: Prepared, measured: Array, predicted: Array, mask: Mask, unit: str, torque: Array, J: float,
     per_ampere: float | None = None, worth: float = WORTH, material: float | None = None,
+    skipped: Collection[str] = (),
 ) -> Where:  # fmt: skip
     """Find what a residual depends on.
 
@@ -187,9 +188,13 @@ def where(
         Least share of what is left that is worth a word.
     material : float, optional
         Least size of a curve, as a share of the measured channel; by its unit when left out.
+    skipped : names of coordinates
+        Those that this log knows too badly.
     """
     t, residual = prepared.t[prepared.keep], measured - predicted
-    coordinates = grid_coordinates(prepared, torque, per_ampere, J)
+    coordinates = {
+        name: x for name, x in grid_coordinates(prepared, torque, per_ampere, J).items() if name not in skipped
+    }
     used = mask & _away_from_reversals(prepared, coordinates["speed"])
     if int(used.sum()) < 100:
         used = mask

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.exchange import select_with_exchange
 from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
 from pmsm_ctrl.diagnose.record import STANDSTILL, Record, make_record
-from pmsm_ctrl.diagnose.selection import Selection, select
+from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import with_own
 from pmsm_ctrl.errors import RequestError, nearest
@@ -200,7 +201,7 @@ def diagnose(
     other = make_record(design, holdout, same) if holdout is not None else None
     if progress is not None:
         progress(0.1)
-    selection = select(design, record, offered, own, other, progress)
+    selection = select_with_exchange(design, record, offered, own, other, progress)
     outcome = build_outcome(design, record, other, selection, offered, own)
     if progress is not None:
         progress(1.0)

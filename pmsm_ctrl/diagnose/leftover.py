@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.where import Dependence, where
+from pmsm_ctrl.diagnose.model import MOST_NOISE, noise_share
 from pmsm_ctrl.diagnose.selection import MATERIAL, Fitted
 
 __all__ = ["Leftover", "leftover"]
@@ -50,6 +51,9 @@ def leftover(fit: Fitted) -> Leftover | None:
     predicted = plain.predicted()
     J = float(plain.values[plain.model.names.index("J")])
     per_ampere = record.design.K_t_assumed if "i_q" in record.prepared.signals else None
+    acceleration = plain.model.matrix[0][:, plain.model.names.index("J")]
+    # the noise of the angle stands in the acceleration and in the residual alike
+    skipped = ("acceleration",) if noise_share(record, acceleration) > MOST_NOISE else ()
     found: list[tuple[Dependence, str, str]] = []
     for row, name in enumerate(record.channels):
         sound = record.mask & (record.weight[row] > SOUND)
@@ -57,7 +61,7 @@ def leftover(fit: Fitted) -> Leftover | None:
             continue
         what = where(
             record.prepared, record.target[row], predicted[row], sound, record.unit(name), predicted[0], J,
-            per_ampere, WORTH, MATERIAL,
+            per_ampere, WORTH, MATERIAL, skipped,
         )  # fmt: skip
         if what.named:
             found.append((what.named[0], name, what.sentence()))

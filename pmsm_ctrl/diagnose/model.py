@@ -16,7 +16,17 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.identify.signals import low_pass
 
-__all__ = ["Model", "Solved", "base_groups", "design_shape", "solve_model", "spread", "with_honest_errors"]
+__all__ = [
+    "MOST_NOISE",
+    "Model",
+    "Solved",
+    "base_groups",
+    "design_shape",
+    "noise_share",
+    "solve_model",
+    "spread",
+    "with_honest_errors",
+]
 
 Array = NDArray[np.float64]
 
@@ -113,7 +123,7 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
     alpha = record.stack({"torque": record.signals["alpha"]})[..., None]
     groups.append(Group(None, ("J",), alpha, {}))
     nominal.append(design.J)
-    share = _noise_share(record, alpha[0, :, 0])
+    share = noise_share(record, alpha[0, :, 0])
     sigma.append((tolerance.get("J", 0.15) if share < MOST_NOISE else HELD) * design.J)
     if record.dry > 0.0:
         turning = record.stack({"torque": -record.dry * record.rate_of(record.signals["direction"])})
@@ -145,7 +155,7 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
     return Model(tuple(groups), tuple(names), np.array(nominal), np.array(sigma), matrix), tuple(notes)
 
 
-def _noise_share(record: Record, alpha: Array) -> float:
+def noise_share(record: Record, alpha: Array) -> float:
     """Share of noise in the acceleration where it counts.
 
     Noise makes an estimated inertia too small by that share: where fast transients are all that accelerates the axis

@@ -37,6 +37,7 @@ BLOCK_ERRORS = 2.8  # standard errors that the held-out gain must reach
 MATERIAL = 0.004  # smallest contribution worth a name, as a share of the balance's size where it acts
 LOWERED = 0.996  # what is left of the error in at least one balance once an effect is in
 MOST_STEPS = 8
+BEYOND = "beyond its bounds"
 SERVED = 0.1  # what one balance may lose of what another one gains
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
 PARSIMONY = 0.98
@@ -217,26 +218,35 @@ def select(
     own: tuple[Effect, ...] = (),
     holdout: Record | None = None,
     progress: Callable[[float], None] | None = None,
+    order: tuple[str, ...] = (),
 ) -> Selection:
-    """Accept effects until nothing passes the gates."""
+    """Accept effects until nothing passes the gates.
+
+    With `order` the first ones are these, or none at all when one of them does not pass.
+    """
     accepted: tuple[Accepted, ...] = ()
     fit = fit_design(design, record, accepted, effects, own)
     fits, steps = [fit], []
     refused: dict[str, str] = {}
     for number in range(MOST_STEPS):
         refused = {}
-        won = _winner(fit, refused)
+        only = order[number] if number < len(order) else ""
+        won = _winner(fit, refused, only)
         while won is not None:
             trial, evidence = won
             new = (*accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid))
             new = _reshaped(design, record, new, effects, own)
             after = fit_design(design, record, new, effects, own)
-            why = _objection(after, fit) or _holdout_objection(design, holdout, accepted, new, fit, after, effects, own)
+            # what is to come next may be what brings a parameter back inside its bounds
+            why = "" if number + 1 < len(order) else _objection(after, fit)
+            why = why or _holdout_objection(design, holdout, accepted, new, fit, after, effects, own)
             if not why:
                 break
             refused[_name(trial)] = why
-            won = _winner(fit, refused)
+            won = _winner(fit, refused, only)
         if won is None:
+            if only:
+                return Selection((fits[0],), (), (), refused)
             break
         steps.append(Step(trial, evidence, _equivalents(fit, trial), fit, after))
         accepted, fit = new, after
@@ -271,12 +281,12 @@ def _name(trial: Trial) -> str:
     return f"{effect} {order:g}" if effect in REPEATED and order else effect
 
 
-def _winner(fit: Fitted, refused: dict[str, str]) -> tuple[Trial, Evidence] | None:
+def _winner(fit: Fitted, refused: dict[str, str], only: str = "") -> tuple[Trial, Evidence] | None:
     """Return the best candidate that passes every gate, writing down why the ones before it do not."""
     p_holm = dict(zip(map(id, fit.trials), holm([t.p_value for t in fit.trials]), strict=True))
     for trial in fit.trials:
         name = _name(trial)
-        if name in refused:
+        if name in refused or (only and trial.candidate.effect.id != only):
             continue
         why, evidence = _gates(fit, trial, p_holm[id(trial)])
         if evidence is not None and not why:
@@ -362,7 +372,7 @@ def _objection(after: Fitted, before: Fitted) -> str:
         low, high = bounds.get(name.split("#")[0], (-np.inf, np.inf))
         value, slack = after.plain.values[k], 3.0 * after.plain.stderr[k]
         if not low - slack <= value <= high + slack:
-            return f"drives {name} to {value:.3g}, beyond its bounds"
+            return f"drives {name} to {value:.3g}, {BEYOND}"
     return ""
 
 

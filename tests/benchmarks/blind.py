@@ -133,25 +133,28 @@ def right(case: Case, result: Diagnosis) -> bool:
 def cases(args: argparse.Namespace) -> Iterator[Case]:
     """Yield every case asked for."""
     wanted = args.effects or list(MIDDLE)
-    for strength, name, seed, effect in itertools.product(args.strengths, args.motions, range(args.seeds), wanted):
+    for strength, name, seed, effect in itertools.product(
+        args.strengths, args.motions, range(args.first, args.first + args.seeds), wanted
+    ):
         yield Case((effect,), strength, name, seed)
     for k in range(args.clean):
-        yield Case((), 0.0, MOTIONS[k % len(MOTIONS)], 1000 + k)
+        yield Case((), 0.0, MOTIONS[k % len(MOTIONS)], 1000 + args.first + k)
     rng = np.random.default_rng(5)
     # structures that take each other's place and effects the log cannot separate are no pairs
     single = [e for e in MIDDLE if MIDDLE[e] and e not in ("backlash", "iron_loss", "compliance")]
     for k in range(args.pairs):
-        yield Case(tuple(rng.choice(single, 2, replace=False).tolist()), 1.0, MOTIONS[k % 2], 2000 + k)
+        yield Case(tuple(rng.choice(single, 2, replace=False).tolist()), 1.0, MOTIONS[k % 2], 2000 + args.first + k)
     if args.left_out:
         for effect in wanted:
             if MIDDLE[effect]:
-                yield Case((effect,), 1.0, "identification", 3000, left_out=True)
+                yield Case((effect,), 1.0, "identification", 3000 + args.first, left_out=True)
 
 
 def arguments() -> argparse.Namespace:
     """Return the command line."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--strengths", type=float, nargs="+", default=[1.0])
     parser.add_argument("--motions", nargs="+", default=["identification"], choices=MOTIONS)
     parser.add_argument("--effects", nargs="*", default=None)
