@@ -1,0 +1,71 @@
+"""Second thoughts: an effect taken early may only have stood in for two that belong together.
+
+Taken one at a time, the most flexible effect comes first: a friction that falls with speed and with time at once looks
+like a Stribeck curve with a wide bend, until one of the two is in. So each accepted effect is taken out again, and
+where another one now explains more, or as much with less freedom, the selection is repeated with that one in its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.candidates import REPEATED
+from pmsm_ctrl.diagnose.record import Record
+from pmsm_ctrl.diagnose.selection import BEYOND, Accepted, Selection, fit_design, select
+from pmsm_ctrl.effects.base import Effect
+
+__all__ = ["select_with_exchange"]
+
+
+def select_with_exchange(
+    design: Design, record: Record, effects: Mapping[str, Effect], own: tuple[Effect, ...], holdout: Record | None,
+    progress: Callable[[float], None] | None,
+) -> Selection:  # fmt: skip
+    """Select effects one at a time, then exchange those that another one can replace."""
+    best = select(design, record, effects, own, holdout, progress)
+    tried: set[tuple[str, ...]] = set()
+    for order in _orders(design, record, best, effects, own):
+        if order in tried:
+            continue
+        tried.add(order)
+        other = select(design, record, effects, own, holdout, progress, order)
+        if other.accepted and _left(other) < _left(best):
+            return other
+    return best
+
+
+def _orders(
+    design: Design, record: Record, found: Selection, effects: Mapping[str, Effect], own: tuple[Effect, ...]
+) -> Iterator[tuple[str, ...]]:
+    """Ids of the effects to begin with instead, the strongest first."""
+    present = {one.effect.id for one in found.accepted}
+    blocked = [name for name, why in found.refused.items() if why.endswith(BEYOND) and name in effects]
+    waiting = [
+        Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid)
+        for trial in found.fits[-1].trials
+        if trial.candidate.effect.id in blocked and not trial.wrong_sign
+    ]
+    alone = {trial.candidate.effect.id: trial.plain_gain for trial in found.fits[0].trials}
+    for k, one in enumerate(found.accepted):
+        if one.effect.id in REPEATED or len(found.accepted) + len(waiting) < 2:
+            continue
+        others = (*found.accepted[:k], *found.accepted[k + 1 :], *waiting)
+        trials = fit_design(design, record, others, effects, own).trials
+        better = trials[0].candidate.effect.id if trials and not trials[0].wrong_sign else one.effect.id
+        if better in present or better in REPEATED:
+            continue
+        ids = [other.effect.id for other in others] + [better]
+        yield tuple(sorted(ids, key=lambda name: -alone.get(name, 0.0)))
+
+
+def _left(found: Selection) -> float:
+    """Sum of squares that is left, in units of the noise, with what each column costs (Schwarz)."""
+    last, first = found.fits[-1], found.fits[0]
+    sizes = np.array(first.weights.sigma)[:, None]
+    weighted = (last.residual * last.record.weight * last.record.mask) / sizes
+    shapes = sum(len(one.shape) for one in found.accepted)
+    columns = len(last.model.names) - len(first.model.names) + shapes
+    return float(np.sum(weighted**2)) + columns * float(np.log(max(int(last.record.mask.sum()), 2)))
