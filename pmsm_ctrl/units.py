@@ -10,9 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from pmsm_ctrl.errors import RequestError, nearest
-
-__all__ = ["DATASHEET", "UNITS", "DatasheetValue", "psi_f_from", "torque_constant", "unit_factor"]
+__all__ = ["DATASHEET", "UNITS", "DatasheetValue", "psi_f_from", "torque_constant"]
 
 RPM = 2.0 * math.pi / 60.0
 KRPM = 1000.0 * RPM
@@ -35,21 +33,6 @@ UNITS: dict[str, tuple[str, float]] = {
     "degC": ("degC", 1.0), "°C": ("degC", 1.0),
     "1": ("1", 1.0), "-": ("1", 1.0), "%": ("1", 0.01),
 }  # fmt: skip
-
-
-def unit_factor(unit: str) -> tuple[str, float]:
-    """Return the SI unit and the factor for a unit's spelling.
-
-    Raises
-    ------
-    RequestError
-        For a unit that is not known; the message lists what is.
-    """
-    try:
-        return UNITS[unit.strip()]
-    except KeyError:
-        known = ", ".join(sorted(UNITS))
-        raise RequestError(f"unknown unit [{unit}]{nearest(unit, UNITS)} (known: {known})") from None
 
 
 def torque_constant(p: int, psi_f: float) -> float:

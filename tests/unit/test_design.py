@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError
-from pmsm_ctrl.units import DATASHEET, UNITS, unit_factor
+from pmsm_ctrl.units import DATASHEET, UNITS
 
 # ---- the reference machine, from which every datasheet number is worked out as a test bench would measure it ----
 
@@ -119,7 +119,7 @@ def test_every_datasheet_name_is_tested_here() -> None:
     ],
 )
 def test_units_at_the_edges(unit: str, si: str, value: float, expected: float) -> None:
-    found, factor = unit_factor(unit)
+    found, factor = UNITS[unit]
     assert found == si
     assert value * factor == pytest.approx(expected, rel=1e-15)
 

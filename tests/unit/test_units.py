@@ -6,8 +6,7 @@ import math
 
 import pytest
 
-from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.units import DATASHEET, UNITS, psi_f_from, torque_constant, unit_factor
+from pmsm_ctrl.units import DATASHEET, UNITS, psi_f_from, torque_constant
 
 # spelling, SI unit, what one of it is in SI: definitions, written without the package's constants
 DEFINITIONS = [
@@ -28,22 +27,13 @@ DEFINITIONS = [
 
 @pytest.mark.parametrize(("spelling", "si", "factor"), DEFINITIONS)
 def test_unit(spelling: str, si: str, factor: float) -> None:
-    found, value = unit_factor(spelling)
+    found, value = UNITS[spelling]
     assert found == si
     assert value == pytest.approx(factor, rel=1e-15)
 
 
 def test_every_unit_has_a_definition_here() -> None:
     assert {spelling for spelling, _, _ in DEFINITIONS} == set(UNITS)
-
-
-def test_blanks_around_a_unit_do_not_matter() -> None:
-    assert unit_factor(" rpm ") == unit_factor("rpm")
-
-
-def test_unknown_unit_names_the_nearest() -> None:
-    with pytest.raises(RequestError, match=r"unknown unit \[rpn\]; did you mean 'rpm'\?"):
-        unit_factor("rpn")
 
 
 # One motor, p = 4 and psi_f = 0.172 Wb, described in every convention; speeds and amplitudes by hand:
