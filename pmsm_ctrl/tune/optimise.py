@@ -42,7 +42,7 @@ class Optimum:
     simulations: int
 
 
-def reversal(design: Design, *, speed: float, load: float, duration: float) -> Scenario:
+def reversal(*, speed: float, load: float, duration: float) -> Scenario:
     """A slow reversal through standstill and a load step at rest: what friction makes hard.
 
     Triangle between -`speed` and `speed` (rad/s) for two thirds of `duration` (s), then rest with `load` (N m).
@@ -103,7 +103,7 @@ def optimise(
         raise RequestError(f"{design.source or design.name}: loops: missing; the search starts from tuned ones")
     loops, own, requirements = design.loops, tuple(own), requirements or Requirements()
     load = 0.25 * design.K_t * min(design.drive.i_max, 1e3) if load is None else load
-    motion = reversal(design, speed=speed, load=load, duration=duration)
+    motion = reversal(speed=speed, load=load, duration=duration)
     cascade = Cascade.of(design, loops.current, at=max(speed, 1e-3), own=own)
     runs = 0
 

@@ -11,17 +11,15 @@ import math
 from typing import Any
 
 import control as ct
-import numpy as np
 
 from pmsm_ctrl.design import CurrentLoop, Design, SpeedLoop
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.tune.current import check_bandwidth, phase_limit, pi_for_margin
 from pmsm_ctrl.tune.delays import Delays, delays
-from pmsm_ctrl.tune.margins import response
 from pmsm_ctrl.tune.sampled import Cascade, pi, speed_plant
 
 __all__ = [
-    "METHODS", "effective_delay", "highest_bandwidth", "open_loop", "pole_placement", "symmetrical_optimum",
+    "METHODS", "highest_bandwidth", "open_loop", "pole_placement", "symmetrical_optimum",
     "tune_speed",
 ]  # fmt: skip
 
@@ -107,23 +105,29 @@ def tune_speed(
         return SpeedLoop(K_p=K_p, T_n=T_n, reference_filter=T_n)
     least = phase_margin if method == "bandwidth" else min(phase_margin, 45.0)
     limit = highest_bandwidth(cascade, least)
-    if method == "bandwidth" and bandwidth is None:
-        raise RequestError(
-            f"speed loop: the method 'bandwidth' needs a bandwidth in Hz (up to {limit:.4g} Hz is possible)"
-        )
     if method == "bandwidth":
-        assert bandwidth is not None
-        check_bandwidth("speed loop", bandwidth, limit, least, budget.explain_speed())
-        K_p, T_n = pi_for_margin(speed_plant(cascade), bandwidth, phase_margin)
-        if math.isnan(K_p):
-            raise RequestError(
-                f"speed loop: at {bandwidth:g} Hz the plant lags so little that a PI cannot make the phase margin as "
-                f"small as {phase_margin:g} deg; ask for a higher bandwidth (up to {limit:.4g} Hz) or margin"
-            )
-        return SpeedLoop(K_p=K_p, T_n=T_n)
+        return _by_crossover(cascade, budget, bandwidth, limit, phase_margin)
     if bandwidth is None:
         bandwidth = 1.0 / (2.0 * math.pi * (1.0 + math.sqrt(2.0)) * budget.speed) / (2.0 * damping)
     return _by_poles(cascade, budget, bandwidth, damping, limit, least)
+
+
+def _by_crossover(
+    cascade: Cascade, budget: Delays, bandwidth: float | None, limit: float, phase_margin: float
+) -> SpeedLoop:
+    """Meet crossover (Hz) and phase margin (deg) exactly on the sampled loop."""
+    if bandwidth is None:
+        raise RequestError(
+            f"speed loop: the method 'bandwidth' needs a bandwidth in Hz (up to {limit:.4g} Hz is possible)"
+        )
+    check_bandwidth("speed loop", bandwidth, limit, phase_margin, budget.explain_speed())
+    K_p, T_n = pi_for_margin(speed_plant(cascade), bandwidth, phase_margin)
+    if math.isnan(K_p):
+        raise RequestError(
+            f"speed loop: at {bandwidth:g} Hz the plant lags so little that a PI cannot make the phase margin as "
+            f"small as {phase_margin:g} deg; ask for a higher bandwidth (up to {limit:.4g} Hz) or margin"
+        )
+    return SpeedLoop(K_p=K_p, T_n=T_n)
 
 
 def _by_poles(
@@ -152,14 +156,3 @@ def open_loop(cascade: Cascade, speed: SpeedLoop, filters: tuple[Any, ...] = ())
     for item in filters:
         loop = loop * ct.ss(item.sampled(cascade.period))
     return loop
-
-
-def effective_delay(cascade: Cascade) -> float:
-    """Delay in s of the sampled speed plant behind its own mechanics K_t / (J s + slope), at low frequency.
-
-    The sum of small time constants (`Delays.speed`) is this figure by paper and pencil.
-    """
-    w = np.array([0.02, 0.04]) / cascade.period
-    mechanics = ct.tf([cascade.truth.K_t], [cascade.truth.J, cascade.model.point.friction_slope])
-    phase = np.angle(response(speed_plant(cascade), w) / response(mechanics, w))
-    return float(-(phase / w).mean())

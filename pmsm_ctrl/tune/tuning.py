@@ -355,23 +355,7 @@ def _assemble(
     tuned = design.model_copy(update={"loops": loops})
     in_position = loops.position if loops.position.K_v > 0.0 else None
     cascade = Cascade.of(tuned, loops.current, loops.speed, in_position, at=at, own=own)
-    found = {}
-    for name, loop in _open_loops(cascade).items():
-        found[name] = margins(loop)
-        if not found[name].stable:
-            raise UnstableLoopError(
-                f"{name} loop: unstable with the gains given (phase margin {found[name].phase_margin:.1f} deg at "
-                f"{found[name].crossover:.4g} Hz); reduce them, or let `tune` find others",
-                name,
-                plots.unstable_figure(name, loop, found[name]),
-            )
-        _require_crossover(tuned, name, found[name].crossover)
-    d_axis = current_loop(tuned, loops.current, "d")
-    if not margins(d_axis, brief=True).stable:
-        figure = plots.unstable_figure("current (d)", d_axis, margins(d_axis, brief=True))
-        raise UnstableLoopError("current loop, d axis: unstable with the gains given; reduce them", "current", figure)
-    free = frequencies(1.0 / tuned.drive.f_control, 1e-3, 1500)
-    found = {"current": found.pop("current"), FREE: margins(cascade.current_response(free)), **found}
+    found = _stable_margins(tuned, loops, cascade)
     points, deviation = _points(tuned, loops, at, own)
     rigid_cascade = Cascade.of(rigid(tuned), loops.current, at=at, own=own)
     crossover = found["speed"].crossover
@@ -402,6 +386,28 @@ def _assemble(
         promised=promised,
         requirements=requirements,
     )
+
+
+def _stable_margins(tuned: Design, loops: Loops, cascade: Cascade) -> dict[str, Margins]:
+    """Return the margins of every loop, and of the current loop with the shaft free; refuse what is unstable."""
+    found = {}
+    for name, loop in _open_loops(cascade).items():
+        found[name] = margins(loop)
+        if not found[name].stable:
+            raise UnstableLoopError(
+                f"{name} loop: unstable with the gains given (phase margin {found[name].phase_margin:.1f} deg at "
+                f"{found[name].crossover:.4g} Hz); reduce them, or let `tune` find others",
+                name,
+                plots.unstable_figure(name, loop, found[name]),
+            )
+        _require_crossover(tuned, name, found[name].crossover)
+    d_axis = current_loop(tuned, loops.current, "d")
+    d_margins = margins(d_axis, brief=True)
+    if not d_margins.stable:
+        figure = plots.unstable_figure("current (d)", d_axis, d_margins)
+        raise UnstableLoopError("current loop, d axis: unstable with the gains given; reduce them", "current", figure)
+    free = frequencies(1.0 / tuned.drive.f_control, 1e-3, 1500)
+    return {"current": found.pop("current"), FREE: margins(cascade.current_response(free)), **found}
 
 
 def _points(tuned: Design, loops: Loops, at: float, own: tuple[Effect, ...]) -> tuple[tuple[PointMargins, ...], float]:
