@@ -81,11 +81,7 @@ def simulate(
     """
     drive = prepare(design, scenario, truth=truth, own=own)
     module = load(drive.active, drive.feedforward.effects if drive.feedforward else (), compiled=compiled)
-    table = _run(
-        module, drive.motion, drive.plant, drive.controller, drive.effects, drive.states(), seed, progress,
-        drive.feedforward,
-    )  # fmt: skip
-    return drive.log(table, seed, keep_truth)
+    return drive.log(_run(module, drive, seed, progress), seed, keep_truth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,19 +223,9 @@ def _soften(bristle: dict[str, float], bound: list[tuple[Effect, dict[str, float
         bristle["tau_z"] = min(bristle["tau_z"], plant.J * bristle["z_s"] / (level * h))
 
 
-def _run(
-    module: ModuleType,
-    motion: Scenario,
-    plant: Plant,
-    controller: Controller,
-    effects: tuple[float, ...],
-    states: Array,
-    seed: int,
-    progress: Callable[[float], None] | None,
-    feedforward: Feedforward | None,
-) -> Array:
+def _run(module: ModuleType, drive: Prepared, seed: int, progress: Callable[[float], None] | None) -> Array:
     """Return the logged rows, shape (n, len(LOGGED)); memory grows only with the rows kept."""
-    total = max(1, round(motion.duration / plant.period))
+    plant, motion, total, states = drive.plant, drive.motion, drive.total, drive.states()
     period_s = plant.period * plant.speed_divider
     noise = np.random.default_rng(seed)
     unit = math.lcm(plant.speed_divider, plant.log_divider)
@@ -250,11 +236,11 @@ def _run(
         n = min(chunk, total - k)
         ticks = np.arange(k // plant.speed_divider, -(-(k + n) // plant.speed_divider))
         inputs = motion.inputs(ticks * period_s)
-        if feedforward is not None:
-            inputs = feedforward.widen(inputs)
+        if drive.feedforward is not None:
+            inputs = drive.feedforward.widen(inputs)
         wrote = module.run(
-            n, k, states, plant.array(), controller.array(), effects, inputs, out[row:], noise
-        )  # fmt: skip
+            n, k, states, plant.array(), drive.controller.array(), drive.effects, inputs, out[row:], noise
+        )
         if wrote < 0:
             raise SimulationError(_diverged(-1 - wrote, plant, motion))
         row += wrote
