@@ -52,6 +52,8 @@ class _Writer:
     equal, unequal, both, either = "==", "!=", "&&", "||"
     # a branch: its first condition, a further one, what is left, the end; `#` stands for the condition
     branch_words: tuple[str, str, str, str]
+    loop_words: tuple[str, str]  # head, with counter {0}, first {1} and last {2}, and end
+    assignment_words: str  # with target {0} and value {1}
 
     def __init__(self, names: Mapping[str, str] | None = None) -> None:
         self.names = dict(names or {})
@@ -66,7 +68,8 @@ class _Writer:
     def _statement(self, statement: ast.stmt, depth: int) -> list[str]:
         pad = "    " * depth
         if isinstance(statement, ast.Assign):
-            return [pad + self._assignment(statement.targets[0], statement.value)]
+            target, value = statement.targets[0], statement.value
+            return [pad + self.assignment_words.format(self.text(target), self.text(value))]
         if isinstance(statement, ast.If):
             return self._branch(statement, depth)
         if isinstance(statement, ast.For):
@@ -74,6 +77,12 @@ class _Writer:
         assert isinstance(statement, ast.Expr)
         assert isinstance(statement.value, ast.Constant)
         return [pad + self.remark(str(statement.value.value))]
+
+    def _loop(self, statement: ast.For, depth: int) -> list[str]:
+        pad, (head, end) = "    " * depth, self.loop_words
+        assert isinstance(statement.iter, ast.Tuple)
+        words = (self.text(e) for e in (statement.target, *statement.iter.elts))
+        return [pad + head.format(*words), *self.lines(statement.body, depth + 1), pad + end]
 
     def _branch(self, statement: ast.If, depth: int, further: bool = False) -> list[str]:
         pad, (first, another, otherwise, end) = "    " * depth, self.branch_words
@@ -134,12 +143,6 @@ class _Writer:
         return f"{self.functions[function]}({', '.join(arguments)})"
 
     # what the languages differ in
-    def _assignment(self, target: ast.expr, value: ast.expr) -> str:
-        raise NotImplementedError
-
-    def _loop(self, statement: ast.For, depth: int) -> list[str]:
-        raise NotImplementedError
-
     def remark(self, text: str) -> str:
         """Return a comment."""
         raise NotImplementedError
@@ -165,21 +168,12 @@ class CWriter(_Writer):
     """C99 with math.h."""
 
     branch_words = ("if (#) {", "} else if (#) {", "} else {", "}")
-
+    loop_words = ("for ({0} = {1}; {0} <= {2}; {0}++) {{", "}")
+    assignment_words = "{0} = {1};"
     functions = {
         "abs": "fabs", "min": "fmin", "max": "fmax", "sqrt": "sqrt", "sin": "sin", "cos": "cos", "exp": "exp",
         "isfinite": "isfinite",
     }  # fmt: skip
-
-    def _assignment(self, target: ast.expr, value: ast.expr) -> str:
-        return f"{self.text(target)} = {self.text(value)};"
-
-    def _loop(self, statement: ast.For, depth: int) -> list[str]:
-        pad, counter = "    " * depth, self.text(statement.target)
-        assert isinstance(statement.iter, ast.Tuple)
-        first, last = (self.text(e) for e in statement.iter.elts)
-        head = f"{pad}for ({counter} = {first}; {counter} <= {last}; {counter}++) {{"
-        return [head, *self.lines(statement.body, depth + 1), f"{pad}}}"]
 
     def remark(self, text: str) -> str:
         """Return a comment."""
@@ -208,20 +202,12 @@ class StWriter(_Writer):
     functions = {"abs": "ABS", "min": "MIN", "max": "MAX", "sqrt": "SQRT", "sin": "SIN", "cos": "COS", "exp": "EXP"}
     equal, unequal, both, either = "=", "<>", "AND", "OR"
     branch_words = ("IF # THEN", "ELSIF # THEN", "ELSE", "END_IF;")
+    loop_words = ("FOR {0} := {1} TO {2} DO", "END_FOR;")
+    assignment_words = "{0} := {1};"
 
     def __init__(self, names: Mapping[str, str] | None = None, flavour: Flavour = "iec") -> None:
         super().__init__(names)
         self.flavour = flavour
-
-    def _assignment(self, target: ast.expr, value: ast.expr) -> str:
-        return f"{self.text(target)} := {self.text(value)};"
-
-    def _loop(self, statement: ast.For, depth: int) -> list[str]:
-        pad = "    " * depth
-        assert isinstance(statement.iter, ast.Tuple)
-        first, last = (self.text(e) for e in statement.iter.elts)
-        head = f"{pad}FOR {self.text(statement.target)} := {first} TO {last} DO"
-        return [head, *self.lines(statement.body, depth + 1), f"{pad}END_FOR;"]
 
     def remark(self, text: str) -> str:
         """Return a comment."""
