@@ -265,7 +265,7 @@ def place_header(lines: list[str], separator: str, encoding: str, file: str) -> 
     if first is None:
         raise LogError(f"{file}: line 1: no row below it holds numbers only; a header line and numbers were expected")
     above = _above(rows, first, width)
-    _refuse_text_above(rows, first, above, separator, file)
+    _refuse_text_above(rows, first, above, file)
     header, units, _ = above
     notes = [] if header else ["no header line found; columns are #1, #2, ..."]
     notes += text_note(header, text_columns)
@@ -340,9 +340,7 @@ def _above(rows: list[list[str]], first: int, width: int) -> tuple[list[str], li
     return _trimmed(rows[head]), cells, head
 
 
-def _refuse_text_above(
-    rows: list[list[str]], first: int, above: tuple[list[str], list[str], int], separator: str, file: str
-) -> None:
+def _refuse_text_above(rows: list[list[str]], first: int, above: tuple[list[str], list[str], int], file: str) -> None:
     """Refuse rows between a header and the first good row of numbers: they are data with a bad cell."""
     top = next((i for i, row in enumerate(rows[:first]) if _looks_canonical(row)), None)
     if top is None:
