@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 
 # Effects of which an axis can have several, told apart by their order.
 REPEATED = ("cogging", "torque_ripple")
-# Structures that take the place of another one in the model: one is enough.
 ELECTRICAL_ORDERS = (1.0, 2.0, 6.0, 12.0)
 
 
@@ -63,9 +62,12 @@ def candidates_for(
     """Return every candidate that is not in the model yet. `residual` is that of the torque, shape (m,)."""
     out = []
     present = set(present)
+    sprung = any(effects[name].structure == "transmission" for name in present if name in effects)
     for effect in effects.values():
         if effect.id in present and effect.id not in REPEATED:
             continue
+        if sprung and effect.structure == "transmission":
+            continue  # an axis has one: `exchange` tries the other in its place
         why = missing_signals(record, effect)
         if why:
             out.append(Candidate(effect, (), 1, why))

@@ -3,6 +3,7 @@
 Taken one at a time, the most flexible effect comes first: a friction that falls with speed and with time at once looks
 like a Stribeck curve with a wide bend, until one of the two is in. So each accepted effect is taken out again, and
 where another one now explains more, or as much with less freedom, the selection is repeated with that one in its place.
+A transmission is tried with and without a gap.
 """
 
 from __future__ import annotations
@@ -50,6 +51,11 @@ def _orders(
     ]
     alone = {trial.candidate.effect.id: trial.plain_gain for trial in found.fits[0].trials}
     for k, one in enumerate(found.accepted):
+        if one.effect.structure == "transmission":
+            for rival in effects.values():
+                if rival.structure == "transmission" and rival.id != one.effect.id:
+                    yield tuple(rival.id if j == k else a.effect.id for j, a in enumerate(found.accepted[: k + 1]))
+            continue
         if one.effect.id in REPEATED or len(found.accepted) + len(waiting) < 2:
             continue
         others = (*found.accepted[:k], *found.accepted[k + 1 :], *waiting)
