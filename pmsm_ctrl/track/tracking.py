@@ -128,9 +128,9 @@ class Tracking(Result):
             )
         shares = ", ".join(f"{name} {n}" for name, n in self.counts.items())
         lines.append(f"  samples: {shares}")
-        judged = np.isfinite(self.nis)
-        if judged.any():
-            lines.append(f"  mean normalised innovation squared {self.nis[judged].mean():.3f} (1 is consistent)")
+        mean = _mean(self.nis)
+        if mean is not None:
+            lines.append(f"  mean normalised innovation squared {mean:.3f} (1 is consistent)")
         return "\n".join(lines)
 
     def plot(self) -> Figure:
@@ -142,7 +142,6 @@ class Tracking(Result):
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON: the history thinned to at most 2000 samples."""
         step = max(1, self.t.size // 2000)
-        judged = np.isfinite(self.nis)
         return jsonable({
             "schema": "pmsm-ctrl/tracking/1",
             "filter": self.kind,
@@ -150,7 +149,7 @@ class Tracking(Result):
             "warnings": self.warnings,
             "estimates": self.estimates,
             "correlation_F_c_F_v": float(self.correlation[-1]),
-            "mean_nis": float(self.nis[judged].mean()) if judged.any() else None,
+            "mean_nis": _mean(self.nis),
             "torque_noise": self.torque_noise,
             "samples": self.counts,
             "t": self.t[::step],
@@ -222,21 +221,14 @@ def track(
     reasons = [*samples.notes]
     s = numbers(design, settings, log.period)
     first = s[model.TORQUE_DENSITY]
-    for _ in range(12):
-        out = filter_samples(design, settings, s, samples, kind)
-        nis = out.innovations[:, 0] ** 2 / out.innovations[:, 1]
-        judged = np.isfinite(nis)
-        mean = float(nis[judged].mean()) if judged.any() else 1.0
-        if not adapt or mean < WIDE:
-            break
-        s[model.TORQUE_DENSITY] *= mean
+    out = _filtered(design, settings, s, samples, kind, adapt)
     raised = math.sqrt(s[model.TORQUE_DENSITY] / first) if first else 1.0
     if raised > 1.0:
         reasons.append(
             f"the axis is {raised:.2g} times noisier than its sensors: torque that the design does not model; "
             "the bands allow for its size, but not for its shape"
         )
-    reasons += _doubts(settings, s, out, mean)
+    reasons += _doubts(settings, s, out)
     active = [model.STATES[k] for k in settings.active if k not in (model.OMEGA, model.THETA)]
     history = {name: out.estimates[:, model.STATES.index(name)] for name in active}
     stderr = {name: np.sqrt(out.variances[:, model.STATES.index(name)]) for name in active}
@@ -248,7 +240,7 @@ def track(
         history=history,
         stderr=stderr,
         correlation=_correlation(out.covariance, stderr["F_c"] * stderr["F_v"]),
-        nis=nis,
+        nis=out.nis,
         normalised=out.innovations[:, 0] / np.sqrt(out.innovations[:, 1]),
         events=out.events,
         torque_noise=math.sqrt(s[model.TORQUE_DENSITY] / log.period),
@@ -256,6 +248,23 @@ def track(
         reasons=tuple(reasons),
         kind=kind,
     )
+
+
+def _filtered(design: Design, settings: Settings, s: Array, samples: Samples, kind: Kind, adapt: bool) -> Filtered:
+    """Filter; raise the torque noise in `s` and filter again while the innovations are much larger than it explains."""
+    for _ in range(12):
+        out = filter_samples(design, settings, s, samples, kind)
+        mean = _mean(out.nis)
+        if not adapt or mean is None or mean < WIDE:
+            break
+        s[model.TORQUE_DENSITY] *= mean
+    return out
+
+
+def _mean(nis: Array) -> float | None:
+    """Return the mean over the samples that were judged; None where none was."""
+    judged = np.isfinite(nis)
+    return float(nis[judged].mean()) if judged.any() else None
 
 
 def _correlation(covariance: Array, scale: Array) -> Array:
@@ -275,6 +284,11 @@ class Filtered:
     covariance: Array
     innovations: Array
     events: NDArray[np.int8]
+
+    @property
+    def nis(self) -> Array:
+        """Normalised innovation squared where a measurement was judged, NaN elsewhere, shape (n,)."""
+        return self.innovations[:, 0] ** 2 / self.innovations[:, 1]
 
 
 def filter_samples(design: Design, settings: Settings, s: Array, samples: Samples, kind: Kind = "extended") -> Filtered:
@@ -363,12 +377,12 @@ def _noise_from_log(design: Design, settings: Settings, samples: Samples, log: L
     return settings
 
 
-def _doubts(settings: Settings, s: Array, out: Filtered, mean: float) -> list[str]:
-    doubts = []
+def _doubts(settings: Settings, s: Array, out: Filtered) -> list[str]:
+    doubts, mean = [], _mean(out.nis)
     learnt = np.isin(out.events, (model.UPDATED, model.CONSTANT, model.CHANGE))
     if not learnt.any():
         return ["the axis never moved long enough: the estimates are the design's values"]
-    if mean > 1.3 or mean < 0.6:
+    if mean is not None and not 0.6 <= mean <= 1.3:
         kind = "optimistic" if mean > 1.0 else "pessimistic"
         doubts.append(f"the innovations are {mean:.2g} times as large as stated (squared): the bands are {kind}")
     constant = int((out.events == model.CONSTANT).sum())
