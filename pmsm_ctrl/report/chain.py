@@ -152,14 +152,13 @@ def study(
         headline = _measured(design, record, found)
     earlier = _history(before, design, record, identification) if history is not None else _Earlier()
     outcome = Study(identification.design, path, headline, results, tuple(skipped))
+    logs = [record] if holdout is None else [record, holdout]
     text = render(
         f"Study of {design.name}",
         [*(_section(verb, results[verb]) for verb in _reading_order(results)), *earlier.sections],
         headline=headline,
-        warnings=[*(f"Left out: {text}" for text in skipped), *_import_warnings(log, holdout)],
-        facts=_facts(
-            design, [record] if holdout is None else [record, holdout], seed if design.motor.electrical else None
-        ),
+        warnings=[*(f"Left out: {text}" for text in skipped), *_import_warnings(logs)],
+        facts=_facts(design, logs, seed if design.motor.electrical else None),
         design_toml=design.to_toml(),
         command=command,
     )
@@ -206,8 +205,8 @@ def _section(verb: str, result: Result) -> Section:
     return replace(section, paragraphs=(*introduction, *section.paragraphs))
 
 
-def _import_warnings(*logs: Log | None) -> list[str]:
-    return [f"{log.provenance.file}: {text}" for log in logs if log is not None for text in log.provenance.warnings]
+def _import_warnings(logs: Iterable[Log]) -> list[str]:
+    return [f"{log.provenance.file}: {text}" for log in logs for text in log.provenance.warnings]
 
 
 def _simulated_parts(
