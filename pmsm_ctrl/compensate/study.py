@@ -332,5 +332,8 @@ def _doubts(
             doubts.append(f"by {source} speed a gain of 100 % is not safe: {100 * window.safe:.0f} % is")
     cycles = sorted({row.motion for row in table if row.variant == "none" and row.metrics.cycle_amplitude > 0.0})
     if cycles:
-        doubts.append(f"the axis cycles at rest even without compensation ({', '.join(cycles)})")
+        doubts.append(
+            f"the axis cycles at rest even without compensation ({', '.join(cycles)}); "
+            "a gain counts as safe that leaves such a cycle as it is"
+        )
     return tuple(doubts)
