@@ -242,6 +242,9 @@ def diagnose(
     design: DesignOption,
     holdout: HoldoutOption = None,
     output: NewDesignOption = None,
+    calibrate: Annotated[
+        int, typer.Option("--calibrate", metavar="COUNT", help="simulate the answer so often: its false alarms")
+    ] = 0,
     mapping: MapOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
@@ -253,7 +256,7 @@ def diagnose(
     other = log_if_given(holdout, believed, mapping)
     measured = load_log(log, believed, mapping)
     with progress_bar(f"diagnose {log.name}") as progress:
-        result = run_diagnosis(believed, measured, holdout=other, progress=progress)
+        result = run_diagnosis(believed, measured, holdout=other, progress=progress, calibrate=calibrate)
     finish("diagnosis", result, json_file=json_file, report=report)
     write_design(result.design, output)
 

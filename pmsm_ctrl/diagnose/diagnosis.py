@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.calibration import Calibration, calibrated
 from pmsm_ctrl.diagnose.exchange import select_with_exchange
 from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
@@ -85,6 +87,8 @@ class Diagnosis(Result):
     next_experiment : dict or None
     unexplained : str
         What is left and on what it depends; empty when nothing is.
+    calibration : Calibration or None
+        False alarms at the accepted model, simulated; None where that was not asked for.
     """
 
     verdict: str
@@ -101,11 +105,13 @@ class Diagnosis(Result):
     left: Leftover | None = field(repr=False)
     record: Record = field(repr=False)
     selection: Selection = field(repr=False)
+    calibration: Calibration | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Reasons to doubt the answer."""
-        return self.reasons
+        doubt = self.calibration.doubt if self.calibration is not None else ""
+        return (*self.reasons, doubt) if doubt else self.reasons
 
     def summary(self) -> str:
         """Return the verdict, the ladder of errors and the ranking as text, trust first."""
@@ -144,6 +150,7 @@ class Diagnosis(Result):
             "parameter_deviations": [vars(d) for d in self.parameter_deviations],
             "next_experiment": self.next_experiment,
             "unexplained": self.unexplained,
+            "calibration": vars(self.calibration) if self.calibration is not None else None,
             "warnings": self.warnings,
         })  # fmt: skip
 
@@ -163,6 +170,7 @@ def diagnose(
     progress: Callable[[float], None] | None = None,
     candidates: Iterable[str] | None = None,
     processing: Processing | None = None,
+    calibrate: int = 0,
 ) -> Diagnosis:
     """Name the physical effects that a design lacks, judged by a log.
 
@@ -185,33 +193,46 @@ def diagnose(
         Ids to choose from; the whole catalogue and the own effects when left out.
     processing : Processing, optional
         Filter, derivative and mask.
+    calibrate : int
+        Simulations of the accepted model, each diagnosed again, that say how often this diagnosis raises a false
+        alarm on this motion; each takes about as long as the diagnosis itself.
 
     Raises
     ------
     LogError
-        When a channel is missing or the axis hardly moves.
+        When a channel is missing or the axis hardly moves; with `calibrate`, when the log has no references.
     DesignError, RequestError
-        When the design or `candidates` names an unknown effect.
+        When the design or `candidates` names an unknown effect; with `calibrate`, when the drive cannot be simulated.
     """
+    if calibrate < 0:
+        raise RequestError(f"calibrate: found {calibrate}; the number of simulations, 0 or more, was expected")
     own = tuple(own)
     effects = with_own(own)
     offered = _offered(effects, candidates)
     record = make_record(design, log, processing)
     same = processing or Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
     other = make_record(design, holdout, same) if holdout is not None else None
-    if progress is not None:
-        progress(0.1)
-    selection = select_with_exchange(design, record, offered, own, other, progress)
+    share = 1.0 / (1.0 + calibrate)
+    first = None if progress is None else partial(_part, progress, 0.0, share)
+    selection = select_with_exchange(design, record, offered, own, other, first)
     outcome = build_outcome(design, record, other, selection, offered, own)
-    if progress is not None:
-        progress(1.0)
-    return Diagnosis(
+    found = Diagnosis(
         **outcome,
         log_name=log.provenance.file or "the given log",
         holdout_name=(holdout.provenance.file or "the held-out log") if holdout is not None else "",
         record=record,
         selection=selection,
     )
+    if calibrate:
+        rest = None if progress is None else partial(_part, progress, share, 1.0 - share)
+        found = replace(found, calibration=calibrated(found, log, calibrate, own, tuple(offered), rest))
+    if progress is not None:
+        progress(1.0)
+    return found
+
+
+def _part(progress: Callable[[float], None], start: float, share: float, done: float) -> None:
+    progress(start + share * done)
 
 
 def _offered(effects: Mapping[str, Effect], candidates: Iterable[str] | None) -> dict[str, Effect]:

@@ -84,6 +84,8 @@ def summary_text(d: Diagnosis) -> str:
         lines.append(
             f"  {dev.parameter:<8} {dev.estimate:.5g} +- {dev.stderr:.2g} {dev.unit} (design {dev.nominal:.5g}){mark}"
         )
+    if d.calibration is not None:
+        lines.append(f"  calibration: {d.calibration.sentence()}")
     if d.next_experiment:
         lines.append(f"  next experiment: {d.next_experiment['profile']}: {d.next_experiment['why']}")
     return "\n".join(lines)
@@ -117,6 +119,8 @@ def report_section(d: Diagnosis) -> Section:
         head = ("parameter", "design", "estimate", "unit", "remark")
         tables.append((head, tuple(_deviation_rows(d))))
     paragraphs = [f"Verdict: {VERDICTS[d.verdict]}.", *(f"Warning: {w}" for w in d.warnings)]
+    if d.calibration is not None:
+        paragraphs.append(f"Calibration: {d.calibration.sentence()}.")
     if d.next_experiment:
         paragraphs.append(f"Next experiment: {d.next_experiment['profile']}: {d.next_experiment['why']}.")
     if rest:
@@ -166,7 +170,8 @@ def _figures(d: Diagnosis) -> list[tuple[Figure, str]]:
         ladder = f"No effect was taken in: {after:.2f} % of the {kind} is left, with a noise floor of {floor:.2f} %."
     made = [(d.plot(), ladder)]
     maps = f"Mean residual over speed and {plane_of(d).name}, all in one colour scale; grey: no samples. "
-    maps += "A pattern is a missing effect; it fades with every effect taken in." if d.steps else "No pattern is left."
+    nothing = "What pattern there is no effect explains." if d.left is not None else "No pattern is left."
+    maps += "A pattern is a missing effect; it fades with every effect taken in." if d.steps else nothing
     made.append((maps_figure(d), maps))
     stretch = worst_stretch(d)
     if stretch is not None:

@@ -1,0 +1,57 @@
+"""The diagnosis judged at its own answer: the accepted model, simulated and diagnosed again."""
+
+from __future__ import annotations
+
+import pytest
+from scipy.stats import binomtest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.calibration import Calibration
+from pmsm_ctrl.errors import DesignError, LogError, RequestError
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import simulate
+
+
+@pytest.mark.parametrize(("runs", "alarms"), [(20, 1), (20, 3), (100, 2), (3, 3)])
+def test_interval_is_that_of_clopper_and_pearson(runs: int, alarms: int) -> None:
+    theirs = binomtest(alarms, runs).proportion_ci(0.95, method="exact").high
+    assert Calibration(runs, ("delay",) * alarms).most == pytest.approx(theirs, rel=1e-9)
+
+
+def test_no_alarm_in_twenty_is_the_rule_of_three() -> None:
+    # 1 - 0.05^(1/n), about 3 / n
+    assert Calibration(20, ()).most == pytest.approx(1.0 - 0.05 ** (1.0 / 20.0))
+
+
+def test_accepted_model_raises_no_alarm(designs) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    truth = design.with_effect("stribeck", {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0})
+    log = simulate(design, "identification", truth=truth, seed=21)
+    shares: list[float] = []
+    found = diagnose(design, log, calibrate=3, progress=shares.append)
+    assert [step.effect for step in found.steps] == ["stribeck"]
+    assert found.calibration == Calibration(3, ())
+    assert found.to_dict()["calibration"] == {"runs": 3, "alarms": []}
+    assert "of 3 simulations of the accepted model 0 raised an alarm" in found.summary()
+    assert not any("not calibrated" in text for text in found.warnings)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_many_alarms_are_a_reason_to_doubt() -> None:
+    assert Calibration(20, ("delay",)).doubt == ""
+    assert "not calibrated on this motion: of 20 simulations" in Calibration(20, ("delay", "delay")).doubt
+
+
+def test_what_cannot_be_simulated_is_said_in_one_line(designs) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    log = simulate(design, "identification", seed=1)
+    no_reference = Log({name: v for name, v in log.channels.items() if not name.endswith("_ref")})
+    with pytest.raises(LogError, match="no omega_ref and no theta_ref"):
+        diagnose(design, no_reference, calibrate=1)
+    ideal = design.replace(sensor={"current_noise": 0.0, "encoder_counts": 0})
+    with pytest.raises(DesignError, match=r"give sensor\.current_noise"):
+        diagnose(ideal, log, calibrate=1)
+    with pytest.raises(RequestError, match="calibrate: found -1"):
+        diagnose(design, log, calibrate=-1)
