@@ -156,10 +156,25 @@ class CatalogueEntry(Result):
 
     def section(self) -> Section:
         """Return the entry as a report section."""
-        if self.residual is None:
-            return Section(self.effect.title, tuple(self.summary().splitlines()))
+        effect = self.effect
+        facts = (
+            ("id in a design", effect.id), ("enters", effect.enters), ("term", spoken(effect.equation)),
+            ("needs, to be seen", effect.needs), ("validated on", effect.validated), ("source", effect.source),
+        )  # fmt: skip
+        parameters = tuple(
+            (p.symbol, p.unit, f"{p.lower:g}", f"{p.upper:g}", p.description, "column" if p.linear else "searched")
+            for p in effect.parameters
+        )
+        alike = tuple(effect.look_alikes.items())
+        tables = [
+            ("The effect", (("item", "what the catalogue knows"), facts)),
+            ("Its parameters", (("symbol", "unit", "from", "to", "what it is", "in the regression"), parameters)),
+            *([("What it is mistaken for", (("effect", "why"), alike))] if alike else []),
+        ]
         caption = "Left over speed, right over one turn: the shape by which a diagnosis knows this effect."
-        return Section(self.effect.title, tuple(self.summary().splitlines()), figures=((self.plot(), caption),))
+        figures = () if self.residual is None else ((self.plot(), caption),)
+        captions, shown = zip(*tables, strict=True)
+        return Section(effect.title, tuple(f"Warning: {text}" for text in self.warnings), shown, figures, captions)
 
 
 def describe_effect(identifier: str, design: Design | None = None, *, own: Iterable[Effect] = ()) -> CatalogueEntry:

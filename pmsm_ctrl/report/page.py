@@ -125,7 +125,7 @@ def _table(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...]) -> dict[s
     return {
         "head": [(_UNIT.sub(lambda unit: unit[0].replace(" ", "\u00a0"), cell), r)
                  for cell, r in zip(header, right, strict=True)],
-        "rows": [list(zip(row, right, strict=False)) for row in rows],
+        "rows": [[(cell.replace(" %", "\u00a0%"), r) for cell, r in zip(row, right, strict=False)] for row in rows],
         "small": len(header) > _MANY,
     }  # fmt: skip
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -162,11 +163,11 @@ class Tracking(Result):
         names = tuple(self.history)
         rows = []
         for k in np.unique(np.linspace(0, self.t.size - 1, TABLE_ROWS).astype(np.int64)):
-            cells = (f"{self.history[n][k]:.5g} +- {self.stderr[n][k]:.2g}" for n in names)
+            cells = (f"{self.history[n][k]:.5g} ± {self.stderr[n][k]:.2g}" for n in names)
             rows.append((f"{self.t[k]:.4g}", *cells))
         header = ("t [s]", *(f"{n} [{self.estimates[n].unit}]" for n in names))
         return Section(
-            title=f"Friction tracked over {self.log_name}",
+            title=f"Friction tracked over {Path(self.log_name).name}",
             paragraphs=(
                 *(f"Warning: {text}" for text in self.warnings),
                 "A Kalman filter follows the friction while the axis runs. Where the axis stands it learns nothing; "
@@ -399,8 +400,8 @@ def _doubts(settings: Settings, s: Array, out: Filtered) -> list[str]:
         doubts.append("the axis turns in one direction: T_load and F_c cannot be told apart")
     changes = int((out.events == model.CHANGE).sum())
     if changes:
-        doubts.append(f"friction or load changed abruptly {changes} time(s)")
+        doubts.append(f"friction or load changed abruptly {changes} time{'s' if changes > 1 else ''}")
     rejected = int((out.events == model.REJECTED).sum() + (out.events == model.IMPLAUSIBLE).sum())
     if rejected:
-        doubts.append(f"{rejected} measurement(s) were rejected as outliers")
+        doubts.append(f"{rejected} measurement{'s were' if rejected > 1 else ' was'} rejected as outlying")
     return doubts
