@@ -61,6 +61,12 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+# Written out, because the module that knows them takes half a second to load; a test compares.
+MOTIONS = (
+    "the motion: sweep, triangle, creep, multisine, chirp, breakaway, hold, positioning, trapezoid, s_curve, warm_up, "
+    "reversal or identification"
+)
+
 
 def _show_version(wanted: bool) -> None:
     if wanted:
@@ -88,7 +94,7 @@ def simulate(
     design: DesignArgument,
     output: Annotated[Path, output_option("LOG", "the log to write, canonical CSV")],
     scenario: Annotated[
-        str, typer.Option("--scenario", "-s", metavar="NAME", help="the motion", autocompletion=scenario_names)
+        str, typer.Option("--scenario", "-s", metavar="NAME", help=MOTIONS, autocompletion=scenario_names)
     ] = "sweep",
     truth: TruthOption = None,
     parameters: Annotated[

@@ -84,6 +84,15 @@ def test_help_answers_well_under_a_second() -> None:
     assert best < 0.6
 
 
+def test_help_of_simulate_names_every_motion(capsys: pytest.CaptureFixture[str]) -> None:
+    from pmsm_ctrl.simulate.scenarios import SCENARIOS
+
+    assert call("simulate", "--help") == 0
+    said = " ".join(capsys.readouterr().out.split())
+    *names, last = SCENARIOS
+    assert f"the motion: {', '.join(names)} or {last}" in said
+
+
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     import pmsm_ctrl
 
