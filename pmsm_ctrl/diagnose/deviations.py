@@ -58,6 +58,13 @@ def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], 
         value, error, nominal = fit.plain.values[k], fit.plain.stderr[k], fit.model.nominal[k]
         if np.isfinite(error):
             out.append(Deviation(name, float(nominal), float(value), float(error), axis_unit(p.unit, motion), False))
+    if fit.record.age is not None:
+        age, error = fit.record.age + values["tau_speed"], stderr["tau_speed"]
+        if abs(age) > max(4.0 * error, 0.1 * fit.record.period):
+            hints.append(
+                f"the logged speed is {1e3 * age:.2g} +- {1e3 * error:.1g} ms older than the torque, which was undone: "
+                "a filter of the drive, or a delay between channels; a log with theta tells which"
+            )
     return tuple(out), tuple(hints)
 
 

@@ -13,7 +13,7 @@ from pmsm_ctrl.diagnose.exchange import select_with_exchange
 from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
 from pmsm_ctrl.diagnose.record import STANDSTILL, Record, make_record
-from pmsm_ctrl.diagnose.selection import Selection
+from pmsm_ctrl.diagnose.selection import Selection, fit_design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import with_own
 from pmsm_ctrl.errors import RequestError, nearest
@@ -209,9 +209,9 @@ def diagnose(
     own = tuple(own)
     effects = with_own(own)
     offered = _offered(effects, candidates)
-    record = make_record(design, log, processing)
+    record = _record(design, log, processing, own)
     same = processing or Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
-    other = make_record(design, holdout, same) if holdout is not None else None
+    other = make_record(design, holdout, same, record.age or 0.0) if holdout is not None else None
     share = 1.0 / (1.0 + calibrate)
     first = None if progress is None else partial(_part, progress, 0.0, share)
     selection = select_with_exchange(design, record, offered, own, other, first)
@@ -229,6 +229,16 @@ def diagnose(
     if progress is not None:
         progress(1.0)
     return found
+
+
+def _record(design: Design, log: Log, processing: Processing | None, own: tuple[Effect, ...]) -> Record:
+    """Make a log ready; where it has a speed alone, its age is estimated with the base model, and undone."""
+    record = make_record(design, log, processing)
+    for _ in range(2 if record.age is not None else 0):
+        fit = fit_design(design, record, (), {}, own, explore=False)
+        late = float(fit.plain.values[fit.model.names.index("tau_speed")])
+        record = make_record(design, log, processing, (record.age or 0.0) + late)
+    return record
 
 
 def _part(progress: Callable[[float], None], start: float, share: float, done: float) -> None:

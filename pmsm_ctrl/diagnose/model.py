@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 # How well the moments of reversal are known, all of them late or early alike: s, and samples of the log.
 TURN, TURN_SAMPLES = 1e-4, 0.05
+# Age of a speed that the drive filtered before it was logged, s.
+FILTERED = 3e-3
 # From this share of noise in the acceleration on, the inertia is held at its nominal value, to within a share of it.
 MOST_NOISE, HELD = 0.05, 0.01
 
@@ -130,6 +132,11 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
         groups.append(Group(None, ("tau_turn",), turning[..., None], {}))
         nominal.append(0.0)
         sigma.append(TURN + TURN_SAMPLES * record.period)
+    if record.age is not None:
+        late = record.stack({"torque": record.rate_of(record.signals["torque"])})
+        groups.append(Group(None, ("tau_speed",), late[..., None], {}))
+        nominal.append(0.0)
+        sigma.append(FILTERED)
     if "u_d" in record.channels:
         _winding(design, record, groups, nominal, sigma)
     notes = []

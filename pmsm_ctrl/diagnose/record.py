@@ -60,6 +60,9 @@ class Record:
         Relative inverse noise level, at most 1: fast transients are aliased and count less.
     dry : float
         Rough level of the dry friction, N m (N); 0 when there is none.
+    age : float or None
+        Of a logged speed that is all that is known of the motion, as far as it was undone, s: drives filter it. None
+        where the log has a position.
     """
 
     design: Design
@@ -72,6 +75,7 @@ class Record:
     duration: float
     dry: float = 0.0
     notes: tuple[str, ...] = ()
+    age: float | None = None
     memo: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False)
 
     @property
@@ -119,8 +123,10 @@ class Record:
         return derivative(values, self.period)
 
 
-def make_record(design: Design, log: Log, processing: Processing | None = None) -> Record:
+def make_record(design: Design, log: Log, processing: Processing | None = None, age: float = 0.0) -> Record:
     """Prepare a log for the diagnosis.
+
+    `age` is that of a speed beyond what the design knows of it, s; it counts only where the log has no position.
 
     Raises
     ------
@@ -128,7 +134,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
         When a channel is missing, or the axis never moves.
     """
     log.check_evaluable(32)
-    log = _thinned(_in_time(design, log))
+    log = _thinned(_in_time(design, log, age))
     processing = processing or Processing(standstill=STANDSTILL, cutoff=band(log))
     prepared = prepare(design, log, processing)
     raw = dict(prepared.signals)
@@ -168,21 +174,30 @@ def make_record(design: Design, log: Log, processing: Processing | None = None) 
     record = Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), kink[0], prepared.notes,
+        None if "theta" in log else age,
     )  # fmt: skip
     return record
 
 
-def _in_time(design: Design, log: Log) -> Log:
+def _in_time(design: Design, log: Log, more: float) -> Log:
     """Undo the age of a logged speed that the design knows: the drive's speed filter and half a difference quotient.
+
+    And `more`, where that was seen in the log.
 
     Only where the log has no position. The drive's filter x += a (u - x) makes the speed (1 - a) / a periods older.
     """
-    age = design.sensor.speed_filter
-    if "theta" in log or "omega" not in log or age <= 0.0:
+    if "theta" in log or "omega" not in log:
         return log
-    period = design.drive.speed_divider / design.drive.f_control
-    age = period / np.expm1(period / age) + 0.5 * period
-    return log.with_channels(omega=log["omega"] + age * np.gradient(log["omega"], log.t))
+    filtered, omega = design.sensor.speed_filter, log["omega"]
+    if filtered > 0.0:
+        period = design.drive.speed_divider / design.drive.f_control
+        age = period / np.expm1(period / filtered) + 0.5 * period
+        omega = omega + age * np.gradient(omega, log.t)
+    if more != 0.0:
+        from scipy.interpolate import CubicSpline
+
+        omega = CubicSpline(log.t, omega)(np.clip(log.t + more, log.t[0], log.t[-1]))
+    return log.with_channels(omega=omega)
 
 
 def _thinned(log: Log) -> Log:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.log import Log
 from tests.benchmarks.other_plant import other_log, right
 
 
@@ -18,3 +19,20 @@ def test_eccentricity_of_the_encoder_that_commutates_and_of_another(effect: str,
 @pytest.mark.parametrize("seed", [140, 141, 142])
 def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
     assert diagnose(*other_log("none", seed)).verdict == "consistent"
+
+
+@pytest.mark.parametrize("seed", [701, 702])
+def test_a_filtered_speed_is_no_missing_effect(seed: int) -> None:
+    # the drive of this simulator logs a moving average of four differences at 2 kHz: 1 ms old
+    design, log = other_log("none", seed)
+    speed_alone = Log({name: values for name, values in log.channels.items() if name != "theta"})
+    found = diagnose(design, speed_alone)
+    assert found.verdict == "consistent"
+    assert found.record.age == pytest.approx(1e-3, abs=5e-5)
+    assert any("ms older than the torque" in text for text in found.warnings)
+
+
+def test_an_effect_is_found_from_speed_alone() -> None:
+    design, log = other_log("viscous_asymmetry", 702)
+    found = diagnose(design, Log({name: values for name, values in log.channels.items() if name != "theta"}))
+    assert [step.effect for step in found.steps] == ["viscous_asymmetry"]
