@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.instrumental import MATTERS
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import solve
@@ -43,7 +44,10 @@ def regression_problem(design: Design, log: Log, own: tuple[Effect, ...], proces
         return usual
     if solve(usual).unidentifiable:
         return usual
-    wide = build_problem(design, log, own=own, processing=replace(processing, cutoff=widest(log)))
+    try:
+        wide = build_problem(design, log, own=own, processing=replace(processing, cutoff=widest(log)))
+    except LogError:  # in a wide band a coarse encoder hardly ever moves
+        return usual
     known, more = _information(usual), _information(wide)
     if np.all(known >= ENOUGH * more) or _shrinkage(design, log, wide) > MATTERS:
         return usual

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify import Processing, build_problem, identify, prepare, solve
 from pmsm_ctrl.identify.band import _shrinkage, regression_problem
 from pmsm_ctrl.identify.signals import low_pass
@@ -87,6 +88,15 @@ def test_nothing_is_blanked_where_noise_turns_the_axis() -> None:
     step = 2.0 * np.pi / 100.0
     coarse = log.with_channels(theta=np.round(log["theta"] / step) * step)
     assert prepare(PLAIN, coarse, Processing(blank=True)).weight is None
+
+
+def test_an_encoder_of_a_step_a_turn_keeps_the_usual_band() -> None:
+    t = np.arange(3000) / 1000.0
+    theta = np.round(20.0 * (1.0 - np.cos(4.0 * t)) / 5.0) * 5.0
+    log = Log({"t": t, "theta": theta, "torque": F_C * np.sign(np.sin(4.0 * t)) + 5.0 * J * np.cos(4.0 * t)})
+    with pytest.raises(LogError, match="too short a time"):
+        prepare(PLAIN, log, Processing(cutoff=100.0, blank=True))
+    assert regression_problem(PLAIN, log, (), Processing(blank=True)).cutoff == 40.0
 
 
 def test_the_error_that_is_told_is_that_of_reversals_as_well() -> None:
