@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.instrumental import MATTERS
 from pmsm_ctrl.identify.problem import Problem, build_problem
@@ -16,19 +17,26 @@ from pmsm_ctrl.identify.regression import solve
 from pmsm_ctrl.identify.signals import Processing, derivative, low_pass, uniform, unwrapped
 from pmsm_ctrl.log import Log
 
-__all__ = ["regression_problem", "widest"]
+__all__ = ["regression_problem", "searches_shapes", "widest"]
 
 Array = NDArray[np.float64]
 
 # Low-pass of the methods that noise in the motion does not bias, Hz: they need not hide from it below 40 Hz.
 WIDE = 100.0
+# The same where the shape of an effect is searched, Hz: what tells it is the first few milliseconds after a reversal.
+SHAPES = 250.0
 # A band that holds this share of what a wider one would tell, of every parameter, is wide enough.
 ENOUGH = 0.95
 
 
-def widest(log: Log) -> float:
-    """Return the band, Hz, of a method that noise in the motion does not bias."""
-    return float(min(WIDE, log.rate / 8.0))
+def widest(log: Log, shapes: bool = False) -> float:
+    """Return the band, Hz, of a method that noise in the motion does not bias, and that may search `shapes`."""
+    return float(min(SHAPES, log.rate / 4.0) if shapes else min(WIDE, log.rate / 8.0))
+
+
+def searches_shapes(design: Design, own: tuple[Effect, ...]) -> bool:
+    """Whether the design has an effect whose shape a simulation can fit; the order of a ripple is no shape."""
+    return any(p.symbol != "order" for effect, _ in bound_effects(design, own) for p in effect.searched)
 
 
 def regression_problem(design: Design, log: Log, own: tuple[Effect, ...], processing: Processing) -> Problem:

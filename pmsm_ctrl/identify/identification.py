@@ -13,7 +13,7 @@ from pmsm_ctrl.design import SMALL, Design, EffectEntry
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import with_own
 from pmsm_ctrl.errors import RequestError, nearest
-from pmsm_ctrl.identify.band import regression_problem, widest
+from pmsm_ctrl.identify.band import regression_problem, searches_shapes, widest
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.output_error import output_error
 from pmsm_ctrl.identify.problem import Problem, build_problem
@@ -269,7 +269,11 @@ def _by_simulation(
     processing: Processing,
     inertia: bool = True,
 ) -> tuple[Problem, Fit, BiasTest | None, tuple[str, ...]]:
-    wide = processing if processing.cutoff is not None else replace(processing, cutoff=widest(log))
+    if processing.cutoff is None:
+        shapes = method == "output_error" and searches_shapes(design, own)
+        wide = replace(processing, cutoff=widest(log, shapes))
+    else:
+        wide = processing
     if method == "iv":
         usual = replace(processing, cutoff=regression_problem(design, log, own, processing).cutoff)
         return instrumental(design, log, replay, own=own, processing=wide, usual=usual, inertia=inertia)
