@@ -25,6 +25,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
 from pmsm_ctrl.effects.catalogue import CATALOGUE
+from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.scenarios import Scenario, scenario
@@ -166,10 +167,16 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def row_of(case: Case) -> dict[str, Any]:
-    """Diagnose one case and say how it went, with the error that is left over the true model's."""
+def row_of(case: Case) -> dict[str, Any] | None:
+    """Diagnose one case and say how it went, with the error that is left over the true model's.
+
+    None where the effect is so strong that the drive cannot run: an inductance that saturates to nothing.
+    """
     design, truth = truth_of(Design.read(DESIGN), case)
-    log = log_of(design, truth, case)
+    try:
+        log = log_of(design, truth, case)
+    except SimulationError:
+        return None
     result = diagnose(design, log, candidates=[i for i in CATALOGUE if not (case.left_out and i in case.hidden)])
     final = {name: e["rms"] for name, e in result.errors["final"].items()}
     true = diagnose(truth, log, candidates=()).errors["base"]
@@ -216,6 +223,8 @@ def main() -> None:
     every = list(cases(args))
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
         for row in track(pool.map(row_of, every), description="blind suite", total=len(every)):
+            if row is None:
+                continue
             rows.append(row)
             if not row["right"]:
                 print(f"  {row['kind']}, seed {row['seed']}: {row['hidden']} -> {row['verdict']} {row['named']}")
