@@ -309,7 +309,8 @@ def _chosen(case: _Case, made: list[Curve], alone: Mapping[str, Outcome | None])
         best = max(found.share for _, found in good)
         alike = [(c, f) for c, f in good if f.share >= ALIKE * best]
         curve, found = min(alike, key=lambda pair: (pair[0].own.shape[1], -pair[1].share))
-        named[curve.name] = (rank, found.share)
+        # on blocks left out the gains need not add up to the whole
+        named[curve.name] = (rank, min(found.share, 1.0 - sum(share for _, share in named.values())))
         taken = sorted({*taken, *case.base[curve.name], *case.own[curve.name]})
     return named
 
