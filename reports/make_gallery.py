@@ -204,7 +204,8 @@ def steps_table(found: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[tuple[
     rows = []
     for step in found["steps"]:
         values = ", ".join(
-            f"{symbol} = {value['value']:.4g} {value['unit']}" for symbol, value in step["parameters"].items()
+            f"{symbol} = {value['value']:.4g} {value['unit']}".removesuffix(" 1")
+            for symbol, value in step["parameters"].items()
         )
         after, held = (100.0 * step[k]["torque"]["relative"] for k in ("error_after", "holdout_after"))
         p = step["evidence"].get("p_holm")

@@ -68,6 +68,7 @@ def leftover(fit: Fitted) -> Leftover | None:
     if not found:
         return None
     one, name, sentence = max(found, key=lambda f: f[0].added)
-    text = f"{sentence.replace('of what is left', f'of what is left of the {name} balance', 1)}; no effect of the "
+    balance = "force" if record.linear and name == "torque" else name
+    text = f"{sentence.replace('of what is left', f'of what is left of the {balance} balance', 1)}; no effect of the "
     text += "catalogue explains it"
     return Leftover(one.name, one.unit, name, one.added, one.p_value, text, (one.x, one.forward, one.backward))

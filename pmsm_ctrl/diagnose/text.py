@@ -9,7 +9,7 @@ from pmsm_ctrl.result import Section
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from pmsm_ctrl.diagnose.diagnosis import Diagnosis, Errors
+    from pmsm_ctrl.diagnose.diagnosis import Diagnosis, DiagnosisStep, Errors
 
 __all__ = ["ladder_rows", "report_section", "step_names", "summary_text"]
 
@@ -48,14 +48,20 @@ def ladder_rows(d: Diagnosis) -> list[tuple[str, str, str]]:
     return rows
 
 
+def _numbers(step: DiagnosisStep, sign: str) -> str:
+    """Parameters with their errors and units; what has no unit has none to be said."""
+    return ", ".join(
+        f"{symbol} = {e.value:.4g}"
+        + (f" {sign} {e.stderr:.2g}" if e.stderr == e.stderr else "")
+        + (f" {e.unit}" if e.unit != "1" else "")
+        for symbol, e in step.parameters.items()
+    )
+
+
 def _step_text(d: Diagnosis) -> list[str]:
     lines = []
     for step in d.steps:
-        numbers = ", ".join(
-            f"{s} = {e.value:.4g}" + (f" +- {e.stderr:.2g}" if e.stderr == e.stderr else "") + f" {e.unit}"
-            for s, e in step.parameters.items()
-        )
-        lines.append(f"  + {step.effect}: {numbers}")
+        lines.append(f"  + {step.effect}: {_numbers(step, '+-')}")
         if step.evidence["blocks"]:
             lines.append(
                 f"      p = {step.evidence['p_holm']:.2g} after Holm; left-out blocks gain "
@@ -132,10 +138,7 @@ def report_section(d: Diagnosis) -> Section:
 def _found_rows(d: Diagnosis) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for name, step in zip(step_names(d), d.steps, strict=True):
-        numbers = ", ".join(
-            f"{s} = {e.value:.4g}" + (f" ± {e.stderr:.2g}" if e.stderr == e.stderr else "") + f" {e.unit}"
-            for s, e in step.parameters.items()
-        )
+        numbers = _numbers(step, "±")
         p = step.evidence["p_holm"]
         shown = "< 1e-12" if p < 1e-12 else f"{p:.2g}"
         rows.append((name, numbers, shown, ", ".join(step.equivalents) or "-"))
