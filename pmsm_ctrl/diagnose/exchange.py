@@ -32,7 +32,7 @@ def select_with_exchange(
         if order in tried:
             continue
         tried.add(order)
-        other = select(design, record, effects, own, holdout, progress, order)
+        other = select(design, record, effects, own, holdout, None, order)  # the bar does not run twice
         if other.accepted and _left(other) < _left(best):
             return other
     return best
