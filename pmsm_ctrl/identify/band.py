@@ -43,9 +43,10 @@ def regression_problem(design: Design, log: Log, own: tuple[Effect, ...], proces
     """Build the regression for least squares: in the usual band, or a wider one where much is to be learnt beyond it.
 
     A band that `processing` gives is taken. A wider one is taken only where the usual one finds every parameter, lest
-    the drive's answer to noise counts as excitation, and where noise of the acceleration leaves the inertia alone:
-    errors in a column shrink its parameter by the share of the column's power that is theirs (W. A. Fuller,
-    Measurement Error Models, Wiley 1987, sec. 1.1).
+    the drive's answer to noise counts as excitation. The inertia is found from the usual band all the same, unless the
+    wider one tells more of it and noise of the acceleration leaves it alone there: errors in a column shrink its
+    parameter by the share of the column's power that is theirs (W. A. Fuller, Measurement Error Models, Wiley 1987,
+    sec. 1.1).
     """
     usual = build_problem(design, log, own=own, processing=processing)
     if processing.cutoff is not None or usual.cutoff >= widest(log) or "theta" not in log:
@@ -56,10 +57,10 @@ def regression_problem(design: Design, log: Log, own: tuple[Effect, ...], proces
         wide = build_problem(design, log, own=own, processing=replace(processing, cutoff=widest(log)))
     except LogError:  # in a wide band a coarse encoder hardly ever moves
         return usual
-    known, more = _information(usual), _information(wide)
-    if np.all(known >= ENOUGH * more) or _shrinkage(design, log, wide) > MATTERS:
-        return usual
-    return wide
+    lacking = dict(zip(usual.names, _information(usual) < ENOUGH * _information(wide), strict=True))
+    if lacking.pop("J", False) and _shrinkage(design, log, wide) <= MATTERS:
+        return wide
+    return replace(wide, inertia_cutoff=usual.cutoff) if any(lacking.values()) else usual
 
 
 def _information(problem: Problem) -> Array:

@@ -109,13 +109,16 @@ class Identification(Result):
         lines.append(
             f"  relative error {100 * self.relative_error:.2f} % of the torque ({self.rms:.3g} {self.problem.unit} rms,"
             f" {int(self.problem.mask.sum())} samples at {self.problem.rate:.4g} Hz, low-pass"
-            f" {self.problem.cutoff:.3g} Hz)"
+            f" {self.problem.cutoff:.3g} Hz{self._inertia_band()})"
         )
         lines.append(
             f"  condition number {self.fit.condition:.3g}, residual correlated with order {self.fit.noise.order},"
             f" {self.fit.dof:.0f} effective degrees of freedom"
         )
         return "\n".join(lines)
+
+    def _inertia_band(self) -> str:
+        return f", the inertia from {b:.3g} Hz" if (b := self.problem.inertia_cutoff) is not None else ""
 
     def plot(self) -> Figure:
         """Draw measured and predicted torque, and the residual, against time."""
@@ -143,6 +146,7 @@ class Identification(Result):
             "samples": int(self.problem.mask.sum()),
             "rate": self.problem.rate,
             "cutoff": self.problem.cutoff,
+            "inertia_cutoff": self.problem.inertia_cutoff,
             "notes": self.notes,
             "least_squares_bias": None if self.bias is None else vars(self.bias),
         })  # fmt: skip
@@ -275,7 +279,8 @@ def _by_simulation(
     else:
         wide = processing
     if method == "iv":
-        usual = replace(processing, cutoff=regression_problem(design, log, own, processing).cutoff)
+        plain = regression_problem(design, log, own, processing)
+        usual = replace(processing, cutoff=plain.cutoff, inertia_cutoff=plain.inertia_cutoff)
         return instrumental(design, log, replay, own=own, processing=wide, usual=usual, inertia=inertia)
     prepared = prepare(design, log, replace(wide, through_reversals=True))
     problem = build_problem(design, prepared, own=own, inertia=inertia)

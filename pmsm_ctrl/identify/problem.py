@@ -17,7 +17,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import columns
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.identify.signals import Prepared, Processing, axis_unit, prepare
+from pmsm_ctrl.identify.signals import Prepared, Processing, axis_unit, low_pass, prepare
 from pmsm_ctrl.log import Log
 
 __all__ = ["Column", "Problem", "build_problem", "effect_columns", "nominal_torque", "term_signals"]
@@ -68,6 +68,8 @@ class Problem:
     columns : tuple of Column
     mask : bool array, shape (m,)
         Samples that take part.
+    inertia_cutoff : float or None
+        As in `Processing`.
     t, omega, torque : array, shape (m,)
         Time, and filtered speed and drive torque for plots and for relative errors, nothing blanked.
     """
@@ -82,6 +84,7 @@ class Problem:
     rate: float
     cutoff: float
     notes: tuple[str, ...] = ()
+    inertia_cutoff: float | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,6 +94,14 @@ class Problem:
     def matrix(self) -> Array:
         """Return the columns side by side, shape (m, number of columns)."""
         return np.column_stack([column.values for column in self.columns])
+
+    def instruments(self) -> Array | None:
+        """Return the columns with the acceleration in its narrower band, shape (m, columns), where it has one."""
+        if self.inertia_cutoff is None or self.inertia_cutoff >= self.cutoff or "J" not in self.names:
+            return None
+        z, k = self.matrix(), self.names.index("J")
+        z[:, k] = low_pass(z[:, k], self.rate, self.inertia_cutoff, steep=True)
+        return z
 
     def with_columns(self, added: Iterable[Column]) -> Problem:
         """Return a copy with more columns."""
@@ -180,6 +191,7 @@ def build_problem(
         unit="N" if linear else "N m",
         rate=prepared.thinned_rate,
         cutoff=prepared.cutoff,
+        inertia_cutoff=prepared.inertia_cutoff,
         notes=tuple(notes),
     )
 

@@ -102,6 +102,7 @@ def solve(
     """
     mask = problem.mask
     x, y = problem.matrix(), problem.target
+    instruments = problem.instruments() if instruments is None else instruments
     scale = np.sqrt(np.mean(x[mask] ** 2, axis=0))
     scale[scale == 0.0] = 1.0
     explained = x[mask] if instruments is None else _projected(x[mask], instruments[mask])

@@ -9,6 +9,7 @@ processing of A. Janot, M. Gautier, M. Brunot, Nonlinear Benchmarks Workshop 201
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -60,6 +61,10 @@ class Processing:
     ----------
     cutoff : float or None
         Low-pass of both sides, Hz. None: 40 Hz, or an eighth of the log's rate where that is less.
+    inertia_cutoff : float or None
+        Low-pass of the acceleration as an instrument, Hz, where that is less than `cutoff`: the inertia is then found
+        from this band alone, since the noise of a measured acceleration grows with the square of the frequency.
+        None: it is found from the whole band.
     prefilter : float or None
         Low-pass of the signals before they are differentiated, Hz. None: 2.5 times the cutoff; where `blank` holds
         `KEEN` if that is more and the encoder is fine enough.
@@ -87,6 +92,7 @@ class Processing:
     """
 
     cutoff: float | None = None
+    inertia_cutoff: float | None = None
     prefilter: float | None = None
     derivative: Literal["nine_point", "central", "spectral"] = "nine_point"
     standstill: float = 0.002
@@ -116,6 +122,8 @@ class Prepared:
         Indices of the thinned grid, moving or not.
     weight : array, shape (n,), or None
         What every column is multiplied by before it is filtered: 0 where nothing is to be explained, 1 elsewhere.
+    inertia_cutoff : float or None
+        As in `Processing`.
     """
 
     t: Array
@@ -129,6 +137,7 @@ class Prepared:
     shape: Callable[[Array], Array] = field(repr=False)
     notes: tuple[str, ...] = ()
     weight: Array | None = None
+    inertia_cutoff: float | None = None
 
     def column(self, values: Array) -> Array:
         """Weight a column over the log's own grid, shape (n,), filter it, and thin it to shape (m,)."""
@@ -315,17 +324,28 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
     if len(spikes):
         share = 100.0 * len(spikes) / len(t)
         notes = (*notes, f"the torque jumps between samples ({share:.2g} % of them): those moments are left out")
-    keep = np.arange(0, len(t), max(1, round(rate / (2.5 * cutoff))))
+    keep = np.arange(0, len(t), _step(rate, cutoff))
 
     def shape(values: Array) -> Array:
         return low_pass(values, rate, cutoff, steep=True)
 
     weight = np.where(rest, 0.0, 1.0) if processing.blank else None
-    prepared = Prepared(t, signals, alpha, moving, keep, rate, cutoff, log.motion, shape, notes, weight)
+    prepared = Prepared(
+        t, signals, alpha, moving, keep, rate, cutoff, log.motion, shape, notes, weight, processing.inertia_cutoff
+    )
     if int(prepared.mask.sum()) < 20:
         usable = int((moving & ~rest).sum()) / rate
         raise LogError(f"{where}the axis moves for too short a time: {usable:.3g} s usable")
     return prepared
+
+
+def _step(rate: float, cutoff: float) -> int:
+    """Return by how much a band is thinned: to 2.5 times its width or a little less, and never below twice.
+
+    A band that leaves much of its grid's spectrum empty has a residual whose correlation no short model describes.
+    """
+    step = math.ceil(rate / (2.5 * cutoff) * (1.0 - 1e-9))
+    return max(step if rate >= 2.0 * cutoff * step * (1.0 - 1e-9) else step - 1, 1)
 
 
 def _without_dead_voltages(raw: dict[str, Array], notes: tuple[str, ...]) -> tuple[dict[str, Array], tuple[str, ...]]:

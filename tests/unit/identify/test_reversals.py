@@ -112,16 +112,30 @@ def test_least_squares_takes_the_band_that_the_log_asks_for() -> None:
     motions, triangle, *_, slow = cases()
     blank = Processing(blank=True)
 
-    def cutoff(case, counts: int | None = None, processing: Processing = blank) -> float:
+    def bands(case, counts: int | None = None, processing: Processing = blank) -> tuple[float, float | None]:
         truth = case.truth if counts is None else case.truth.replace(sensor={"encoder_counts": counts})
         log = simulate(case.believed(), case.motion, truth=truth, seed=1)
-        return regression_problem(case.believed(), log, (), processing).cutoff
+        problem = regression_problem(case.believed(), log, (), processing)
+        return problem.cutoff, problem.inertia_cutoff
 
-    assert cutoff(motions) == 100.0  # short ramps: a quarter of what is known of J lies beyond 40 Hz
-    assert cutoff(triangle) == 40.0
-    assert cutoff(slow) == 40.0  # dF_s would gain, but the drive's answer to its noise would shrink J
-    assert cutoff(motions, counts=4096) == 40.0  # noise of the angle would shrink J
-    assert cutoff(motions, processing=replace(blank, cutoff=60.0)) == 60.0
+    assert bands(motions) == (100.0, None)  # short ramps: a quarter of what is known of J lies beyond 40 Hz
+    assert bands(triangle) == (40.0, None)
+    assert bands(slow) == (100.0, 40.0)  # dF_s gains, but the drive's answer to its noise would shrink J
+    assert bands(motions, counts=4096) == (40.0, None)  # noise of the angle would shrink J
+    assert bands(motions, processing=replace(blank, cutoff=60.0)) == (60.0, None)
+
+
+def test_an_inertia_from_a_narrow_band_is_not_shrunk_by_noise_beyond_it(designs: Path) -> None:
+    seed_motor = Design.read(designs / "seed_motor.toml")
+    motion = scenario("triangle", seed_motor, speed=150.0, period=2.0, cycles=4.0)
+    log = exogenous_log(seed_motor, motion, 3, 3e-4, 2e-3)
+    whole, narrow = (
+        identify(seed_motor, log, processing=Processing(cutoff=150.0, inertia_cutoff=band)) for band in (None, 40.0)
+    )
+    assert whole.estimates["J"].value / seed_motor.J < 0.96
+    assert narrow.estimates["J"].value == pytest.approx(seed_motor.J, rel=0.005)
+    assert "the inertia from 40 Hz" in narrow.summary()
+    assert narrow.to_dict()["inertia_cutoff"] == 40.0
 
 
 def test_shrinkage_is_that_of_errors_in_a_column(designs: Path) -> None:
