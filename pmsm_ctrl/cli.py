@@ -279,7 +279,7 @@ def add(
     """Add an effect to a design, its parameters fitted to a log."""
     from pmsm_ctrl.diagnose import add as run_adding
     from pmsm_ctrl.effects import lookup
-    from pmsm_ctrl.identify.signals import axis_unit
+    from pmsm_ctrl.units import axis_unit
 
     believed = read_design(design)
     result = run_adding(believed, load_log(log, believed, mapping), effect)

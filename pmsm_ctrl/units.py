@@ -8,9 +8,10 @@ to the SI field it determines.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
-__all__ = ["DATASHEET", "UNITS", "DatasheetValue", "psi_f_from", "torque_constant"]
+__all__ = ["DATASHEET", "UNITS", "DatasheetValue", "axis_unit", "drives", "psi_f_from", "torque_constant"]
 
 RPM = 2.0 * math.pi / 60.0
 KRPM = 1000.0 * RPM
@@ -33,6 +34,22 @@ UNITS: dict[str, tuple[str, float]] = {
     "degC": ("degC", 1.0), "°C": ("degC", 1.0),
     "1": ("1", 1.0), "-": ("1", 1.0), "%": ("1", 0.01),
 }  # fmt: skip
+
+
+# A rotary unit and what stands for it on a linear axis; longer ones first.
+_ALONG_A_LINE = ((r"\(N m\)\^2", "N^2"), (r"N m", "N"), (r"kg m\^2", "kg"), (r"\brad\b", "m"))
+
+
+def axis_unit(text: str, motion: str) -> str:
+    """Return a rotary unit, or a text that holds some, as it reads on this kind of axis: N m s/rad becomes N s/m."""
+    for turning, moving in _ALONG_A_LINE if motion == "linear" else ():
+        text = re.sub(turning, moving, text)
+    return text
+
+
+def drives(motion: str) -> str:
+    """Return the word for what drives this kind of axis."""
+    return "force" if motion == "linear" else "torque"
 
 
 def torque_constant(p: int, psi_f: float) -> float:

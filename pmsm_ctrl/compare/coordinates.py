@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.orders import strongest_orders, waves
 from pmsm_ctrl.identify.signals import Prepared, low_pass
+from pmsm_ctrl.units import drives
 
 __all__ = ["UNITS", "Curve", "curves", "grid_coordinates"]
 
@@ -112,9 +113,7 @@ def _quiet(prepared: Prepared, alpha: Array, J: float) -> Array:
 
 
 def _load_name(prepared: Prepared, per_ampere: float | None) -> str:
-    if per_ampere is not None:
-        return "current"
-    return "force" if prepared.motion == "linear" else "torque"
+    return "current" if per_ampere is not None else drives(prepared.motion)
 
 
 def curves(

@@ -8,7 +8,7 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.selection import Fitted
-from pmsm_ctrl.identify.signals import axis_unit
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["parameter_deviations"]
 

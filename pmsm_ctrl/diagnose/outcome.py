@@ -13,8 +13,8 @@ from pmsm_ctrl.diagnose.evidence import Trial
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.selection import Accepted, Fitted, Selection, Step, errors, holdout_error
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.identify.signals import axis_unit
 from pmsm_ctrl.result import Estimate
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["build_outcome", "fitted_parameters"]
 

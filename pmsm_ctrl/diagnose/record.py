@@ -17,6 +17,7 @@ from pmsm_ctrl.diagnose.reversals import reversals, timed_sign
 from pmsm_ctrl.identify.noise import stretches
 from pmsm_ctrl.identify.signals import Prepared, Processing, derivative, low_pass, prepare
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["CHANNELS", "Record", "make_record", "with_direction", "with_modelled_torque"]
 
@@ -100,7 +101,7 @@ class Record:
 
     def unit(self, channel: str) -> str:
         """Unit of a balance."""
-        return ("N" if self.linear else "N m") if channel == "torque" else "V"
+        return axis_unit("N m", self.prepared.motion) if channel == "torque" else "V"
 
     def shaped(self, values: Array) -> Array:
         """Filter and thin a column given at the log's rate, shape (n,), to shape (m,)."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import ast
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.export.program import Program
 from pmsm_ctrl.export.writers import plain
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Block", "Value", "identifier", "loop_gains"]
 
@@ -59,7 +59,7 @@ class Block:
         object.__setattr__(self, "title", plain(self.title))
         if self.linear:
             for part in ("inputs", "outputs", "constants", "gains"):
-                values = tuple(replace(v, meaning=_along_a_line(v.meaning)) for v in getattr(self, part))
+                values = tuple(replace(v, meaning=axis_unit(v.meaning, "linear")) for v in getattr(self, part))
                 object.__setattr__(self, part, values)
 
     @property
@@ -72,13 +72,6 @@ class Block:
         """Scalars of the program that are neither inputs nor outputs, with their kinds, in alphabetical order."""
         known = {value.name for value in (*self.inputs, *self.outputs)}
         return {text: kind for text, kind in sorted(self.program.variables.items()) if text not in known}
-
-
-def _along_a_line(text: str) -> str:
-    """Return a meaning in the units of a linear axis."""
-    for turning, moving in (("kg m^2", "kg"), ("(N m)^2", "N^2"), ("N m", "N"), ("N s/rad", "N s/m")):
-        text = text.replace(turning, moving)
-    return re.sub(r"\brad\b", "m", text)
 
 
 def identifier(text: str) -> str:

@@ -16,6 +16,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.export.blocks import identifier
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["angle_table", "cogging_table", "friction_points", "friction_table", "table_files"]
 
@@ -166,10 +167,9 @@ def _ax8000(rows: list[tuple[float, float, float]]) -> str:
 def _toml(design: Design, table: Array, error: float, rows: list[tuple[float, float, float]]) -> str:
     import tomli_w
 
-    linear = design.motion == "linear"
     friction = {
         "speed": table[:, 0].tolist(), "forwards": table[:, 1].tolist(), "backwards": table[:, 2].tolist(),
-        "unit_of_speed": "m/s" if linear else "rad/s", "unit_of_torque": "N" if linear else "N m",
+        "unit_of_speed": axis_unit("rad/s", design.motion), "unit_of_torque": axis_unit("N m", design.motion),
         "largest_error_of_a_straight_line": error,
     }  # fmt: skip
     cogging = [{"order": k, "amplitude": a, "phase": phase} for k, a, phase in rows]

@@ -22,6 +22,7 @@ from pmsm_ctrl.identify.replay import Replay, build_replay
 from pmsm_ctrl.identify.signals import Processing, prepare
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
+from pmsm_ctrl.units import drives
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,7 +127,7 @@ class Identification(Result):
 
         p = self.shown
         return measured_against_predicted(
-            p.t, p.torque, p.torque - self.unexplained, p.mask, "torque" if p.unit == "N m" else "force", p.unit
+            p.t, p.torque, p.torque - self.unexplained, p.mask, drives(self.design.motion), p.unit
         )
 
     def to_dict(self) -> dict[str, Any]:

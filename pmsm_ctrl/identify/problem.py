@@ -17,8 +17,9 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import columns
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.identify.signals import Prepared, Processing, axis_unit, low_pass, prepare
+from pmsm_ctrl.identify.signals import Prepared, Processing, low_pass, prepare
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Column", "Problem", "build_problem", "effect_columns", "nominal_torque", "term_signals"]
 
@@ -158,7 +159,6 @@ def build_problem(
         Whether the inertia is a column; otherwise ``J alpha`` with the design's J is subtracted from the target.
     """
     prepared = log if isinstance(log, Prepared) else prepare(design, log, processing)
-    linear = prepared.motion == "linear"
     target = prepared.column(prepared.signals["torque"])
     if "T_load" in prepared.signals:
         target -= prepared.column(prepared.signals["T_load"])
@@ -188,7 +188,7 @@ def build_problem(
         t=prepared.t[prepared.keep],
         omega=prepared.smooth(prepared.signals["omega"]),
         torque=prepared.smooth(prepared.signals["torque"]),
-        unit="N" if linear else "N m",
+        unit=axis_unit("N m", prepared.motion),
         rate=prepared.thinned_rate,
         cutoff=prepared.cutoff,
         inertia_cutoff=prepared.inertia_cutoff,

@@ -27,7 +27,6 @@ from pmsm_ctrl.units import psi_f_from
 __all__ = [
     "Prepared",
     "Processing",
-    "axis_unit",
     "derivative",
     "drive_torque",
     "low_pass",
@@ -163,13 +162,6 @@ class Prepared:
     def thinned_rate(self) -> float:
         """Rate of the thinned grid, Hz."""
         return self.rate / float(self.keep[1] - self.keep[0])
-
-
-def axis_unit(unit: str, motion: str) -> str:
-    """Return a rotary unit as it reads on this kind of axis: N m s/rad becomes N s/m, kg m^2 becomes kg."""
-    if motion != "linear":
-        return unit
-    return unit.replace("N m", "N").replace("kg m^2", "kg").replace("rad", "m")
 
 
 def derivative(values: Array, period: float, method: str = "nine_point") -> Array:

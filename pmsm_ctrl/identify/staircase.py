@@ -16,9 +16,9 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.identify.plateaus import Plateau, find_plateaus
 from pmsm_ctrl.identify.regression import t_quantile
-from pmsm_ctrl.identify.signals import axis_unit
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
+from pmsm_ctrl.units import axis_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

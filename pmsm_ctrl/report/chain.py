@@ -25,6 +25,7 @@ from pmsm_ctrl.report.page import Headline, render, versions
 from pmsm_ctrl.result import Result, Section, jsonable
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.tune import Tuning, tune
+from pmsm_ctrl.units import drives
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -291,7 +292,7 @@ def _measured(design: Design, log: Log, found: Diagnosis) -> Headline:
     name = log.provenance.file or "a given log"
     done = f"The axis {design.name} was diagnosed from {name}, {log.duration:.3g} s at {log.rate:.4g} Hz."
     before, after = (100.0 * found.errors[rung]["torque"]["relative"] for rung in ("nominal", "final"))
-    drive = "force" if design.motion == "linear" else "torque"
+    drive = drives(design.motion)
     named = ", ".join(step.effect for step in found.steps)
     verdicts = {
         "consistent": f"the design explains the log: no effect is missing, {after:.2f} % of the {drive} is left.",

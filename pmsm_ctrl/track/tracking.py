@@ -19,6 +19,7 @@ from pmsm_ctrl.result import Estimate, Result, Section, jsonable
 from pmsm_ctrl.track import model
 from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
 from pmsm_ctrl.track.settings import Kind, Settings, check_kind, covariance, memory, numbers, start
+from pmsm_ctrl.units import axis_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +29,6 @@ __all__ = ["Samples", "Tracking", "filter_samples", "samples_of", "track"]
 Array = NDArray[np.float64]
 
 UNITS = {"F_c": "N m", "F_v": "N m s/rad", "T_load": "N m", "J": "kg m^2"}
-LINEAR_UNITS = {"F_c": "N", "F_v": "N s/m", "T_load": "N", "J": "kg"}
 WIDE = 1.5  # mean normalised innovation squared above which the torque noise is raised
 TABLE_ROWS = 12
 
@@ -94,9 +94,13 @@ class Tracking(Result):
     def estimates(self) -> dict[str, Estimate]:
         """Estimates at the end of the log."""
         nominal = dict(zip(model.STATES, start(self.design).tolist(), strict=True))
-        units = LINEAR_UNITS if self.design.motion == "linear" else UNITS
         return {
-            name: Estimate(float(values[-1]), units[name], float(self.stderr[name][-1]), nominal[name])
+            name: Estimate(
+                float(values[-1]),
+                axis_unit(UNITS[name], self.design.motion),
+                float(self.stderr[name][-1]),
+                nominal[name],
+            )
             for name, values in self.history.items()
         }
 
