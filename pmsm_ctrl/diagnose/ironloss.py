@@ -17,10 +17,9 @@ from pmsm_ctrl.diagnose.evidence import try_candidate
 from pmsm_ctrl.diagnose.model import solve_model
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.selection import Fitted, errors
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.result import Estimate
 
-__all__ = ["Excess", "friction_excess", "with_excess"]
+__all__ = ["Excess", "friction_excess", "unexplained_excess", "with_excess"]
 
 # Friction changes by that much from day to day; less is a parameter's deviation.
 TOLERANCE = 0.2
@@ -37,11 +36,11 @@ class Excess:
     equivalents: tuple[str, ...] = ("viscous", "coulomb")
 
 
-def friction_excess(design: Design, fit: Fitted, effects: Mapping[str, Effect]) -> Excess | None:
+def friction_excess(design: Design, fit: Fitted) -> Excess | None:
     """Return the excess of F_c and F_v over the design where it is beyond their tolerance; None where it is not."""
     p = design.motor.p
     present = [e.id for e in design.effects]
-    if p is None or "iron_loss" not in effects or "iron_loss" in present:
+    if p is None or "iron_loss" in present:
         return None
     nominal = {"F_c": design.parameters("coulomb").get("F_c", 0.0), "F_v": design.parameters("viscous").get("F_v", 0.0)}
     names = fit.model.names
@@ -92,6 +91,15 @@ def with_excess(design: Design, fitted: Design, excess: Excess) -> Design:
         fitted = fitted.with_effect(identifier, design.parameters(identifier))
     values = {s: e.value for s, e in excess.parameters.items()}
     return fitted.with_effect("iron_loss", values, {s: e.stderr for s, e in excess.parameters.items()})
+
+
+def unexplained_excess(design: Design, fit: Fitted) -> str:
+    """Say by how much friction is above the design's, for when iron loss is not among the candidates."""
+    parts = []
+    for symbol, effect, unit in (("F_c", "coulomb", "N m"), ("F_v", "viscous", "N m s/rad")):
+        value, nominal = float(fit.plain.values[fit.model.names.index(symbol)]), design.parameters(effect)[symbol]
+        parts.append(f"{symbol} {100 * (value / nominal - 1.0):+.0f} % ({value:.3g} {unit})")
+    return f"friction is well above the design's, {', '.join(parts)}: it grew, or something not on offer looks like it"
 
 
 def step_of(record: Record, excess: Excess, table: Any) -> Any:

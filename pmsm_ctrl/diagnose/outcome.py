@@ -32,18 +32,21 @@ def build_outcome(
     from pmsm_ctrl.diagnose.deviations import parameter_deviations
     from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
     from pmsm_ctrl.diagnose.experiment import next_experiment
-    from pmsm_ctrl.diagnose.ironloss import friction_excess, step_of, with_excess
-    from pmsm_ctrl.diagnose.leftover import leftover
+    from pmsm_ctrl.diagnose.ironloss import friction_excess, step_of, unexplained_excess, with_excess
+    from pmsm_ctrl.diagnose.leftover import leftover, resembled
 
     final = selection.fits[-1]
     steps = _steps(design, record, holdout, selection, effects, own)
     fitted = fitted_design(design, final, selection.accepted, record)
     deviations, hints = parameter_deviations(design, final)
-    excess = None if steps else friction_excess(design, final, effects)
-    if excess is not None:
+    excess = None if steps else friction_excess(design, final)
+    grown = ""
+    if excess is not None and "iron_loss" not in effects:
+        grown = unexplained_excess(design, final)
+    elif excess is not None:
         steps.append(step_of(record, excess, table))
         fitted = with_excess(design, fitted, excess)
-    left = leftover(final)
+    left = leftover(final) or resembled(selection)
     verdict = "effects_missing" if steps else "consistent"
     blind = not_excited(final)
     if blind:
@@ -51,13 +54,14 @@ def build_outcome(
         verdict = verdict if steps else "not_excited"
     hidden = hidden_by_motion(final, effects)
     hints = (*hints, *(f"{name}: {why}" for name, why in hidden.items()))
-    if left is not None and not steps and verdict == "consistent":
+    unexplained = left.text if left is not None else grown
+    if unexplained and verdict == "consistent":
         verdict = "unexplained"
     if any(one.shape.get("frame") == 0.0 for one in selection.accepted):
         hints = (*hints, OTHER_ANGLE)
     reasons = [*record.notes, *final.notes, *hints]
-    if left is not None:
-        reasons.append(left.text)
+    if unexplained:
+        reasons.append(unexplained)
     return {
         "verdict": verdict,
         "design": fitted,
@@ -67,7 +71,7 @@ def build_outcome(
         "parameter_deviations": deviations,
         "next_experiment": next_experiment(design, fitted, selection, effects, own),
         "reasons": tuple(reasons),
-        "unexplained": left.text if left is not None else "",
+        "unexplained": unexplained,
         "left": left,
     }
 

@@ -28,16 +28,17 @@ from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.whitening import Whitener
 from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["Accepted", "Fitted", "Step", "fit_design", "select"]
+__all__ = ["Accepted", "Fitted", "Step", "fit_design", "name_of", "select"]
 
 Array = NDArray[np.float64]
 
 SIGNIFICANCE = 0.01  # family-wise, by Holm
-BLOCK_ERRORS = 2.8  # standard errors that the held-out gain must reach
+BLOCK_ERRORS = 2.0  # standard errors that the held-out gain must reach
 MATERIAL = 0.004  # smallest contribution worth a name, as a share of the balance's size where it acts
 LOWERED = 0.996  # what is left of the error in at least one balance once an effect is in
 MOST_STEPS = 8
 BEYOND = "beyond its bounds"
+IMMATERIAL = "significant but immaterial"
 SERVED = 0.1  # what one balance may lose of what another one gains
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
 PARSIMONY = 0.98
@@ -242,7 +243,7 @@ def select(
             why = why or _holdout_objection(design, holdout, accepted, new, fit, after, effects, own)
             if not why:
                 break
-            refused[_name(trial)] = why
+            refused[name_of(trial)] = why
             won = _winner(fit, refused, only)
         if won is None:
             if only:
@@ -275,7 +276,8 @@ def _reshaped(
     return tuple(out)
 
 
-def _name(trial: Trial) -> str:
+def name_of(trial: Trial) -> str:
+    """Return the effect, with its order where an axis can have several."""
     order = trial.group.shape.get("order")
     effect = trial.candidate.effect.id
     return f"{effect} {order:g}" if effect in REPEATED and order else effect
@@ -285,7 +287,7 @@ def _winner(fit: Fitted, refused: dict[str, str], only: str = "") -> tuple[Trial
     """Return the best candidate that passes every gate, writing down why the ones before it do not."""
     p_holm = dict(zip(map(id, fit.trials), holm([t.p_value for t in fit.trials]), strict=True))
     for trial in fit.trials:
-        name = _name(trial)
+        name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
         why, evidence = _gates(fit, trial, p_holm[id(trial)])
@@ -304,7 +306,7 @@ def _gates(fit: Fitted, trial: Trial, p_holm: float) -> tuple[str, Evidence | No
         return f"not significant (corrected p = {p_holm:.2g})", None
     material = _material(fit, trial)
     if material < MATERIAL:
-        return f"significant but immaterial: {100 * material:.2g} % of the balance where it acts", None
+        return f"{IMMATERIAL}: {100 * material:.2g} % of the balance where it acts", None
     judge = (fit.plain, fit.weights) if trial.slow else (fit.solved, fit.whitener)
     direction = trial.plain_direction if trial.slow else trial.direction
     mean, stderr, blocks, p_rank = blocked_gain(fit.record, *judge, trial.group, direction, fit.whitener.memory)
