@@ -41,11 +41,12 @@ def band(log: Log) -> float:
     return usual if reach < 0.8 * usual else float(min(max(usual, 1.5 * reach), rate / 8.0))
 
 
-def punctual(log: Log, prepared: Prepared) -> NDArray[np.bool_]:
+def punctual(log: Log, prepared: Prepared, jumps: bool = True) -> NDArray[np.bool_]:
     """Return samples, shape (n,), away from time stamps that miss their turn by more than half a period.
 
     Such a stamp, or the count that went with it, makes the speed jump: where there are any, samples around jumps of
-    the speed are left out as well. Where that would be nearly everywhere, nothing is.
+    the speed are left out as well, unless `jumps` are dealt with elsewhere. Where that would be nearly everywhere,
+    nothing is.
     """
     from pmsm_ctrl.identify.signals import low_pass
 
@@ -55,11 +56,11 @@ def punctual(log: Log, prepared: Prepared) -> NDArray[np.bool_]:
         return good
     reach = 1.5 / prepared.cutoff
     spans = [(log.t[k] - reach, log.t[k + 1] + reach) for k in late]
-    if "theta" in log:
+    if jumps and "theta" in log:
         speed = np.gradient(np.interp(prepared.t, log.t, np.unwrap(log["theta"])))
         fast = np.abs(speed - low_pass(speed, prepared.rate, 0.25 * prepared.rate))
-        jumps = np.flatnonzero(fast > JUMP * max(float(np.median(fast)), 1e-300))
-        spans += [(prepared.t[k] - reach, prepared.t[k] + reach) for k in jumps]
+        jumping = np.flatnonzero(fast > JUMP * max(float(np.median(fast)), 1e-300))
+        spans += [(prepared.t[k] - reach, prepared.t[k] + reach) for k in jumping]
     for first, last in np.searchsorted(prepared.t, np.array(spans)):
         good[first:last] = False
     return good if good.mean() > 0.4 else np.ones_like(good)

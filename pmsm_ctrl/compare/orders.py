@@ -28,12 +28,12 @@ def waves(theta: Array, orders: Sequence[int]) -> Array:
 
 
 def order_spectrum(
-    prepared: Prepared, residual: Array, mask: Mask, weight: Array, highest: int = HIGHEST
+    prepared: Prepared, residual: Array, mask: Mask, weight: Array, highest: int = HIGHEST, friction: bool = True
 ) -> tuple[Array, Array]:
     """Amplitude of the mechanical orders 1 to `highest`, and how much each stands out.
 
-    Every order has a wave that is the same either way and, where the axis moves both ways, one that turns with the
-    direction, as friction at a place does.
+    Every order has a wave that is the same either way and, where the axis moves both ways and unless `friction` is
+    told to stay out, one that turns with the direction, as friction at a place does.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def order_spectrum(
     """
     signed = prepared.signals["omega"][prepared.keep]
     theta, omega, direction = prepared.signals["theta"][prepared.keep], np.abs(signed), np.sign(signed)
-    both = bool(0.03 < np.mean(direction[mask] > 0.0) < 0.97)
+    both = friction and bool(0.03 < np.mean(direction[mask] > 0.0) < 0.97)
     amplitude, score = np.full(highest, np.nan), np.zeros(highest)
     step = np.exp(1j * theta)
     turning = np.ones_like(step)

@@ -98,4 +98,5 @@ def report_section(c: Comparison) -> Section:
         figures.append((c.plot_holdout(), "The same parameters on the record that was held out."))
     where_head = ("coordinate", "share alone", "share added", "p", "where, or why it does not count")
     tables = [(HEAD[:-1], tuple(row[:-1] for row in error_rows(c))), (where_head, tuple(where_rows(c, "torque")))]
-    return Section("Model against measurement", tuple(paragraphs), tuple(tables), tuple(figures))
+    captions = ("How far the model is off", "What the error depends on")
+    return Section("Model against measurement", tuple(paragraphs), tuple(tables), tuple(figures), captions)

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare.orders import order_spectrum
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.columns import Group, UnavailableError, as_candidate, effect_group, missing_signals
-from pmsm_ctrl.diagnose.orders import strongest_orders
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
 
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 # Effects of which an axis can have several, told apart by their order.
 REPEATED = ("cogging", "torque_ripple")
 ELECTRICAL_ORDERS = (1.0, 2.0, 6.0, 12.0)
+# Mechanical orders that are looked at for cogging, and how many of them are tried.
+HIGHEST, TRIED = 240, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +83,14 @@ def candidates_for(
 
 
 def _cogging(record: Record, effect: Effect, residual: Array) -> Candidate:
-    orders, tried = strongest_orders(record, residual)
+    weight = record.weight[0]
+    _, score = order_spectrum(record.prepared, residual, record.mask, weight, HIGHEST, friction=False)
+    best = np.argsort(score)[::-1][:TRIED]
     # the first mechanical order is called unbalance
-    grid = tuple({"order": float(k)} for k in orders if k > 1)
+    grid = tuple({"order": float(k + 1)} for k in best if k > 0 and score[k] > 0.0)
     if not grid:
         return Candidate(effect, (), 1, "no turn is slow enough to see an order above the first")
-    return Candidate(effect, grid, tried)
+    return Candidate(effect, grid, max(int(np.sum(score > 0.0)), 1))
 
 
 def _grid(record: Record, effect: Effect) -> Iterator[dict[str, float]]:

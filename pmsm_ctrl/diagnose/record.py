@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.band import band
+from pmsm_ctrl.compare.band import band, punctual
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.reversals import reversals, timed_sign
 from pmsm_ctrl.identify.noise import stretches
@@ -160,7 +160,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     source = "torque" if "torque" in log else "i_q"
     calm = _calm(_on_grid(log, prepared, source), prepared, EDGE_PERIODS)
-    sound = _punctual(log, prepared)
+    sound = punctual(log, prepared, jumps=False)[prepared.keep]
     if (
         "theta" in log and not sound.all()
     ):  # a speed that jumps from sample to sample is a lying time stamp or a lost count
@@ -215,18 +215,6 @@ def _thinned(log: Log) -> Log:
             )
             channels[name] = channels[name][::factor]
     return replace(log, channels=channels, segments=())
-
-
-def _punctual(log: Log, prepared: Prepared) -> Mask:
-    """Nothing around time stamps that miss their turn by more than half a period, unless they are everywhere."""
-    step = np.diff(log.t)
-    late = np.flatnonzero(np.abs(step - log.period) > 0.5 * log.period)
-    keep = np.ones(len(prepared.t), dtype=bool)
-    reach = 1.5 / prepared.cutoff
-    for k in late:
-        first, last = np.searchsorted(prepared.t, [log.t[k] - reach, log.t[k + 1] + reach])
-        keep[first:last] = False
-    return keep[prepared.keep] if keep.mean() > 0.4 else np.ones(len(prepared.keep), dtype=bool)
 
 
 def _edges(prepared: Prepared) -> Mask:

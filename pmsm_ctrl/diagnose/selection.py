@@ -33,7 +33,9 @@ __all__ = ["Accepted", "Fitted", "Step", "fit_design", "name_of", "select"]
 Array = NDArray[np.float64]
 
 SIGNIFICANCE = 0.01  # family-wise, by Holm
-BLOCK_ERRORS = 2.0  # standard errors that the held-out gain must reach
+# Standard errors that the held-out gain must reach: for the first effect, and for one that comes on top. What a first
+# effect is not exactly is left in every block.
+BLOCK_ERRORS, MORE_ERRORS = 2.0, 2.8
 MATERIAL = 0.004  # smallest contribution worth a name, as a share of the balance's size where it acts
 LOWERED = 0.996  # what is left of the error in at least one balance once an effect is in
 MOST_STEPS = 8
@@ -232,7 +234,8 @@ def select(
     for number in range(MOST_STEPS):
         refused = {}
         only = order[number] if number < len(order) else ""
-        won = _winner(fit, refused, only)
+        asked = MORE_ERRORS if accepted else BLOCK_ERRORS
+        won = _winner(fit, refused, asked, only)
         while won is not None:
             trial, evidence = won
             new = (*accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid))
@@ -244,7 +247,7 @@ def select(
             if not why:
                 break
             refused[name_of(trial)] = why
-            won = _winner(fit, refused, only)
+            won = _winner(fit, refused, asked, only)
         if won is None:
             if only:
                 return Selection((fits[0],), (), (), refused)
@@ -283,21 +286,21 @@ def name_of(trial: Trial) -> str:
     return f"{effect} {order:g}" if effect in REPEATED and order else effect
 
 
-def _winner(fit: Fitted, refused: dict[str, str], only: str = "") -> tuple[Trial, Evidence] | None:
+def _winner(fit: Fitted, refused: dict[str, str], asked: float, only: str = "") -> tuple[Trial, Evidence] | None:
     """Return the best candidate that passes every gate, writing down why the ones before it do not."""
     p_holm = dict(zip(map(id, fit.trials), holm([t.p_value for t in fit.trials]), strict=True))
     for trial in fit.trials:
         name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
-        why, evidence = _gates(fit, trial, p_holm[id(trial)])
+        why, evidence = _gates(fit, trial, p_holm[id(trial)], asked)
         if evidence is not None and not why:
             return trial, evidence
         refused[name] = why
     return None
 
 
-def _gates(fit: Fitted, trial: Trial, p_holm: float) -> tuple[str, Evidence | None]:
+def _gates(fit: Fitted, trial: Trial, p_holm: float, asked: float) -> tuple[str, Evidence | None]:
     if trial.singular:
         return "this log cannot tell it from what the model has already", None
     if trial.wrong_sign:
@@ -311,7 +314,7 @@ def _gates(fit: Fitted, trial: Trial, p_holm: float) -> tuple[str, Evidence | No
     direction = trial.plain_direction if trial.slow else trial.direction
     mean, stderr, blocks, p_rank = blocked_gain(fit.record, *judge, trial.group, direction, fit.whitener.memory)
     evidence = Evidence(trial.gain, trial.p_value, p_holm, blocks, mean, stderr, p_rank, material)
-    if not (mean > BLOCK_ERRORS * stderr or (p_rank < 0.5 * SIGNIFICANCE and mean > 0.0)):
+    if not (mean > asked * stderr or (p_rank < 0.5 * SIGNIFICANCE and mean > 0.0)):
         return f"does not hold on left-out blocks (gain {mean:.3g} +- {stderr:.2g})", evidence
     return "", evidence
 

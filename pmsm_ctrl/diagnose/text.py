@@ -116,14 +116,16 @@ def report_section(d: Diagnosis) -> Section:
     for r in d.ranking:
         if r not in tried:
             rest.setdefault(r.why_not, []).append(r.effect)
-    tables: list[Table] = []
+    tables: dict[str, Table] = {}
     if d.steps:
-        tables.append((("found", "parameters", "p after Holm", "not told from"), tuple(_found_rows(d))))
-    tables.append((("rung", "error on the log", "error on the held-out record"), tuple(ladder_rows(d))))
-    tables.append((("effect", "explains", "p", "taken, or why not"), ranking))
+        head: tuple[str, ...] = ("found", "parameters", "p after Holm", "not told from")
+        tables["What is missing"] = head, tuple(_found_rows(d))
+    head = ("rung", "error on the log", "error on the held-out record")
+    tables["How the error falls"] = head, tuple(ladder_rows(d))
+    tables["What was tried"] = ("effect", "explains", "p", "taken, or why not"), ranking
     if d.parameter_deviations:
         head = ("parameter", "design", "estimate", "unit", "remark")
-        tables.append((head, tuple(_deviation_rows(d))))
+        tables["The design's own parameters"] = head, tuple(_deviation_rows(d))
     paragraphs = [f"Verdict: {VERDICTS[d.verdict]}.", *(f"Warning: {w}" for w in d.warnings)]
     if d.calibration is not None:
         paragraphs.append(f"Calibration: {d.calibration.sentence()}.")
@@ -132,7 +134,8 @@ def report_section(d: Diagnosis) -> Section:
     if rest:
         parts = "; ".join(f"{', '.join(effects)} ({why})" for why, effects in rest.items())
         paragraphs.append(f"What explains nothing on this log, or cannot be tried on it: {parts}.")
-    return Section(f"Diagnosis from {Path(d.log_name).name}", tuple(paragraphs), tuple(tables), tuple(_figures(d)))
+    title = f"Diagnosis from {Path(d.log_name).name}"
+    return Section(title, tuple(paragraphs), tuple(tables.values()), tuple(_figures(d)), tuple(tables))
 
 
 def _found_rows(d: Diagnosis) -> list[tuple[str, ...]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -104,7 +105,7 @@ class Identification(Result):
         for name, estimate in self.estimates.items():
             low, high = self.intervals[name]
             lines.append(
-                f"  {name:<10} {estimate.value:>12.5g} +- {estimate.stderr:<9.2g} {estimate.unit:<12}"
+                f"  {name:<10} {estimate.value:>12.5g} +- {estimate.stderr:<9.2g} {estimate.unit.strip('1'):<12}"
                 f" 95 % [{low:.5g}, {high:.5g}]   design {estimate.nominal:.5g}"
             )
         lines.append(
@@ -160,7 +161,7 @@ class Identification(Result):
         )
         rows += tuple((n, "not identifiable", "", "", why) for n, why in self.unidentifiable.items())
         return Section(
-            title=f"Identification from {self.log_name}",
+            title=f"Identification from {Path(self.log_name).name}",
             paragraphs=(
                 *(f"Warning: {text}" for text in self.warnings),
                 *(f"Note: {text}." for text in self.notes),
@@ -171,6 +172,7 @@ class Identification(Result):
                 (("parameter", "value", "standard error", "unit", "95 % interval"), rows),
                 *(() if self.bias is None or not self.bias.bias else (self.bias.table(),)),
             ),
+            captions=("What the log says of every parameter", "Least squares against instruments"),
             figures=((self.plot(), "The residual below should look like noise; a shape in it is a missing effect."),),
         )
 

@@ -332,12 +332,13 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
 
 
 def _step(rate: float, cutoff: float) -> int:
-    """Return by how much a band is thinned: to 2.5 times its width or a little less, and never below twice.
+    """Return by how much a band is thinned: as near to 2.5 times its width as can be, and never below twice.
 
     A band that leaves much of its grid's spectrum empty has a residual whose correlation no short model describes.
     """
-    step = math.ceil(rate / (2.5 * cutoff) * (1.0 - 1e-9))
-    return max(step if rate >= 2.0 * cutoff * step * (1.0 - 1e-9) else step - 1, 1)
+    wanted = rate / (2.5 * cutoff)
+    allowed = [k for k in (math.floor(wanted), math.ceil(wanted)) if k >= 1 and rate >= 2.0 * cutoff * k]
+    return min(allowed, key=lambda k: abs(math.log(k / wanted)), default=1)
 
 
 def _without_dead_voltages(raw: dict[str, Array], notes: tuple[str, ...]) -> tuple[dict[str, Array], tuple[str, ...]]:

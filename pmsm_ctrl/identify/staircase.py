@@ -187,6 +187,7 @@ class SweepResult(Result):
                 f"Averaged torque at {len(self.levels)} settled speeds; the line misses {self.rms_percent:.2f} % rms.",
             ),
             tables=((header, tuple(self._rows())),),
+            captions=("Friction from the settled speeds",),
             figures=(
                 (self.plot(), "Points on the line and a residual without a shape: F_c and F_v are all there is."),
             ),
