@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,12 +13,14 @@ from pmsm_ctrl.diagnose.columns import Group
 from pmsm_ctrl.diagnose.model import Model, Solved, spread
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.whitening import Whitener, make_whitener
+from pmsm_ctrl.effects.base import Effect
 
 __all__ = [
     "Evidence",
     "Trial",
     "blocked_gain",
     "f_tail",
+    "physical_bounds",
     "plain_evidence",
     "saturated_whitener",
     "try_candidate",
@@ -29,6 +31,8 @@ Array = NDArray[np.float64]
 
 # A transmission damped more than this is no spring: it shifts the phase like a delay.
 OVERDAMPED = 0.7
+# Friction may rise with speed (EMPS has half its dry friction at rest), but no axis is known that rests without any.
+MOST_RISING = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,13 +208,21 @@ def plain_evidence(
 def _wrong_sign(group: Group, values: Array, solved: Solved) -> bool:
     """Whether a linear parameter lies where physics does not allow it."""
     assert group.effect is not None
-    bounds = {p.symbol: (p.lower, p.upper) for p in group.effect.parameters}
-    known = dict(zip(solved.model.names, solved.values, strict=True))
+    known = dict(zip(solved.model.names, solved.values.tolist(), strict=True))
+    bounds = physical_bounds((group.effect,), known)
+    return any(not bounds[s][0] <= v <= bounds[s][1] for s, v in zip(group.symbols, values, strict=True))
+
+
+def physical_bounds(effects: Iterable[Effect], known: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Return the bounds of the linear parameters of effects, some of which hang on what else is `known`."""
+    bounds = {p.symbol: (p.lower, p.upper) for effect in effects for p in effect.parameters}
     # a load is a part of the inertia that is worth the name; a bristle carries the dry friction and nothing else
     bounds["J_load"] = (0.02 * known["J"], known["J"])
     dry = abs(known.get("F_c", 0.0)) + abs(known.get("dF_s", 0.0))
     bounds["level"] = (0.5 * dry, 2.0 * dry) if dry > 0.0 else (0.0, np.inf)
-    return any(not bounds[s][0] <= v <= bounds[s][1] for s, v in zip(group.symbols, values, strict=True))
+    if known.get("F_c", 0.0) > 0.0:
+        bounds["dF_s"] = (-MOST_RISING * known["F_c"], np.inf)
+    return bounds
 
 
 def f_tail(f: float, k: int, dof: int) -> float:

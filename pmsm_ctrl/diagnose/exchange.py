@@ -3,7 +3,8 @@
 Taken one at a time, the most flexible effect comes first: a friction that falls with speed and with time at once looks
 like a Stribeck curve with a wide bend, until one of the two is in. So each accepted effect is taken out again, and
 where another one now explains more, or as much with less freedom, the selection is repeated with that one in its place.
-A transmission is tried with and without a gap.
+A transmission is tried with and without a gap. And where one effect was taken alone, those that explained nearly as
+much are fitted as well: columns tell less than everything refitted.
 """
 
 from __future__ import annotations
@@ -20,21 +21,24 @@ from pmsm_ctrl.effects.base import Effect
 
 __all__ = ["select_with_exchange"]
 
+# Share of the gain of the effect that was taken from which on another one is fitted as well, and how many are.
+CLOSE, MOST_RIVALS = 0.6, 3
+
 
 def select_with_exchange(
     design: Design, record: Record, effects: Mapping[str, Effect], own: tuple[Effect, ...], holdout: Record | None,
     progress: Callable[[float], None] | None,
 ) -> Selection:  # fmt: skip
     """Select effects one at a time, then exchange those that another one can replace."""
-    best = select(design, record, effects, own, holdout, progress)
+    found = best = select(design, record, effects, own, holdout, progress)
     tried: set[tuple[str, ...]] = set()
-    for order in _orders(design, record, best, effects, own):
+    for order in _orders(design, record, found, effects, own):
         if order in tried:
             continue
         tried.add(order)
         other = select(design, record, effects, own, holdout, None, order)  # the bar does not run twice
         if other.accepted and _left(other) < _left(best):
-            return other
+            best = other
     return best
 
 
@@ -49,6 +53,8 @@ def _orders(
         for trial in found.fits[-1].trials
         if trial.candidate.effect.id in blocked and not trial.wrong_sign
     ]
+    if len(found.accepted) == 1:
+        yield from _rivals(found)
     alone = {trial.candidate.effect.id: trial.plain_gain for trial in found.fits[0].trials}
     for k, one in enumerate(found.accepted):
         if one.effect.structure == "transmission":
@@ -65,6 +71,16 @@ def _orders(
             continue
         ids = [other.effect.id for other in others] + [better]
         yield tuple(sorted(ids, key=lambda name: -alone.get(name, 0.0)))
+
+
+def _rivals(found: Selection) -> Iterator[tuple[str, ...]]:
+    """Ids of effects that might have been taken in the place of a single one."""
+    first = found.steps[0].trial
+    close = [t for t in found.fits[0].trials if not (t.wrong_sign or t.singular or t.at_bound)]
+    close = [t for t in close if t.plain_gain > CLOSE * first.plain_gain and t.candidate.effect.id not in REPEATED]
+    for trial in sorted(close, key=lambda t: -t.plain_gain)[:MOST_RIVALS]:
+        if trial.candidate.effect.id != first.candidate.effect.id:
+            yield (trial.candidate.effect.id,)
 
 
 def _left(found: Selection) -> float:

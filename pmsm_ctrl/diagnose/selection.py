@@ -16,6 +16,7 @@ from pmsm_ctrl.diagnose.evidence import (
     Evidence,
     Trial,
     blocked_gain,
+    physical_bounds,
     plain_evidence,
     saturated_whitener,
     try_candidate,
@@ -33,14 +34,14 @@ __all__ = ["Accepted", "Fitted", "Step", "fit_design", "name_of", "select"]
 Array = NDArray[np.float64]
 
 SIGNIFICANCE = 0.01  # family-wise, by Holm
-# Standard errors that the held-out gain must reach: for the first effect, and for one that comes on top. What a first
-# effect is not exactly is left in every block.
-BLOCK_ERRORS, MORE_ERRORS = 2.0, 2.8
+# Standard errors that the gain of left-out blocks must reach. A small first effect may do with less: spread evenly over
+# the blocks its gain reaches half the root of the whole, and this share of that must be seen.
+BLOCK_ERRORS, LEAST_ERRORS, SEEN = 2.8, 2.0, 0.75
 MATERIAL = 0.004  # smallest contribution worth a name, as a share of the balance's size where it acts
 LOWERED = 0.996  # what is left of the error in at least one balance once an effect is in
 MOST_STEPS = 8
 BEYOND = "beyond its bounds"
-IMMATERIAL = "significant but immaterial"
+UNSTEADY = "does not hold on left-out blocks"
 SERVED = 0.1  # what one balance may lose of what another one gains
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
 PARSIMONY = 0.98
@@ -234,8 +235,9 @@ def select(
     for number in range(MOST_STEPS):
         refused = {}
         only = order[number] if number < len(order) else ""
-        asked = MORE_ERRORS if accepted else BLOCK_ERRORS
-        won = _winner(fit, refused, asked, only)
+        # what an effect taken in is not exactly is left in every block, and can look like a small one
+        least = BLOCK_ERRORS if accepted else LEAST_ERRORS
+        won = _winner(fit, refused, least, only)
         while won is not None:
             trial, evidence = won
             new = (*accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid))
@@ -247,7 +249,7 @@ def select(
             if not why:
                 break
             refused[name_of(trial)] = why
-            won = _winner(fit, refused, asked, only)
+            won = _winner(fit, refused, least, only)
         if won is None:
             if only:
                 return Selection((fits[0],), (), (), refused)
@@ -286,21 +288,21 @@ def name_of(trial: Trial) -> str:
     return f"{effect} {order:g}" if effect in REPEATED and order else effect
 
 
-def _winner(fit: Fitted, refused: dict[str, str], asked: float, only: str = "") -> tuple[Trial, Evidence] | None:
+def _winner(fit: Fitted, refused: dict[str, str], least: float, only: str = "") -> tuple[Trial, Evidence] | None:
     """Return the best candidate that passes every gate, writing down why the ones before it do not."""
     p_holm = dict(zip(map(id, fit.trials), holm([t.p_value for t in fit.trials]), strict=True))
     for trial in fit.trials:
         name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
-        why, evidence = _gates(fit, trial, p_holm[id(trial)], asked)
+        why, evidence = _gates(fit, trial, p_holm[id(trial)], least)
         if evidence is not None and not why:
             return trial, evidence
         refused[name] = why
     return None
 
 
-def _gates(fit: Fitted, trial: Trial, p_holm: float, asked: float) -> tuple[str, Evidence | None]:
+def _gates(fit: Fitted, trial: Trial, p_holm: float, least: float) -> tuple[str, Evidence | None]:
     if trial.singular:
         return "this log cannot tell it from what the model has already", None
     if trial.wrong_sign:
@@ -309,13 +311,14 @@ def _gates(fit: Fitted, trial: Trial, p_holm: float, asked: float) -> tuple[str,
         return f"not significant (corrected p = {p_holm:.2g})", None
     material = _material(fit, trial)
     if material < MATERIAL:
-        return f"{IMMATERIAL}: {100 * material:.2g} % of the balance where it acts", None
+        return f"significant but immaterial: {100 * material:.2g} % of the balance where it acts", None
     judge = (fit.plain, fit.weights) if trial.slow else (fit.solved, fit.whitener)
     direction = trial.plain_direction if trial.slow else trial.direction
     mean, stderr, blocks, p_rank = blocked_gain(fit.record, *judge, trial.group, direction, fit.whitener.memory)
     evidence = Evidence(trial.gain, trial.p_value, p_holm, blocks, mean, stderr, p_rank, material)
+    asked = min(max(SEEN * 0.5 * np.sqrt(trial.gain), least), BLOCK_ERRORS)
     if not (mean > asked * stderr or (p_rank < 0.5 * SIGNIFICANCE and mean > 0.0)):
-        return f"does not hold on left-out blocks (gain {mean:.3g} +- {stderr:.2g})", evidence
+        return f"{UNSTEADY} (gain {mean:.3g} +- {stderr:.2g})", evidence
     return "", evidence
 
 
@@ -372,7 +375,8 @@ def _objection(after: Fitted, before: Fitted) -> str:
             return f"makes the {name} balance worse"
     if all(rms > LOWERED * old[name][0] for name, (rms, _) in new.items()):
         return "lowers no error by an amount worth a name"
-    bounds = {p.symbol: (p.lower, p.upper) for g in after.model.groups if g.effect for p in g.effect.parameters}
+    known = dict(zip(after.model.names, after.plain.values.tolist(), strict=True))
+    bounds = physical_bounds((g.effect for g in after.model.groups if g.effect), known)
     for k, name in enumerate(after.model.names):
         low, high = bounds.get(name.split("#")[0], (-np.inf, np.inf))
         value, slack = after.plain.values[k], 3.0 * after.plain.stderr[k]

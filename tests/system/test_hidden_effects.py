@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from pmsm_ctrl.design import Design
@@ -145,3 +146,46 @@ def test_next_experiment_separates_what_one_speed_cannot(blind: ModuleType, desi
     again = diagnose(design, simulate(design, motion, truth=truth, seed=seed + 10))
     assert again.steps[0].effect == "viscous_asymmetry"
     assert "constant_load" not in again.steps[0].equivalents
+
+
+@pytest.mark.parametrize(
+    ("effect", "said"),
+    [
+        ("presliding", "times as large around reversals as elsewhere"),
+        ("backlash", "compliance would explain"),
+        ("iron_loss", "friction is well above the design's"),
+    ],
+)
+def test_what_is_left_is_unexplained_when_it_only_resembles_an_effect(
+    blind: ModuleType, effect: str, said: str
+) -> None:
+    result = blind.run(blind.Case((effect,), 1.0, "identification", 31, left_out=True))
+    assert (result.verdict, result.steps) == ("unexplained", ())
+    assert said in result.unexplained
+    assert result.unexplained in result.warnings
+    if effect == "presliding":
+        x, forward, backward = result.left.curve
+        # friction rises over a distance instead of at once: less torque just after the turn, the other way backward
+        after = (x > 0.0) & (x < 0.02)
+        assert np.nanmean(forward[after]) < 0.0 < np.nanmean(backward[after])
+        assert result.section().figures[-1][1].startswith("What is left is not noise")
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"), [("J", 1.6), ("J", 0.5), ("R", 2.0), ("psi_f", 0.92), ("L_q", 0.6)]
+)  # fmt: skip
+@pytest.mark.parametrize("motion", ["identification", "servo"])
+def test_a_parameter_far_beyond_its_tolerance_is_no_missing_effect(
+    blind: ModuleType, name: str, factor: float, motion: str
+) -> None:
+    case = blind.Case((), 0.0, motion, 17)
+    design, truth = blind.truth_of(Design.read(blind.DESIGN), case)
+    value = truth.J if name == "J" else getattr(truth.motor, name)
+    result = diagnose(design, blind.log_of(design, truth.with_parameters(**{name: factor * value}), case))
+    assert (result.verdict, result.steps) == ("consistent", ())
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_a_lightly_damped_spring_shows_in_slow_reversals(blind: ModuleType, seed: int) -> None:
+    result = blind.run(blind.Case(("compliance",), 1.0, "servo", seed))
+    assert result.steps[0].effect == "compliance"
