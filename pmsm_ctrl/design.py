@@ -308,6 +308,11 @@ class Design(Part):
         """The torque constant that the controller and the evaluation use, N m/A peak."""
         return self.assumed.K_t if self.assumed.K_t is not None else self.K_t
 
+    @property
+    def log_period(self) -> float:
+        """Period at which the drive records, s."""
+        return self.sensor.log_divider / self.drive.f_control
+
     def parameters(self, effect: str) -> dict[str, float]:
         """Return the parameters of the first effect with this id; empty when the design has none."""
         for entry in self.effects:

@@ -114,7 +114,7 @@ class _Tracker:
     def __init__(self, design: Design, own: tuple[Effect, ...]) -> None:
         self._design, self._known = design, KnownTorque(design, own)
         settings = _settings(design)
-        self._s = numbers(design, settings, design.sensor.log_divider / design.drive.f_control)
+        self._s = numbers(design, settings, design.log_period)
         self._x, self._P, self._m = start(design), covariance(self._s, settings), memory()
         self._last = np.zeros((0, len(LOGGED)))
 

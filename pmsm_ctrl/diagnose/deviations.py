@@ -23,7 +23,7 @@ def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], 
 
     values = dict(zip(fit.model.names, fit.plain.values, strict=True))
     stderr = dict(zip(fit.model.names, fit.plain.stderr, strict=True))
-    motion = "linear" if fit.record.linear else "rotary"
+    motion = fit.record.prepared.motion
     out, hints = [], []
     if "psi_f" in values and design.motor.p is not None:
         factor = 1.5 * design.motor.p

@@ -45,9 +45,12 @@ def _speed_label(d: Diagnosis) -> str:
     return "speed [m/s]" if _linear(d) else "speed [rad/s]"
 
 
+def _balance(d: Diagnosis, channel: str) -> str:
+    return d.record.drive if channel == "torque" else channel
+
+
 def _torque_label(d: Diagnosis, what: str = "") -> str:
-    word = "force" if _linear(d) else "torque"
-    return f"{word}{what} [{d.record.unit('torque')}]"
+    return f"{d.record.drive}{what} [{d.record.unit('torque')}]"
 
 
 # ---- ladder ---------------------------------------------------------------------------------------------------------
@@ -72,7 +75,7 @@ def ladder_figure(d: Diagnosis) -> Figure:
         floor = d.errors["noise_floor"][channel]["relative"] * 100
         axes.axhline(floor, color=BLACK, linestyle=":", label=f"noise floor, {floor:.3g} %")
         axes.set_ylim(0.0, 1.28 * axes.get_ylim()[1])
-        axes.set_ylabel(f"{'force' if _linear(d) else channel} error [%]")
+        axes.set_ylabel(f"{_balance(d, channel)} error [%]")
         axes.legend(fontsize="small", loc="best")
         axes.grid(alpha=0.3)
     panels[-1].set_xticks(range(len(rungs)), rungs, fontsize="small", rotation=0 if len(rungs) < 6 else 20)
@@ -313,19 +316,21 @@ def contributions_figure(d: Diagnosis) -> Figure:
 
 
 def leftover_figure(d: Diagnosis, left: Leftover) -> Figure:
-    """Draw the residual that nothing explains over its coordinate, with the smooth curve that stands in."""
+    """Draw the residual that nothing explains over its coordinate: the smooth curve that stands in, or means."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.5, 3.6), layout="constrained")
     axes = figure.subplots()
     x, forward, backward = left.curve
+    what, mark = ("mean", ".") if left.resembles else ("smooth curve, a stopgap", "")
     unit = d.record.unit(left.channel)
-    axes.plot(x, forward, color=VERMILION, linewidth=1.5, label="smooth curve, a stopgap: moving forward")
-    axes.plot(x, backward, color=BLUE, linewidth=1.5, linestyle="--", label="moving backward")
+    axes.plot(x, forward, color=VERMILION, marker=mark, linewidth=1.5, label=f"{what}, moving forward")
+    axes.plot(x, backward, color=BLUE, marker=mark, linewidth=1.5, linestyle="--", label="moving backward")
     axes.axhline(0.0, color=BLACK, linewidth=0.5)
     axes.set_xlabel(f"{left.coordinate} [{left.unit}]" if left.unit else left.coordinate)
-    axes.set_ylabel(f"{left.channel} residual [{unit}]")
-    axes.set_title(f"What nothing in the catalogue explains: {100 * left.share:.0f} % of what is left")
+    axes.set_ylabel(f"{_balance(d, left.channel)} residual [{unit}]")
+    title = f"What only resembles {left.resembles}" if left.resembles else "What nothing in the catalogue explains"
+    axes.set_title(f"{title}: {100 * left.share:.0f} % of what is left")
     axes.legend(fontsize="small")
     axes.grid(alpha=0.3)
     return figure

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare.where import Dependence, where
 from pmsm_ctrl.diagnose.model import MOST_NOISE, noise_share
 from pmsm_ctrl.diagnose.selection import MATERIAL, UNSTEADY, Fitted, Selection, name_of
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Leftover", "leftover", "resembled"]
 
@@ -28,6 +29,7 @@ WORTH = 0.015
 GLARING, CERTAIN = 0.03, 1e-12
 # What is left around reversals over what is left elsewhere, rms, from which on it is said to sit there.
 TURNING = 1.5
+FEWEST = 4  # samples whose mean is drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,9 @@ class Leftover:
         Part of the residual's mean square that the curve explains, on blocks of time left out; or else the effect
         that it resembles.
     curve : (array, array, array)
-        Coordinate, and fitted residual moving forward and backward, SI units.
+        Coordinate, and fitted residual moving forward and backward, SI units; means where nothing was fitted.
+    resembles : str
+        The effect that it resembles without being it; empty where a curve was fitted.
     """
 
     coordinate: str
@@ -53,6 +57,7 @@ class Leftover:
     p_value: float
     text: str
     curve: tuple[Array, Array, Array]
+    resembles: str = ""
 
 
 def leftover(fit: Fitted) -> Leftover | None:
@@ -78,7 +83,7 @@ def leftover(fit: Fitted) -> Leftover | None:
     if not found:
         return None
     one, name, sentence = max(found, key=lambda f: f[0].added)
-    balance = "force" if record.linear and name == "torque" else name
+    balance = record.drive if name == "torque" else name
     text = f"{sentence.replace('of what is left', f'of what is left of the {balance} balance', 1)}; no effect of the "
     text += "catalogue explains it"
     return Leftover(one.name, one.unit, name, one.added, one.p_value, text, (one.x, one.forward, one.backward))
@@ -107,13 +112,13 @@ def resembled(selection: Selection) -> Leftover | None:
     if ratio > TURNING:
         where_it_is = f" and {ratio:.2g} times as large around reversals as elsewhere"
     else:
-        coordinate, unit = "acceleration", "m/s^2" if record.linear else "rad/s^2"
+        coordinate, unit = "acceleration", axis_unit("rad/s^2", record.prepared.motion)
         curve = _over(record.at_grid(record.signals["alpha"]), fit)
     text = (
         f"what is left is not noise{where_it_is}: {name} would explain {100 * share:.0f} % of it, but "
         f"{selection.refused[name]}; no effect of the catalogue explains it"
     )
-    return Leftover(coordinate, unit, "torque", share, best.p_value, text, curve)
+    return Leftover(coordinate, unit, "torque", share, best.p_value, text, curve, name)
 
 
 def _around_reversals(fit: Fitted) -> tuple[float, tuple[Array, Array, Array]]:
@@ -141,7 +146,8 @@ def _around_reversals(fit: Fitted) -> tuple[float, tuple[Array, Array, Array]]:
 
 def _over(x: Array, fit: Fitted) -> tuple[Array, Array, Array]:
     record = fit.record
-    edges = np.quantile(x[record.mask], np.linspace(0.0, 1.0, 25))
+    low, high = np.quantile(x[record.mask], [0.002, 0.998])
+    edges = np.linspace(low, high, 26)
     forward = record.at_grid(record.signals["omega"]) > 0.0
     return _means(x, fit.residual[0], forward, record.mask, edges)
 
@@ -154,5 +160,5 @@ def _means(x: Array, residual: Array, forward: Mask, used: Mask, edges: Array) -
         place = np.clip(np.searchsorted(edges, x[here], side="right") - 1, 0, len(edges) - 2)
         count = np.bincount(place, minlength=len(edges) - 1)
         total = np.bincount(place, weights=residual[here], minlength=len(edges) - 1)
-        sides.append(np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0))
+        sides.append(np.divide(total, count, out=np.full(len(count), np.nan), where=count >= FEWEST))
     return 0.5 * (edges[1:] + edges[:-1]), sides[0], sides[1]

@@ -159,9 +159,10 @@ def fitted_parameters(fit: Fitted, accepted: tuple[Accepted, ...], number: int, 
             linear[symbol] = float(value)
             stderr[symbol] = float(error)
     values = own_symbols(one.effect, linear)
-    motion = "linear" if record.linear else "rotary"
     return {
-        p.symbol: Estimate(values[p.symbol], axis_unit(p.unit, motion), stderr.get(p.symbol, float("nan")))
+        p.symbol: Estimate(
+            values[p.symbol], axis_unit(p.unit, record.prepared.motion), stderr.get(p.symbol, float("nan"))
+        )
         for p in one.effect.parameters
         if p.symbol in values
     }

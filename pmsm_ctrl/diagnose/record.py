@@ -17,7 +17,8 @@ from pmsm_ctrl.diagnose.reversals import reversals, timed_sign
 from pmsm_ctrl.identify.noise import stretches
 from pmsm_ctrl.identify.signals import Prepared, Processing, derivative, low_pass, prepare
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.units import axis_unit
+from pmsm_ctrl.sampling import speed_lag
+from pmsm_ctrl.units import axis_unit, drives
 
 __all__ = ["CHANNELS", "Record", "make_record", "with_direction", "with_modelled_torque"]
 
@@ -98,6 +99,11 @@ class Record:
     def linear(self) -> bool:
         """Whether the axis is linear (m, N)."""
         return self.prepared.motion == "linear"
+
+    @property
+    def drive(self) -> str:
+        """The word for what drives the axis: torque or force."""
+        return drives(self.prepared.motion)
 
     def unit(self, channel: str) -> str:
         """Unit of a balance."""
@@ -185,15 +191,14 @@ def _in_time(design: Design, log: Log, more: float) -> Log:
 
     And `more`, where that was seen in the log.
 
-    Only where the log has no position. The drive's filter x += a (u - x) makes the speed (1 - a) / a periods older.
+    Only where the log has no position.
     """
     if "theta" in log or "omega" not in log:
         return log
-    filtered, omega = design.sensor.speed_filter, log["omega"]
-    if filtered > 0.0:
-        period = design.drive.speed_divider / design.drive.f_control
-        age = period / np.expm1(period / filtered) + 0.5 * period
-        omega = omega + age * np.gradient(omega, log.t)
+    omega = log["omega"]
+    if design.sensor.speed_filter > 0.0:
+        lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
+        omega = omega + lag * np.gradient(omega, log.t)
     if more != 0.0:
         from scipy.interpolate import CubicSpline
 

@@ -168,7 +168,7 @@ def _figures(d: Diagnosis) -> list[tuple[Figure, str]]:
     )
 
     found = ", then ".join(step_names(d)) or "nothing"
-    kind = "force" if d.record.linear else "torque"
+    kind = d.record.drive
     before, after, floor = (100 * d.errors[r]["torque"]["relative"] for r in ("base", "final", "noise_floor"))
     fall = f"from {before:.2f} to {after:.2f} % of the {kind}, with a noise floor of {floor:.2f} %"
     ladder = f"Every step down is an effect taken in ({found}): the error falls {fall}."

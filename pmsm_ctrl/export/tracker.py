@@ -76,7 +76,7 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
             f"{design.source or design.name}: sensor.current_noise is 0, so nothing says how far the tracker may "
             "trust the torque; give it, or torque_noise to the tracker"
         )
-    logged = design.sensor.log_divider / design.drive.f_control if period is None else period
+    logged = design.log_period if period is None else period
     s = numbers(design, settings, logged)
     known = KnownTorque(design)
     if known.notes:

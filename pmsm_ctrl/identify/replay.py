@@ -203,7 +203,7 @@ def _added(
     limited = np.abs(raw["i_q_ref"]) > 0.999 * controller.i_max
     if limited.any():
         return None, ("the current limit was met: what was fed forward in that log is not known",)
-    T_s = design.drive.speed_divider / design.drive.f_control
+    T_s = design.drive.speed_period
     kept = _ticks(raw["i_q_ref"], max(1, round(T_s / t[1])))
     when, theta, omega = t[kept], unwrapped(raw["theta"])[kept], raw["omega"][kept]
     ticks = when[0] + np.arange(round((when[-1] - when[0]) / T_s) + 1) * T_s

@@ -73,7 +73,7 @@ class FrictionTracker:
         self.design, self.settings = design, settings or Settings()
         check_kind(kind)
         self._known = KnownTorque(design, own)
-        logged = design.sensor.log_divider / design.drive.f_control
+        logged = design.log_period
         self._s = numbers(design, self.settings, logged if period is None else period)
         self._m = memory()
         active = self.settings.active
