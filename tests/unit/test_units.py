@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from pmsm_ctrl.units import DATASHEET, UNITS, psi_f_from, torque_constant
+from pmsm_ctrl.units import DATASHEET, UNITS, axis_unit, drives, psi_f_from, torque_constant
 
 # spelling, SI unit, what one of it is in SI: definitions, written without the package's constants
 DEFINITIONS = [
@@ -84,3 +84,16 @@ def test_torque_constant_of_the_reference_motor() -> None:
     assert torque_constant(P, PSI) == pytest.approx(1.032, rel=1e-15)
     assert psi_f_from(1.032, P) == pytest.approx(PSI, rel=1e-15)
     assert math.isclose(psi_f_from(torque_constant(7, 0.01), 7), 0.01, rel_tol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("turning", "moving"),
+    [
+        ("N m", "N"), ("N m s/rad", "N s/m"), ("kg m^2", "kg"), ("rad/s^2", "m/s^2"), ("(N m)^2", "N^2"), ("1/A", "1/A"),
+        ("variance of the gradient, N m", "variance of the gradient, N"),
+    ],
+)  # fmt: skip
+def test_units_of_a_linear_axis(turning: str, moving: str) -> None:
+    assert axis_unit(turning, "linear") == moving
+    assert axis_unit(turning, "rotary") == turning
+    assert (drives("linear"), drives("rotary")) == ("force", "torque")
