@@ -11,6 +11,7 @@ thirds of the seeds name the effect or a declared equivalent first.
 from __future__ import annotations
 
 import argparse
+import os
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
@@ -82,6 +83,7 @@ def main() -> None:
     args = parser.parse_args()
     print("| effect | found from | the noise allows | factor |\n|---|---|---|---|")
     work = partial(limits, motion=args.motion, seeds=args.seeds)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other cost every process half
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
         for effect, smallest, allowed in track(pool.map(work, args.effects), "limits", len(args.effects)):
             least = f"{allowed:.2g}" if np.isfinite(allowed) else "-"
