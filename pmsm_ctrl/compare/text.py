@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pmsm_ctrl.result import Section
+from pmsm_ctrl.units import drives
 
 if TYPE_CHECKING:
     from pmsm_ctrl.compare.comparison import ChannelError, Comparison
@@ -22,6 +23,10 @@ def _cells(name: str, how: str, e: ChannelError, label: str) -> tuple[str, ...]:
     return (label, name, how, *figures)
 
 
+def _word(c: Comparison, channel: str) -> str:
+    return drives(c.design.motion) if channel == "torque" else channel
+
+
 def error_rows(c: Comparison) -> list[tuple[str, ...]]:
     """Errors of every channel by every method on both logs."""
     rows: list[tuple[str, ...]] = []
@@ -29,9 +34,9 @@ def error_rows(c: Comparison) -> list[tuple[str, ...]]:
     if c.holdout is not None:
         records.append(("held out", c.holdout, c.holdout_simulated or ()))
     for label, errors, simulated in records:
-        rows += [_cells(name, "prediction", e, label) for name, e in errors.items()]
+        rows += [_cells(_word(c, name), "prediction", e, label) for name, e in errors.items()]
         for run in simulated:
-            rows += [_cells(name, run.method, e, label) for name, e in run.errors.items()]
+            rows += [_cells(_word(c, name), run.method, e, label) for name, e in run.errors.items()]
     return rows
 
 
@@ -56,18 +61,22 @@ def summary_text(c: Comparison) -> str:
     lines = [f"comparison of {c.design.name} with {c.log_name}{held}"]
     lines += [f"  warning: {text}" for text in c.warnings] or ["  no reason to doubt the numbers was found"]
     for channel, found in c.where.items():
-        lines.append(f"  {channel}: {found.sentence()}")
+        lines.append(f"  {_word(c, channel)}: {found.sentence()}")
     lines.append("  errors, measured less predicted:")
     for label, name, how, rms, floor, unit, relative, worst, mean in error_rows(c):
         lines.append(
             f"    {label:<8} {name:<7} rms {rms:>9} {unit:<6} relative {relative:>8}  noise floor {floor:>8}"
             f"  worst {worst:>8}  mean {mean:>8}  {how}"
         )
-    lines.append("  share of the torque residual that depends on:")
+    lines.append(f"  share of the {_word(c, 'torque')} residual that depends on:")
     for name, share, beyond, p, place in where_rows(c, "torque"):
         extra = f", {beyond} beyond those above" if beyond not in ("-", share) else ""
         lines.append(f"    {name:<28} {share:>5}{extra}  (p {p if p.startswith('<') else '= ' + p}; {place})")
-    lines.append("  worst stretches of the torque:" if c.stretches else "  no stretch of time is worse than the rest")
+    lines.append(
+        f"  worst stretches of the {_word(c, 'torque')}:"
+        if c.stretches
+        else "  no stretch of time is worse than the rest"
+    )
     lines += [f"    {s.sentence()}" for s in c.stretches]
     return "\n".join(lines)
 
@@ -76,7 +85,7 @@ def report_section(c: Comparison) -> Section:
     """Return the section of the report."""
     torque = c.where["torque"]
     paragraphs = [f"Warning: {text}" for text in c.warnings]
-    paragraphs += [f"{channel}: {found.sentence()}." for channel, found in c.where.items()]
+    paragraphs += [f"{_word(c, channel)}: {found.sentence()}." for channel, found in c.where.items()]
     paragraphs += [f"Worst stretch {k}: {s.sentence()}." for k, s in enumerate(c.stretches, start=1)]
     figures = [
         (
@@ -86,7 +95,7 @@ def report_section(c: Comparison) -> Section:
         ),
         (
             c.plot_where(),
-            f"The torque residual over every coordinate: {torque.sentence()}. A curve that stays on zero means that "
+            f"The {_word(c, 'torque')} residual over every coordinate: {torque.sentence()}. A curve that stays on zero means that "
             "the model is right there; shares are those of the residual's mean square on blocks of time left out.",
         ),
     ]

@@ -104,12 +104,13 @@ class Identification(Result):
         lines += [f"  {name}: not identifiable, because {why}" for name, why in self.unidentifiable.items()]
         for name, estimate in self.estimates.items():
             low, high = self.intervals[name]
+            unit = "" if estimate.unit == "1" else estimate.unit
             lines.append(
-                f"  {name:<10} {estimate.value:>12.5g} +- {estimate.stderr:<9.2g} {estimate.unit.strip('1'):<12}"
+                f"  {name:<10} {estimate.value:>12.5g} +- {estimate.stderr:<9.2g} {unit:<12}"
                 f" 95 % [{low:.5g}, {high:.5g}]   design {estimate.nominal:.5g}"
             )
         lines.append(
-            f"  relative error {100 * self.relative_error:.2f} % of the torque ({self.rms:.3g} {self.problem.unit} rms,"
+            f"  relative error {100 * self.relative_error:.2f} % of the {drives(self.design.motion)} ({self.rms:.3g} {self.problem.unit} rms,"
             f" {int(self.problem.mask.sum())} samples at {self.problem.rate:.4g} Hz, low-pass"
             f" {self.problem.cutoff:.3g} Hz{self._inertia_band()})"
         )
@@ -165,7 +166,7 @@ class Identification(Result):
             paragraphs=(
                 *(f"Warning: {text}" for text in self.warnings),
                 *(f"Note: {text}." for text in self.notes),
-                f"{_TITLES[self.method]}; what remains is {100 * self.relative_error:.2f} % of the torque. "
+                f"{_TITLES[self.method]}; what remains is {100 * self.relative_error:.2f} % of the {drives(self.design.motion)}. "
                 "The standard errors allow for the correlation of the residual.",
             ),
             tables=(
