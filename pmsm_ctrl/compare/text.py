@@ -72,11 +72,8 @@ def summary_text(c: Comparison) -> str:
     for name, share, beyond, p, place in where_rows(c, "torque"):
         extra = f", {beyond} beyond those above" if beyond not in ("-", share) else ""
         lines.append(f"    {name:<28} {share:>5}{extra}  (p {p if p.startswith('<') else '= ' + p}; {place})")
-    lines.append(
-        f"  worst stretches of the {_word(c, 'torque')}:"
-        if c.stretches
-        else "  no stretch of time is worse than the rest"
-    )
+    worst = f"worst stretches of the {_word(c, 'torque')}:"
+    lines.append(f"  {worst if c.stretches else 'no stretch of time is worse than the rest'}")
     lines += [f"    {s.sentence()}" for s in c.stretches]
     return "\n".join(lines)
 
@@ -95,8 +92,8 @@ def report_section(c: Comparison) -> Section:
         ),
         (
             c.plot_where(),
-            f"The {_word(c, 'torque')} residual over every coordinate: {torque.sentence()}. A curve that stays on zero means that "
-            "the model is right there; shares are those of the residual's mean square on blocks of time left out.",
+            f"The {_word(c, 'torque')} residual over every coordinate: {torque.sentence()}. A curve that stays on zero "
+            "means that the model is right there; shares are those of the residual's mean square on blocks of time left out.",
         ),
     ]
     if c.stretches:

@@ -110,9 +110,9 @@ class Identification(Result):
                 f" 95 % [{low:.5g}, {high:.5g}]   design {estimate.nominal:.5g}"
             )
         lines.append(
-            f"  relative error {100 * self.relative_error:.2f} % of the {drives(self.design.motion)} ({self.rms:.3g} {self.problem.unit} rms,"
-            f" {int(self.problem.mask.sum())} samples at {self.problem.rate:.4g} Hz, low-pass"
-            f" {self.problem.cutoff:.3g} Hz{self._inertia_band()})"
+            f"  relative error {100 * self.relative_error:.2f} % of the {drives(self.design.motion)} "
+            f"({self.rms:.3g} {self.problem.unit} rms, {int(self.problem.mask.sum())} samples at "
+            f"{self.problem.rate:.4g} Hz, low-pass {self.problem.cutoff:.3g} Hz{self._inertia_band()})"
         )
         lines.append(
             f"  condition number {self.fit.condition:.3g}, residual correlated with order {self.fit.noise.order},"
@@ -166,8 +166,8 @@ class Identification(Result):
             paragraphs=(
                 *(f"Warning: {text}" for text in self.warnings),
                 *(f"Note: {text}." for text in self.notes),
-                f"{_TITLES[self.method]}; what remains is {100 * self.relative_error:.2f} % of the {drives(self.design.motion)}. "
-                "The standard errors allow for the correlation of the residual.",
+                f"{_TITLES[self.method]}; what remains is {100 * self.relative_error:.2f} % of the "
+                f"{drives(self.design.motion)}. The standard errors allow for the correlation of the residual.",
             ),
             tables=(
                 (("parameter", "value", "standard error", "unit", "95 % interval"), rows),

@@ -89,8 +89,8 @@ def test_torque_constant_of_the_reference_motor() -> None:
 @pytest.mark.parametrize(
     ("turning", "moving"),
     [
-        ("N m", "N"), ("N m s/rad", "N s/m"), ("kg m^2", "kg"), ("rad/s^2", "m/s^2"), ("(N m)^2", "N^2"), ("1/A", "1/A"),
-        ("variance of the gradient, N m", "variance of the gradient, N"),
+        ("N m", "N"), ("N m s/rad", "N s/m"), ("kg m^2", "kg"), ("rad/s^2", "m/s^2"), ("(N m)^2", "N^2"),
+        ("1/A", "1/A"), ("variance of the gradient, N m", "variance of the gradient, N"),
     ],
 )  # fmt: skip
 def test_units_of_a_linear_axis(turning: str, moving: str) -> None:
