@@ -93,7 +93,8 @@ def report_section(c: Comparison) -> Section:
         (
             c.plot_where(),
             f"The {_word(c, 'torque')} residual over every coordinate: {torque.sentence()}. A curve that stays on zero "
-            "means that the model is right there; shares are those of the residual's mean square on blocks of time left out.",
+            "means that the model is right there; shares are those of the residual's mean square on blocks of time "
+            "left out.",
         ),
     ]
     if c.stretches:
