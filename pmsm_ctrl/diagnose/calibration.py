@@ -15,9 +15,11 @@ from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.log import Log
 
 if TYPE_CHECKING:
+    from pmsm_ctrl.design import Design
     from pmsm_ctrl.diagnose.diagnosis import Diagnosis
+    from pmsm_ctrl.identify.replay import Replay
 
-__all__ = ["Calibration", "calibrated"]
+__all__ = ["Calibration", "calibrated", "repeated"]
 
 # Share of alarms, in simulations, from which the answer is doubted.
 TRUSTED = 0.05
@@ -60,6 +62,25 @@ class Calibration:
         return f"the diagnosis is not calibrated on this motion: {self.sentence()}"
 
 
+def repeated(model: Design, log: Log, own: Iterable[Effect] = ()) -> Replay:
+    """Return the log's experiment, to be run on the model.
+
+    Raises
+    ------
+    LogError, DesignError
+        When the log has no reference, or the design no loops, electrical data or sensor noise: the drive cannot be
+        simulated as it was logged.
+    """
+    from pmsm_ctrl.identify.replay import build_replay
+
+    if model.sensor.current_noise <= 0.0 and model.sensor.encoder_counts <= 0:
+        raise DesignError(
+            f"{model.source or model.name}: calibration simulates the design's sensors; give sensor.current_noise or "
+            "sensor.encoder_counts"
+        )
+    return build_replay(model, log, own)
+
+
 def calibrated(
     found: Diagnosis, log: Log, runs: int, own: Iterable[Effect] = (), candidates: Iterable[str] | None = None,
     progress: Callable[[float], None] | None = None,
@@ -69,27 +90,23 @@ def calibrated(
     Raises
     ------
     LogError, DesignError
-        When the log has no reference, or the design no loops, electrical data or sensor noise: the drive cannot be
-        simulated as it was logged.
+        As `repeated`.
     """
     from pmsm_ctrl.diagnose.diagnosis import diagnose
-    from pmsm_ctrl.identify.replay import build_replay
+    from pmsm_ctrl.identify.signals import drive_torque
     from pmsm_ctrl.simulate.run import simulate
 
     own = tuple(own)
     offered = tuple(candidates) if candidates is not None else None
     model = found.design
-    if model.sensor.current_noise <= 0.0 and model.sensor.encoder_counts <= 0:
-        raise DesignError(
-            f"{model.source or model.name}: calibration simulates the design's sensors; give sensor.current_noise or "
-            "sensor.encoder_counts"
-        )
-    replay = build_replay(model, log, own)
+    replay = repeated(model, log, own)
     plant = model.replace(sensor={"log_divider": replay.divider})
     alarms = []
     for seed in range(runs):
         again = simulate(replay.controller, replay.scenario, truth=plant, own=own, seed=seed)
         kept = {name: values for name, values in again.channels.items() if name in log}
+        if "torque" in log:
+            kept["torque"] = drive_torque(model, again.channels)
         result = diagnose(model, Log(kept, again.motion), own=own, candidates=offered)
         if result.verdict not in ("consistent", "not_excited"):
             alarms.append(result.steps[0].effect if result.steps else result.verdict)

@@ -50,8 +50,8 @@ def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], 
         unit = axis_unit(UNITS[name], motion)
         out.append(Deviation(name, nominal, float(values[name]), float(stderr[name]), unit, bool(flagged), note))
     for k, name in enumerate(fit.model.names):
-        group = _group_of(fit, k)
-        if group is None or group.effect is None or group.entry < 0 or fit.model.nominal[k] == 0.0:
+        group = fit.model.group_of(k)
+        if group.effect is None or group.entry < 0 or fit.model.nominal[k] == 0.0:
             continue
         symbol = name.split("#")[0]
         p = group.effect.parameter(symbol)
@@ -66,11 +66,3 @@ def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], 
                 "a filter of the drive, or a delay between channels; a log with theta tells which"
             )
     return tuple(out), tuple(hints)
-
-
-def _group_of(fit: Fitted, column: int) -> Any:
-    for position, group in enumerate(fit.model.groups):
-        where = fit.model.columns_of(position)
-        if where.start <= column < where.stop:
-            return group
-    return None

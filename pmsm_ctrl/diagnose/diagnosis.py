@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.calibration import Calibration, calibrated
+from pmsm_ctrl.diagnose.calibration import Calibration, calibrated, repeated
 from pmsm_ctrl.diagnose.exchange import select_with_exchange
 from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
@@ -207,6 +207,8 @@ def diagnose(
     if calibrate < 0:
         raise RequestError(f"calibrate: found {calibrate}; the number of simulations, 0 or more, was expected")
     own = tuple(own)
+    if calibrate:
+        repeated(design, log, own)  # what cannot be simulated is said before the work, not after it
     effects = with_own(own)
     offered = _offered(effects, candidates)
     record = _record(design, log, processing, own)

@@ -21,7 +21,9 @@ def not_excited(fit: Fitted) -> str:
     """Say which friction parameters this motion cannot separate; empty when it separates all."""
     record = fit.record
     used = record.weight[0] * record.mask
-    names = [n for k, n in enumerate(fit.model.names) if n == "J" or _friction(fit, k)]
+    groups = [fit.model.group_of(k) for k in range(len(fit.model.names))]
+    friction = [g.effect is not None and g.effect.id in ("coulomb", "viscous") for g in groups]
+    names = [n for n, rubs in zip(fit.model.names, friction, strict=True) if n == "J" or rubs]
     rows = fit.model.matrix[0][:, [fit.model.names.index(n) for n in names]] * used[:, None]
     size = np.linalg.norm(rows, axis=0)
     dead = [n for n, s in zip(names, size, strict=True) if s == 0.0 and n != "J"]
@@ -37,15 +39,6 @@ def not_excited(fit: Fitted) -> str:
         if np.linalg.norm(left) < OWN_SHARE and name != "J":
             bound.append(name)
     return f"this motion cannot tell {', '.join(bound)} apart" if bound else ""
-
-
-def _friction(fit: Fitted, column: int) -> bool:
-    position = 0
-    for group in fit.model.groups:
-        position += len(group.symbols)
-        if column < position:
-            return group.effect is not None and group.effect.id in ("coulomb", "viscous")
-    return False
 
 
 def hidden_by_motion(fit: Fitted, effects: Mapping[str, Effect]) -> dict[str, str]:

@@ -69,6 +69,11 @@ class Model:
             np.concatenate([self.matrix, group.values], axis=-1),
         )
 
+    def group_of(self, column: int) -> Group:
+        """Group that a column belongs to."""
+        ends = np.cumsum([len(group.symbols) for group in self.groups])
+        return self.groups[int(np.searchsorted(ends, column, side="right"))]
+
     def columns_of(self, position: int) -> slice:
         """Columns of the group at this position."""
         start = sum(len(g.symbols) for g in self.groups[:position])

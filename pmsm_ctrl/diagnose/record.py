@@ -167,9 +167,8 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     source = "torque" if "torque" in log else "i_q"
     calm = _calm(_on_grid(log, prepared, source), prepared, EDGE_PERIODS)
     sound = punctual(log, prepared, jumps=False)[prepared.keep]
-    if (
-        "theta" in log and not sound.all()
-    ):  # a speed that jumps from sample to sample is a lying time stamp or a lost count
+    if "theta" in log and not sound.all():
+        # a speed that jumps from sample to sample is a lying time stamp or a lost count
         steady = _calm(np.gradient(np.unwrap(_on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)
         calm = calm * steady
         sound = sound & (steady > 0.02)
@@ -178,20 +177,17 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
         level = np.hypot(target[1], target[2])
         weight.append(weight[0] * _voltage_weight(design, prepared, signals, level, _on_grid(log, prepared, name)))
     moving = sure & _edges(prepared)
-    record = Record(
+    return Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), kink[0], prepared.notes,
         None if "theta" in log else age,
     )  # fmt: skip
-    return record
 
 
 def _in_time(design: Design, log: Log, more: float) -> Log:
-    """Undo the age of a logged speed that the design knows: the drive's speed filter and half a difference quotient.
+    """Undo the age of a logged speed, where the log has no position: what the design knows of it, and `more`, s.
 
-    And `more`, where that was seen in the log.
-
-    Only where the log has no position.
+    The design knows the drive's speed filter and half a period of its difference quotient.
     """
     if "theta" in log or "omega" not in log:
         return log

@@ -55,3 +55,12 @@ def test_what_cannot_be_simulated_is_said_in_one_line(designs) -> None:
         diagnose(ideal, log, calibrate=1)
     with pytest.raises(RequestError, match="calibrate: found -1"):
         diagnose(design, log, calibrate=-1)
+
+
+def test_a_log_of_torque_instead_of_currents_is_calibrated_as_well(designs) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    log = simulate(design, "identification", seed=22)
+    kept = {name: log[name] for name in ("t", "theta", "omega", "omega_ref")}
+    found = diagnose(design, Log({**kept, "torque": design.K_t * log["i_q"]}), calibrate=2)
+    assert found.verdict == "consistent"
+    assert found.calibration == Calibration(2, ())
