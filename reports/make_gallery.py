@@ -150,7 +150,8 @@ def ladder(found: Mapping[str, Any], title: str = "") -> Figure:
     axes.axvline(floor, color="black", linestyle=":", label=f"noise floor, {floor:.1f} %")
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
-    axes.set_xlabel("torque that the model leaves unexplained [% rms]")
+    word = "force" if errors["base"]["torque"]["unit"] == "N" else "torque"
+    axes.set_xlabel(f"{word} that the model leaves unexplained [% rms]")
     axes.margins(x=0.12)
     axes.legend(loc="lower right", frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
