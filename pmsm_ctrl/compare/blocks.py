@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.identify.noise import autocorrelation, burg, stretches
+from pmsm_ctrl.identify.noise import burg, memory_of, schwarz, stretches
 
 __all__ = ["Bench", "Noise", "Outcome", "bench", "holm", "noise_of"]
 
@@ -101,7 +101,7 @@ def noise_of(residual: Array, columns: Sequence[Array], mask: Mask, rate: float)
     limit = max(0, min(MOST_ORDER, n // 20, max(p.stop - p.start for p in pieces) // 3))
     models, variances = burg([left[piece] for piece in pieces], limit)
     variances = np.maximum(variances * inflate, 1e-300)
-    best = int(np.argmin(n * np.log(variances) + np.arange(limit + 1) * np.log(n)))
+    best = schwarz(variances, n)
     plain = np.divide(left, weight, out=np.zeros_like(left), where=weight > 0.0) * np.sqrt(inflate)
     return Noise(
         rms=float(np.sqrt(np.mean(plain[mask] ** 2))),
@@ -110,7 +110,7 @@ def noise_of(residual: Array, columns: Sequence[Array], mask: Mask, rate: float)
         models=tuple(models[: best + 1]),
         variances=variances[: best + 1],
         pieces=tuple(pieces),
-        memory=_memory(models[best], rate),
+        memory=memory_of(models[best], rate),
         lost=lost,
     )
 
@@ -138,13 +138,6 @@ def _level(left: Array, mask: Mask, rate: float) -> Array:
     level = np.sqrt(np.maximum(np.divide(power, share, out=np.zeros_like(power), where=share > 0.0), 0.0))
     usual = float(np.median(level[mask]))
     return np.maximum(level, max(0.5 * usual, 1e-300))
-
-
-def _memory(a: Array, rate: float) -> float:
-    if len(a) == 0:
-        return 1.0 / rate
-    above = np.flatnonzero(np.abs(autocorrelation(a, int(2.0 * rate) + 2)) > 0.05)
-    return float((above[-1] + 1) / rate)
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,16 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.orders import strongest_orders, waves
 from pmsm_ctrl.identify.signals import Prepared, low_pass
-from pmsm_ctrl.units import drives
+from pmsm_ctrl.units import axis_unit, drives
 
-__all__ = ["UNITS", "Curve", "curves", "grid_coordinates"]
+__all__ = ["Curve", "curves", "grid_coordinates"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 UNITS = {
-    "speed": ("rad/s", "m/s"), "direction": ("", ""), "position": ("rad", "m"), "acceleration": ("rad/s^2", "m/s^2"),
-    "current": ("A", "A"), "torque": ("N m", "N"), "force": ("N m", "N"), "temperature": ("degC", "degC"),
-    "time since start": ("s", "s"),
+    "speed": "rad/s", "direction": "", "position": "rad", "acceleration": "rad/s^2", "current": "A", "torque": "N m",
+    "force": "N", "temperature": "degC", "time since start": "s",
 }  # fmt: skip
 # A direction that holds less than this share of the samples has no curve of its own.
 ONE_WAY = 0.03
@@ -125,7 +124,7 @@ def curves(
     both = ONE_WAY < share < 1.0 - ONE_WAY
     made = []
     for name, x in coordinates.items():
-        unit = UNITS[name][1 if prepared.motion == "linear" else 0]
+        unit = axis_unit(UNITS[name], prepared.motion)
         if name == "direction":
             if both:
                 made.append(_direction(unit, x))

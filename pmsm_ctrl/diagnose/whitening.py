@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.identify.noise import burg, stretches
+from pmsm_ctrl.identify.noise import burg, memory_of, schwarz, stretches
 
 __all__ = ["Whitener", "make_whitener"]
 
@@ -74,8 +74,7 @@ def _channel(
     n = int(mask.sum())
     limit = max(0, min(most, n // 20, max(len(piece) for piece in pieces) // 3))
     models, variances = burg(pieces, limit)
-    orders = np.arange(limit + 1)
-    best = int(np.argmin(n * np.log(np.maximum(variances, 1e-300)) + orders * np.log(n)))
+    best = schwarz(variances, n)
     inflate = n / max(n - lost, n // 4)
     rows, cols, data = [], [], []
     used = np.flatnonzero(mask)
@@ -97,15 +96,4 @@ def _channel(
     values = np.asarray(data) * weight[np.asarray(cols, dtype=np.int64)]
     matrix = csr_matrix((values, (rows, cols)), shape=(len(used), len(mask)))
     level = float(np.sqrt(variances[0] * inflate))
-    return matrix, level, used, _memory(models[best], rate)
-
-
-def _memory(a: Array, rate: float) -> float:
-    """Time after which the noise has forgotten all but 5 % of itself, s."""
-    from pmsm_ctrl.identify.noise import autocorrelation
-
-    if len(a) == 0:
-        return 1.0 / rate
-    r = np.abs(autocorrelation(a, int(2.0 * rate) + 2))
-    above = np.flatnonzero(r > 0.05)
-    return float((above[-1] + 1) / rate)
+    return matrix, level, used, memory_of(models[best], rate)

@@ -25,6 +25,8 @@ __all__ = [
     "degrees_of_freedom",
     "fit_noise",
     "mean_of",
+    "memory_of",
+    "schwarz",
     "stretches",
 ]
 
@@ -99,6 +101,19 @@ def burg(pieces: list[Array], order: int) -> tuple[list[Array], Array]:
     return models, np.array(variances)
 
 
+def schwarz(variances: Array, n: int) -> int:
+    """Return the order, out of 0, 1, ..., that Schwarz' criterion takes for n samples."""
+    return int(np.argmin(n * np.log(np.maximum(variances, 1e-300)) + np.arange(len(variances)) * np.log(n)))
+
+
+def memory_of(a: Array, rate: float) -> float:
+    """Return the time after which an autoregressive process has forgotten all but 5 % of itself, s."""
+    if len(a) == 0:
+        return 1.0 / rate
+    above = np.flatnonzero(np.abs(autocorrelation(a, int(2.0 * rate) + 2)) > 0.05)
+    return float((above[-1] + 1) / rate)
+
+
 def autocorrelation(a: Array, n: int) -> Array:
     """Return the autocorrelation of an autoregressive process at lags 0 to n-1, shape (n,)."""
     size = 1 << max(12, int(np.ceil(np.log2(4 * n))))
@@ -131,8 +146,7 @@ def fit_noise(
     models, variances = burg(pieces, limit)
     if variances[0] <= 0.0:
         return NoiseModel(np.zeros(0), 0.0, np.eye(1, len(residual))[0])
-    k = np.arange(limit + 1)
-    best = int(np.argmin(n * np.log(np.maximum(variances, 1e-300)) + k * np.log(n)))
+    best = schwarz(variances, n)
     model = NoiseModel(models[best], float(variances[best]), autocorrelation(models[best], len(residual)))
     return model if basis is None or best == 0 else _corrected(model, mask, basis)
 
