@@ -14,7 +14,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.instrumental import MATTERS
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import solve
-from pmsm_ctrl.identify.signals import Processing, derivative, low_pass, uniform, unwrapped
+from pmsm_ctrl.identify.signals import Processing, derivative, low_pass, prepare, uniform, unwrapped
 from pmsm_ctrl.log import Log
 
 __all__ = ["regression_problem", "searches_shapes", "widest"]
@@ -26,7 +26,7 @@ WIDE = 100.0
 # The same where the shape of an effect is searched, Hz: what tells it is the first few milliseconds after a reversal.
 SHAPES = 250.0
 # A band that holds this share of what a wider one would tell, of every parameter, is wide enough.
-ENOUGH = 0.95
+ENOUGH = 0.97
 
 
 def widest(log: Log, shapes: bool = False) -> float:
@@ -43,24 +43,32 @@ def regression_problem(design: Design, log: Log, own: tuple[Effect, ...], proces
     """Build the regression for least squares: in the usual band, or a wider one where much is to be learnt beyond it.
 
     A band that `processing` gives is taken. A wider one is taken only where the usual one finds every parameter, lest
-    the drive's answer to noise counts as excitation. The inertia is found from the usual band all the same, unless the
-    wider one tells more of it and noise of the acceleration leaves it alone there: errors in a column shrink its
-    parameter by the share of the column's power that is theirs (W. A. Fuller, Measurement Error Models, Wiley 1987,
-    sec. 1.1).
+    the drive's answer to noise counts as excitation, and a still wider one for the parameters of an effect with a
+    shape. The inertia has a band of its own: the usual one, unless `WIDE` tells more of it and noise of the
+    acceleration leaves it alone there. Errors in a column shrink its parameter by the share of the column's power that
+    is theirs (W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1).
     """
     usual = build_problem(design, log, own=own, processing=processing)
     if processing.cutoff is not None or usual.cutoff >= widest(log) or "theta" not in log:
         return usual
     if solve(usual).unidentifiable:
         return usual
-    try:
-        wide = build_problem(design, log, own=own, processing=replace(processing, cutoff=widest(log)))
-    except LogError:  # in a wide band a coarse encoder hardly ever moves
-        return usual
-    lacking = dict(zip(usual.names, _information(usual) < ENOUGH * _information(wide), strict=True))
-    if lacking.pop("J", False) and _shrinkage(design, log, wide) <= MATTERS:
-        return wide
-    return replace(wide, inertia_cutoff=usual.cutoff) if any(lacking.values()) else usual
+    found = usual
+    for cutoff in sorted({widest(log), widest(log, searches_shapes(design, own))}):
+        inertia = found.inertia_cutoff or found.cutoff
+        try:
+            prepared = prepare(design, log, replace(processing, cutoff=cutoff))
+        except LogError:  # in a wide band a coarse encoder hardly ever moves
+            break
+        if processing.blank and prepared.weight is None:  # or is turned by its noise
+            break
+        wide = build_problem(design, prepared, own=own)
+        lacking = dict(zip(found.names, _information(found) < ENOUGH * _information(wide), strict=True))
+        if lacking.pop("J", False) and cutoff <= WIDE and _shrinkage(design, log, wide) <= MATTERS:
+            found = wide
+        elif any(lacking.values()):
+            found = replace(wide, inertia_cutoff=inertia)
+    return found
 
 
 def _information(problem: Problem) -> Array:

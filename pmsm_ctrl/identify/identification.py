@@ -278,8 +278,7 @@ def _by_simulation(
     inertia: bool = True,
 ) -> tuple[Problem, Fit, BiasTest | None, tuple[str, ...]]:
     if processing.cutoff is None:
-        shapes = method == "output_error" and searches_shapes(design, own)
-        wide = replace(processing, cutoff=widest(log, shapes))
+        wide = replace(processing, cutoff=widest(log, searches_shapes(design, own)))
     else:
         wide = processing
     if method == "iv":
