@@ -7,7 +7,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, RequestError
-from pmsm_ctrl.identify.signals import Processing, axis_unit, derivative, low_pass, prepare, uniform
+from pmsm_ctrl.identify.signals import Processing, derivative, low_pass, prepare, uniform
 from pmsm_ctrl.log import Log
 
 PLAIN = Design.from_dict({"motor": {"J": 0.01, "K_t": 1.0}})
@@ -102,12 +102,6 @@ def test_a_wrapped_angle_is_unwrapped() -> None:
     t = np.arange(4000) / 1000.0
     log = Log({"t": t, "theta": (10.0 * t) % (2 * np.pi), "torque": np.ones(4000)})
     assert prepare(PLAIN, log).signals["omega"][500:-500] == pytest.approx(10.0, rel=1e-6)
-
-
-def test_units_of_a_linear_axis() -> None:
-    assert axis_unit("N m s/rad", "linear") == "N s/m"
-    assert axis_unit("kg m^2", "linear") == "kg"
-    assert axis_unit("N m", "rotary") == "N m"
 
 
 @pytest.mark.parametrize(
