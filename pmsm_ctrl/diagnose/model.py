@@ -18,6 +18,7 @@ from pmsm_ctrl.identify.signals import low_pass
 
 __all__ = [
     "MOST_NOISE",
+    "OWN",
     "Model",
     "Solved",
     "base_groups",
@@ -26,6 +27,7 @@ __all__ = [
     "solve_model",
     "spread",
     "with_honest_errors",
+    "with_torque_held",
 ]
 
 Array = NDArray[np.float64]
@@ -34,8 +36,11 @@ Array = NDArray[np.float64]
 TURN, TURN_SAMPLES = 1e-4, 0.05
 # Age of a speed that the drive filtered before it was logged, s.
 FILTERED = 3e-3
+# Share of a term of the torque that must be its own for it to be estimated.
+OWN = 0.02
 # From this share of noise in the acceleration on, the inertia is held at its nominal value, to within a share of it.
 MOST_NOISE, HELD = 0.05, 0.01
+FIXED = 1e-4  # share of a value within which it stays where it must not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +170,28 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
             names.append(f"{s}#{twins + 1}" if twins else s)
     matrix = np.concatenate([g.values for g in groups], axis=-1)
     return Model(tuple(groups), tuple(names), np.array(nominal), np.array(sigma), matrix), tuple(notes)
+
+
+def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:
+    """Hold the design's terms that read the torque, unless this share of each is its own beside the other columns.
+
+    A friction that is a share of the torque explains all of it where the axis is driven one way only: with a share of
+    one, and no inertia.
+    """
+    used = (record.weight[0] * record.mask)[:, None]
+    rows = model.matrix[0] * used
+    size = np.linalg.norm(rows, axis=0)
+    rows = rows / np.where(size > 0.0, size, 1.0)
+    sigma = model.sigma.copy()
+    for k, nominal in enumerate(model.nominal.tolist()):
+        effect = model.group_of(k).effect
+        if effect is None or effect.enters != "torque" or "torque" not in effect.signals or nominal == 0.0:
+            continue
+        others = np.delete(rows, k, axis=1)
+        left = rows[:, k] - others @ np.linalg.lstsq(others, rows[:, k], rcond=1e-9)[0]
+        if float(np.linalg.norm(left)) <= least:
+            sigma[k] = FIXED * abs(nominal)
+    return replace(model, sigma=sigma)
 
 
 def noise_share(record: Record, alpha: Array) -> float:

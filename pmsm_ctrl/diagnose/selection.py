@@ -22,7 +22,15 @@ from pmsm_ctrl.diagnose.evidence import (
     try_candidate,
     try_group,
 )
-from pmsm_ctrl.diagnose.model import Model, Solved, base_groups, solve_model, with_honest_errors
+from pmsm_ctrl.diagnose.model import (
+    OWN,
+    Model,
+    Solved,
+    base_groups,
+    solve_model,
+    with_honest_errors,
+    with_torque_held,
+)
 from pmsm_ctrl.diagnose.motion import bristle_direction
 from pmsm_ctrl.diagnose.record import Record, with_direction, with_modelled_torque
 from pmsm_ctrl.diagnose.refine import refine
@@ -123,9 +131,10 @@ def fit_design(
         if one.effect.structure == "bristle":
             record = with_direction(record, bristle_direction(record, one.effect, one.shape))
     model, notes = _assemble(design, record, accepted, own)
-    rough = solve_model(record, model, saturated_whitener(record, model, ())[1])
+    rough = solve_model(record, with_torque_held(record, model), saturated_whitener(record, model, ())[1])
     record = with_modelled_torque(record, _true_torque(model, rough))
     model, notes = _assemble(design, record, accepted, own)
+    model = with_torque_held(record, model, OWN)
     rough = solve_model(record, model, saturated_whitener(record, model, ())[1])
     present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
     residual = record.target[0] - rough.predicted()[0]

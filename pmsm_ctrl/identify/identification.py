@@ -206,7 +206,8 @@ def identify(
     processing : Processing, optional
         Filter, derivative and mask; the defaults suit a log of 1 kHz. Without a cutoff given, the methods that
         simulate work up to 100 Hz or an eighth of the log's rate, and up to 250 Hz or a quarter of it where an effect
-        has a shape; least squares does so where the log tells much beyond 40 Hz and its angle is fine enough. Rests and reversals are blanked unless told otherwise.
+        has a shape; least squares does so where the log tells much beyond 40 Hz and its angle is fine enough. Rests
+        and reversals are blanked unless told otherwise.
 
     Raises
     ------
