@@ -270,7 +270,8 @@ def _record(design: Design, log: Log, own: tuple[Effect, ...], processing: Proce
     """Predict, simulate and search one log."""
     prepared = prepare(design, log, processing)
     prepared = replace(prepared, moving=prepared.moving & punctual(log, prepared))
-    problem = build_problem(design, prepared, own=own)
+    # terms that read the torque read the measured one: nothing is fitted here
+    problem = build_problem(design, replace(prepared, acting=prepared.signals["torque"]), own=own)
     # what the problem moved to its left side (load torque, terms without linear parameters) belongs to the model
     predicted = nominal_torque(problem) + (problem.torque - problem.target)
     traces = {"torque": Trace(problem.t, problem.torque, predicted, problem.mask, problem.unit)}

@@ -114,6 +114,8 @@ def term_signals(design: Design, prepared: Prepared) -> dict[str, Array | float]
     signals: dict[str, Array | float] = dict(prepared.signals)
     if design.motor.p is not None:
         signals["p"] = float(design.motor.p)
+    if prepared.acting is not None:
+        signals["torque"] = prepared.acting
     return signals
 
 
@@ -159,6 +161,9 @@ def build_problem(
         Whether the inertia is a column; otherwise ``J alpha`` with the design's J is subtracted from the target.
     """
     prepared = log if isinstance(log, Prepared) else prepare(design, log, processing)
+    own = tuple(own)
+    if prepared.acting is None and any(_reads_torque(effect) for effect, _ in bound_effects(design, own)):
+        prepared = replace(prepared, acting=_acting(design, prepared, own))
     target = prepared.column(prepared.signals["torque"])
     if "T_load" in prepared.signals:
         target -= prepared.column(prepared.signals["T_load"])
@@ -194,6 +199,41 @@ def build_problem(
         inertia_cutoff=prepared.inertia_cutoff,
         notes=tuple(notes),
     )
+
+
+def _reads_torque(effect: Effect) -> bool:
+    return effect.enters == "torque" and effect.structure == "term" and "torque" in effect.signals
+
+
+def _acting(design: Design, prepared: Prepared, own: tuple[Effect, ...]) -> Array:
+    """Return the drive torque that the motion takes, shape (n,), for terms that are a share of it.
+
+    The measured torque holds its own noise, and in a regression it would explain itself: friction by load with a share
+    of one, and no inertia. So the other parameters are fitted first, those terms as the design has them, and then again
+    with what that gives.
+    """
+    signals = prepared.signals
+    measured = signals["torque"]
+    acting, load = measured, signals.get("T_load", np.zeros_like(measured))
+    for _ in range(2):
+        known = term_signals(design, replace(prepared, acting=acting))
+        free, fixed = [prepared.alpha], load.copy()
+        for effect, parameters in bound_effects(design, own):
+            if effect.enters != "torque" or effect.structure != "term" or any(s not in known for s in effect.signals):
+                continue
+            parts, rest = columns(effect, known, parameters)
+            fixed += rest
+            if _reads_torque(effect):
+                fixed += sum(parameters[symbol] * part for symbol, part in parts.items())
+            else:
+                free += list(parts.values())
+        rows = np.column_stack([prepared.column(part) for part in free])[prepared.mask]
+        size = np.linalg.norm(rows, axis=0)
+        size[size == 0.0] = 1.0
+        target = prepared.column(measured - fixed)[prepared.mask]
+        values = np.linalg.lstsq(rows / size, target, rcond=1e-9)[0] / size
+        acting = fixed + sum(value * part for value, part in zip(values.tolist(), free, strict=True))
+    return acting
 
 
 def nominal_torque(problem: Problem) -> Array:

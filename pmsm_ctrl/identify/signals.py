@@ -123,6 +123,8 @@ class Prepared:
         What every column is multiplied by before it is filtered: 0 where nothing is to be explained, 1 elsewhere.
     inertia_cutoff : float or None
         As in `Processing`.
+    acting : array, shape (n,), or None
+        Torque that terms read, where it is not the measured one.
     """
 
     t: Array
@@ -137,6 +139,7 @@ class Prepared:
     notes: tuple[str, ...] = ()
     weight: Array | None = None
     inertia_cutoff: float | None = None
+    acting: Array | None = None
 
     def column(self, values: Array) -> Array:
         """Weight a column over the log's own grid, shape (n,), filter it, and thin it to shape (m,)."""

@@ -189,3 +189,13 @@ def test_a_parameter_far_beyond_its_tolerance_is_no_missing_effect(
 def test_a_lightly_damped_spring_shows_in_slow_reversals(blind: ModuleType, seed: int) -> None:
     result = blind.run(blind.Case(("compliance",), 1.0, "servo", seed))
     assert result.steps[0].effect == "compliance"
+
+
+def test_friction_by_load_is_held_where_it_would_explain_the_torque_by_itself(blind: ModuleType) -> None:
+    case = blind.Case(("load_dependent_friction",), 1.0, "servo", 200)
+    design, truth = blind.truth_of(Design.read(blind.DESIGN), case)
+    result = diagnose(truth, blind.log_of(design, truth, case), candidates=())
+    found = {d.parameter: d.estimate for d in result.parameter_deviations}
+    assert found["mu"] == pytest.approx(0.06, rel=0.01)
+    assert found["J"] == pytest.approx(truth.J, rel=0.02)
+    assert result.errors["final"]["torque"]["relative"] > 0.5 * result.errors["nominal"]["torque"]["relative"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, Parameter, kernel
 from pmsm_ctrl.identify import Processing, build_problem, identify
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import scenario, simulate
 
 TRUE = {"J": 0.01, "F_c": 0.4, "F_v": 0.02, "T_0": -0.05}
 
@@ -152,3 +154,17 @@ def test_result_forms() -> None:
     assert section.tables[0][1][0][0] == "J"
     assert [axes.get_ylabel() for axes in result.plot().axes] == ["torque [N m]", "residual [N m]"]
     assert "relative error" in result.summary()
+
+
+@pytest.mark.parametrize("seed", [200, 201])
+def test_friction_by_load_does_not_explain_the_torque_by_itself(designs: Path, seed: int) -> None:
+    design = Design.read(designs / "seed_motor.toml").with_effect("load_dependent_friction", {"mu": 0.06})
+    # driven by friction alone, the torque is a share of itself: mu = 1 and no inertia would fit it to the last digit
+    slow = simulate(design, scenario("reversal", design, speed=80.0, frequency=0.31, cycles=9.0), seed=seed)
+    lone = identify(design, slow)
+    assert set(lone.unidentifiable) == {"J", "F_c", "F_v", "mu"}
+    assert "cannot tell it from J, F_c, F_v" in lone.unidentifiable["mu"]
+    # and its own noise in the column makes that share too large
+    rich = identify(design, simulate(design, "identification", seed=seed))
+    for name, true in (("mu", 0.06), ("F_c", 0.0213), ("J", design.J)):
+        assert rich.estimates[name].value == pytest.approx(true, abs=3.5 * rich.estimates[name].stderr)
