@@ -107,21 +107,28 @@ def resembled(selection: Selection) -> Leftover | None:
     best = max(glaring, key=lambda t: t.gain)
     name, share = name_of(best), best.gain / total
     record = fit.record
-    ratio, curve = _around_reversals(fit)
+    row = _where_it_enters(fit, best.plain_direction)
+    ratio, curve = _around_reversals(fit, row)
     where_it_is, coordinate, unit = "", "time since the reversal", "s"
     if ratio > TURNING:
         where_it_is = f" and {ratio:.2g} times as large around reversals as elsewhere"
     else:
         coordinate, unit = "acceleration", axis_unit("rad/s^2", record.prepared.motion)
-        curve = _over(record.at_grid(record.signals["alpha"]), fit)
+        curve = _over(record.at_grid(record.signals["alpha"]), fit, row)
     text = (
         f"what is left is not noise{where_it_is}: {name} would explain {100 * share:.0f} % of it, but "
         f"{selection.refused[name]}; no effect of the catalogue explains it"
     )
-    return Leftover(coordinate, unit, "torque", share, best.p_value, text, curve, name)
+    return Leftover(coordinate, unit, record.channels[row], share, best.p_value, text, curve, name)
 
 
-def _around_reversals(fit: Fitted) -> tuple[float, tuple[Array, Array, Array]]:
+def _where_it_enters(fit: Fitted, direction: Array) -> int:
+    """Return the balance in which an effect explains most, of its whitened `direction`."""
+    power = direction[: fit.plain.rows] ** 2
+    return int(np.argmax(np.bincount(fit.weights.channel, weights=power, minlength=len(fit.record.channels))))
+
+
+def _around_reversals(fit: Fitted, row: int) -> tuple[float, tuple[Array, Array, Array]]:
     """Return the rms around reversals over that elsewhere, and the residual over the time since the reversal."""
     record = fit.record
     omega, t = record.signals["omega"], record.prepared.t
@@ -134,22 +141,22 @@ def _around_reversals(fit: Fitted) -> tuple[float, tuple[Array, Array, Array]]:
     before = np.minimum(after + 1, len(turns) - 1)
     nearest = np.where(np.abs(grid - t[turns[after]]) < np.abs(grid - t[turns[before]]), after, before)
     since = grid - t[turns[nearest]]
-    weight = (record.weight[0] * record.mask) ** 2
+    weight = (record.weight[row] * record.mask) ** 2
     near = np.abs(since) < reach
-    square = fit.residual[0] ** 2
+    square = fit.residual[row] ** 2
     powers = [float(np.sum(weight[s] * square[s]) / max(float(np.sum(weight[s])), 1e-300)) for s in (near, ~near)]
     edges = np.linspace(-reach, 2.0 * reach, 31)
     forward = np.sign(omega[turns[nearest] + 1]) > 0.0
-    curve = _means(since, fit.residual[0], forward, record.mask, edges)
+    curve = _means(since, fit.residual[row], forward, record.mask, edges)
     return float(np.sqrt(powers[0] / max(powers[1], 1e-300))), curve
 
 
-def _over(x: Array, fit: Fitted) -> tuple[Array, Array, Array]:
+def _over(x: Array, fit: Fitted, row: int) -> tuple[Array, Array, Array]:
     record = fit.record
     low, high = np.quantile(x[record.mask], [0.002, 0.998])
     edges = np.linspace(low, high, 26)
     forward = record.at_grid(record.signals["omega"]) > 0.0
-    return _means(x, fit.residual[0], forward, record.mask, edges)
+    return _means(x, fit.residual[row], forward, record.mask, edges)
 
 
 def _means(x: Array, residual: Array, forward: Mask, used: Mask, edges: Array) -> tuple[Array, Array, Array]:

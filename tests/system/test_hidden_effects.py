@@ -199,3 +199,10 @@ def test_friction_by_load_is_held_where_it_would_explain_the_torque_by_itself(bl
     assert found["mu"] == pytest.approx(0.06, rel=0.01)
     assert found["J"] == pytest.approx(truth.J, rel=0.02)
     assert result.errors["final"]["torque"]["relative"] > 0.5 * result.errors["nominal"]["torque"]["relative"]
+
+
+def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(blind: ModuleType) -> None:
+    # a dead time on a slow sine is as well a resistance four times as high
+    result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80))
+    assert result.verdict == "unexplained"
+    assert (result.left.resembles, result.left.channel) == ("dead_time", "u_q")
