@@ -105,12 +105,16 @@ def _build(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array:
         parts = [{"torque": lag}]
     else:
         values = {p.symbol: p.start for p in effect.parameters} | dict(shape)
-        terms, _ = columns(effect, term_signals(record), values)
+        signals = term_signals(record)
+        if effect.structure == "delay":
+            signals |= {f"d{i}": record.slope_behind(record.signals[i]) for i in ("i_d", "i_q") if i in record.signals}
+        terms, _ = columns(effect, signals, values)
         if not terms:
             raise UnavailableError("it has no parameter that multiplies a column")
         slow = _slow_enough(record, effect, shape)
         parts = [_entering(record, effect, terms[symbol] * slow, shape) for symbol in _symbols(effect)]
-    return np.stack([record.stack(part) for part in parts], axis=-1)
+    filtered = effect.structure == "delay" and record.late is not None
+    return np.stack([record.stack(part, filtered) for part in parts], axis=-1)
 
 
 def _slow_enough(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array | float:
@@ -182,7 +186,7 @@ def _current(record: Record, wrong: Array) -> dict[str, Array]:
 
 def _late_torque(record: Record) -> dict[str, Array]:
     """Delay of a log that has a torque and no currents: measured less true torque is -tau dT/dt."""
-    return {"torque": -record.rate_of(record.signals["torque"])}
+    return {"torque": -record.slope_behind(record.signals["torque"])}
 
 
 def _angle(record: Record, wrong: Array, frame: float) -> dict[str, Array]:

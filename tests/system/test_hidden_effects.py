@@ -12,8 +12,10 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add, diagnose
+from pmsm_ctrl.diagnose.record import make_record
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate.scenarios import scenario
 
 
 @pytest.fixture(scope="module")
@@ -206,3 +208,22 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(bl
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80))
     assert result.verdict == "unexplained"
     assert (result.left.resembles, result.left.channel) == ("dead_time", "u_q")
+
+
+@pytest.mark.parametrize("seed", [31, 32])
+def test_a_delay_is_met_whole_and_nothing_is_named_after_it(blind: ModuleType, seed: int) -> None:
+    # to first order a delay of two samples leaves what looks like a spring
+    result = blind.run(blind.Case(("delay",), 2.0, "mixed", seed))
+    assert [step.effect for step in result.steps] == ["delay"]
+    assert result.steps[0].parameters["tau"].value == pytest.approx(2e-3, rel=0.04)
+
+
+def test_slopes_keep_their_size_up_to_the_edge_of_the_band(designs: Path) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    record = make_record(design, simulate(design, scenario("identification", design, duration=8.0), seed=1))
+    for frequency in (5.0, 0.95 * record.prepared.cutoff):
+        angle = 2.0 * np.pi * frequency * record.prepared.t
+        full = record.at_full_rate(record.at_grid(np.sin(angle)))
+        inside = slice(len(full) // 10, -len(full) // 10)
+        slope = record.rate_of(full) / (2.0 * np.pi * frequency)
+        assert np.max(np.abs(slope - np.cos(angle))[inside]) < 0.02
