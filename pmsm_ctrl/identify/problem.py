@@ -176,10 +176,11 @@ def build_problem(
     else:
         target -= design.J * acceleration
     for index, (effect, parameters) in enumerate(bound_effects(design, own)):
-        if effect.enters != "torque":
+        if effect.enters == "voltage":
             continue
-        if effect.structure != "term":
-            notes.append(f"{effect.id} has a state of its own and takes no part in the regression")
+        if effect.enters == "measurement" or effect.structure != "term":
+            why = "falsifies a channel" if effect.enters == "measurement" else "has a state of its own"
+            notes.append(f"{effect.id} {why} and takes no part in the regression: output_error knows it")
             continue
         parts, rest = effect_columns(design, prepared, effect, parameters, index)
         target -= rest
