@@ -72,7 +72,7 @@ class Trial:
     def at_bound(self) -> bool:
         """Whether a nonlinear parameter ran into its bound: the shape wants to be another one."""
         bounds = {p.symbol: (p.lower, p.upper) for p in self.candidate.effect.searched}
-        if self.group.shape.get("zeta", 0.0) >= OVERDAMPED:
+        if "gap" not in self.group.shape and self.group.shape.get("zeta", 0.0) >= OVERDAMPED:
             return True
         return any(v in bounds.get(s, ()) for s, v in self.group.shape.items() if s != "delta")
 

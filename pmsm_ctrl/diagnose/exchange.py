@@ -9,6 +9,7 @@ much are fitted as well: columns tell less than everything refitted.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
@@ -37,9 +38,15 @@ def select_with_exchange(
             continue
         tried.add(order)
         other = select(design, record, effects, own, holdout, None, order)  # the bar does not run twice
-        if other.accepted and _left(other) < _left(best):
+        if other.accepted and not _only_more(other, best) and _left(other) < _left(best):
             best = other
     return best
+
+
+def _only_more(other: Selection, best: Selection) -> bool:
+    """Whether a selection has what another one has, and more that did not hold when it came last."""
+    present, more = (Counter(one.effect.id for one in found.accepted) for found in (best, other))
+    return present < more
 
 
 def _orders(

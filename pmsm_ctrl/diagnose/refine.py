@@ -15,6 +15,8 @@ from pmsm_ctrl.diagnose.whitening import Whitener
 __all__ = ["refine"]
 
 FIXED = ("order", "frame")  # whole numbers
+# A contact damped more than this does not bounce at all.
+STUCK = 2.0
 LINEAR = (0.85, 1.18)
 
 
@@ -68,7 +70,7 @@ def _spacing(name: str, shape: Mapping[str, float], grid: tuple[Mapping[str, flo
 
 def _inside(trial: Trial, name: str, value: float) -> float:
     if name == "zeta":
-        return float(min(max(value, 1e-3), OVERDAMPED))
+        return float(min(max(value, 1e-3), STUCK if "gap" in trial.group.shape else OVERDAMPED))
     if name == "n" and LINEAR[0] < value < LINEAR[1]:  # that is viscous friction, which the model has
         return LINEAR[0] if trial.group.shape[name] < 1.0 else LINEAR[1]
     for p in trial.candidate.effect.parameters:
