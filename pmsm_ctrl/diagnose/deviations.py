@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.selection import Fitted
+from pmsm_ctrl.diagnose.selection import RELIEF, WINDING, Fitted, Selection, name_of, relief, strain
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["parameter_deviations"]
+__all__ = ["parameter_deviations", "stood_in"]
 
 UNITS = {"J": "kg m^2", "R": "Ohm", "L_d": "H", "L_q": "H", "psi_f": "Wb", "K_t": "N m/A"}
 # The torque constant scales every torque that is identified with it: less is forgiven than on a datasheet.
@@ -47,6 +47,8 @@ def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], 
         beyond = abs(values[name] / nominal - 1.0) * nominal - tolerance * nominal
         flagged = beyond > 3.0 * stderr[name]
         note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else ""
+        if flagged and name in WINDING:
+            note += _healers(fit)
         unit = axis_unit(UNITS[name], motion)
         out.append(Deviation(name, nominal, float(values[name]), float(stderr[name]), unit, bool(flagged), note))
     for k, name in enumerate(fit.model.names):
@@ -66,3 +68,37 @@ def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], 
                 "a filter of the drive, or a delay between channels; a log with theta tells which"
             )
     return tuple(out), tuple(hints)
+
+
+def _healers(fit: Fitted) -> str:
+    """Name the effects that would bring the winding back to its datasheet."""
+    ids = [
+        trial.candidate.effect.id
+        for trial in fit.trials
+        if not (trial.wrong_sign or trial.singular) and relief(fit.plain, trial.plain_direction) > RELIEF
+    ]
+    return f"; {' or '.join(ids)} would bring it back" if ids else ""
+
+
+def stood_in(selection: Selection) -> tuple[str, ...]:
+    """Say which parameter of the winding had stood in for an effect, that a reader can choose."""
+    hints = []
+    for step, before, after in zip(selection.steps, selection.fits[:-1], selection.fits[1:], strict=True):
+        if strain(before.plain) - strain(after.plain) <= RELIEF:
+            continue
+        model = before.model
+        strained = {
+            name: abs(value - nominal) / sigma
+            for name, value, nominal, sigma in zip(
+                model.names, before.plain.values, model.nominal, model.sigma, strict=True
+            )
+            if name in WINDING
+        }
+        name = max(strained, key=lambda n: strained[n])
+        k = model.names.index(name)
+        value, nominal = float(before.plain.values[k]), float(model.nominal[k])
+        hints.append(
+            f"{name_of(step.trial)}: without it {name} would be {value:.3g} {UNITS[name]}, {value / nominal:.2g} times "
+            "its nominal value, and explain nearly as much"
+        )
+    return tuple(hints)

@@ -29,7 +29,7 @@ def build_outcome(
     own: tuple[Effect, ...],
 ) -> dict[str, Any]:  # fmt: skip
     """Return the fields of a `Diagnosis`."""
-    from pmsm_ctrl.diagnose.deviations import parameter_deviations
+    from pmsm_ctrl.diagnose.deviations import parameter_deviations, stood_in
     from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
     from pmsm_ctrl.diagnose.experiment import next_experiment
     from pmsm_ctrl.diagnose.ironloss import friction_excess, step_of, unexplained_excess, with_excess
@@ -57,6 +57,7 @@ def build_outcome(
     unexplained = left.text if left is not None else grown
     if unexplained and verdict == "consistent":
         verdict = "unexplained"
+    hints = (*hints, *stood_in(selection))
     if any(one.shape.get("frame") == 0.0 for one in selection.accepted):
         hints = (*hints, OTHER_ANGLE)
     reasons = [*record.notes, *final.notes, *hints]

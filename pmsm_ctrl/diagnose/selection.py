@@ -37,7 +37,7 @@ from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.whitening import Whitener
 from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["Accepted", "Fitted", "Step", "fit_design", "name_of", "select"]
+__all__ = ["RELIEF", "WINDING", "Accepted", "Fitted", "Step", "fit_design", "name_of", "relief", "select", "strain"]
 
 Array = NDArray[np.float64]
 
@@ -47,6 +47,11 @@ SIGNIFICANCE = 0.01  # family-wise, by Holm
 BLOCK_ERRORS, LEAST_ERRORS, SEEN = 2.8, 2.0, 0.75
 MATERIAL = 0.004  # smallest contribution worth a name, as a share of the balance's size where it acts
 LOWERED = 0.996  # what is left of the error in at least one balance once an effect is in
+# The winding stands in for effects, at a price: squares of how far it left its datasheet, in tolerances. An effect that
+# brings back so much of it need not lower an error, and so much more of it need only hold up on left-out blocks:
+# nobody's resistance is four times that of the datasheet.
+RELIEF, ABSURD = 25.0, 225.0
+WINDING = ("R", "L_d", "L_q", "psi_f")
 MOST_STEPS = 8
 BEYOND = "beyond its bounds"
 UNSTEADY = "does not hold on left-out blocks"
@@ -339,10 +344,28 @@ def _gates(fit: Fitted, trial: Trial, p_holm: float, least: float) -> tuple[str,
     direction = trial.plain_direction if trial.slow else trial.direction
     mean, stderr, blocks, p_rank = blocked_gain(fit.record, *judge, trial.group, direction, fit.whitener.memory)
     evidence = Evidence(trial.gain, trial.p_value, p_holm, blocks, mean, stderr, p_rank, material)
-    asked = min(max(SEEN * 0.5 * np.sqrt(trial.gain), least), BLOCK_ERRORS)
-    if not (mean > asked * stderr or (p_rank < 0.5 * SIGNIFICANCE and mean > 0.0)):
+    asked = min(max(SEEN * 0.5 * np.sqrt(_from_rows(judge[0], direction)), least), BLOCK_ERRORS)
+    surely = mean > asked * stderr or p_rank < 0.5 * SIGNIFICANCE or relief(judge[0], direction) > ABSURD
+    if not (surely and mean > 0.0):
         return f"{UNSTEADY} (gain {mean:.3g} +- {stderr:.2g})", evidence
     return "", evidence
+
+
+def _from_rows(solved: Solved, direction: Array) -> float:
+    """What of a gain the rows of the log bring; the rest is parameters that come back towards their nominal values."""
+    rest, part = solved.rest[: solved.rows], direction[: solved.rows]
+    return max(float(part @ (2.0 * rest - part)), 0.0)
+
+
+def relief(solved: Solved, direction: Array) -> float:
+    """What of a gain the winding brings by coming back to its datasheet."""
+    rest, part = solved.rest[solved.rows :], direction[solved.rows :]
+    return float(np.sum((part * (2.0 * rest - part))[_winding(solved.model)]))
+
+
+def _winding(model: Model) -> NDArray[np.bool_]:
+    """Which of the rows of priors are the winding's."""
+    return np.array([name in WINDING for name in np.array(model.names)[np.isfinite(model.sigma)]], dtype=bool)
 
 
 def _material(fit: Fitted, trial: Trial) -> float:
@@ -396,7 +419,8 @@ def _objection(after: Fitted, before: Fitted) -> str:
         # a winding that was bent to stand in for the effect may have served one balance better than the truth does
         if new[name][0] > 1.03 * old[name][0] and more > -SERVED * min(change.values()):
             return f"makes the {name} balance worse"
-    if all(rms > LOWERED * old[name][0] for name, (rms, _) in new.items()):
+    relieved = strain(before.plain) - strain(after.plain) > RELIEF
+    if not relieved and all(rms > LOWERED * old[name][0] for name, (rms, _) in new.items()):
         return "lowers no error by an amount worth a name"
     known = dict(zip(after.model.names, after.plain.values.tolist(), strict=True))
     bounds = physical_bounds((g.effect for g in after.model.groups if g.effect), known)
@@ -406,6 +430,11 @@ def _objection(after: Fitted, before: Fitted) -> str:
         if not low - slack <= value <= high + slack:
             return f"drives {name} to {value:.3g}, {BEYOND}"
     return ""
+
+
+def strain(solved: Solved) -> float:
+    """How far the winding had to leave its datasheet, as a sum of squares in its tolerances."""
+    return float(np.sum(solved.rest[solved.rows :][_winding(solved.model)] ** 2))
 
 
 def _holdout_objection(

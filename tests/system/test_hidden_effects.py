@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import sys
 from pathlib import Path
@@ -203,11 +204,26 @@ def test_friction_by_load_is_held_where_it_would_explain_the_torque_by_itself(bl
     assert result.errors["final"]["torque"]["relative"] > 0.5 * result.errors["nominal"]["torque"]["relative"]
 
 
-def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(blind: ModuleType) -> None:
-    # a dead time on a slow sine is as well a resistance four times as high
+def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
+    blind: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called absurd
+    monkeypatch.setattr(importlib.import_module("pmsm_ctrl.diagnose.selection"), "ABSURD", np.inf)
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80))
     assert result.verdict == "unexplained"
     assert (result.left.resembles, result.left.channel) == ("dead_time", "u_q")
+
+
+@pytest.mark.parametrize("seed", [51, 52])
+def test_a_winding_that_stands_in_for_an_effect_is_named_beside_it(blind: ModuleType, seed: int) -> None:
+    strong = blind.run(blind.Case(("dead_time",), 1.0, "servo", seed))
+    assert [step.effect for step in strong.steps] == ["dead_time"]
+    assert any("without it R would be" in text for text in strong.warnings)
+    # half as strong it is a resistance of twice the datasheet's, which is conceivable
+    weak = blind.run(blind.Case(("dead_time",), 0.4, "servo", seed))
+    assert weak.steps == ()
+    note = next(d.note for d in weak.parameter_deviations if d.parameter == "R")
+    assert note.endswith("dead_time would bring it back")
 
 
 @pytest.mark.parametrize("seed", [31, 32])
