@@ -335,7 +335,7 @@ def _gates(fit: Fitted, trial: Trial, p_holm: float, least: float) -> tuple[str,
         return "this log cannot tell it from what the model has already", None
     if trial.wrong_sign:
         return "its parameters come out beyond their bounds", None
-    if p_holm > SIGNIFICANCE or trial.score <= 0.0:
+    if p_holm > SIGNIFICANCE:
         return f"not significant (corrected p = {p_holm:.2g})", None
     material = _material(fit, trial)
     if material < MATERIAL:
