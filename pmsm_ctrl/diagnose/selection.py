@@ -55,7 +55,7 @@ WINDING = ("R", "L_d", "L_q", "psi_f")
 MOST_STEPS = 8
 BEYOND = "beyond its bounds"
 UNSTEADY = "does not hold on left-out blocks"
-SERVED = 0.1  # what one balance may lose of what another one gains
+SERVED = 0.2  # what one balance may lose of what another one gains
 # How often at most a delay is met again where it was found: to first order one of two samples comes out a third low.
 PASSES = 4
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
