@@ -176,7 +176,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     log.check_evaluable(32)
     log = _thinned(_in_time(design, log, age))
     processing = processing or Processing(standstill=STANDSTILL, cutoff=band(log))
-    prepared = prepare(design, log, processing)
+    prepared = prepare(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
     signals["t"] = prepared.t - prepared.t[0]

@@ -286,8 +286,9 @@ def _by_simulation(
         plain = regression_problem(design, log, own, processing)
         usual = replace(processing, cutoff=plain.cutoff, inertia_cutoff=plain.inertia_cutoff)
         return instrumental(design, log, replay, own=own, processing=wide, usual=usual, inertia=inertia)
-    prepared = prepare(design, log, replace(wide, through_reversals=True))
-    problem = build_problem(design, prepared, own=own, inertia=inertia)
+    wide = replace(wide, through_reversals=True)
+    prepared = prepare(design, log, wide, as_logged=True)
+    problem = build_problem(design, log, own=own, processing=wide, inertia=inertia)
     problem, fit, warnings = output_error(design, problem, prepared, replay, own=own)
     return problem, fit, None, warnings
 

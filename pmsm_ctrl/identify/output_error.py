@@ -86,8 +86,10 @@ def output_error(
 
     Parameters
     ----------
-    problem, prepared
+    problem : Problem
         The regression of the same log; its solution is the start.
+    prepared : Prepared
+        The log as it was logged: the simulation has the measurement effects of the design.
 
     Returns
     -------

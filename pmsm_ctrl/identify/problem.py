@@ -176,11 +176,12 @@ def build_problem(
     else:
         target -= design.J * acceleration
     for index, (effect, parameters) in enumerate(bound_effects(design, own)):
-        if effect.enters == "voltage":
-            continue
-        if effect.enters == "measurement" or effect.structure != "term":
-            why = "falsifies a channel" if effect.enters == "measurement" else "has a state of its own"
-            notes.append(f"{effect.id} {why} and takes no part in the regression: output_error knows it")
+        if effect.enters != "torque":
+            continue  # `prepare` has undone what falsifies a channel, and no voltage is balanced here
+        if effect.structure != "term":
+            notes.append(
+                f"{effect.id} has a state of its own and takes no part in the regression: output_error knows it"
+            )
             continue
         parts, rest = effect_columns(design, prepared, effect, parameters, index)
         target -= rest

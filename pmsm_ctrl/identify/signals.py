@@ -271,7 +271,9 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[str, ...]]:
     return grid, resampled, good, tuple(notes)
 
 
-def prepare(design: Design, log: Log, processing: Processing | None = None) -> Prepared:
+def prepare(
+    design: Design, log: Log, processing: Processing | None = None, *, as_logged: bool = False
+) -> Prepared:  # fmt: skip
     """Filter, differentiate and mask a log.
 
     Parameters
@@ -280,6 +282,8 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
         Gives the torque constant and, for an electrical motor, the reluctance torque.
     log : Log
         With ``theta`` or ``omega``, and ``torque`` or ``i_q``; position and torque are preferred.
+    as_logged : bool
+        Leave in what the design's measurement effects put into the channels, for who models it.
 
     Raises
     ------
@@ -293,6 +297,12 @@ def prepare(design: Design, log: Log, processing: Processing | None = None) -> P
     log.check_evaluable()
     t, raw, good, notes = uniform(log)
     raw, notes = _without_dead_voltages(raw, notes)
+    if not as_logged:
+        from pmsm_ctrl.identify.undo import undone
+
+        angle = {"theta": unwrapped(raw["theta"])} if "theta" in raw else {}
+        raw, left_in = undone(design, t, raw | angle)
+        notes = (*notes, *left_in)
     rate = (len(t) - 1) / float(t[-1] - t[0])
     cutoff = processing.cutoff if processing.cutoff is not None else min(40.0, rate / 8.0)
     if not 0 < cutoff < rate / 2:

@@ -1,0 +1,75 @@
+"""Measurement effects of the design are taken out of a log before its balances are made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl import Design, simulate
+from pmsm_ctrl.compare import compare
+from pmsm_ctrl.identify import identify
+from pmsm_ctrl.identify.undo import undone
+from pmsm_ctrl.log import Log
+
+KNOWN = {
+    "delay": {"tau": 1e-3},
+    "current_offset": {"o_alpha": 0.012, "o_beta": -0.008},
+    "current_gain": {"g": 0.0, "g_c": 0.02, "g_s": 0.015},
+    "encoder_eccentricity": {"e_s": 2e-3, "e_c": 1e-3},
+}
+
+
+@pytest.fixture(scope="module")
+def design(project_root: Path) -> Design:
+    return Design.read(project_root / "designs" / "seed_motor.toml")
+
+
+def spoiled(design: Design, effect: str, seed: int) -> tuple[Design, Log]:
+    truth = design.with_effect(effect, KNOWN[effect])
+    return truth, simulate(design, "identification", truth=truth, seed=seed)
+
+
+def test_a_delay_is_undone_exactly(design: Design) -> None:
+    t = np.arange(0.0, 1.0, 1e-3)
+    wave = lambda at: np.sin(2.0 * np.pi * 20.0 * at)  # noqa: E731
+    channels = {"theta": 3.0 * t, "i_q": wave(t - 0.0023), "i_d": np.zeros_like(t)}
+    now, notes = undone(design.with_effect("delay", {"tau": 0.0023}), t, channels)
+    inside = slice(10, -10)
+    assert notes == ()
+    assert now["i_q"][inside] == pytest.approx(wave(t)[inside], abs=1e-5)
+    assert now["theta"] == pytest.approx(channels["theta"], abs=0.0)
+
+
+def test_offsets_are_those_of_the_phases(design: Design) -> None:
+    # Clarke and Park by hand: an offset of one ampere along phase a is i_d at zero angle, and -i_q a quarter turn on
+    assert design.motor.p is not None
+    t = np.arange(4) * 1e-3
+    theta = np.array([0.0, 0.5, 1.0, 1.5]) * np.pi / design.motor.p
+    channels = {"theta": theta, "i_d": np.array([1.0, 0.0, -1.0, 0.0]), "i_q": np.array([0.0, -1.0, 0.0, 1.0])}
+    now, _ = undone(design.with_effect("current_offset", {"o_alpha": 1.0, "o_beta": 0.0}), t, channels)
+    assert now["i_d"] == pytest.approx(np.zeros(4), abs=1e-12)
+    assert now["i_q"] == pytest.approx(np.zeros(4), abs=1e-12)
+
+
+def test_what_cannot_be_undone_is_said(design: Design) -> None:
+    t = np.arange(4) * 1e-3
+    channels = {"omega": np.ones(4), "torque": np.ones(4)}
+    now, notes = undone(design.with_effect("current_offset", {"o_alpha": 1.0, "o_beta": 0.0}), t, channels)
+    assert now["torque"] == pytest.approx(channels["torque"])
+    assert notes == ("current_offset is left in: the log lacks a channel that would tell how large it is",)
+
+
+@pytest.mark.parametrize("effect", KNOWN)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_identification_and_comparison_know_it(design: Design, effect: str, seed: int) -> None:
+    truth, log = spoiled(design, effect, seed)
+    found = identify(truth, log)
+    assert found.warnings == ()
+    for name, value in {"J": truth.J, "F_c": 0.0213, "F_v": 1.68e-4}.items():
+        estimate = found.estimates[name]
+        assert abs(estimate.value - value) < 4.0 * estimate.stderr, name
+    with_it, without = (compare(known, log).channels["torque"] for known in (truth, design))
+    assert with_it.rms < without.rms
+    assert with_it.rms < 1.03 * with_it.floor
