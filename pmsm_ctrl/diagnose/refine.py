@@ -14,13 +14,15 @@ from pmsm_ctrl.diagnose.whitening import Whitener
 
 __all__ = ["refine"]
 
+# How often the steps are halved. A spring that is hardly damped has a frequency as sharp as its damping: per mille.
+USUAL, SHARP = 3, 7
 FIXED = ("order", "frame")  # whole numbers
 # A contact damped more than this does not bounce at all.
 STUCK = 2.0
 LINEAR = (0.85, 1.18)
 
 
-def refine(record: Record, solved: Solved, whitener: Whitener, trial: Trial, rounds: int = 3) -> Trial:
+def refine(record: Record, solved: Solved, whitener: Whitener, trial: Trial) -> Trial:
     """Return the trial with its nonlinear parameters improved by a pattern search in their logarithm.
 
     The steps begin at half the distance of the grid and are halved whenever nothing gets better.
@@ -30,6 +32,7 @@ def refine(record: Record, solved: Solved, whitener: Whitener, trial: Trial, rou
     if not free:
         return trial
     step = {name: _spacing(name, trial.group.shape, grid) for name in free}
+    rounds = SHARP if "w_a" in free and "gap" not in free else USUAL
     best = trial
     halved = 0
     for _ in range(4 * rounds):
