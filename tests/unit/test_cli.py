@@ -319,8 +319,10 @@ def test_interrupted_command_leaves_nothing_behind(tmp_path: Path, sent: signal.
     # The probe is killed while it writes; the file it would have replaced must be whole.
     target = tmp_path / "out.txt"
     target.write_text("old", encoding="utf-8")
+    # Tests that were started in the background of a shell inherit that the interrupt is ignored.
     probe = (
-        "import sys, time\n"
+        "import signal, sys, time\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from pmsm_ctrl.console import run\n"
         "from pmsm_ctrl.files import atomic_path\n"
         "def command(**_):\n"
