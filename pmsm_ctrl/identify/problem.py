@@ -177,7 +177,7 @@ def build_problem(
         target -= design.J * acceleration
     for index, (effect, parameters) in enumerate(bound_effects(design, own)):
         if effect.enters != "torque":
-            continue  # `prepare` has undone what falsifies a channel, and no voltage is balanced here
+            continue  # `prepare` has undone what the catalogue knows to falsify a channel; no voltage is balanced here
         if effect.structure != "term":
             notes.append(
                 f"{effect.id} has a state of its own and takes no part in the regression: output_error knows it"

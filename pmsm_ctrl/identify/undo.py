@@ -23,7 +23,7 @@ def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dic
     """Return channels as they would be without the design's measurement effects, and notes on those left in.
 
     A delay is undone exactly, an offset too; a wrong gain or angle to first order, since its term reads the measured
-    value in place of the true one. The gain's is smaller than that by itself, the angle's by its own slope.
+    value in place of the true one. Of currents: a logged torque is moved in time, and an offset or a gain stays in it.
 
     Parameters
     ----------
