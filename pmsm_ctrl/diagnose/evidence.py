@@ -20,6 +20,7 @@ __all__ = [
     "Trial",
     "blocked_gain",
     "f_tail",
+    "least_shown",
     "physical_bounds",
     "plain_evidence",
     "saturated_whitener",
@@ -185,6 +186,38 @@ def beyond(solved: Solved, whitener: Whitener, group: Group) -> tuple[Array, Arr
     u, s, vt = np.linalg.svd(left / scale, full_matrices=False)
     kept = s > 1e-2  # less than 1 % of its own left: the model has it already
     return u[:, kept], vt[kept].T / s[kept], scale
+
+
+def least_shown(solved: Solved, whitener: Whitener, group: Group, level: float, along: Array | None = None) -> Array:
+    """Return the amounts from which a test that knows shape and noise finds a group in half of all logs.
+
+    Parameters
+    ----------
+    level : float
+        Significance that is asked of the test.
+    along : array, shape (k,), optional
+        Proportion of the parameters; each alone when left out.
+
+    Returns
+    -------
+    array, shape (k,), or (1,) with `along`
+        In the units of the parameters, or of `along`; infinite where the model has the columns already.
+        Source: Cramer and Rao's bound in the power of the chi-square test, S. M. Kay, Fundamentals of Statistical
+        Signal Processing II, Prentice Hall 1998, sec. 6.5.
+    """
+    from scipy.optimize import brentq
+    from scipy.stats import chi2, ncx2
+
+    u, inverse, scale = beyond(solved, whitener, group)
+    k = u.shape[1]
+    parts = np.eye(len(scale)) if along is None else np.asarray(along, dtype=float)[:, None]
+    if k == 0:
+        return np.full(parts.shape[1], np.inf)
+    # u' z: what is left of the columns beside the model, in standard deviations of the noise
+    seen = np.linalg.norm(np.linalg.pinv(inverse) @ (scale[:, None] * parts), axis=0)
+    threshold = chi2.isf(level, k)
+    half = brentq(lambda x: ncx2.sf(threshold, k, x) - 0.5, 1e-6, 10.0 * threshold)
+    return np.sqrt(half) / np.maximum(seen, 1e-300)
 
 
 def plain_evidence(

@@ -16,8 +16,9 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED
+from pmsm_ctrl.diagnose.leftover import leftover
 from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.diagnose.selection import BEYOND, Accepted, Selection, fit_design, select
+from pmsm_ctrl.diagnose.selection import BEYOND, IMMATERIAL, SMALL, Accepted, Selection, fit_design, select
 from pmsm_ctrl.effects.base import Effect
 
 __all__ = ["select_with_exchange"]
@@ -39,6 +40,11 @@ def select_with_exchange(
         tried.add(order)
         other = select(design, record, effects, own, holdout, None, order)  # the bar does not run twice
         if other.accepted and not _only_more(other, best) and _left(other) < _left(best):
+            best = other
+    if any(why.startswith(IMMATERIAL) for why in best.refused.values()) and leftover(best.fits[-1]) is not None:
+        # too small beside the whole torque, and yet what is left depends on it: it has a name after all
+        other = select(design, record, effects, own, holdout, None, tuple(one.effect.id for one in best.accepted), SMALL)
+        if len(other.accepted) > len(best.accepted) and _left(other) < _left(best):
             best = other
     return best
 

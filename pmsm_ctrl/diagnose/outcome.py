@@ -9,9 +9,19 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED
-from pmsm_ctrl.diagnose.evidence import Trial
+from pmsm_ctrl.diagnose.evidence import Trial, least_shown
 from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.diagnose.selection import Accepted, Fitted, Selection, Step, errors, holdout_error
+from pmsm_ctrl.diagnose.selection import (
+    OUTSIDE,
+    SIGNIFICANCE,
+    UNSEEN,
+    Accepted,
+    Fitted,
+    Selection,
+    Step,
+    errors,
+    holdout_error,
+)
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.units import axis_unit
@@ -234,9 +244,27 @@ def _ranking(selection: Selection, hidden: Mapping[str, str]) -> tuple[Any, ...]
         order = trial.group.shape.get("order")
         key = f"{name} {order:g}" if name in REPEATED and order else name
         why = hidden.get(name) or selection.refused.get(key, "what is left does not need it")
+        if why.startswith((UNSEEN, OUTSIDE)) and name not in hidden:
+            why += _would_show(last, trial)
         rows.append(Ranked(name, _share(trial, start), trial.p_value, False, why))
     rows += [Ranked(c.effect.id, 0.0, 1.0, False, c.why_not or "it has no column on this log") for c in last.closed]
     return tuple(rows)
+
+
+def _would_show(fit: Fitted, trial: Trial) -> str:
+    """From which amount on the log would show an effect that it does not show: absence of evidence is not evidence."""
+    effect, motion = trial.candidate.effect, fit.record.prepared.motion
+    if effect.structure == "bristle" or "gap" in trial.group.shape:
+        return ""  # the size of their column is not their amount
+    amounts = least_shown(fit.solved, fit.whitener, trial.group, SIGNIFICANCE / max(len(fit.trials), 1))
+    words = []
+    for symbol, amount in zip(trial.group.symbols, amounts, strict=True):
+        p = effect.parameter(symbol)
+        if amount >= max(abs(p.lower), abs(p.upper)):
+            return "; no amount inside its bounds would show on this log"
+        unit = axis_unit(p.unit, motion)
+        words.append(f"{symbol} {amount:.2g}" + (f" {unit}" if unit != "1" else ""))
+    return f"; this log would show it from about {', '.join(words)}"
 
 
 def _share(trial: Trial, start: float) -> float:

@@ -45,7 +45,9 @@ SIGNIFICANCE = 0.01  # family-wise, by Holm
 # Standard errors that the gain of left-out blocks must reach. A small first effect may do with less: spread evenly over
 # the blocks its gain reaches half the root of the whole, and this share of that must be seen.
 BLOCK_ERRORS, LEAST_ERRORS, SEEN = 2.8, 2.0, 0.75
-MATERIAL = 0.004  # smallest contribution worth a name, as a share of the balance's size where it acts
+# Smallest contribution worth a name, as a share of the balance's size; where what is left depends on something all the
+# same, a smaller one is.
+MATERIAL, SMALL = 0.004, 0.001
 LOWERED = 0.996  # what is left of the error in at least one balance once an effect is in
 # The winding stands in for effects, at a price: squares of how far it left its datasheet, in tolerances. An effect that
 # brings back so much of it need not lower an error, and so much more of it need only hold up on left-out blocks:
@@ -54,6 +56,8 @@ RELIEF, ABSURD = 25.0, 225.0
 WINDING = ("R", "L_d", "L_q", "psi_f")
 MOST_STEPS = 8
 BEYOND = "beyond its bounds"
+IMMATERIAL = "significant but immaterial"
+UNSEEN, OUTSIDE = "not significant", "its parameters come out beyond their bounds"
 UNSTEADY = "does not hold on left-out blocks"
 SERVED = 0.2  # what one balance may lose of what another one gains
 # How often at most a delay is met again where it was found: to first order one of two samples comes out a third low.
@@ -251,10 +255,12 @@ def select(
     holdout: Record | None = None,
     progress: Callable[[float], None] | None = None,
     order: tuple[str, ...] = (),
+    worth: float = MATERIAL,
 ) -> Selection:
     """Accept effects until nothing passes the gates.
 
-    With `order` the first ones are these, or none at all when one of them does not pass.
+    With `order` the first ones are these, or none at all when one of them does not pass. `worth` is the smallest
+    contribution that is worth a name, as a share of the balance.
     """
     accepted: tuple[Accepted, ...] = ()
     fit = fit_design(design, record, accepted, effects, own)
@@ -265,7 +271,7 @@ def select(
         only = order[number] if number < len(order) else ""
         # what an effect taken in is not exactly is left in every block, and can look like a small one
         least = BLOCK_ERRORS if accepted else LEAST_ERRORS
-        won = _winner(fit, refused, least, only)
+        won = _winner(fit, refused, least, worth, only)
         while won is not None:
             trial, evidence = won
             new = (*accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid))
@@ -277,7 +283,7 @@ def select(
             if not why:
                 break
             refused[name_of(trial)] = why
-            won = _winner(fit, refused, least, only)
+            won = _winner(fit, refused, least, worth, only)
         if won is None:
             if only:
                 return Selection((fits[0],), (), (), refused)
@@ -316,30 +322,32 @@ def name_of(trial: Trial) -> str:
     return f"{effect} {order:g}" if effect in REPEATED and order else effect
 
 
-def _winner(fit: Fitted, refused: dict[str, str], least: float, only: str = "") -> tuple[Trial, Evidence] | None:
+def _winner(
+    fit: Fitted, refused: dict[str, str], least: float, worth: float, only: str = ""
+) -> tuple[Trial, Evidence] | None:
     """Return the best candidate that passes every gate, writing down why the ones before it do not."""
     p_holm = dict(zip(map(id, fit.trials), holm([t.p_value for t in fit.trials]), strict=True))
     for trial in fit.trials:
         name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
-        why, evidence = _gates(fit, trial, p_holm[id(trial)], least)
+        why, evidence = _gates(fit, trial, p_holm[id(trial)], least, worth)
         if evidence is not None and not why:
             return trial, evidence
         refused[name] = why
     return None
 
 
-def _gates(fit: Fitted, trial: Trial, p_holm: float, least: float) -> tuple[str, Evidence | None]:
+def _gates(fit: Fitted, trial: Trial, p_holm: float, least: float, worth: float) -> tuple[str, Evidence | None]:
     if trial.singular:
         return "this log cannot tell it from what the model has already", None
     if trial.wrong_sign:
-        return "its parameters come out beyond their bounds", None
+        return OUTSIDE, None
     if p_holm > SIGNIFICANCE:
-        return f"not significant (corrected p = {p_holm:.2g})", None
+        return f"{UNSEEN} (corrected p = {p_holm:.2g})", None
     material = _material(fit, trial)
-    if material < MATERIAL:
-        return f"significant but immaterial: {100 * material:.2g} % of the balance where it acts", None
+    if material < worth:
+        return f"{IMMATERIAL}: {100 * material:.2g} % of the balance where it acts", None
     judge = (fit.plain, fit.weights) if trial.slow else (fit.solved, fit.whitener)
     direction = trial.plain_direction if trial.slow else trial.direction
     mean, stderr, blocks, p_rank = blocked_gain(fit.record, *judge, trial.group, direction, fit.whitener.memory)
@@ -412,15 +420,15 @@ def _equivalents(fit: Fitted, trial: Trial) -> tuple[str, ...]:
 
 def _objection(after: Fitted, before: Fitted) -> str:
     """An effect that makes one balance worse to please another is not the missing one."""
-    old, new = errors(before.record, before.residual), errors(after.record, after.residual)
+    old, new = _weighted(before), _weighted(after)
     sizes = dict(zip(after.record.channels, after.weights.sigma, strict=True))
-    change = {name: (new[name][0] ** 2 - old[name][0] ** 2) / sizes[name] ** 2 for name in new}
+    change = {name: (new[name] ** 2 - old[name] ** 2) / sizes[name] ** 2 for name in new}
     for name, more in change.items():
         # a winding that was bent to stand in for the effect may have served one balance better than the truth does
-        if new[name][0] > 1.03 * old[name][0] and more > -SERVED * min(change.values()):
+        if new[name] > 1.03 * old[name] and more > -SERVED * min(change.values()):
             return f"makes the {name} balance worse"
     relieved = strain(before.plain) - strain(after.plain) > RELIEF
-    if not relieved and all(rms > LOWERED * old[name][0] for name, (rms, _) in new.items()):
+    if not relieved and all(rms > LOWERED * old[name] for name, rms in new.items()):
         return "lowers no error by an amount worth a name"
     known = dict(zip(after.model.names, after.plain.values.tolist(), strict=True))
     bounds = physical_bounds((g.effect for g in after.model.groups if g.effect), known)
@@ -430,6 +438,13 @@ def _objection(after: Fitted, before: Fitted) -> str:
         if not low - slack <= value <= high + slack:
             return f"drives {name} to {value:.3g}, {BEYOND}"
     return ""
+
+
+def _weighted(fit: Fitted) -> dict[str, float]:
+    """Rms residual per balance; samples that the log's rate could not follow count as little as they did in the fit."""
+    used = fit.record.mask
+    rows = (fit.residual * fit.record.weight)[:, used]
+    return dict(zip(fit.record.channels, np.sqrt(np.mean(rows**2, axis=1)).tolist(), strict=True))
 
 
 def strain(solved: Solved) -> float:

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
@@ -30,7 +31,10 @@ from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate.motions import Limits, PathBuilder
 from pmsm_ctrl.simulate.scenarios import Scenario, scenario
+
+Array = NDArray[Any]
 
 DESIGN = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 
@@ -61,7 +65,7 @@ MIDDLE: dict[str, dict[str, float]] = {
     "delay": {"tau": 1e-3},
 }  # fmt: skip
 STRENGTH = {"compliance": ("J_load",), "backlash": ("gap",), "presliding": ("z_s",)}
-MOTIONS = ("identification", "mixed", "servo")
+MOTIONS = ("identification", "mixed", "moves", "servo")
 # Strength that the noise allows to be found in half of all logs, over the strength that is there.
 HOPELESS = 0.5
 
@@ -78,12 +82,30 @@ class Case:
 
 
 def motion(name: str, design: Design, seed: int) -> Scenario:
-    """Return one of three different motions, all about 30 s long."""
+    """Return one of the motions, all about 30 s long."""
     if name == "identification":
         return scenario("identification", design, seed=seed)
+    if name == "moves":
+        return moves(seed)
     if name == "mixed":
         return scenario("identification", design, seed=seed + 100, duration=24.0, speed_max=120.0, acceleration=1200.0)
     return scenario("reversal", design, speed=80.0, frequency=0.31, cycles=9.0)
+
+
+def moves(seed: int) -> Scenario:
+    """Moves from rest to rest, as a machine makes them: random places, speeds, accelerations and pauses."""
+    rng = np.random.default_rng([seed, 31])
+    builder = PathBuilder()
+    while builder.t < 30.0:
+        builder.piece(rng.uniform(0.05, 0.3))
+        limits = Limits(speed=rng.uniform(10.0, 150.0), acceleration=10.0 ** rng.uniform(2.5, 3.5), jerk=1e5)
+        builder.move(rng.uniform(-40.0, 40.0), limits)
+    path = builder.path()
+
+    def references(t: Array) -> dict[str, Array]:
+        return dict(zip(("theta_ref", "omega_ref", "alpha_ref"), path.at(t), strict=True))
+
+    return Scenario("moves", builder.t, references, control="position")
 
 
 def truth_of(design: Design, case: Case) -> tuple[Design, Design]:

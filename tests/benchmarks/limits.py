@@ -17,13 +17,11 @@ from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.columns import effect_group
-from pmsm_ctrl.diagnose.evidence import beyond
+from pmsm_ctrl.diagnose.evidence import least_shown
 from pmsm_ctrl.diagnose.model import design_shape
 from pmsm_ctrl.diagnose.selection import SIGNIFICANCE
 from pmsm_ctrl.effects.catalogue import CATALOGUE
@@ -42,14 +40,8 @@ def bound(case: Case) -> float:
     fit = diagnose(design, log_of(design, truth, case), candidates=()).selection.fits[0]
     values = MIDDLE[effect.id]
     group = effect_group(fit.record, effect, design_shape(effect, values))
-    u, inverse, scale = beyond(fit.solved, fit.whitener, group)
-    if u.shape[1] == 0:
-        return float("inf")
-    # u' z times the values: what is left of the effect beside the model, in standard deviations of the noise
-    seen = np.linalg.pinv(inverse) @ (scale * np.array([values[s] for s in group.symbols]))
-    threshold = chi2.isf(SIGNIFICANCE / len(CATALOGUE), u.shape[1])
-    half = brentq(lambda x: ncx2.sf(threshold, u.shape[1], x) - 0.5, 1e-6, 10.0 * threshold)
-    return float(np.sqrt(half / (seen @ seen)))
+    proportion = np.array([values[s] for s in group.symbols])
+    return float(least_shown(fit.solved, fit.whitener, group, SIGNIFICANCE / len(CATALOGUE), proportion)[0])
 
 
 def found(effect: str, motion: str, seeds: int, strength: float) -> bool:
