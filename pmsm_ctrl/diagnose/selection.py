@@ -427,6 +427,11 @@ def _objection(after: Fitted, before: Fitted) -> str:
         # a winding that was bent to stand in for the effect may have served one balance better than the truth does
         if new[name] > 1.03 * old[name] and more > -SERVED * min(change.values()):
             return f"makes the {name} balance worse"
+    # samples that count little have no say in other balances, but in its own an effect is not made of their error
+    gained = min(change, key=lambda name: change[name])
+    plain = [errors(fit.record, fit.residual)[gained][0] for fit in (before, after)]
+    if plain[1] > 1.03 * plain[0]:
+        return f"makes the {gained} balance worse where the torque jumps"
     relieved = strain(before.plain) - strain(after.plain) > RELIEF
     if not relieved and all(rms > LOWERED * old[name] for name, rms in new.items()):
         return "lowers no error by an amount worth a name"
