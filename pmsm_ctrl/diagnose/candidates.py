@@ -24,6 +24,8 @@ REPEATED = ("cogging", "torque_ripple")
 ELECTRICAL_ORDERS = (1.0, 2.0, 6.0, 12.0)
 # Mechanical orders that are looked at for cogging, and how many of them are tried.
 HIGHEST, TRIED = 240, 6
+# Lowest frequency of a load on its spring, Hz, and the dampings of those that ring.
+LOWEST, RINGING = 10.0, (0.01, 0.03, 0.1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +79,9 @@ def candidates_for(
         if effect.id == "cogging":
             out.append(_cogging(record, effect, residual))
             continue
+        if effect.id == "compliance":
+            out.append(_compliance(record, effect, residual))
+            continue
         grid = tuple(_grid(record, effect))
         out.append(Candidate(effect, grid, max(1, len(grid))))
     return out
@@ -91,6 +96,38 @@ def _cogging(record: Record, effect: Effect, residual: Array) -> Candidate:
     if not grid:
         return Candidate(effect, (), 1, "no turn is slow enough to see an order above the first")
     return Candidate(effect, grid, max(int(np.sum(score > 0.0)), 1))
+
+
+def _compliance(record: Record, effect: Effect, residual: Array) -> Candidate:
+    """Springs over a coarse grid, and the best of a fine one, in which one that is hardly damped can't be missed."""
+    ringing = list(_ringing(record, residual))
+    grid = (*_spring(record), *(max(ringing, key=lambda r: r[0] if r[2] == zeta else -1.0)[1:] for zeta in RINGING))
+    shapes = tuple({"w_a": w, "zeta": zeta} for w, zeta in grid)
+    return Candidate(effect, shapes, len(grid) + len(ringing))
+
+
+def _ringing(record: Record, residual: Array) -> Iterator[tuple[float, float, float]]:
+    """Gain of the torque's sum of squares by springs a fraction of their resonance's width apart, w_a and zeta.
+
+    By Parseval over the spectra, so that each costs one product; a spring that would need a negative load gains nothing.
+    """
+    square = (record.weight[0] * record.mask) ** 2
+    alpha = record.shaped(record.signals["alpha"])
+    f = np.fft.rfftfreq(len(alpha), 1.0 / record.rate)
+    band = (f > 0.0) & (f < record.prepared.cutoff)
+    s = 2j * np.pi * f[band]
+    motion, wanted, own = (np.fft.rfft(x)[band] for x in (alpha, square * residual, square * alpha))
+    scale = 2.0 / len(alpha)
+    size = max(float(square @ alpha**2), 1e-300)
+    level = scale * float(square.mean())
+    for zeta in RINGING:
+        count = int(np.log(1.2 * record.prepared.cutoff / LOWEST) / (1.2 * zeta)) + 1
+        for w in 2.0 * np.pi * np.geomspace(LOWEST, 1.2 * record.prepared.cutoff, count):
+            column = -(s**2) / (s**2 + 2.0 * zeta * w * s + w * w) * motion
+            along = scale * float(np.vdot(wanted, column).real)
+            beside = scale * float(np.vdot(own, column).real)
+            left = level * float(np.vdot(column, column).real) - beside**2 / size
+            yield (along**2 / left if along > 0.0 and left > 0.0 else 0.0), float(w), zeta
 
 
 def _grid(record: Record, effect: Effect) -> Iterator[dict[str, float]]:
@@ -131,11 +168,10 @@ def _ripple(record: Record) -> Iterator[dict[str, float]]:
         yield {"order": order}
 
 
-def _spring(record: Record) -> Iterator[dict[str, float]]:
-    # a spring that is hardly damped is seen from half a step of its frequency away, and no further
-    for k, f in enumerate(np.geomspace(10.0, 250.0, 15)):
+def _spring(record: Record) -> Iterator[tuple[float, float]]:
+    for k, f in enumerate(np.geomspace(LOWEST, 250.0, 15)):
         for zeta in (0.02, 0.15) if k % 2 == 0 else (0.02,):
-            yield {"w_a": 2.0 * np.pi * float(f), "zeta": zeta}
+            yield 2.0 * np.pi * float(f), zeta
 
 
 def _gap(record: Record) -> Iterator[dict[str, float]]:
@@ -172,7 +208,6 @@ _SHAPES = {
     "viscous_power": _power,
     "thermal_drift": _thermal,
     "torque_ripple": _ripple,
-    "compliance": _spring,
     "backlash": _gap,
     "presliding": _bristle,
     "dead_time": _dead,

@@ -19,7 +19,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.evaluate import column, columns
 from pmsm_ctrl.identify.signals import low_pass
 
-__all__ = ["Group", "UnavailableError", "as_candidate", "effect_group", "missing_signals"]
+__all__ = ["Group", "UnavailableError", "as_candidate", "effect_group", "missing_signals", "noise_of"]
 
 Array = NDArray[np.float64]
 
@@ -129,20 +129,33 @@ def _slow_enough(record: Record, effect: Effect, shape: Mapping[str, float]) -> 
 
 
 def as_candidate(record: Record, group: Group) -> Group:
-    """Return the columns by which an effect that is not in the model yet is judged.
+    """Return the columns by which an effect that is not in the model yet is judged: nothing made of noise.
 
     A delay only where the torque changes faster than its noise does. The speed controller answers noise at once, so
-    that noise and the slope of the torque go together, and look like a torque that comes too early. Noise is what
-    the slope holds in the upper half of the band, as a median.
+    that noise and the slope of the torque go together, and look like a torque that comes too early.
+
+    A gap only where its load would accelerate otherwise than the shaft by more than noise. A load that floats at
+    steady speed takes no part in the noise of the acceleration, which lowers every error, gap or no gap.
     """
-    if group.effect is None or group.effect.structure != "delay":
+    if group.effect is None:
         return group
-    values = group.values.copy()
-    for slope in values[0].T:
-        fast = slope - low_pass(slope, record.rate, 0.5 * record.prepared.cutoff)
-        noise = 1.4826 * np.sqrt(2.0) * float(np.median(np.abs(fast)))
-        slope[np.abs(slope) <= ABOVE_NOISE * noise] = 0.0
-    return replace(group, values=values)
+    if group.effect.structure == "delay":
+        values = group.values.copy()
+        for slope in values[0].T:
+            slope[np.abs(slope) <= ABOVE_NOISE * noise_of(record, slope)] = 0.0
+        return replace(group, values=values)
+    if "gap" in group.shape:
+        values = group.values.copy()
+        least = ABOVE_NOISE * noise_of(record, record.shaped(record.signals["alpha"]))
+        values[0][np.abs(values[0]) <= least] = 0.0
+        return replace(group, values=values)
+    return group
+
+
+def noise_of(record: Record, values: Array) -> float:
+    """Noise of a thinned signal, rms: what it holds in the upper half of the band, as a median."""
+    fast = values - low_pass(values, record.rate, 0.5 * record.prepared.cutoff)
+    return 1.4826 * np.sqrt(2.0) * float(np.median(np.abs(fast)))
 
 
 def _entering(record: Record, effect: Effect, term: Array, shape: Mapping[str, float]) -> dict[str, Array]:

@@ -11,19 +11,31 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED
+from pmsm_ctrl.diagnose.evidence import Trial
 from pmsm_ctrl.diagnose.leftover import leftover
 from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.diagnose.selection import BEYOND, IMMATERIAL, SMALL, Accepted, Selection, fit_design, select
+from pmsm_ctrl.diagnose.selection import (
+    BEYOND,
+    IMMATERIAL,
+    SMALL,
+    Accepted,
+    Fitted,
+    Selection,
+    fit_design,
+    select,
+    tied,
+)
 from pmsm_ctrl.effects.base import Effect
 
 __all__ = ["select_with_exchange"]
 
-# Share of the gain of the effect that was taken from which on another one is fitted as well, and how many are.
+# Share of the gain of the effect that was taken from which on another one is fitted as well, and how many more are.
 CLOSE, MOST_RIVALS = 0.6, 3
 
 
@@ -34,19 +46,52 @@ def select_with_exchange(
     """Select effects one at a time, then exchange those that another one can replace."""
     found = best = select(design, record, effects, own, holdout, progress)
     tried: set[tuple[str, ...]] = set()
+    others = []
     for order in _orders(design, record, found, effects, own):
         if order in tried:
             continue
         tried.add(order)
         other = select(design, record, effects, own, holdout, None, order)  # the bar does not run twice
-        if other.accepted and not _only_more(other, best) and _left(other) < _left(best):
+        others.append(other)
+        if other.accepted and not _only_more(other, best) and _better(other, best):
             best = other
     if any(why.startswith(IMMATERIAL) for why in best.refused.values()) and leftover(best.fits[-1]) is not None:
         # too small beside the whole torque, and yet what is left depends on it: it has a name after all
         other = select(design, record, effects, own, holdout, None, tuple(one.effect.id for one in best.accepted), SMALL)
         if len(other.accepted) > len(best.accepted) and _left(other) < _left(best):
             best = other
-    return best
+    return _with_equals(best, [found, *others])
+
+
+def _better(other: Selection, best: Selection) -> bool:
+    """Whether a selection leaves less; where that is a tie, whether it leaves less of what prewhitening brings out."""
+    first = best.fits[0]
+    more = _left(other) - _left(best)
+    if abs(more) > tied(_squares(first, first) - min(_squares(f.fits[-1], first) for f in (other, best))):
+        return more < 0.0
+    return _whitened(other) < _whitened(best)
+
+
+def _with_equals(best: Selection, others: list[Selection]) -> Selection:
+    """Declare equivalent what explains the log as well in the place of an effect, everything refitted."""
+    steps = list(best.steps)
+    present = Counter(one.effect.id for one in best.accepted)
+    left, whitened, first = _left(best), _whitened(best), best.fits[0]
+    gain = _squares(first, first) - _squares(best.fits[-1], first)
+    for other in others:
+        theirs = Counter(one.effect.id for one in other.accepted)
+        ours, rivals = list((present - theirs).elements()), list((theirs - present).elements())
+        if len(ours) != 1 or len(rivals) != 1:
+            continue
+        if _left(other) > left + tied(gain) or _whitened(other) > whitened + tied(gain):
+            continue
+        steps = [
+            replace(step, equivalents=(*step.equivalents, *rivals))
+            if step.trial.candidate.effect.id == ours[0] and rivals[0] not in step.equivalents
+            else step
+            for step in steps
+        ]
+    return replace(best, steps=tuple(steps))
 
 
 def _only_more(other: Selection, best: Selection) -> bool:
@@ -90,17 +135,36 @@ def _rivals(found: Selection) -> Iterator[tuple[str, ...]]:
     """Ids of effects that might have been taken in the place of a single one."""
     first = found.steps[0].trial
     close = [t for t in found.fits[0].trials if not (t.wrong_sign or t.singular or t.at_bound)]
-    close = [t for t in close if t.plain_gain > CLOSE * first.plain_gain and t.candidate.effect.id not in REPEATED]
-    for trial in sorted(close, key=lambda t: -t.plain_gain)[:MOST_RIVALS]:
+    close = [t for t in close if t.candidate.effect.id not in REPEATED and _share(t, first) > CLOSE]
+    for trial in sorted(close, key=lambda t: -_share(t, first))[: MOST_RIVALS + 1]:
         if trial.candidate.effect.id != first.candidate.effect.id:
             yield (trial.candidate.effect.id,)
 
 
+def _share(trial: Trial, first: Trial) -> float:
+    """What a trial explains of what the first one does, whichever way it explains more."""
+    return max(trial.plain_gain / max(first.plain_gain, 1e-300), trial.gain / max(first.gain, 1e-300))
+
+
 def _left(found: Selection) -> float:
     """Sum of squares that is left, in units of the noise, with what each column costs (Schwarz)."""
+    return _squares(found.fits[-1], found.fits[0]) + _price(found)
+
+
+def _whitened(found: Selection) -> float:
+    """The same, prewhitened as the design's own residual is."""
     last, first = found.fits[-1], found.fits[0]
-    sizes = np.array(first.weights.sigma)[:, None]
-    weighted = (last.residual * last.record.weight * last.record.mask) / sizes
+    rest = first.whitener(last.record.target - last.solved.predicted())
+    return float(rest @ rest) + _price(found)
+
+
+def _price(found: Selection) -> float:
+    last, first = found.fits[-1], found.fits[0]
     shapes = sum(len(one.shape) for one in found.accepted)
     columns = len(last.model.names) - len(first.model.names) + shapes
-    return float(np.sum(weighted**2)) + columns * float(np.log(max(int(last.record.mask.sum()), 2)))
+    return columns * float(np.log(max(int(last.record.mask.sum()), 2)))
+
+
+def _squares(fit: Fitted, first: Fitted) -> float:
+    sizes = np.array(first.weights.sigma)[:, None]
+    return float(np.sum(((fit.residual * fit.record.weight * fit.record.mask) / sizes) ** 2))

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.columns import Group, UnavailableError, effect_group
+from pmsm_ctrl.diagnose.columns import Group, UnavailableError, effect_group, noise_of
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.whitening import Whitener
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
-from pmsm_ctrl.identify.signals import low_pass
 
 __all__ = [
     "MOST_NOISE",
@@ -198,13 +197,10 @@ def noise_share(record: Record, alpha: Array) -> float:
     """Share of noise in the acceleration where it counts.
 
     Noise makes an estimated inertia too small by that share: where fast transients are all that accelerates the axis
-    and the log's rate is too low for them, hardly anything else is left. Noise is what the acceleration holds in the
-    upper half of the band, as a median.
+    and the log's rate is too low for them, hardly anything else is left.
     """
-    fast = alpha - low_pass(alpha, record.rate, 0.5 * record.prepared.cutoff)
-    noise = 1.4826 * np.sqrt(2.0) * float(np.median(np.abs(fast)))
     weight = (record.weight[0] * record.mask) ** 2
-    return float(noise**2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
+    return float(noise_of(record, alpha) ** 2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
 
 
 def _winding(design: Design, record: Record, groups: list[Group], nominal: list[float], sigma: list[float]) -> None:

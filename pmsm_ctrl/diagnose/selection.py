@@ -37,7 +37,7 @@ from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.whitening import Whitener
 from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["RELIEF", "WINDING", "Accepted", "Fitted", "Step", "fit_design", "name_of", "relief", "select", "strain"]
+__all__ = ["RELIEF", "WINDING", "Accepted", "Fitted", "Step", "fit_design", "name_of", "relief", "select", "strain", "tied"]
 
 Array = NDArray[np.float64]
 
@@ -406,7 +406,7 @@ def _equivalents(fit: Fitted, trial: Trial) -> tuple[str, ...]:
         # what the rival leaves of what this one explains
         along = float(own @ other.direction)
         left = size - along**2 / max(float(other.direction @ other.direction), 1e-300)
-        if left < max(20.0, 0.01 * size):
+        if left < tied(size):
             found.append(other.candidate.effect.id)
     ids = [*found]
     for effect in trial.candidate.effect.look_alikes:
@@ -418,6 +418,11 @@ def _equivalents(fit: Fitted, trial: Trial) -> tuple[str, ...]:
     return tuple(ids)
 
 
+def tied(gain: float) -> float:
+    """By how much two explanations of so large a gain may differ and still be the same to this log."""
+    return max(20.0, 0.01 * gain)
+
+
 def _objection(after: Fitted, before: Fitted) -> str:
     """An effect that makes one balance worse to please another is not the missing one."""
     old, new = _weighted(before), _weighted(after)
@@ -427,11 +432,6 @@ def _objection(after: Fitted, before: Fitted) -> str:
         # a winding that was bent to stand in for the effect may have served one balance better than the truth does
         if new[name] > 1.03 * old[name] and more > -SERVED * min(change.values()):
             return f"makes the {name} balance worse"
-    # samples that count little have no say in other balances, but in its own an effect is not made of their error
-    gained = min(change, key=lambda name: change[name])
-    plain = [errors(fit.record, fit.residual)[gained][0] for fit in (before, after)]
-    if plain[1] > 1.03 * plain[0]:
-        return f"makes the {gained} balance worse where the torque jumps"
     relieved = strain(before.plain) - strain(after.plain) > RELIEF
     if not relieved and all(rms > LOWERED * old[name] for name, rms in new.items()):
         return "lowers no error by an amount worth a name"
