@@ -134,22 +134,20 @@ def as_candidate(record: Record, group: Group) -> Group:
     A delay only where the torque changes faster than its noise does. The speed controller answers noise at once, so
     that noise and the slope of the torque go together, and look like a torque that comes too early.
 
-    A gap only where its load would accelerate otherwise than the shaft by more than noise. A load that floats at
-    steady speed takes no part in the noise of the acceleration, which lowers every error, gap or no gap.
+    A load behind a spring or a gap only where it would accelerate otherwise than the shaft by more than noise. One that
+    takes no part in the noise of the acceleration lowers every error, there or not.
     """
-    if group.effect is None:
+    if group.effect is None or group.effect.structure not in ("delay", "transmission"):
         return group
-    if group.effect.structure == "delay":
-        values = group.values.copy()
-        for slope in values[0].T:
-            slope[np.abs(slope) <= ABOVE_NOISE * noise_of(record, slope)] = 0.0
-        return replace(group, values=values)
-    if "gap" in group.shape:
-        values = group.values.copy()
-        least = ABOVE_NOISE * noise_of(record, record.shaped(record.signals["alpha"]))
-        values[0][np.abs(values[0]) <= least] = 0.0
-        return replace(group, values=values)
-    return group
+    values = group.values.copy()
+    for column in values[0].T:
+        noise = noise_of(record, column)
+        if group.effect.structure == "transmission":
+            shaft = noise_of(record, record.shaped(record.signals["alpha"]))
+            # a load in contact follows the shaft nearly always; one that rings does so without end
+            noise = shaft if "gap" in group.shape else min(shaft, noise)
+        column[np.abs(column) <= ABOVE_NOISE * noise] = 0.0
+    return replace(group, values=values)
 
 
 def noise_of(record: Record, values: Array) -> float:

@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 OVERDAMPED = 0.7
 # Friction may rise with speed (EMPS has half its dry friction at rest), but no axis is known that rests without any.
 MOST_RISING = 0.75
+# Nor one whose dry friction at rest is more than so many times that in motion: what asks for it is something else.
+MOST_FALLING = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +256,7 @@ def physical_bounds(effects: Iterable[Effect], known: Mapping[str, float]) -> di
     dry = abs(known.get("F_c", 0.0)) + abs(known.get("dF_s", 0.0))
     bounds["level"] = (0.5 * dry, 2.0 * dry) if dry > 0.0 else (0.0, np.inf)
     if known.get("F_c", 0.0) > 0.0:
-        bounds["dF_s"] = (-MOST_RISING * known["F_c"], np.inf)
+        bounds["dF_s"] = (-MOST_RISING * known["F_c"], MOST_FALLING * known["F_c"])
     return bounds
 
 

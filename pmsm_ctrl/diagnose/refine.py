@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from pmsm_ctrl.diagnose.columns import UnavailableError, effect_group
+from pmsm_ctrl.diagnose.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.diagnose.evidence import OVERDAMPED, Trial, try_group
 from pmsm_ctrl.diagnose.model import Solved
 from pmsm_ctrl.diagnose.record import Record
@@ -22,10 +22,13 @@ STUCK = 2.0
 LINEAR = (0.85, 1.18)
 
 
-def refine(record: Record, solved: Solved, whitener: Whitener, trial: Trial) -> Trial:
+def refine(
+    record: Record, solved: Solved, whitener: Whitener, trial: Trial, seen: Callable[[Record, Group], Group] | None = None
+) -> Trial:
     """Return the trial with its nonlinear parameters improved by a pattern search in their logarithm.
 
-    The steps begin at half the distance of the grid and are halved whenever nothing gets better.
+    `seen` returns what of a group's columns is to be used; all of it when left out. The steps begin at half the
+    distance of the grid and are halved whenever nothing gets better.
     """
     grid = trial.candidate.grid
     free = [n for n in trial.group.shape if n not in FIXED and len({s[n] for s in grid}) > 1]
@@ -41,7 +44,7 @@ def refine(record: Record, solved: Solved, whitener: Whitener, trial: Trial) -> 
             for sign in (1.0, -1.0):
                 shape = dict(best.group.shape)
                 shape[name] = _inside(trial, name, shape[name] * float(np.exp(sign * step[name])))
-                tried = _tried(record, solved, whitener, best, shape)
+                tried = _tried(record, solved, whitener, best, shape, seen)
                 if tried is not None and not tried.wrong_sign and tried.gain > best.gain * (1.0 + 1e-9):
                     best, better = tried, True
                     break
@@ -54,12 +57,14 @@ def refine(record: Record, solved: Solved, whitener: Whitener, trial: Trial) -> 
 
 
 def _tried(
-    record: Record, solved: Solved, whitener: Whitener, trial: Trial, shape: Mapping[str, float]
-) -> Trial | None:
+    record: Record, solved: Solved, whitener: Whitener, trial: Trial, shape: Mapping[str, float],
+    seen: Callable[[Record, Group], Group] | None,
+) -> Trial | None:  # fmt: skip
     try:
         group = effect_group(record, trial.candidate.effect, shape)
     except UnavailableError:
         return None
+    group = group if seen is None else seen(record, group)
     return try_group(solved, whitener, trial.candidate, group)
 
 

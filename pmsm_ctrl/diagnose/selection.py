@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare.blocks import holm
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED, Candidate, candidates_for
-from pmsm_ctrl.diagnose.columns import effect_group
+from pmsm_ctrl.diagnose.columns import as_candidate, effect_group
 from pmsm_ctrl.diagnose.evidence import (
     Evidence,
     Trial,
@@ -244,7 +244,7 @@ def _bristles(design: Design, effects: Mapping[str, Effect]) -> list[Accepted]:
 def _refined(record: Record, solved: Solved, whitener: Whitener, trials: list[Trial]) -> list[Trial]:
     """Refine the shapes of the few that matter."""
     best = sorted((t for t in trials if not t.wrong_sign), key=lambda t: -t.score)[:6]
-    return [refine(record, solved, whitener, t) if t in best and t.score > 0.0 else t for t in trials]
+    return [refine(record, solved, whitener, t, as_candidate) if t in best and t.score > 0.0 else t for t in trials]
 
 
 def select(
@@ -300,9 +300,15 @@ def _reshaped(
     design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
     own: tuple[Effect, ...],
 ) -> tuple[Accepted, ...]:  # fmt: skip
-    """Refine the nonlinear parameters of the effects taken earlier, now that another one is in."""
+    """Refine the nonlinear parameters of the effects taken earlier, now that another one is in.
+
+    Those of a spring just taken as well: it was judged without what is noise.
+    """
     out = list(accepted)
-    for k, one in enumerate(accepted[:-1]):
+    for k, one in enumerate(accepted):
+        spring = one.effect.structure == "transmission" and "gap" not in one.shape
+        if k == len(accepted) - 1 and not spring:
+            continue
         if len(one.grid) < 2 or set(one.shape) <= {"order"} or one.effect.structure == "bristle":
             continue
         others = (*out[:k], *out[k + 1 :])
