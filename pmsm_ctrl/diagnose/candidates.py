@@ -109,7 +109,7 @@ def _compliance(record: Record, effect: Effect, residual: Array) -> Candidate:
 def _ringing(record: Record, residual: Array) -> Iterator[tuple[float, float, float]]:
     """Gain of the torque's sum of squares by springs a fraction of their resonance's width apart, w_a and zeta.
 
-    By Parseval over the spectra, so that each costs one product; a spring that would need a negative load gains nothing.
+    By Parseval over the spectra, so that each costs one product. One that would need a negative load gains nothing.
     """
     square = (record.weight[0] * record.mask) ** 2
     alpha = record.shaped(record.signals["alpha"])

@@ -140,13 +140,13 @@ def as_candidate(record: Record, group: Group) -> Group:
     if group.effect is None or group.effect.structure not in ("delay", "transmission"):
         return group
     values = group.values.copy()
-    for column in values[0].T:
-        noise = noise_of(record, column)
+    for part in values[0].T:
+        noise = noise_of(record, part)
         if group.effect.structure == "transmission":
             shaft = noise_of(record, record.shaped(record.signals["alpha"]))
             # a load in contact follows the shaft nearly always; one that rings does so without end
             noise = shaft if "gap" in group.shape else min(shaft, noise)
-        column[np.abs(column) <= ABOVE_NOISE * noise] = 0.0
+        part[np.abs(part) <= ABOVE_NOISE * noise] = 0.0
     return replace(group, values=values)
 
 

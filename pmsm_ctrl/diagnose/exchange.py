@@ -18,12 +18,9 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED
 from pmsm_ctrl.diagnose.evidence import Trial
-from pmsm_ctrl.diagnose.leftover import leftover
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.selection import (
     BEYOND,
-    IMMATERIAL,
-    SMALL,
     Accepted,
     Fitted,
     Selection,
@@ -54,11 +51,6 @@ def select_with_exchange(
         other = select(design, record, effects, own, holdout, None, order)  # the bar does not run twice
         others.append(other)
         if other.accepted and not _only_more(other, best) and _better(other, best):
-            best = other
-    if any(why.startswith(IMMATERIAL) for why in best.refused.values()) and leftover(best.fits[-1]) is not None:
-        # too small beside the whole torque, and yet what is left depends on it: it has a name after all
-        other = select(design, record, effects, own, holdout, None, tuple(one.effect.id for one in best.accepted), SMALL)
-        if len(other.accepted) > len(best.accepted) and _left(other) < _left(best):
             best = other
     return _with_equals(best, [found, *others])
 

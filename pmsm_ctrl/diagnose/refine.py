@@ -23,7 +23,11 @@ LINEAR = (0.85, 1.18)
 
 
 def refine(
-    record: Record, solved: Solved, whitener: Whitener, trial: Trial, seen: Callable[[Record, Group], Group] | None = None
+    record: Record,
+    solved: Solved,
+    whitener: Whitener,
+    trial: Trial,
+    seen: Callable[[Record, Group], Group] | None = None,
 ) -> Trial:
     """Return the trial with its nonlinear parameters improved by a pattern search in their logarithm.
 

@@ -37,7 +37,19 @@ from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.whitening import Whitener
 from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["RELIEF", "WINDING", "Accepted", "Fitted", "Step", "fit_design", "name_of", "relief", "select", "strain", "tied"]
+__all__ = [
+    "RELIEF",
+    "WINDING",
+    "Accepted",
+    "Fitted",
+    "Step",
+    "fit_design",
+    "name_of",
+    "relief",
+    "select",
+    "strain",
+    "tied",
+]
 
 Array = NDArray[np.float64]
 
@@ -45,9 +57,9 @@ SIGNIFICANCE = 0.01  # family-wise, by Holm
 # Standard errors that the gain of left-out blocks must reach. A small first effect may do with less: spread evenly over
 # the blocks its gain reaches half the root of the whole, and this share of that must be seen.
 BLOCK_ERRORS, LEAST_ERRORS, SEEN = 2.8, 2.0, 0.75
-# Smallest contribution worth a name, as a share of the balance's size; where what is left depends on something all the
-# same, a smaller one is.
-MATERIAL, SMALL = 0.004, 0.001
+# Smallest contribution worth a name, as a share of the balance's size. A smaller one is where it explains this share of
+# what is left: beside a hard acceleration all friction is small.
+MATERIAL, SMALL, TELLING = 0.004, 0.001, 0.012
 LOWERED = 0.996  # what is left of the error in at least one balance once an effect is in
 # The winding stands in for effects, at a price: squares of how far it left its datasheet, in tolerances. An effect that
 # brings back so much of it need not lower an error, and so much more of it need only hold up on left-out blocks:
@@ -56,7 +68,6 @@ RELIEF, ABSURD = 25.0, 225.0
 WINDING = ("R", "L_d", "L_q", "psi_f")
 MOST_STEPS = 8
 BEYOND = "beyond its bounds"
-IMMATERIAL = "significant but immaterial"
 UNSEEN, OUTSIDE = "not significant", "its parameters come out beyond their bounds"
 UNSTEADY = "does not hold on left-out blocks"
 SERVED = 0.2  # what one balance may lose of what another one gains
@@ -255,12 +266,10 @@ def select(
     holdout: Record | None = None,
     progress: Callable[[float], None] | None = None,
     order: tuple[str, ...] = (),
-    worth: float = MATERIAL,
 ) -> Selection:
     """Accept effects until nothing passes the gates.
 
-    With `order` the first ones are these, or none at all when one of them does not pass. `worth` is the smallest
-    contribution that is worth a name, as a share of the balance.
+    With `order` the first ones are these, or none at all when one of them does not pass.
     """
     accepted: tuple[Accepted, ...] = ()
     fit = fit_design(design, record, accepted, effects, own)
@@ -271,7 +280,7 @@ def select(
         only = order[number] if number < len(order) else ""
         # what an effect taken in is not exactly is left in every block, and can look like a small one
         least = BLOCK_ERRORS if accepted else LEAST_ERRORS
-        won = _winner(fit, refused, least, worth, only)
+        won = _winner(fit, refused, least, only)
         while won is not None:
             trial, evidence = won
             new = (*accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid))
@@ -283,7 +292,7 @@ def select(
             if not why:
                 break
             refused[name_of(trial)] = why
-            won = _winner(fit, refused, least, worth, only)
+            won = _winner(fit, refused, least, only)
         if won is None:
             if only:
                 return Selection((fits[0],), (), (), refused)
@@ -328,23 +337,21 @@ def name_of(trial: Trial) -> str:
     return f"{effect} {order:g}" if effect in REPEATED and order else effect
 
 
-def _winner(
-    fit: Fitted, refused: dict[str, str], least: float, worth: float, only: str = ""
-) -> tuple[Trial, Evidence] | None:
+def _winner(fit: Fitted, refused: dict[str, str], least: float, only: str = "") -> tuple[Trial, Evidence] | None:
     """Return the best candidate that passes every gate, writing down why the ones before it do not."""
     p_holm = dict(zip(map(id, fit.trials), holm([t.p_value for t in fit.trials]), strict=True))
     for trial in fit.trials:
         name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
-        why, evidence = _gates(fit, trial, p_holm[id(trial)], least, worth)
+        why, evidence = _gates(fit, trial, p_holm[id(trial)], least)
         if evidence is not None and not why:
             return trial, evidence
         refused[name] = why
     return None
 
 
-def _gates(fit: Fitted, trial: Trial, p_holm: float, least: float, worth: float) -> tuple[str, Evidence | None]:
+def _gates(fit: Fitted, trial: Trial, p_holm: float, least: float) -> tuple[str, Evidence | None]:
     if trial.singular:
         return "this log cannot tell it from what the model has already", None
     if trial.wrong_sign:
@@ -352,8 +359,9 @@ def _gates(fit: Fitted, trial: Trial, p_holm: float, least: float, worth: float)
     if p_holm > SIGNIFICANCE:
         return f"{UNSEEN} (corrected p = {p_holm:.2g})", None
     material = _material(fit, trial)
-    if material < worth:
-        return f"{IMMATERIAL}: {100 * material:.2g} % of the balance where it acts", None
+    telling = trial.plain_gain > TELLING * fit.plain.chi2
+    if material < (SMALL if telling else MATERIAL):
+        return f"significant but immaterial: {100 * material:.2g} % of the balance where it acts", None
     judge = (fit.plain, fit.weights) if trial.slow else (fit.solved, fit.whitener)
     direction = trial.plain_direction if trial.slow else trial.direction
     mean, stderr, blocks, p_rank = blocked_gain(fit.record, *judge, trial.group, direction, fit.whitener.memory)

@@ -273,7 +273,9 @@ if __name__ == "__main__":
     parser.add_argument("--first", type=int, default=0, help="first seed; every third has the same kind of motion")
     parser.add_argument("--effects", nargs="*", default=[e for e in HIDDEN if e != "none"])
     parser.add_argument("--clean", type=int, default=20, help="logs without a hidden effect")
-    parser.add_argument("--machines", nargs="*", choices=MACHINES, help="motions of machines instead; all, if none is given")
+    parser.add_argument(
+        "--machines", nargs="*", choices=MACHINES, help="motions of machines instead; all, if none is given"
+    )
     words = parser.parse_args()
     kinds = [None] if words.machines is None else words.machines or list(MACHINES)
     judge(words.effects, range(words.first, words.first + words.seeds), words.clean, kinds)
