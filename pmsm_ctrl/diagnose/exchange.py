@@ -21,6 +21,7 @@ from pmsm_ctrl.diagnose.evidence import Trial
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.selection import (
     BEYOND,
+    TELLING,
     Accepted,
     Fitted,
     Selection,
@@ -50,18 +51,23 @@ def select_with_exchange(
         tried.add(order)
         other = select(design, record, effects, own, holdout, None, order)  # the bar does not run twice
         others.append(other)
-        if other.accepted and not _only_more(other, best) and _better(other, best):
+        if other.accepted and _better(other, best):
             best = other
     return _with_equals(best, [found, *others])
 
 
 def _better(other: Selection, best: Selection) -> bool:
-    """Whether a selection leaves less; where that is a tie, whether it leaves less of what prewhitening brings out."""
+    """Whether a selection leaves less; where that is a tie, whether it leaves less of what prewhitening brings out.
+
+    One that has all that the other one has, and more that did not hold when it came last, has to leave much less.
+    """
     first = best.fits[0]
-    more = _left(other) - _left(best)
-    if abs(more) > tied(_squares(first, first) - min(_squares(f.fits[-1], first) for f in (other, best))):
-        return more < 0.0
-    return _whitened(other) < _whitened(best)
+    less = _left(best) - _left(other)
+    tie = tied(_squares(first, first) - min(_squares(f.fits[-1], first) for f in (other, best)))
+    present, theirs = (Counter(one.effect.id for one in found.accepted) for found in (best, other))
+    if present < theirs:
+        return less > max(tie, TELLING * _left(best))
+    return less > 0.0 if abs(less) > tie else _whitened(other) < _whitened(best)
 
 
 def _with_equals(best: Selection, others: list[Selection]) -> Selection:
@@ -84,12 +90,6 @@ def _with_equals(best: Selection, others: list[Selection]) -> Selection:
             for step in steps
         ]
     return replace(best, steps=tuple(steps))
-
-
-def _only_more(other: Selection, best: Selection) -> bool:
-    """Whether a selection has what another one has, and more that did not hold when it came last."""
-    present, more = (Counter(one.effect.id for one in found.accepted) for found in (best, other))
-    return present < more
 
 
 def _orders(
