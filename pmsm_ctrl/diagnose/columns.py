@@ -141,13 +141,21 @@ def as_candidate(record: Record, group: Group) -> Group:
         return group
     values = group.values.copy()
     for part in values[0].T:
-        noise = noise_of(record, part)
-        if group.effect.structure == "transmission":
-            shaft = noise_of(record, record.shaped(record.signals["alpha"]))
-            # a load in contact follows the shaft nearly always; one that rings does so without end
-            noise = shaft if "gap" in group.shape else min(shaft, noise)
+        if group.effect.structure == "delay":
+            noise = noise_of(record, part)
+        elif "gap" in group.shape:  # a load in contact follows the shaft nearly always
+            noise = _shaft_noise(record)
+        else:  # one that rings does so without end
+            noise = min(_shaft_noise(record), noise_of(record, part))
         part[np.abs(part) <= ABOVE_NOISE * noise] = 0.0
     return replace(group, values=values)
+
+
+def _shaft_noise(record: Record) -> float:
+    key = ("noise of alpha",)
+    if key not in record.memo:
+        record.memo[key] = np.array(noise_of(record, record.shaped(record.signals["alpha"])))
+    return float(record.memo[key])
 
 
 def noise_of(record: Record, values: Array) -> float:

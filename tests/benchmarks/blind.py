@@ -170,7 +170,7 @@ def cases(args: argparse.Namespace) -> Iterator[Case]:
     # structures that take each other's place and effects the log cannot separate are no pairs
     single = [e for e in MIDDLE if MIDDLE[e] and e not in ("backlash", "iron_loss", "compliance")]
     for k in range(args.pairs):
-        yield Case(tuple(rng.choice(single, 2, replace=False).tolist()), 1.0, MOTIONS[k % 2], 2000 + args.first + k)
+        yield Case(tuple(rng.choice(single, 2, replace=False).tolist()), 1.0, MOTIONS[k % 3], 2000 + args.first + k)
     if args.left_out:
         for effect in wanted:
             if MIDDLE[effect]:
