@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -108,6 +109,44 @@ def test_effect_that_stood_in_for_two_is_exchanged(blind: ModuleType, seed: int)
     assert blind.right(case, result), [s.effect for s in result.steps]
     assert shares == sorted(shares), "a progress bar never runs backwards"
     assert len(result.steps) == 2
+
+
+def test_exchange_adds_an_effect_where_much_less_is_left(blind: ModuleType) -> None:
+    # the Stribeck curve that comes first bends so that drag hardly shows; drag first leaves 4 % less
+    case = blind.Case(("quadratic_drag", "stribeck"), 1.0, "identification", 2848)
+    result = blind.run(case)
+    assert {s.effect for s in result.steps} == {"quadratic_drag", "stribeck"}
+    found = {symbol: e.value for s in result.steps for symbol, e in s.parameters.items()}
+    assert found["k_2"] == pytest.approx(4e-7, rel=0.05)
+    assert found["dF_s"] == pytest.approx(0.008, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [701, 702])
+def test_a_staircase_of_speeds_raises_no_alarm(blind: ModuleType, seed: int) -> None:
+    design, truth = blind.truth_of(Design.read(blind.DESIGN), blind.Case((), 0.0, "identification", seed))
+    assert diagnose(design, simulate(design, "sweep", truth=truth, seed=seed)).verdict == "consistent"
+
+
+@pytest.mark.parametrize("seed", [709, 710])
+def test_a_spring_that_rings_between_the_frequencies_of_the_grid(blind: ModuleType, seed: int) -> None:
+    case = blind.Case(("compliance",), 1.0, "identification", seed)
+    design, truth = blind.truth_of(Design.read(blind.DESIGN), case)
+    result = diagnose(design, simulate(design, "sweep", truth=truth, seed=seed))
+    assert [s.effect for s in result.steps] == ["compliance"]
+    found = {symbol: e.value for symbol, e in result.steps[0].parameters.items()}
+    true = blind.MIDDLE["compliance"]
+    assert np.sqrt(found["k"] / found["J_load"]) == pytest.approx(np.sqrt(true["k"] / true["J_load"]), rel=0.01)
+
+
+@pytest.mark.parametrize("seed", [61, 62])
+@pytest.mark.parametrize(("effect", "symbol"), [("constant_load", "T_0"), ("viscous_asymmetry", "dF_v")])
+def test_a_log_shows_what_it_says_it_would(blind: ModuleType, effect: str, symbol: str, seed: int) -> None:
+    clean = blind.run(blind.Case((), 0.0, "moves", seed))
+    why = next(row.why_not for row in clean.ranking if row.effect == effect)
+    amount = float(re.search(rf"would show it from about {symbol} (\S+)", why)[1])
+    unit = blind.MIDDLE[effect][symbol]
+    assert blind.run(blind.Case((effect,), 2.5 * amount / unit, "moves", seed)).steps[0].effect == effect
+    assert blind.run(blind.Case((effect,), 0.3 * amount / unit, "moves", seed)).steps == ()
 
 
 def test_an_axis_has_one_transmission(blind: ModuleType) -> None:

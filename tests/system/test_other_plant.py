@@ -36,3 +36,22 @@ def test_an_effect_is_found_from_speed_alone() -> None:
     design, log = other_log("viscous_asymmetry", 702)
     found = diagnose(design, Log({name: values for name, values in log.channels.items() if name != "theta"}))
     assert [step.effect for step in found.steps] == ["viscous_asymmetry"]
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("slow ramps", 901), ("staircase", 902), ("cycle", 903), ("steps", 904)])
+def test_motions_of_machines_raise_no_alarm(kind: str, seed: int) -> None:
+    # on slow ramps the acceleration is nearly all noise: a load that took no part in it would lower the error
+    assert diagnose(*other_log("none", seed, kind=kind)).verdict == "consistent"
+
+
+@pytest.mark.parametrize(
+    ("effect", "kind", "seed"),
+    [
+        ("thermal_drift", "steps", 900),  # u_q is off while the speed steps, and no drift would ever mend that
+        ("stribeck", "steps", 901),  # a third of a per cent of the torque beside such accelerations
+        ("compliance", "trapezoids", 901),
+    ],
+)
+def test_motions_of_machines_show_effects(effect: str, kind: str, seed: int) -> None:
+    found = diagnose(*other_log(effect, seed, kind=kind))
+    assert [step.effect for step in found.steps] == [effect]

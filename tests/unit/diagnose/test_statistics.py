@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import chi2
 
 from pmsm_ctrl.compare.blocks import holm
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.columns import effect_group
-from pmsm_ctrl.diagnose.evidence import equal_blocks, f_tail, plain_evidence
+from pmsm_ctrl.diagnose.evidence import equal_blocks, f_tail, least_shown, plain_evidence
 from pmsm_ctrl.diagnose.model import solve_model
 from pmsm_ctrl.diagnose.record import make_record
 from pmsm_ctrl.diagnose.reversals import timed_sign
@@ -80,6 +81,28 @@ def test_the_estimates_own_weights_raise_no_more_alarms_than_they_say(designs, s
         below.append(plain_evidence(solved, weights, whitener, candidate, load)[1] < 0.05)
     # 200 draws know 5 % to 1.5 %; taken as independent, such noise would give 65 %
     assert 0.005 <= np.mean(below) <= 0.10
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("effect", "symbols"), [("constant_load", 1), ("cogging", 2)])
+def test_amount_that_a_log_shows_is_found_half_the_time(designs, effect: str, symbols: int, seed: int) -> None:
+    """White noise and the effect at that amount, 2000 draws: the chi-square test passes in half of them."""
+    design = Design.read(designs / "seed_motor.toml")
+    fit = diagnose(design, simulate(design, "identification", seed=seed), candidates=()).selection.fits[0]
+    shape = {"order": 24.0} if effect == "cogging" else {}
+    group = effect_group(fit.record, CATALOGUE[effect], shape)
+    level = 1e-3
+    amount = least_shown(fit.solved, fit.whitener, group, level)[0]
+    rng = np.random.default_rng(seed)
+    rows = fit.whitener(group.values)
+    z = np.vstack([rows, np.zeros((len(fit.solved.rest) - len(rows), symbols))])
+    z -= fit.solved.q @ (fit.solved.q.T @ z)
+    hits = 0
+    for _ in range(2000):
+        y = z[:, 0] * amount + rng.standard_normal(len(z))
+        fitted = np.linalg.solve(z.T @ z, z.T @ y)
+        hits += float(fitted @ z.T @ z @ fitted) > chi2.isf(level, symbols)
+    assert hits / 2000 == pytest.approx(0.5, abs=0.05)
 
 
 def test_timed_sign_keeps_the_area() -> None:
