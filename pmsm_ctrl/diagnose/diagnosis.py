@@ -52,13 +52,22 @@ class DiagnosisStep:
 
 @dataclass(frozen=True)
 class Ranked:
-    """One candidate of the last round: what it would explain, and why it was not taken."""
+    """One candidate of the last round: what it would explain, and why it was not taken.
+
+    Attributes
+    ----------
+    shown_from : dict of symbol to Estimate
+        Amounts, each alone, from which on this log would show an effect that it does not show: those that a test that
+        knows its shape finds in half of all logs. Infinite where no amount inside its bounds is enough; empty where
+        the log shows the effect, or cannot evaluate it.
+    """
 
     effect: str
     explained: float
     p_value: float
     accepted: bool
     why_not: str
+    shown_from: Mapping[str, Estimate] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

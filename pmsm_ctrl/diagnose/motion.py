@@ -27,15 +27,15 @@ def load_behind_spring(record: Record, shape: Mapping[str, float]) -> Array:
 
     `shape` holds the load's own frequency ``w_a = sqrt(k / J_load)`` in rad/s and damping ``zeta``. From
     J_load theta_l'' = k (theta - theta_l) + d (omega - omega_l): the difference is
-    -s^2 / (s^2 + 2 zeta w_a s + w_a^2) times the rotor's acceleration, discretised bilinearly, prewarped.
+    -s^2 / (s^2 + 2 zeta w_a s + w_a^2) times the rotor's acceleration, discretised bilinearly: exact at its own
+    frequency, or where that lies above the band, at the end of the band.
     """
     from scipy.signal import lfilter
 
     w, zeta = shape["w_a"], shape["zeta"]
     alpha, T = record.signals["alpha"], record.period
-    if w * T > 2.0:  # beyond what the sampling resolves only -alpha'' / w^2 is left
-        return -record.rate_of(record.rate_of(alpha)) / w**2
-    c = w / np.tan(0.5 * w * T)
+    exact = min(w, 2.0 * np.pi * record.prepared.cutoff)
+    c = exact / np.tan(0.5 * exact * T)
     b = np.array([1.0, -2.0, 1.0]) * c * c
     a = np.array([c * c + 2 * zeta * w * c + w * w, 2 * w * w - 2 * c * c, c * c - 2 * zeta * w * c + w * w])
     return -lfilter(b / a[0], a / a[0], alpha)

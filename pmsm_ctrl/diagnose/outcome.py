@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -70,6 +70,7 @@ def build_outcome(
     hints = (*hints, *stood_in(selection))
     if any(one.shape.get("frame") == 0.0 for one in selection.accepted):
         hints = (*hints, OTHER_ANGLE)
+    hints = (*hints, *_beyond_the_band(record, selection.accepted))
     reasons = [*record.notes, *final.notes, *hints]
     if unexplained:
         reasons.append(unexplained)
@@ -85,6 +86,17 @@ def build_outcome(
         "unexplained": unexplained,
         "left": left,
     }
+
+
+def _beyond_the_band(record: Record, accepted: tuple[Accepted, ...]) -> Iterator[str]:
+    """Say of a spring that rings above the band what a log can tell of it: alpha / w_a^2 is all that is left there."""
+    for one in accepted:
+        rings, band = one.shape.get("w_a", 0.0) / (2.0 * np.pi), record.prepared.cutoff
+        if one.effect.structure == "transmission" and "gap" not in one.shape and rings > band:
+            yield (
+                f"{one.effect.id}: its load rings at {rings:.0f} Hz, above the band of this log ({band:.0f} Hz): "
+                "J_load^2 / k is known, the two apart are not"
+            )
 
 
 def _steps(
@@ -244,27 +256,25 @@ def _ranking(selection: Selection, hidden: Mapping[str, str]) -> tuple[Any, ...]
         order = trial.group.shape.get("order")
         key = f"{name} {order:g}" if name in REPEATED and order else name
         why = hidden.get(name) or selection.refused.get(key, "what is left does not need it")
-        if why.startswith((UNSEEN, OUTSIDE)) and name not in hidden:
-            why += _would_show(last, trial)
-        rows.append(Ranked(name, _share(trial, start), trial.p_value, False, why))
+        unseen = why.startswith((UNSEEN, OUTSIDE)) and name not in hidden
+        amounts = _shown_from(last, trial) if unseen else {}
+        rows.append(Ranked(name, _share(trial, start), trial.p_value, False, why, amounts))
     rows += [Ranked(c.effect.id, 0.0, 1.0, False, c.why_not or "it has no column on this log") for c in last.closed]
     return tuple(rows)
 
 
-def _would_show(fit: Fitted, trial: Trial) -> str:
+def _shown_from(fit: Fitted, trial: Trial) -> dict[str, Estimate]:
     """From which amount on the log would show an effect that it does not show: absence of evidence is not evidence."""
     effect, motion = trial.candidate.effect, fit.record.prepared.motion
     if effect.structure == "bristle" or "gap" in trial.group.shape:
-        return ""  # the size of their column is not their amount
+        return {}  # the size of their column is not their amount
     amounts = least_shown(fit.solved, fit.whitener, trial.group, SIGNIFICANCE / max(len(fit.trials), 1))
-    words = []
-    for symbol, amount in zip(trial.group.symbols, amounts, strict=True):
+    shown = {}
+    for symbol, amount in zip(trial.group.symbols, amounts.tolist(), strict=True):
         p = effect.parameter(symbol)
-        if amount >= max(abs(p.lower), abs(p.upper)):
-            return "; no amount inside its bounds would show on this log"
-        unit = axis_unit(p.unit, motion)
-        words.append(f"{symbol} {amount:.2g}" + (f" {unit}" if unit != "1" else ""))
-    return f"; this log would show it from about {', '.join(words)}"
+        inside = amount < max(abs(p.lower), abs(p.upper))
+        shown[symbol] = Estimate(amount if inside else float("inf"), axis_unit(p.unit, motion))
+    return shown
 
 
 def _share(trial: Trial, start: float) -> float:

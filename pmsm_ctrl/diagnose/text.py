@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.result import Section
@@ -9,7 +10,7 @@ from pmsm_ctrl.result import Section
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from pmsm_ctrl.diagnose.diagnosis import Diagnosis, DiagnosisStep, Errors
+    from pmsm_ctrl.diagnose.diagnosis import Diagnosis, DiagnosisStep, Errors, Ranked
 
 __all__ = ["ladder_rows", "report_section", "step_names", "summary_text"]
 
@@ -58,6 +59,15 @@ def _numbers(step: DiagnosisStep, sign: str) -> str:
     )
 
 
+def _amounts(row: Ranked) -> str:
+    """From which amounts on the log would show an effect, in words."""
+    if any(math.isinf(e.value) for e in row.shown_from.values()):
+        return "no amount inside its bounds"
+    return ", ".join(
+        f"{symbol} {e.value:.2g}" + (f" {e.unit}" if e.unit != "1" else "") for symbol, e in row.shown_from.items()
+    )
+
+
 def _step_text(d: Diagnosis) -> list[str]:
     lines = []
     for step in d.steps:
@@ -84,7 +94,10 @@ def summary_text(d: Diagnosis) -> str:
     lines.append("  what was considered and not taken:")
     for row in d.ranking:
         if not row.accepted:
-            lines.append(f"    {row.effect:<28} {100 * row.explained:5.1f} %  p {row.p_value:8.2g}  {row.why_not}")
+            seen = f"; this log would show it from {_amounts(row)}" if row.shown_from else ""
+            lines.append(
+                f"    {row.effect:<28} {100 * row.explained:5.1f} %  p {row.p_value:8.2g}  {row.why_not}{seen}"
+            )
     for dev in d.parameter_deviations:
         mark = "  <-- " + dev.note if dev.flagged else ""
         lines.append(
@@ -101,7 +114,7 @@ def report_section(d: Diagnosis) -> Section:
     """Return the section of the report: what was found, the ladder, maps, worst stretch and contributions."""
     from pathlib import Path
 
-    tried = [r for r in d.ranking if r.accepted or r.p_value < 1.0]
+    tried = [r for r in d.ranking if r.accepted or r.shown_from or r.p_value < 1.0]
     names = iter(step_names(d))  # the accepted ones come first, in the order of the steps
     ranking = tuple(
         (
@@ -109,6 +122,7 @@ def report_section(d: Diagnosis) -> Section:
             f"{100 * r.explained:.1f} %",
             f"{r.p_value:.2g}",
             "accepted" if r.accepted else r.why_not,
+            _amounts(r) if r.shown_from else "-",
         )
         for r in tried
     )
@@ -122,7 +136,7 @@ def report_section(d: Diagnosis) -> Section:
         tables["What is missing"] = head, tuple(_found_rows(d))
     head = ("rung", "error on the log", "error on the held-out record")
     tables["How the error falls"] = head, tuple(ladder_rows(d))
-    tables["What was tried"] = ("effect", "explains", "p", "taken, or why not"), ranking
+    tables["What was tried"] = ("effect", "explains", "p", "taken, or why not", "would show from"), ranking
     if d.parameter_deviations:
         head = ("parameter", "design", "estimate", "unit", "remark")
         tables["The design's own parameters"] = head, tuple(_deviation_rows(d))

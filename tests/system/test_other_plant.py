@@ -55,3 +55,12 @@ def test_motions_of_machines_raise_no_alarm(kind: str, seed: int) -> None:
 def test_motions_of_machines_show_effects(effect: str, kind: str, seed: int) -> None:
     found = diagnose(*other_log(effect, seed, kind=kind))
     assert [step.effect for step in found.steps] == [effect]
+
+
+@pytest.mark.parametrize("seed", [901, 902])
+def test_a_spring_above_the_band_is_known_by_its_give(seed: int) -> None:
+    # J_load 1.1e-4 kg m^2 on 60 N m/rad rings at 118 Hz; the log's band ends far below
+    found = diagnose(*other_log("compliance", seed, kind="trapezoids"))
+    assert any("above the band of this log" in text for text in found.warnings)
+    spring = {symbol: e.value for symbol, e in found.steps[0].parameters.items()}
+    assert spring["J_load"] ** 2 / spring["k"] == pytest.approx(1.1e-4**2 / 60.0, rel=0.1)
