@@ -447,7 +447,9 @@ def _objection(after: Fitted, before: Fitted) -> str:
         if new[name] > 1.03 * old[name] and more > -SERVED * min(change.values()):
             return f"makes the {name} balance worse"
     relieved = strain(before.plain) - strain(after.plain) > RELIEF
-    if not relieved and all(rms > LOWERED * old[name] for name, rms in new.items()):
+    plain = [{name: rms for name, (rms, _) in errors(fit.record, fit.residual).items()} for fit in (before, after)]
+    lowered = any(b[name] <= LOWERED * a[name] for a, b in ((old, new), plain) for name in new)
+    if not (relieved or lowered):
         return "lowers no error by an amount worth a name"
     known = dict(zip(after.model.names, after.plain.values.tolist(), strict=True))
     bounds = physical_bounds((g.effect for g in after.model.groups if g.effect), known)
