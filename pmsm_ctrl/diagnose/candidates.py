@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare.orders import order_spectrum
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.columns import Group, UnavailableError, as_candidate, effect_group, missing_signals
+from pmsm_ctrl.diagnose.motion import spring_response
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
 
@@ -101,7 +102,8 @@ def _cogging(record: Record, effect: Effect, residual: Array) -> Candidate:
 def _compliance(record: Record, effect: Effect, residual: Array) -> Candidate:
     """Springs over a coarse grid, and the best of a fine one, in which one that is hardly damped can't be missed."""
     ringing = list(_ringing(record, residual))
-    grid = (*_spring(record), *(max(ringing, key=lambda r: r[0] if r[2] == zeta else -1.0)[1:] for zeta in RINGING))
+    best = (max(one for one in ringing if one[2] == zeta) for zeta in RINGING)
+    grid = (*_spring(record), *(one[1:] for one in best))
     shapes = tuple({"w_a": w, "zeta": zeta} for w, zeta in grid)
     return Candidate(effect, shapes, len(grid) + len(ringing))
 
@@ -120,10 +122,11 @@ def _ringing(record: Record, residual: Array) -> Iterator[tuple[float, float, fl
     scale = 2.0 / len(alpha)
     size = max(float(square @ alpha**2), 1e-300)
     level = scale * float(square.mean())
+    top = max(1.2 * record.prepared.cutoff, LOWEST)
     for zeta in RINGING:
-        count = int(np.log(1.2 * record.prepared.cutoff / LOWEST) / (1.2 * zeta)) + 1
-        for w in 2.0 * np.pi * np.geomspace(LOWEST, 1.2 * record.prepared.cutoff, count):
-            column = -(s**2) / (s**2 + 2.0 * zeta * w * s + w * w) * motion
+        for w in 2.0 * np.pi * np.geomspace(LOWEST, top, int(np.log(top / LOWEST) / (1.2 * zeta)) + 1):
+            above, below = spring_response(float(w), zeta)
+            column = np.polyval(above, s) / np.polyval(below, s) * motion
             along = scale * float(np.vdot(wanted, column).real)
             beside = scale * float(np.vdot(own, column).real)
             left = level * float(np.vdot(column, column).real) - beside**2 / size

@@ -15,30 +15,34 @@ from numpy.typing import NDArray
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["bristle_direction", "load_behind_gap", "load_behind_spring"]
+__all__ = ["bristle_direction", "load_behind_gap", "load_behind_spring", "spring_response"]
 
 Array = NDArray[np.float64]
 
 _LOOPS: dict[Any, Any] = {}
 
 
+def spring_response(w_a: float, zeta: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Numerator and denominator in s of a load's acceleration on its spring less the rotor's, over the rotor's.
+
+    From J_load theta_l'' = k (theta - theta_l) + d (omega - omega_l) with the load's own frequency
+    ``w_a = sqrt(k / J_load)`` in rad/s and damping ``zeta``: -s^2 / (s^2 + 2 zeta w_a s + w_a^2).
+    """
+    return (-1.0, 0.0, 0.0), (1.0, 2.0 * zeta * w_a, w_a * w_a)
+
+
 def load_behind_spring(record: Record, shape: Mapping[str, float]) -> Array:
     """Acceleration of a load on a spring less that of the rotor, shape (n,).
 
-    `shape` holds the load's own frequency ``w_a = sqrt(k / J_load)`` in rad/s and damping ``zeta``. From
-    J_load theta_l'' = k (theta - theta_l) + d (omega - omega_l): the difference is
-    -s^2 / (s^2 + 2 zeta w_a s + w_a^2) times the rotor's acceleration, discretised bilinearly: exact at its own
-    frequency, or where that lies above the band, at the end of the band.
+    Discretised bilinearly: exact at the load's own frequency, or where that lies above the band, at the end of the
+    band. `shape` holds ``w_a`` and ``zeta``.
     """
-    from scipy.signal import lfilter
+    from scipy.signal import bilinear, lfilter
 
-    w, zeta = shape["w_a"], shape["zeta"]
-    alpha, T = record.signals["alpha"], record.period
-    exact = min(w, 2.0 * np.pi * record.prepared.cutoff)
-    c = exact / np.tan(0.5 * exact * T)
-    b = np.array([1.0, -2.0, 1.0]) * c * c
-    a = np.array([c * c + 2 * zeta * w * c + w * w, 2 * w * w - 2 * c * c, c * c - 2 * zeta * w * c + w * w])
-    return -lfilter(b / a[0], a / a[0], alpha)
+    exact = min(shape["w_a"], 2.0 * np.pi * record.prepared.cutoff)
+    above, below = spring_response(shape["w_a"], shape["zeta"])
+    b, a = bilinear(above, below, 0.5 * exact / np.tan(0.5 * exact * record.period))
+    return np.asarray(lfilter(b, a, record.signals["alpha"]))
 
 
 def load_behind_gap(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array:

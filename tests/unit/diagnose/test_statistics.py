@@ -22,6 +22,7 @@ from pmsm_ctrl.diagnose.reversals import timed_sign
 from pmsm_ctrl.diagnose.whitening import make_whitener
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
 
 
@@ -142,6 +143,14 @@ def test_unknown_candidate_is_refused(designs) -> None:
     log = simulate(design, "triangle", seed=1)
     with pytest.raises(RequestError, match="did you mean 'cogging'"):
         diagnose(design, log, candidates=["coging"])
+
+
+@pytest.mark.parametrize("every", [20, 50])
+def test_a_log_too_slow_for_any_spring_is_diagnosed(designs, every: int) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    log = simulate(design, "identification", seed=1)
+    slow = Log({name: values[::every] for name, values in log.channels.items()})
+    assert diagnose(design, slow).record.prepared.cutoff < 10.0
 
 
 def test_one_speed_excites_nothing(designs) -> None:
