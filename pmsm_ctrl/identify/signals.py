@@ -233,8 +233,9 @@ def _sections(rate: float, cutoff: float, steep: bool) -> Array:
 def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[str, ...]]:
     """Bring a log to one uniform time grid.
 
-    Time stamps that jitter by more than a thousandth of a period are resampled with a cubic spline, all
-    channels alike; a hole of more than five periods is bridged and marked.
+    Where time stamps jitter by more than a thousandth of a period, the channels are resampled with a cubic spline,
+    unless the motion is smoother with the samples taken at equal steps: then a clock took them, and only the stamps
+    are late. A hole of more than five periods is bridged and marked.
 
     Returns
     -------
@@ -259,16 +260,46 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[str, ...]]:
             "cut the log there"
         )
     period = float(np.mean(step[~holes]))
+    jitter = (
+        f"time stamps jitter by up to {100 * float(np.max(np.abs(step[~holes] - period))) / period:.1f} % of a period"
+    )
+    if "theta" in channels:
+        channels["theta"] = unwrapped(channels["theta"])
+    if not holes.any() and (even := _clocked(t, channels)) is not None:
+        return (
+            even,
+            channels,
+            np.ones(len(t), dtype=bool),
+            (f"{jitter}, and the motion does not: taken at equal steps",),
+        )
     grid = t[0] + period * np.arange(int((t[-1] - t[0]) / period * (1 + 1e-12)) + 1)
     resampled = {name: CubicSpline(t, values)(grid) for name, values in channels.items()}
     good = np.ones(len(grid), dtype=bool)
     for k in np.flatnonzero(holes):
         good[(grid > t[k]) & (grid < t[k + 1])] = False
-    deviation = float(np.max(np.abs(step[~holes] - period))) / period
-    notes = [f"time stamps jitter by up to {100 * deviation:.1f} % of a period: resampled at {1 / period:.6g} Hz"]
+    notes = [f"{jitter}: resampled at {1 / period:.6g} Hz"]
     if holes.any():
         notes.append(f"{int(holes.sum())} gap(s) in time, {step[holes].sum():.3g} s in all, left out")
     return grid, resampled, good, tuple(notes)
+
+
+def _clocked(t: Array, channels: Mapping[str, Array]) -> Array | None:
+    """Return the even times at which samples were taken whose stamps alone jitter; None where the samples do as well.
+
+    A wrong time makes a moving shaft's angle rough, by speed times error: the rougher of the two readings is wrong.
+    """
+    from scipy.interpolate import CubicSpline
+
+    motion = next((channels[name] for name in ("theta", "omega") if name in channels), None)
+    if motion is None:
+        return None
+    line = np.polynomial.Polynomial.fit(np.arange(len(t)), t, 1)
+    even = line(np.arange(len(t)))
+    if float(np.max(np.abs(t - even))) > 0.5 * (even[1] - even[0]):
+        return None
+    stamped = CubicSpline(t, motion)(np.clip(even, t[0], t[-1]))
+    rough = [float(np.sum(np.diff(values, 3) ** 2)) for values in (motion, stamped)]
+    return even if rough[0] < rough[1] else None
 
 
 def prepare(
