@@ -74,9 +74,10 @@ def leftover(fit: Fitted) -> Leftover | None:
         sound = record.mask & (record.weight[row] > SOUND)
         if int(sound.sum()) < 100:
             continue
+        level = float(np.sqrt(np.mean(record.target[row][sound] ** 2)))
         what = where(
             record.prepared, record.target[row], predicted[row], sound, record.unit(name), predicted[0], J,
-            per_ampere, WORTH, MATERIAL, skipped,
+            per_ampere, WORTH, max(MATERIAL, record.coarse[row] / max(level, 1e-300)), skipped,
         )  # fmt: skip
         if what.named:
             found.append((what.named[0], name, what.sentence()))

@@ -64,6 +64,9 @@ class Record:
         Samples that take part.
     weight : array, shape (channels, m)
         Relative inverse noise level, at most 1: fast transients are aliased and count less.
+    coarse : array, shape (channels,)
+        What the steps of a quantised channel may hide or feign in each balance, in its unit; 0 where noise smooths
+        them.
     dry : float
         Rough level of the dry friction, N m (N); 0 when there is none.
     age : float or None
@@ -81,6 +84,7 @@ class Record:
     mask: Mask
     weight: Array
     duration: float
+    coarse: Array
     dry: float = 0.0
     notes: tuple[str, ...] = ()
     age: float | None = None
@@ -210,9 +214,11 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
         level = np.hypot(target[1], target[2])
         weight.append(weight[0] * _voltage_weight(design, prepared, signals, level, _on_grid(log, prepared, name)))
     moving = sure & _edges(prepared)
+    steps = [_feigned(_on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
+    steps[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
-        np.array(weight), float(prepared.t[-1] - prepared.t[0]), kink[0], prepared.notes,
+        np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], prepared.notes,
         None if "theta" in log else age,
     )  # fmt: skip
 
@@ -353,6 +359,20 @@ def _calm(raw: Array, prepared: Prepared, periods: float) -> Array:
         edge = np.maximum(edge, left * (ringing - usual))
     passed = np.sqrt(2.0 * prepared.cutoff / rate)
     return 1.0 / (1.0 + (passed * edge) ** 2) ** 2
+
+
+def _feigned(raw: Array, rate: float) -> float:
+    """Largest error of a channel that is logged in steps: half of one, and 0 where noise beyond 0.4 steps smooths it.
+
+    Source: B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008, ch. 4 and 19 (dither).
+    """
+    steps = np.diff(np.unique(raw))
+    steps = steps[steps > 1e-6 * np.ptp(raw)]
+    if len(steps) == 0:
+        return 0.0
+    noise = 1.4826 * float(np.median(np.abs(raw - low_pass(raw, rate, 0.25 * rate))))
+    step = float(steps.min())
+    return 0.5 * step if noise < 0.4 * step else 0.0
 
 
 def _on_grid(log: Log, prepared: Prepared, name: str) -> Array:

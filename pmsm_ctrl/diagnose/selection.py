@@ -391,7 +391,10 @@ def _winding(model: Model) -> NDArray[np.bool_]:
 
 
 def _material(fit: Fitted, trial: Trial) -> float:
-    """Size of what only this effect explains against the balance, on the tenth of the samples where it is largest."""
+    """Size of what only this effect explains against the balance, on the tenth of the samples where it is largest.
+
+    None of it where the steps of the channel are as large.
+    """
     best = 0.0
     for row in range(len(fit.record.channels)):
         part = np.abs(trial.plain_direction[: fit.plain.rows][fit.whitener.channel == row]) * fit.whitener.sigma[row]
@@ -400,7 +403,9 @@ def _material(fit: Fitted, trial: Trial) -> float:
         count = max(10, len(part) // 10)
         largest = np.partition(part, -count)[-count:]
         level = np.sqrt(np.mean((fit.record.target[row] * fit.record.weight[row])[fit.record.mask] ** 2))
-        best = max(best, float(np.sqrt(np.mean(largest**2)) / max(level, 1e-300)))
+        size = float(np.sqrt(np.mean(largest**2)))
+        if size > fit.record.coarse[row]:
+            best = max(best, size / max(level, 1e-300))
     return best
 
 
