@@ -7,6 +7,7 @@ import pytest
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.log import Log
 from tests.benchmarks.other_plant import other_log, right
+from tests.benchmarks.spoiled import SPOILED
 
 
 @pytest.mark.parametrize(("effect", "own_angle"), [("", False), (", logged angle alone", True)])
@@ -19,6 +20,18 @@ def test_eccentricity_of_the_encoder_that_commutates_and_of_another(effect: str,
 @pytest.mark.parametrize("seed", [140, 141, 142])
 def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
     assert diagnose(*other_log("none", seed)).verdict == "consistent"
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [
+        ("stamps that jitter", 1501), ("stamps that jitter", 1502), ("samples that jitter", 1501),
+        ("currents in steps of 60 mA", 1500), ("voltages in steps of 0.5 V", 1500), ("voltages in steps of 0.5 V", 1501),
+    ],
+)  # fmt: skip
+def test_what_recorders_do_to_a_log_is_no_missing_effect(kind: str, seed: int) -> None:
+    design, log = other_log("none", seed)
+    assert diagnose(design, SPOILED[kind](log, design)).verdict == "consistent"
 
 
 @pytest.mark.parametrize("seed", [701, 702])

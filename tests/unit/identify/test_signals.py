@@ -81,6 +81,19 @@ def test_jittered_time_is_resampled_and_said() -> None:
     assert "jitter" in notes[0]
 
 
+def test_stamps_that_jitter_alone_are_not_believed() -> None:
+    rng = np.random.default_rng(2)
+    t = np.arange(3000) / 1000.0
+    theta = np.unwrap(np.angle(np.exp(1j * 30.0 * np.sin(5 * t))))
+    wrapped = np.mod(theta, 2.0 * np.pi)
+    late = t + rng.uniform(-2e-4, 2e-4, 3000)
+    grid, channels, good, notes = uniform(Log({"t": late, "theta": wrapped, "torque": np.cos(3 * t)}))
+    assert np.max(np.abs(grid - t)) < 2e-5
+    np.testing.assert_allclose(channels["theta"] - channels["theta"][0], theta - theta[0], atol=1e-9)
+    assert good.all()
+    assert notes[0].endswith("the motion does not: taken at equal steps")
+
+
 def test_a_gap_is_marked() -> None:
     t = np.concatenate([np.arange(2000), np.arange(2300, 5000)]) / 1000.0
     log = Log({"t": t, "theta": np.sin(5 * t), "torque": np.cos(3 * t)})
