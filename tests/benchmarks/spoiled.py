@@ -1,4 +1,4 @@
-"""What recorders do to logs: coarse steps, stamps that jitter, few digits, missing channels. Each takes a log to a log."""
+"""What recorders do to logs: coarse steps, stamps that jitter, few digits, missing channels."""
 
 from __future__ import annotations
 

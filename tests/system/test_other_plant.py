@@ -26,7 +26,8 @@ def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
     ("kind", "seed"),
     [
         ("stamps that jitter", 1501), ("stamps that jitter", 1502), ("samples that jitter", 1501),
-        ("currents in steps of 60 mA", 1500), ("voltages in steps of 0.5 V", 1500), ("voltages in steps of 0.5 V", 1501),
+        ("currents in steps of 60 mA", 1500), ("voltages in steps of 0.5 V", 1500),
+        ("voltages in steps of 0.5 V", 1501),
     ],
 )  # fmt: skip
 def test_what_recorders_do_to_a_log_is_no_missing_effect(kind: str, seed: int) -> None:
