@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import PmsmCtrlError
-from pmsm_ctrl.identify.signals import Processing, prepare, uniform
+from pmsm_ctrl.identify.signals import Processing, prepare
+from pmsm_ctrl.identify.timebase import uniform
 from pmsm_ctrl.log import Log
 
 __all__ = ["ClosedLoop", "closed_loop"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.fitting import Accepted, fit_design
 from pmsm_ctrl.diagnose.outcome import fitted_design
 from pmsm_ctrl.diagnose.record import make_record
 from pmsm_ctrl.diagnose.refine import refine
-from pmsm_ctrl.diagnose.selection import Accepted, fit_design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import lookup, with_own
 from pmsm_ctrl.errors import RequestError

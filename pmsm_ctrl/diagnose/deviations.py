@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.selection import RELIEF, WINDING, Fitted, Selection, name_of, relief, strain
+from pmsm_ctrl.diagnose.fitting import Fitted
+from pmsm_ctrl.diagnose.gates import RELIEF, WINDING, name_of, relief, strain
+from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["parameter_deviations", "stood_in"]

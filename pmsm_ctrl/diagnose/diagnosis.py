@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.calibration import Calibration, calibrated, repeated
 from pmsm_ctrl.diagnose.exchange import select_with_exchange
+from pmsm_ctrl.diagnose.fitting import fit_design
 from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
 from pmsm_ctrl.diagnose.record import STANDSTILL, Record, make_record
-from pmsm_ctrl.diagnose.selection import Selection, fit_design
+from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import with_own
 from pmsm_ctrl.errors import RequestError, nearest

@@ -18,17 +18,10 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED
 from pmsm_ctrl.diagnose.evidence import Trial
+from pmsm_ctrl.diagnose.fitting import Accepted, Fitted, fit_design
+from pmsm_ctrl.diagnose.gates import BEYOND, TELLING
 from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.diagnose.selection import (
-    BEYOND,
-    TELLING,
-    Accepted,
-    Fitted,
-    Selection,
-    fit_design,
-    select,
-    tied,
-)
+from pmsm_ctrl.diagnose.selection import Selection, select, tied
 from pmsm_ctrl.effects.base import Effect
 
 __all__ = ["select_with_exchange"]

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pmsm_ctrl.diagnose.diagnosis import Diagnosis
+    from pmsm_ctrl.diagnose.fitting import Fitted
     from pmsm_ctrl.diagnose.leftover import Leftover
-    from pmsm_ctrl.diagnose.selection import Fitted
 
 __all__ = [
     "Plane", "contributions", "contributions_figure", "ladder_figure", "leftover_figure", "maps_figure", "plane_of",

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.where import Dependence, where
+from pmsm_ctrl.diagnose.fitting import Fitted
+from pmsm_ctrl.diagnose.gates import MATERIAL, UNSTEADY, name_of
 from pmsm_ctrl.diagnose.model import MOST_NOISE, noise_share
-from pmsm_ctrl.diagnose.selection import MATERIAL, UNSTEADY, Fitted, Selection, name_of
+from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Leftover", "leftover", "resembled"]

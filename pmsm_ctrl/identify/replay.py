@@ -16,7 +16,7 @@ from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.identify.problem import Column
-from pmsm_ctrl.identify.signals import uniform, unwrapped
+from pmsm_ctrl.identify.timebase import uniform, unwrapped
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate.parameters import Controller
 from pmsm_ctrl.simulate.run import simulate

@@ -245,7 +245,7 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     blind: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called absurd
-    monkeypatch.setattr(importlib.import_module("pmsm_ctrl.diagnose.selection"), "ABSURD", np.inf)
+    monkeypatch.setattr(importlib.import_module("pmsm_ctrl.diagnose.gates"), "ABSURD", np.inf)
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80))
     assert result.verdict == "unexplained"
     assert (result.left.resembles, result.left.channel) == ("dead_time", "u_q")

@@ -1,0 +1,227 @@
+"""The design plus the effects taken in so far, fitted to one log, and every candidate tried on what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.candidates import Candidate, candidates_for
+from pmsm_ctrl.diagnose.columns import as_candidate, effect_group
+from pmsm_ctrl.diagnose.evidence import Trial, plain_evidence, saturated_whitener, try_candidate, try_group
+from pmsm_ctrl.diagnose.model import (
+    OWN,
+    Model,
+    Solved,
+    base_groups,
+    solve_model,
+    with_honest_errors,
+    with_torque_held,
+)
+from pmsm_ctrl.diagnose.motion import bristle_direction
+from pmsm_ctrl.diagnose.record import LATE, Record, with_direction, with_modelled_torque
+from pmsm_ctrl.diagnose.refine import refine
+from pmsm_ctrl.diagnose.whitening import Whitener
+from pmsm_ctrl.effects.base import Effect
+
+__all__ = ["Accepted", "Fitted", "errors", "fit_design", "predicted_elsewhere"]
+
+Array = NDArray[np.float64]
+
+# How often at most a delay is met again where it was found: to first order one of two samples comes out a third low.
+PASSES = 4
+# Two candidates that explain the same to within this share differ by nothing but their flexibility.
+PARSIMONY = 0.98
+
+
+@dataclass(frozen=True, eq=False)
+class Accepted:
+    """An effect that was taken in, with its nonlinear parameters."""
+
+    effect: Effect
+    shape: Mapping[str, float]
+    grid: tuple[Mapping[str, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The design plus accepted effects, fitted to one log.
+
+    Attributes
+    ----------
+    record : Record
+        With modelled torque in its signals.
+    error, relative : dict of balance to rms residual and to its share of the measured balance
+    """
+
+    record: Record
+    model: Model
+    whitener: Whitener
+    solved: Solved
+    plain: Solved
+    weights: Whitener
+    trials: tuple[Trial, ...]
+    closed: tuple[Candidate, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def residual(self) -> Array:
+        """Measured less predicted, shape (channels, m)."""
+        return self.record.target - self.plain.predicted()
+
+
+def fit_design(
+    design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
+    own: tuple[Effect, ...] = (), explore: bool = True,
+) -> Fitted:  # fmt: skip
+    """Fit the design with the accepted effects, and try every candidate on what is left."""
+    for one in (*_bristles(design, effects), *accepted):
+        if one.effect.structure == "bristle":
+            record = with_direction(record, bristle_direction(record, one.effect, one.shape))
+    model, notes = _assemble(design, record, accepted, own)
+    rough = solve_model(record, with_torque_held(record, model), saturated_whitener(record, model, ())[1])
+    for _ in range(PASSES):
+        record = with_modelled_torque(record, _true_torque(model, rough), _delay(model, rough.values))
+        model, notes = _assemble(design, record, accepted, own)
+        model = with_torque_held(record, model, OWN)
+        rough = solve_model(record, model, saturated_whitener(record, model, ())[1])
+        if abs(_delay(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
+            break
+    present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
+    residual = record.target[0] - rough.predicted()[0]
+    candidates = candidates_for(record, design, effects, residual, present)
+    whitener, weights = saturated_whitener(record, model, [g.values for c in candidates for g in c.groups(record)])
+    solved = solve_model(record, model, whitener)
+    plain = with_honest_errors(solve_model(record, model, weights), weights, whitener)
+    if not explore:
+        return Fitted(record, model, whitener, solved, plain, weights, (), (), notes)
+    trials, closed = [], []
+    for candidate in candidates:
+        trial = try_candidate(record, plain, weights, candidate)
+        if trial is None:
+            closed.append(candidate)
+        else:
+            trials.append(trial)
+    trials = [judged((solved, whitener), (plain, weights), t) for t in _refined(record, plain, weights, trials)]
+    trials = in_order(trials)
+    record.memo.clear()  # hundreds of columns; the best of each candidate stays with its trial
+    return Fitted(record, model, whitener, solved, plain, weights, tuple(trials), tuple(closed), notes)
+
+
+def predicted_elsewhere(
+    design: Design, record: Record, accepted: tuple[Accepted, ...], fit: Fitted, own: tuple[Effect, ...],
+    effects: Mapping[str, Effect],
+) -> tuple[Record, Array]:  # fmt: skip
+    """Return another record, read with the torque of the fit, and its balances predicted with the fit's parameters."""
+    for one in (*_bristles(design, effects), *accepted):
+        if one.effect.structure == "bristle":
+            record = with_direction(record, bristle_direction(record, one.effect, one.shape))
+    for _ in range(2):
+        model, _ = _assemble(design, record, accepted, own)
+        by_name = dict(zip(fit.plain.model.names, fit.plain.values, strict=True))
+        values = np.array([by_name.get(name, 0.0) for name in model.names])
+        predicted = model.matrix @ values
+        record = with_modelled_torque(record, predicted[0] - _false_torque(model, values), _delay(model, values))
+    return record, predicted
+
+
+def errors(record: Record, residual: Array, channels: Iterable[str] | None = None) -> dict[str, tuple[float, float]]:
+    """Rms residual and its share of the measured balance: moving samples."""
+    out = {}
+    for row, name in enumerate(record.channels):
+        if channels is not None and name not in channels:
+            continue
+        used = record.mask
+        size = float(np.sqrt(np.mean(record.target[row][used] ** 2)))
+        rms = float(np.sqrt(np.mean(residual[row][used] ** 2)))
+        out[name] = (rms, rms / size if size > 0.0 else float("nan"))
+    return out
+
+
+def _assemble(design: Design, record: Record, accepted: Iterable[Accepted], own: Iterable[Effect]) -> tuple[
+    Model, tuple[str, ...]
+]:  # fmt: skip
+    model, notes = base_groups(design, record, own)
+    for one in accepted:
+        if one.effect.structure != "bristle":
+            model = model.plus(effect_group(record, one.effect, one.shape))
+    return model, notes
+
+
+def judged(fit: tuple[Solved, Whitener], plain: tuple[Solved, Whitener], trial: Trial) -> Trial:
+    """Keep a trial's shape and size, found with plain weights, and judge its significance.
+
+    Twice: prewhitened, which has the greatest power where a column is right at all frequencies, and with the weights
+    of the estimate, which bears errors of its fast part. The better one counts, and pays for the second try.
+    """
+    (solved, whitener), (weighted, weights) = fit, plain
+    sure = try_group(solved, whitener, trial.candidate, trial.group)
+    slow_gain, slow_p = plain_evidence(weighted, weights, whitener, trial.candidate, trial.group)
+    fast_p = 1.0 if sure.wrong_sign else sure.p_value
+    slow = slow_p < fast_p
+    gain = slow_gain if slow else sure.gain
+    return replace(
+        trial, plain_gain=trial.gain, plain_direction=trial.direction,
+        gain=gain, score=sure.score + gain - sure.gain, p_value=min(1.0, 2.0 * min(slow_p, fast_p)),
+        direction=sure.direction, singular=trial.singular or sure.singular, slow=slow,
+    )  # fmt: skip
+
+
+def in_order(trials: list[Trial]) -> list[Trial]:
+    """Sort by what they explain of the residual; of two that explain the same the simpler one comes first."""
+    left = sorted(trials, key=lambda t: (t.wrong_sign or t.singular, t.at_bound, -t.plain_gain))
+    out: list[Trial] = []
+    while left:
+        first = left[0]
+        alike = [
+            t
+            for t in left
+            if t.plain_gain >= PARSIMONY * first.plain_gain and not (t.wrong_sign or t.singular or t.at_bound)
+        ]
+        chosen = min(alike, key=lambda t: (len(t.values) + t.candidate.free, -t.plain_gain)) if alike else first
+        out.append(chosen)
+        left.remove(chosen)
+    return out
+
+
+def _true_torque(model: Model, fit: Solved) -> Array:
+    """Torque that acts: the balance without what is only measured wrongly."""
+    return fit.predicted()[0] - _false_torque(model, fit.values)
+
+
+def _false_torque(model: Model, values: Array) -> Array:
+    out = np.zeros(model.matrix.shape[1])
+    for position, group in enumerate(model.groups):
+        if group.effect is not None and group.effect.channels == ("i_d", "i_q"):
+            columns = model.columns_of(position)
+            out += model.matrix[0][:, columns] @ values[columns]
+    return out
+
+
+def _delay(model: Model, values: Array) -> float:
+    """Delay of the currents that a model has, s, inside its bounds; 0 where it has none."""
+    for position, group in enumerate(model.groups):
+        if group.effect is not None and group.effect.structure == "delay":
+            tau = group.effect.linear[0]
+            return float(np.clip(values[model.columns_of(position)][0], tau.lower, tau.upper))
+    return 0.0
+
+
+def _bristles(design: Design, effects: Mapping[str, Effect]) -> list[Accepted]:
+    found = []
+    for entry in design.effects:
+        effect = effects.get(entry.id)
+        if effect is not None and effect.structure == "bristle":
+            values = effect.values(entry)
+            if values["z_s"] > 0.0:
+                found.append(Accepted(effect, values))
+    return found
+
+
+def _refined(record: Record, solved: Solved, whitener: Whitener, trials: list[Trial]) -> list[Trial]:
+    """Refine the shapes of the few that matter."""
+    best = sorted((t for t in trials if not t.wrong_sign), key=lambda t: -t.score)[:6]
+    return [refine(record, solved, whitener, t, as_candidate) if t in best and t.score > 0.0 else t for t in trials]
