@@ -329,7 +329,8 @@ def test_interrupted_command_leaves_nothing_behind(tmp_path: Path, sent: signal.
         f"    with atomic_path({str(target)!r}) as path:\n"
         "        path.write_text('half')\n"
         "        print('writing', flush=True)\n"
-        "        time.sleep(30)\n"
+        "        for _ in range(3000):\n"  # a signal that another thread takes ends no sleep of the main one
+        "            time.sleep(0.01)\n"
         "sys.exit(run(command, []))\n"
     )
     process = subprocess.Popen([sys.executable, "-c", probe], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
