@@ -1,7 +1,8 @@
-"""The blind suite: hide every effect in simulated logs and see what the diagnosis calls it.
+r"""The blind suite: hide every effect in simulated logs and see what the diagnosis calls it.
 
     python -m tests.benchmarks.blind                        short: every effect once, 20 clean logs
-    python -m tests.benchmarks.blind --seeds 10 --strengths 0.5 1 2 --clean 200 --pairs 40 --left-out     long
+    python -m tests.benchmarks.blind --seeds 10 --strengths 0.5 1 2 --motions identification mixed moves \
+        --clean 200 --pairs 30 --left-out                   long
 
 The controller and the diagnosed design know nothing of the hidden effect, and the true motor differs from the
 design inside its datasheet tolerance. Prints one line per log that was misnamed, the confusion matrix and the shares;
