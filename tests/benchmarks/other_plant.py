@@ -278,6 +278,7 @@ if __name__ == "__main__":
     parser.add_argument(
         "--machines", nargs="*", choices=MACHINES, help="motions of machines instead; all, if none is given"
     )
+    parser.add_argument("--spoiled", action="store_true", help="logs as recorders spoil them")
     words = parser.parse_args()
     kinds = [None] if words.machines is None else words.machines or list(MACHINES)
     judge(
