@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.orders import order_spectrum
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.columns import Group, UnavailableError, as_candidate, effect_group, missing_signals
+from pmsm_ctrl.diagnose.columns import Group, UnavailableError, candidate_group, missing_signals
 from pmsm_ctrl.diagnose.motion import spring_response
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
@@ -51,7 +51,7 @@ class Candidate:
         """Columns for every shape of the grid."""
         for shape in self.grid:
             try:
-                yield as_candidate(record, effect_group(record, self.effect, shape))
+                yield candidate_group(record, self.effect, shape)
             except UnavailableError:
                 return
 

@@ -19,7 +19,15 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.evaluate import column, columns
 from pmsm_ctrl.identify.signals import low_pass
 
-__all__ = ["Group", "UnavailableError", "as_candidate", "effect_group", "missing_signals", "noise_of"]
+__all__ = [
+    "Group",
+    "UnavailableError",
+    "as_candidate",
+    "candidate_group",
+    "effect_group",
+    "missing_signals",
+    "noise_of",
+]
 
 Array = NDArray[np.float64]
 
@@ -82,11 +90,15 @@ def effect_group(record: Record, effect: Effect, shape: Mapping[str, float], ent
     why = missing_signals(record, effect)
     if why:
         raise UnavailableError(why)
-    key = (effect.id, id(effect.term), *sorted(shape.items()))
+    key = _key(effect, shape)
     symbols = _symbols(effect)
     if key not in record.memo:
         record.memo[key] = _build(record, effect, shape)
     return Group(effect, symbols, record.memo[key], dict(shape), entry)
+
+
+def _key(effect: Effect, shape: Mapping[str, float]) -> tuple[object, ...]:
+    return (effect.id, id(effect.term), *sorted(shape.items()))
 
 
 def _symbols(effect: Effect) -> tuple[str, ...]:
@@ -126,6 +138,25 @@ def _slow_enough(record: Record, effect: Effect, shape: Mapping[str, float]) -> 
         return 1.0
     per_turn = shape["order"] * (record.design.motor.p or 1 if "p" in effect.signals else 1)
     return np.asarray(per_turn * np.abs(record.signals["omega"]) < 0.8 * np.pi * record.prepared.rate, dtype=float)
+
+
+def candidate_group(record: Record, effect: Effect, shape: Mapping[str, float]) -> Group:
+    """Return the columns by which an effect that is not in the model yet is judged, and remember no others.
+
+    Raises
+    ------
+    UnavailableError
+        When the log or the design lacks what the effect needs.
+    """
+    key = ("seen", *_key(effect, shape))
+    if key in record.memo:
+        return Group(effect, _symbols(effect), record.memo[key], dict(shape))
+    group = effect_group(record, effect, shape)
+    seen = as_candidate(record, group)
+    if seen is not group:
+        record.memo[key] = seen.values
+        del record.memo[_key(effect, shape)]
+    return seen
 
 
 def as_candidate(record: Record, group: Group) -> Group:
