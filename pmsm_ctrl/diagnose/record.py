@@ -330,8 +330,7 @@ def _turning(
     source = "torque" if "torque" in log else "i_q"
     raw = _on_grid(log, prepared, source)
     scale = float(np.std(signals["torque_meas"]) / max(float(np.std(signals["i_q_meas"])), 1e-300))
-    fast = raw - low_pass(raw, rate, 0.25 * rate)
-    noise = 1.4826 * float(np.median(np.abs(fast))) * (1.0 if source == "torque" else scale)
+    noise = _scatter(raw, rate) * (1.0 if source == "torque" else scale)
     noise *= np.sqrt(4.0 * prepared.cutoff / rate)
     noise = float(np.hypot(noise, WRONG_TORQUE * np.std(signals["torque_meas"])))
     return 1.0 / (1.0 + (wrong / max(noise, 1e-300)) ** 2)
@@ -361,6 +360,11 @@ def _calm(raw: Array, prepared: Prepared, periods: float) -> Array:
     return 1.0 / (1.0 + (passed * edge) ** 2) ** 2
 
 
+def _scatter(raw: Array, rate: float) -> float:
+    """Robust rms of what a channel holds above a quarter of its rate."""
+    return 1.4826 * float(np.median(np.abs(raw - low_pass(raw, rate, 0.25 * rate))))
+
+
 def _feigned(raw: Array, rate: float) -> float:
     """Largest error of a channel that is logged in steps: half of one, and 0 where noise beyond 0.4 steps smooths it.
 
@@ -370,7 +374,7 @@ def _feigned(raw: Array, rate: float) -> float:
     steps = steps[steps > 1e-6 * np.ptp(raw)]
     if len(steps) == 0:
         return 0.0
-    noise = 1.4826 * float(np.median(np.abs(raw - low_pass(raw, rate, 0.25 * rate))))
+    noise = _scatter(raw, rate)
     step = float(steps.min())
     return 0.5 * step if noise < 0.4 * step else 0.0
 
