@@ -31,6 +31,7 @@ SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: close together wh
 ORDERS = 4
 QUIET = 0.25  # of the cutoff: above it lies nearly all noise of a twice differentiated angle
 TRUE = 0.7  # least share of the fast acceleration that has to be true
+DRIVEN = 3.0  # times the noise of the torque over the inertia: accelerations below it may be the drive's own noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,9 @@ class Curve:
     spectrum: Array | None = None
 
 
-def grid_coordinates(prepared: Prepared, predicted: Array, per_ampere: float | None, J: float) -> dict[str, Array]:
+def grid_coordinates(
+    prepared: Prepared, predicted: Array, per_ampere: float | None, J: float, noise: float = 0.0
+) -> dict[str, Array]:
     """Return coordinates of shape (m,) on the thinned grid.
 
     Parameters
@@ -76,10 +79,15 @@ def grid_coordinates(prepared: Prepared, predicted: Array, per_ampere: float | N
         Inertia that `predicted` holds.
     per_ampere : float or None
         Torque constant; None where the log has a torque and no current.
+    noise : float
+        Of the torque, rms. The current loop answers what it measures wrongly with a torque, so that small
+        accelerations mirror the noise of the measured current.
     """
     s, keep = prepared.signals, prepared.keep
     alpha = prepared.column(prepared.alpha)
     slow = _quiet(prepared, alpha, J)
+    driven = DRIVEN * noise / J if J > 0.0 else 0.0
+    slow = slow - np.clip(slow, -driven, driven)
     predicted = predicted - J * (alpha - slow)
     out = {
         "speed": s["omega"][keep],

@@ -192,9 +192,9 @@ def where(
         Those that this log knows too badly.
     """
     t, residual = prepared.t[prepared.keep], measured - predicted
-    coordinates = {
-        name: x for name, x in grid_coordinates(prepared, torque, per_ampere, J).items() if name not in skipped
-    }
+    jitter = _from_sample_to_sample(residual[mask]) if unit != "V" else 0.0
+    every = grid_coordinates(prepared, torque, per_ampere, J, jitter)
+    coordinates = {name: x for name, x in every.items() if name not in skipped}
     used = mask & _away_from_reversals(prepared, coordinates["speed"])
     if int(used.sum()) < 100:
         used = mask
@@ -259,6 +259,11 @@ def _case(
     least = matter[1] * float(np.sqrt(np.mean(measured[mask] ** 2)))
     laid = bench(noise, t, residual, mask, np.column_stack(columns), cutoff)
     return _Case(residual, mask, laid, base, own, matter[0], least, direction)
+
+
+def _from_sample_to_sample(residual: Array) -> float:
+    """Noise, rms, from what a residual changes by: what it depends on changes slowly most of the time."""
+    return 1.4826 * float(np.median(np.abs(np.diff(residual)))) / np.sqrt(2.0)
 
 
 def _away_from_reversals(prepared: Prepared, omega: Array) -> Mask:

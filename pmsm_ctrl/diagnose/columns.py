@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.diagnose.motion import bristle_direction, load_behind_gap, load_behind_spring
+from pmsm_ctrl.diagnose.motion import bristle_direction, load_behind_gap, load_behind_spring, spring_response
 from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.evaluate import column, columns
@@ -60,6 +60,9 @@ class Group:
 # What terms read that is no channel of a log but follows from the motion.
 STATES = ("p", "zeta", "travel", "limit", "twist", "twist_rate")
 ABOVE_NOISE = 4.0
+# Over the cutoff: for so long the low-pass before differentiation smooths the speed.
+SMOOTHED = 0.1
+LAGS = 3.0  # times its scale: the travel after which 95 % of a bristle's lag are over
 # A scale common to all torques is the torque constant's business: no column can tell it from the parameters.
 COMMON_SCALE = (("current_gain", "g"),)
 
@@ -167,8 +170,15 @@ def as_candidate(record: Record, group: Group) -> Group:
 
     A load behind a spring or a gap only where it would accelerate otherwise than the shaft by more than noise. One that
     takes no part in the noise of the acceleration lowers every error, there or not.
+
+    A friction that bends or lags only where the bend or the lag lasts for as long as the filters smooth: one that is
+    over at once is an error of the moment of reversal.
     """
-    if group.effect is None or group.effect.structure not in ("delay", "transmission"):
+    if group.effect is None:
+        return group
+    if "w_s" in group.shape or "z_s" in group.shape:
+        return replace(group, values=np.where(_over_at_once(record, group.shape)[:, None], 0.0, group.values))
+    if group.effect.structure not in ("delay", "transmission"):
         return group
     values = group.values.copy()
     for part in values[0].T:
@@ -176,17 +186,37 @@ def as_candidate(record: Record, group: Group) -> Group:
             noise = noise_of(record, part)
         elif "gap" in group.shape:  # a load in contact follows the shaft nearly always
             noise = _shaft_noise(record)
-        else:  # one that rings does so without end
-            noise = min(_shaft_noise(record), noise_of(record, part))
+        else:
+            noise = _shaft_noise(record) * _resonance(record, group.shape)
         part[np.abs(part) <= ABOVE_NOISE * noise] = 0.0
     return replace(group, values=values)
 
 
-def _shaft_noise(record: Record) -> float:
-    key = ("noise of alpha",)
+def _over_at_once(record: Record, shape: Mapping[str, float]) -> NDArray[np.bool_]:
+    """Where the axis accelerates so fast that a bend or a lag of its friction is over before the filters show it."""
+    smoothed = SMOOTHED / record.prepared.cutoff
+    alpha = np.abs(_acceleration(record))
+    if "w_s" in shape:
+        return np.asarray(alpha * smoothed > shape["w_s"])
+    return np.asarray(0.5 * alpha * smoothed**2 > LAGS * shape["z_s"])
+
+
+def _acceleration(record: Record) -> Array:
+    key = ("alpha",)
     if key not in record.memo:
-        record.memo[key] = np.array(noise_of(record, record.shaped(record.signals["alpha"])))
-    return float(record.memo[key])
+        record.memo[key] = record.shaped(record.signals["alpha"])
+    return record.memo[key]
+
+
+def _shaft_noise(record: Record) -> float:
+    return noise_of(record, _acceleration(record))
+
+
+def _resonance(record: Record, shape: Mapping[str, float]) -> float:
+    """What a spring makes of white noise in the band, rms: one that rings is shaken by little."""
+    s = 2j * np.pi * np.linspace(0.0, record.prepared.cutoff, 4001)[1:]
+    above, below = spring_response(shape["w_a"], shape["zeta"])
+    return float(np.sqrt(np.mean(np.abs(np.polyval(above, s) / np.polyval(below, s)) ** 2)))
 
 
 def noise_of(record: Record, values: Array) -> float:

@@ -77,9 +77,11 @@ def leftover(fit: Fitted) -> Leftover | None:
         if int(sound.sum()) < 100:
             continue
         level = float(np.sqrt(np.mean(record.target[row][sound] ** 2)))
+        # a small voltage is known no better than the whole: a frame askew by 4 mrad mixes so much of it in
+        whole = float(np.sqrt(np.mean(record.target[1:, sound] ** 2) * 2.0)) if name != "torque" else level
         what = where(
             record.prepared, record.target[row], predicted[row], sound, record.unit(name), predicted[0], J,
-            per_ampere, WORTH, max(MATERIAL, record.coarse[row] / max(level, 1e-300)), skipped,
+            per_ampere, WORTH, max(MATERIAL * whole, record.coarse[row]) / max(level, 1e-300), skipped,
         )  # fmt: skip
         if what.named:
             found.append((what.named[0], name, what.sentence()))
