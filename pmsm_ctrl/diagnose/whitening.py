@@ -76,24 +76,25 @@ def _channel(
     models, variances = burg(pieces, limit)
     best = schwarz(variances, n)
     inflate = n / max(n - lost, n // 4)
+    scales = 1.0 / np.sqrt(np.maximum(np.asarray(variances) * inflate, 1e-300))
+    filters = [scales[order] * np.concatenate([[1.0], models[order]]) for order in range(best + 1)]
     rows, cols, data = [], [], []
-    used = np.flatnonzero(mask)
     base = 0
     for part in parts:
         length = part.stop - part.start
         for order in range(min(best, length)):
-            scale = 1.0 / np.sqrt(max(variances[order] * inflate, 1e-300))
-            rows += [base + order] * (order + 1)
-            cols += list(range(part.start + order, part.start - 1, -1))
-            data += [scale, *(models[order] * scale)]
+            rows.append(np.full(order + 1, base + order))
+            cols.append(part.start + np.arange(order, -1, -1))
+            data.append(filters[order])
         steady = np.arange(best, length)
-        scale = 1.0 / np.sqrt(max(variances[best] * inflate, 1e-300))
-        for lag, coefficient in enumerate([1.0, *models[best]]):
-            rows += (base + steady).tolist()
-            cols += (part.start + steady - lag).tolist()
-            data += [coefficient * scale] * len(steady)
+        for lag, coefficient in enumerate(filters[best]):
+            rows.append(base + steady)
+            cols.append(part.start + steady - lag)
+            data.append(np.full(len(steady), coefficient))
         base += length
-    values = np.asarray(data) * weight[np.asarray(cols, dtype=np.int64)]
-    matrix = csr_matrix((values, (rows, cols)), shape=(len(used), len(mask)))
+    used = np.flatnonzero(mask)
+    place = np.concatenate(cols)
+    values = np.concatenate(data) * weight[place]
+    matrix = csr_matrix((values, (np.concatenate(rows), place)), shape=(len(used), len(mask)))
     level = float(np.sqrt(variances[0] * inflate))
     return matrix, level, used, memory_of(models[best], rate)

@@ -20,6 +20,7 @@ from pmsm_ctrl.diagnose import Diagnosis, diagnose
 from pmsm_ctrl.diagnose.text import VERDICTS
 from pmsm_ctrl.log import Log
 from tests.benchmarks.motions import MACHINES, limited, machine, rounded
+from tests.benchmarks.sizes import SIZES, sized
 from tests.benchmarks.spoiled import SPOILED
 
 # R, L_d, L_q, p, psi_f, J, F_c, F_v
@@ -232,29 +233,33 @@ def right(effect: str, result: Diagnosis) -> bool:
     return first is not None and effect.split(",")[0] in (first.effect, *first.equivalents)
 
 
-def answer(case: tuple[str, int, str | None]) -> tuple[bool, str]:
+def answer(case: tuple[str, int, str | None, str | None]) -> tuple[bool, str]:
     """Whether the diagnosis of a case is right, and what it names; a kind of spoiling is as good as one of motion."""
-    effect, seed, kind = case
+    effect, seed, kind, size = case
     design, log = other_log(effect, seed, kind=None if kind in SPOILED else kind)
+    if size is not None:
+        design, log = sized(design, log, *SIZES[size])
     result = diagnose(design, SPOILED[kind](log, design) if kind in SPOILED else log)
     return right(effect, result), "+".join(step.effect for step in result.steps) or result.verdict
 
 
-def judge(effects: Sequence[str], seeds: range, clean: int, kinds: Sequence[str | None]) -> None:
+def judge(
+    effects: Sequence[str], seeds: range, clean: int, kinds: Sequence[str | None], size: str | None = None
+) -> None:
     """Print what the diagnosis says of every hidden effect, how often it is wrong, and false alarms."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
     from rich.progress import track
 
-    cases = [(effect, seed, kind) for kind in kinds for effect in effects for seed in seeds]
-    cases += [("none", 100 + seeds.start + seed, kind) for kind in kinds for seed in range(clean)]
+    cases = [(effect, seed, kind, size) for kind in kinds for effect in effects for seed in seeds]
+    cases += [("none", 100 + seeds.start + seed, kind, size) for kind in kinds for seed in range(clean)]
     rows: dict[str, list[str]] = {}
     hits = alarms = wrong = 0
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads that wait for each other cost every process half
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         every = track(pool.map(answer, cases), description="diagnosing", total=len(cases))
-        for (effect, seed, kind), (good, named) in zip(cases, every, strict=True):
+        for (effect, seed, kind, _), (good, named) in zip(cases, every, strict=True):
             hits += good and effect != "none"
             alarms += not good and effect == "none"
             wrong += not good and effect != "none" and named not in VERDICTS
@@ -279,6 +284,7 @@ if __name__ == "__main__":
         "--machines", nargs="*", choices=MACHINES, help="motions of machines instead; all, if none is given"
     )
     parser.add_argument("--spoiled", action="store_true", help="logs as recorders spoil them")
+    parser.add_argument("--size", choices=SIZES, help="the same drive in another size")
     words = parser.parse_args()
     kinds = [None] if words.machines is None else words.machines or list(MACHINES)
     judge(
@@ -286,4 +292,5 @@ if __name__ == "__main__":
         range(words.first, words.first + words.seeds),
         words.clean,
         list(SPOILED) if words.spoiled else kinds,
+        words.size,
     )

@@ -7,6 +7,7 @@ import pytest
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.log import Log
 from tests.benchmarks.other_plant import other_log, right
+from tests.benchmarks.sizes import SIZES, sized
 from tests.benchmarks.spoiled import SPOILED
 
 
@@ -78,3 +79,37 @@ def test_a_spring_above_the_band_is_known_by_its_give(seed: int) -> None:
     assert any("above the band of this log" in text for text in found.warnings)
     spring = {symbol: e.value for symbol, e in found.steps[0].parameters.items()}
     assert spring["J_load"] ** 2 / spring["k"] == pytest.approx(1.1e-4**2 / 60.0, rel=0.1)
+
+
+@pytest.mark.parametrize("size", ["large", "small"])
+def test_a_diagnosis_has_no_units_of_its_own(size: str) -> None:
+    design, log = other_log("unbalance", 981)
+    torque, current, time = SIZES[size]
+    usual, other = diagnose(design, log), diagnose(*sized(design, log, torque, current, time))
+    assert [step.effect for step in other.steps] == [step.effect for step in usual.steps] == ["unbalance"]
+    found, scaled = (result.steps[0].parameters["a_s"] for result in (usual, other))
+    assert scaled.value == pytest.approx(torque * found.value, rel=1e-3)
+    assert scaled.stderr == pytest.approx(torque * found.stderr, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed", "size"),
+    [
+        (None, 981, "slow"),  # the drive's own noise moves the axis: what is left depends on small accelerations
+        ("two sines", 1082, "fast"),  # a bend of the friction that is passed within a sample
+        ("two sines", 1282, "fast"),  # a lag that is over within a sample
+        ("cycle", 1180, "fast"),  # u_d is known no better than the whole voltage
+    ],
+)
+def test_drives_of_other_sizes_raise_no_alarm(kind: str | None, seed: int, size: str) -> None:
+    assert diagnose(*sized(*other_log("none", seed, kind=kind), *SIZES[size])).verdict == "consistent"
+
+
+def test_a_dead_time_of_no_size_is_not_named() -> None:
+    # 0.02 V would lower the error of u_q, and raise that of u_d by a fifth
+    assert diagnose(*other_log("none", 1081, kind="steps")).verdict == "consistent"
+
+
+def test_noise_that_moves_the_axis_is_no_load_on_a_spring() -> None:
+    found = diagnose(*sized(*other_log("constant_load", 980), *SIZES["slow"]), candidates=["constant_load", "compliance"])
+    assert [step.effect for step in found.steps] == ["constant_load"]
