@@ -111,5 +111,6 @@ def test_a_dead_time_of_no_size_is_not_named() -> None:
 
 
 def test_noise_that_moves_the_axis_is_no_load_on_a_spring() -> None:
-    found = diagnose(*sized(*other_log("constant_load", 980), *SIZES["slow"]), candidates=["constant_load", "compliance"])
+    slow = sized(*other_log("constant_load", 980), *SIZES["slow"])
+    found = diagnose(*slow, candidates=["constant_load", "compliance"])
     assert [step.effect for step in found.steps] == ["constant_load"]
