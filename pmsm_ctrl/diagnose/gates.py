@@ -94,8 +94,9 @@ def objection(after: Fitted, before: Fitted) -> str:
     newest = after.model.groups[-1].effect
     if newest is not None and newest.enters == "voltage":
         # it acts on every sample alike, those that count little included
-        for name, rms in plain[1].items():
-            if rms > SPOILT * plain[0][name]:
+        rise = {name: rms**2 - plain[0][name] ** 2 for name, rms in plain[1].items() if name != "torque"}
+        for name, more in rise.items():
+            if plain[1][name] > SPOILT * plain[0][name] and more > -SERVED * min(rise.values()):
                 return f"makes the {name} balance worse"
     relieved = strain(before.plain) - strain(after.plain) > RELIEF
     lowered = any(b[name] <= LOWERED * a[name] for a, b in ((old, new), plain) for name in new)
