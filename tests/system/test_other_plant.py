@@ -83,7 +83,7 @@ def test_a_spring_above_the_band_is_known_by_its_give(seed: int) -> None:
 
 @pytest.mark.parametrize("size", ["large", "small"])
 def test_a_diagnosis_has_no_units_of_its_own(size: str) -> None:
-    design, log = other_log("unbalance", 981)
+    design, log = other_log("unbalance", 981, duration=10.0)
     torque, current, time = SIZES[size]
     usual, other = diagnose(design, log), diagnose(*sized(design, log, torque, current, time))
     assert [step.effect for step in other.steps] == [step.effect for step in usual.steps] == ["unbalance"]
