@@ -209,7 +209,10 @@ def _acceleration(record: Record) -> Array:
 
 
 def _shaft_noise(record: Record) -> float:
-    return noise_of(record, _acceleration(record))
+    key = ("noise of alpha",)
+    if key not in record.memo:
+        record.memo[key] = np.array(noise_of(record, _acceleration(record)))
+    return float(record.memo[key])
 
 
 def _resonance(record: Record, shape: Mapping[str, float]) -> float:

@@ -9,6 +9,7 @@ from pmsm_ctrl.diagnose.candidates import REPEATED
 from pmsm_ctrl.diagnose.evidence import Evidence, Trial, blocked_gain, physical_bounds
 from pmsm_ctrl.diagnose.fitting import Fitted, errors
 from pmsm_ctrl.diagnose.model import Model, Solved
+from pmsm_ctrl.effects.base import Effect
 
 __all__ = [
     "BEYOND",
@@ -81,7 +82,7 @@ def gates(fit: Fitted, trial: Trial, p_holm: float, least: float) -> tuple[str, 
     return "", evidence
 
 
-def objection(after: Fitted, before: Fitted) -> str:
+def objection(after: Fitted, before: Fitted, newest: Effect) -> str:
     """An effect that makes one balance worse to please another is not the missing one."""
     old, new = _weighted(before), _weighted(after)
     sizes = dict(zip(after.record.channels, after.weights.sigma, strict=True))
@@ -91,8 +92,7 @@ def objection(after: Fitted, before: Fitted) -> str:
         if new[name] > 1.03 * old[name] and more > -SERVED * min(change.values()):
             return f"makes the {name} balance worse"
     plain = [{name: rms for name, (rms, _) in errors(fit.record, fit.residual).items()} for fit in (before, after)]
-    newest = after.model.groups[-1].effect
-    if newest is not None and newest.enters == "voltage":
+    if newest.enters == "voltage":
         # it acts on every sample alike, those that count little included
         rise = {name: rms**2 - plain[0][name] ** 2 for name, rms in plain[1].items() if name != "torque"}
         for name, more in rise.items():

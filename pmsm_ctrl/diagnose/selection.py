@@ -71,7 +71,7 @@ def select(
             new = _reshaped(design, record, new, effects, own)
             after = fit_design(design, record, new, effects, own)
             # what is to come next may be what brings a parameter back inside its bounds
-            why = "" if number + 1 < len(order) else objection(after, fit)
+            why = "" if number + 1 < len(order) else objection(after, fit, trial.candidate.effect)
             why = why or _holdout_objection(design, holdout, accepted, new, fit, after, effects, own)
             if not why:
                 break
