@@ -12,6 +12,7 @@ from pmsm_ctrl.diagnose.model import Model, Solved
 from pmsm_ctrl.effects.base import Effect
 
 __all__ = [
+    "ABSURD",
     "BEYOND",
     "BLOCK_ERRORS",
     "LEAST_ERRORS",

@@ -1,6 +1,7 @@
 """What nothing in the catalogue explains: does the residual still depend on a coordinate, on blocks left out?
 
-Or else, does an effect that was refused explain far more of it than noise would let it?
+Or else, does an effect that was refused explain far more of it than noise would let it? Or is little left only because
+the winding took it up, with a value that no motor of that datasheet has?
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.where import Dependence, where
 from pmsm_ctrl.diagnose.fitting import Fitted
-from pmsm_ctrl.diagnose.gates import MATERIAL, UNSTEADY, name_of
+from pmsm_ctrl.diagnose.gates import ABSURD, MATERIAL, UNSTEADY, name_of
 from pmsm_ctrl.diagnose.model import MOST_NOISE, noise_share
+from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["Leftover", "leftover", "resembled"]
+__all__ = ["Leftover", "leftover", "resembled", "stands_in"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,9 +31,12 @@ WORTH = 0.015
 # Share of what is left that a refused effect must explain, and how surely, for something to be missing all the same.
 # On 30 clean logs of two simulators no refused effect went beyond 0.3 % and 1e-8; aliased edges may make it 3 %.
 GLARING, CERTAIN = 0.03, 1e-12
+UNDOUBTED = 4.0  # standard errors that the winding must be off its datasheet
 # What is left around reversals over what is left elsewhere, rms, from which on it is said to sit there.
 TURNING = 1.5
 FEWEST = 4  # samples whose mean is drawn
+# What a voltage acts like that a parameter of the winding takes up, and the parameter's unit.
+LIKENESS = {"R": ("a resistance", "Ohm"), "L_d": ("an inductance", "H"), "L_q": ("an inductance", "H")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +54,7 @@ class Leftover:
     curve : (array, array, array)
         Coordinate, and fitted residual moving forward and backward, SI units; means where nothing was fitted.
     resembles : str
-        The effect that it resembles without being it; empty where a curve was fitted.
+        The effect, or the part of the winding, that it resembles without being it; empty where a curve was fitted.
     """
 
     coordinate: str
@@ -119,12 +124,44 @@ def resembled(selection: Selection) -> Leftover | None:
         where_it_is = f" and {ratio:.2g} times as large around reversals as elsewhere"
     else:
         coordinate, unit = "acceleration", axis_unit("rad/s^2", record.prepared.motion)
-        curve = _over(record.at_grid(record.signals["alpha"]), fit, row)
+        curve = _over(record.at_grid(record.signals["alpha"]), record, fit.residual[row])
     text = (
         f"what is left is not noise{where_it_is}: {name} would explain {100 * share:.0f} % of it, but "
         f"{selection.refused[name]}; no effect of the catalogue explains it"
     )
     return Leftover(coordinate, unit, record.channels[row], share, best.p_value, text, curve, name)
+
+
+def stands_in(fit: Fitted) -> Leftover | None:
+    """Return the voltage that a parameter of the winding takes up far beyond its datasheet; None where none does.
+
+    A dead time left out is as well a resistance of four times the datasheet's: nothing is left then, and yet no motor
+    of that datasheet explains the log.
+    """
+    plain, record = fit.plain, fit.record
+    names = [name for name in LIKENESS if name in plain.model.names]
+    places = np.array([plain.model.names.index(name) for name in names], dtype=np.intp)
+    off = (plain.values - plain.model.nominal)[places]
+    far = (off / plain.model.sigma[places]) ** 2
+    far[np.abs(off) < UNDOUBTED * plain.stderr[places]] = 0.0
+    if not np.any(far > ABSURD):
+        return None
+    best = int(np.argmax(far))
+    name, k = names[best], int(places[best])
+    taken = plain.model.matrix[:, :, k] * off[best]
+    rows = range(1, len(record.channels))
+    row = max(rows, key=lambda r: float(np.sum(taken[r][record.mask] ** 2)))
+    with_it = fit.residual[row] + taken[row]
+    share = 1.0 - float(np.mean(fit.residual[row][record.mask] ** 2) / np.mean(with_it[record.mask] ** 2))
+    like, unit = LIKENESS[name]
+    value, nominal = float(plain.values[k]), float(plain.model.nominal[k])
+    text = (
+        f"{name} would have to be {value:.3g} {unit}, {value / nominal:.2g} times its nominal value: the winding is "
+        f"another one, or a voltage that acts like {like} is missing; no effect of the catalogue explains it"
+    )
+    over = record.at_grid(record.signals["i_d" if name == "L_d" else "i_q"])
+    curve = _over(over, record, with_it)
+    return Leftover("current", "A", record.channels[row], max(share, 0.0), 0.0, text, curve, like)
 
 
 def _where_it_enters(fit: Fitted, direction: Array) -> int:
@@ -156,12 +193,11 @@ def _around_reversals(fit: Fitted, row: int) -> tuple[float, tuple[Array, Array,
     return float(np.sqrt(powers[0] / max(powers[1], 1e-300))), curve
 
 
-def _over(x: Array, fit: Fitted, row: int) -> tuple[Array, Array, Array]:
-    record = fit.record
+def _over(x: Array, record: Record, residual: Array) -> tuple[Array, Array, Array]:
     low, high = np.quantile(x[record.mask], [0.002, 0.998])
     edges = np.linspace(low, high, 26)
     forward = record.at_grid(record.signals["omega"]) > 0.0
-    return _means(x, fit.residual[row], forward, record.mask, edges)
+    return _means(x, residual, forward, record.mask, edges)
 
 
 def _means(x: Array, residual: Array, forward: Mask, used: Mask, edges: Array) -> tuple[Array, Array, Array]:

@@ -35,7 +35,7 @@ def build_outcome(
     from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
     from pmsm_ctrl.diagnose.experiment import next_experiment
     from pmsm_ctrl.diagnose.ironloss import friction_excess, step_of, unexplained_excess, with_excess
-    from pmsm_ctrl.diagnose.leftover import leftover, resembled
+    from pmsm_ctrl.diagnose.leftover import leftover, resembled, stands_in
 
     final = selection.fits[-1]
     steps = _steps(design, record, holdout, selection, effects, own)
@@ -48,7 +48,7 @@ def build_outcome(
     elif excess is not None:
         steps.append(step_of(record, excess, table))
         fitted = with_excess(design, fitted, excess)
-    left = leftover(final) or resembled(selection)
+    left = leftover(final) or resembled(selection) or stands_in(final)
     verdict = "effects_missing" if steps else "consistent"
     blind = not_excited(final)
     if blind:

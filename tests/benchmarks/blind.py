@@ -172,10 +172,9 @@ def cases(args: argparse.Namespace) -> Iterator[Case]:
     single = [e for e in MIDDLE if MIDDLE[e] and e not in ("backlash", "iron_loss", "compliance")]
     for k in range(args.pairs):
         yield Case(tuple(rng.choice(single, 2, replace=False).tolist()), 1.0, MOTIONS[k % 3], 2000 + args.first + k)
-    if args.left_out:
-        for effect in wanted:
-            if MIDDLE[effect]:
-                yield Case((effect,), 1.0, "identification", 3000 + args.first, left_out=True)
+    for k, effect in itertools.product(range(args.left_out), wanted):
+        if MIDDLE[effect]:
+            yield Case((effect,), 1.0, "identification", 3000 + args.first + k, left_out=True)
 
 
 def arguments() -> argparse.Namespace:
@@ -188,7 +187,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--effects", nargs="*", default=None)
     parser.add_argument("--clean", type=int, default=20)
     parser.add_argument("--pairs", type=int, default=0)
-    parser.add_argument("--left-out", action="store_true")
+    parser.add_argument("--left-out", type=int, nargs="?", const=1, default=0, help="seeds of left-out effects")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--json", type=Path, default=None)
     return parser.parse_args()
