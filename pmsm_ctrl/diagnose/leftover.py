@@ -31,7 +31,9 @@ WORTH = 0.015
 # Share of what is left that a refused effect must explain, and how surely, for something to be missing all the same.
 # On 30 clean logs of two simulators no refused effect went beyond 0.3 % and 1e-8; aliased edges may make it 3 %.
 GLARING, CERTAIN = 0.03, 1e-12
-UNDOUBTED = 4.0  # standard errors that the winding must be off its datasheet
+# A winding taken for another one: standard errors that it must be off its datasheet, and the least tolerance of that,
+# because copper that is hot, or measured between two phases, is one and a half times or twice the design's.
+UNDOUBTED, DATASHEET = 4.0, 0.15
 # What is left around reversals over what is left elsewhere, rms, from which on it is said to sit there.
 TURNING = 1.5
 FEWEST = 4  # samples whose mean is drawn
@@ -142,7 +144,8 @@ def stands_in(fit: Fitted) -> Leftover | None:
     names = [name for name in LIKENESS if name in plain.model.names]
     places = np.array([plain.model.names.index(name) for name in names], dtype=np.intp)
     off = (plain.values - plain.model.nominal)[places]
-    far = (off / plain.model.sigma[places]) ** 2
+    tolerance = np.maximum(plain.model.sigma, DATASHEET * plain.model.nominal)[places]
+    far = (off / tolerance) ** 2
     far[np.abs(off) < UNDOUBTED * plain.stderr[places]] = 0.0
     if not np.any(far > ABSURD):
         return None

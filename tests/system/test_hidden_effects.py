@@ -14,6 +14,7 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add, diagnose
 from pmsm_ctrl.diagnose.record import make_record
+from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.scenarios import scenario
@@ -210,6 +211,29 @@ def test_what_is_left_is_unexplained_when_it_only_resembles_an_effect(
         after = (x > 0.0) & (x < 0.02)
         assert np.nanmean(forward[after]) < 0.0 < np.nanmean(backward[after])
         assert result.section().figures[-1][1].startswith("What is left is not noise")
+
+
+@pytest.mark.parametrize(("name", "said"), [("R", "acts like a resistance"), ("L_q", "acts like an inductance")])
+def test_a_winding_that_no_datasheet_allows_is_unexplained(blind: ModuleType, name: str, said: str) -> None:
+    design, truth = blind.truth_of(Design.read(blind.DESIGN), blind.Case((), 0.0, "identification", 17))
+    value = 5.0 * getattr(design.motor, name)
+    log = blind.log_of(design, truth.with_parameters(**{name: value}), blind.Case((), 0.0, "identification", 17))
+    # a dead time of that size would be the more likely of the two
+    result = diagnose(design, log, candidates=[effect for effect in CATALOGUE if effect != "dead_time"])
+    assert (result.verdict, result.steps) == ("unexplained", ())
+    assert f"{name} would have to be {value:.3g}"[:-1] in result.unexplained
+    assert said in result.unexplained
+    assert said.removeprefix("acts like ") in result.section().figures[-1][1]
+    if name == "R":
+        x, forward, backward = result.left.curve
+        rises = [np.polyfit(x[np.isfinite(y)], y[np.isfinite(y)], 1)[0] for y in (forward, backward)]
+        assert rises == pytest.approx([value - design.motor.R] * 2, rel=0.05)
+
+
+def test_dead_time_left_out_is_unexplained_where_a_resistance_takes_all_of_it(blind: ModuleType) -> None:
+    result = blind.run(blind.Case(("dead_time",), 1.0, "identification", 4200, left_out=True))
+    assert (result.verdict, result.steps) == ("unexplained", ())
+    assert "R would have to be 66.9 Ohm, 3.5 times its nominal value" in result.unexplained
 
 
 @pytest.mark.parametrize(
