@@ -194,8 +194,7 @@ def _turn(
         return None
     angle = prepared.signals["theta"]
     raw = waves(angle, orders)
-    shaped = [prepared.column(values) for values in (*raw.T, *(raw * direction[:, None]).T)]
-    own = np.column_stack(shaped[: raw.shape[1]] if not both else shaped)
+    own = prepared.column(_apart(raw, direction, both).T).T
 
     def draw(points: Array, sign: float) -> tuple[Array, Array]:
         along = np.full(len(points), sign)

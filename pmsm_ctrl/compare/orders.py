@@ -55,35 +55,44 @@ def order_spectrum(
     turning = np.ones_like(step)
     limit = 2.0 * np.pi * prepared.cutoff * PASSED
     travel = omega / prepared.thinned_rate
+    seen_orders, sums = [], []
     for k in range(1, highest + 1):
         turning = turning * step
         seen = mask & (k * omega < limit)
         if int(seen.sum()) < LEAST or k * float(travel[seen].sum()) < 4.0 * np.pi:
             continue
-        w, r, d = weight[seen], residual[seen], direction[seen]
-        found = None
-        if both:
-            found = _fitted(turning[seen], w, r, d)
-        if found is None:  # where the direction hangs on the angle, the wave that is the same either way is left
-            found = _fitted(turning[seen], w, r, None)
-        if found is not None:
-            amplitude[k - 1], score[k - 1] = found
+        seen_orders.append(k - 1)
+        sums.append(_sums(turning[seen], weight[seen], residual[seen], direction[seen]))
+    if not sums:
+        return amplitude, score
+    places = np.array(seen_orders)
+    gram, right, power, count = (np.array(parts) for parts in zip(*sums, strict=True))
+    # where the direction hangs on the angle, the wave that is the same either way is left
+    for base, used in ((1, [0, 2, 3]), (2, [0, 1, 2, 3, 4, 5]))[: 1 + both]:
+        sizes, scores, well = _solved(gram[:, used][:, :, used], right[:, used], power, count, base)
+        amplitude[places[well]], score[places[well]] = sizes[well], scores[well]
     return amplitude, score
 
 
-def _fitted(turning: NDArray[np.complex128], w: Array, r: Array, d: Array | None) -> tuple[float, float] | None:
-    """Amplitude and score of one order; None where its waves cannot be told apart."""
+def _sums(turning: NDArray[np.complex128], w: Array, r: Array, d: Array) -> tuple[Array, Array, float, int]:
+    """Normal equations of one order: constant, direction, the wave that is the same either way, the one that turns."""
     wave = [turning.real, turning.imag]
-    base = [np.ones(len(r))] if d is None else [np.ones(len(r)), d]
-    signed = [] if d is None else [x * d for x in wave]
-    a = np.column_stack([*base, *wave, *signed]) * w[:, None]
-    gram, right, b = a.T @ a, a.T @ (w * r), len(base)
-    if np.linalg.cond(gram) > 1e3:
-        return None
-    x = np.linalg.solve(gram, right)
-    gain = float(right @ x - right[:b] @ np.linalg.solve(gram[:b, :b], right[:b]))
-    left = float(np.sum((w * r) ** 2) - right @ x) / (len(r) - len(x))
-    return max(float(np.hypot(*pair)) for pair in x[b:].reshape(-1, 2)), gain / max(left, 1e-300)
+    a = np.column_stack([np.ones(len(r)), d, *wave, *(x * d for x in wave)]) * w[:, None]
+    b = w * r
+    return a.T @ a, a.T @ b, float(b @ b), len(r)
+
+
+def _solved(gram: Array, right: Array, power: Array, count: Array, base: int) -> tuple[Array, Array, Mask]:
+    """Amplitude and score of every order beyond the first `base` columns, and where its waves can be told apart."""
+    well = np.linalg.cond(gram) <= 1e3
+    sound = np.where(well[:, None, None], gram, np.eye(gram.shape[-1]))
+    x = np.linalg.solve(sound, right[..., None])[..., 0]
+    without = np.linalg.solve(sound[:, :base, :base], right[:, :base, None])[..., 0]
+    explained = np.sum(right * x, axis=1)
+    gain = explained - np.sum(right[:, :base] * without, axis=1)
+    left = (power - explained) / (count - gram.shape[-1])
+    amplitude = np.hypot(x[:, base::2], x[:, base + 1 :: 2]).max(axis=1)
+    return amplitude, gain / np.maximum(left, 1e-300), well
 
 
 def strongest_orders(

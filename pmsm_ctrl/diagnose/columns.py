@@ -129,7 +129,7 @@ def _build(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array:
         slow = _slow_enough(record, effect, shape)
         parts = [_entering(record, effect, terms[symbol] * slow, shape) for symbol in _symbols(effect)]
     filtered = effect.structure == "delay" and record.late is not None
-    return np.stack([record.stack(part, filtered) for part in parts], axis=-1)
+    return record.stack_all(parts, filtered)
 
 
 def _slow_enough(record: Record, effect: Effect, shape: Mapping[str, float]) -> Array | float:

@@ -263,16 +263,13 @@ def spread(weights_of: Array, weights: Whitener, whitener: Whitener) -> Array:
     -------
     array, shape (k, k)
     """
-    from scipy.sparse.linalg import spsolve_triangular
-
     start = 0
     covariance = np.zeros((weights_of.shape[1],) * 2)
-    for fine, coarse in zip(whitener.matrices, weights.matrices, strict=True):
+    for row, coarse in enumerate(weights.matrices):
         scale = np.asarray(coarse.sum(axis=1)).ravel()
-        count = fine.shape[0]
+        count = coarse.shape[0]
         block = weights_of[start : start + count] * np.where(scale > 0.0, scale, 0.0)[:, None]
-        square = fine[:, np.unique(fine.indices)].tocsr()
-        back = spsolve_triangular(square.T.tocsr(), block, lower=False) if count else block
+        back = whitener.backward(row, block) if count else block
         covariance += back.T @ back
         start += count
     prior = weights_of[start:]

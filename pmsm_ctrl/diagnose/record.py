@@ -5,7 +5,7 @@ Up to three balances: torque, u_d and u_q. Every balance and every column goes t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -125,8 +125,8 @@ class Record:
         return self.prepared.column(np.ascontiguousarray(np.broadcast_to(values, self.prepared.t.shape)))
 
     def at_grid(self, values: Array) -> Array:
-        """Thin without filtering."""
-        return values[self.prepared.keep]
+        """Thin without filtering, along the last axis."""
+        return values[..., self.prepared.keep]
 
     def at_full_rate(self, values: Array) -> Array:
         """Return what was filtered and thinned, shape (m,), at the log's rate, shape (n,).
@@ -142,15 +142,21 @@ class Record:
         full: Array = upfirdn(taps, np.pad(values, SINC, mode="edge"), step)
         return full[2 * SINC * step :][: len(self.prepared.t)]
 
-    def stack(self, columns: Mapping[str, Array], filtered: bool = False) -> Array:
-        """Return a column over all balances, shape (channels, m), from those it enters at the log's rate.
+    def stack(self, columns: Mapping[str, Array]) -> Array:
+        """Return a column over all balances, shape (channels, m), from those it enters at the log's rate."""
+        return self.stack_all([columns])[..., 0]
+
+    def stack_all(self, parts: Sequence[Mapping[str, Array]], filtered: bool = False) -> Array:
+        """Return several columns over all balances, shape (channels, m, k), filtered in one go.
 
         Columns that are linear in what was `filtered` before are not filtered again.
         """
-        out = np.zeros(self.target.shape)
+        out = np.zeros((*self.target.shape, len(parts)))
         for row, name in enumerate(self.channels):
-            if name in columns:
-                out[row] = self.at_grid(columns[name]) if filtered else self.shaped(columns[name])
+            places = [k for k, part in enumerate(parts) if name in part]
+            if places:
+                values = np.stack([np.broadcast_to(parts[k][name], self.prepared.t.shape) for k in places])
+                out[row][:, places] = (self.at_grid(values) if filtered else self.prepared.column(values)).T
         return out
 
     def rate_of(self, values: Array) -> Array:

@@ -7,6 +7,7 @@ Source: G. E. P. Box, G. M. Jenkins, Time Series Analysis, 1976, ch. 7; J. P. Bu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,28 @@ class Whitener:
     def __call__(self, values: Array) -> Array:
         """Whiten values of shape (channels, m) or (channels, m, k) into shape (rows,) or (rows, k)."""
         return np.concatenate([matrix @ values[row] for row, matrix in enumerate(self.matrices)])
+
+    def backward(self, row: int, values: Array) -> Array:
+        """Solve with the transposed matrix of one balance, shape (used samples, k): its noise's correlation undone."""
+        from scipy.linalg.lapack import dtbtrs
+
+        solution, wrong = dtbtrs(self._bands[row], values, uplo="L", trans="T")
+        if wrong:
+            raise np.linalg.LinAlgError(f"the whitening matrix of balance {row} is singular")
+        return solution
+
+    @cached_property
+    def _bands(self) -> tuple[Array, ...]:
+        """Lower bands of the matrices over the samples that are used, as LAPACK keeps them."""
+        bands = []
+        for matrix in self.matrices:
+            place = matrix.tocoo()
+            column = np.searchsorted(np.unique(place.col), place.col)
+            lag = place.row - column
+            band = np.zeros((int(lag.max(initial=0)) + 1, matrix.shape[0]))
+            band[lag, column] = place.data
+            bands.append(band)
+        return tuple(bands)
 
 
 def make_whitener(record: Record, residual: Array, lost: int, most: int = MAX_ORDER) -> Whitener:

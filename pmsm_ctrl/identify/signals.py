@@ -141,12 +141,12 @@ class Prepared:
     acting: Array | None = None
 
     def column(self, values: Array) -> Array:
-        """Weight a column over the log's own grid, shape (n,), filter it, and thin it to shape (m,)."""
+        """Weight columns over the log's own grid, shape (..., n), filter them, and thin them to shape (..., m)."""
         return self.smooth(values if self.weight is None else self.weight * values)
 
     def smooth(self, values: Array) -> Array:
-        """Filter a signal over the log's own grid, shape (n,), and thin it to shape (m,)."""
-        return self.shape(values)[self.keep]
+        """Filter signals over the log's own grid, shape (..., n), and thin them to shape (..., m)."""
+        return self.shape(values)[..., self.keep]
 
     @property
     def mask(self) -> Mask:
@@ -209,14 +209,14 @@ def _spectral(values: Array, period: float) -> Array:
 
 
 def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False) -> Array:
-    """Filter forward and backward, so that nothing shifts in time.
+    """Filter forward and backward along the last axis, so that nothing shifts in time.
 
     Butterworth of fourth order, or where `steep` the Chebyshev filter of eighth order with 0.05 dB ripple
     that is customary before thinning; run twice, both attenuate twice.
     """
     from scipy.signal import sosfiltfilt
 
-    pad = min(len(values) - 1, round(3.0 * rate / cutoff))
+    pad = min(values.shape[-1] - 1, round(3.0 * rate / cutoff))
     return sosfiltfilt(_sections(rate, cutoff, steep), values, padlen=pad)
 
 
