@@ -10,7 +10,7 @@ much are fitted as well: columns tell less than everything refitted.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from pmsm_ctrl.diagnose.evidence import Trial
 from pmsm_ctrl.diagnose.fitting import Accepted, Fitted, fit_design
 from pmsm_ctrl.diagnose.gates import BEYOND, TELLING
 from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.diagnose.selection import Selection, select, tied
+from pmsm_ctrl.diagnose.selection import Selection, fitted_before, select, tied
 from pmsm_ctrl.effects.base import Effect
 
 __all__ = ["select_with_exchange"]
@@ -37,16 +37,21 @@ def select_with_exchange(
     """Select effects one at a time, then exchange those that another one can replace."""
     found = best = select(design, record, effects, own, holdout, progress)
     tried: set[tuple[str, ...]] = set()
-    others = []
-    for order in _orders(design, record, found, effects, own):
+    every = [found]
+    for order in _orders(design, record, every, effects, own):
         if order in tried:
             continue
         tried.add(order)
-        other = select(design, record, effects, own, holdout, None, order)  # the bar does not run twice
-        others.append(other)
+        # the bar does not run twice
+        other = select(design, record, effects, own, holdout, None, order, _fits(every))
+        every.append(other)
         if other.accepted and _better(other, best):
             best = other
-    return _with_equals(best, [found, *others])
+    return _with_equals(best, every)
+
+
+def _fits(every: Iterable[Selection]) -> Iterator[Fitted]:
+    return (fit for selection in every for fit in selection.fits)
 
 
 def _better(other: Selection, best: Selection) -> bool:
@@ -86,9 +91,10 @@ def _with_equals(best: Selection, others: list[Selection]) -> Selection:
 
 
 def _orders(
-    design: Design, record: Record, found: Selection, effects: Mapping[str, Effect], own: tuple[Effect, ...]
+    design: Design, record: Record, every: list[Selection], effects: Mapping[str, Effect], own: tuple[Effect, ...]
 ) -> Iterator[tuple[str, ...]]:
-    """Ids of the effects to begin with instead, the strongest first."""
+    """Ids of the effects to begin with instead of those of the first selection, the strongest first."""
+    found = every[0]
     present = {one.effect.id for one in found.accepted}
     blocked = [name for name, why in found.refused.items() if why.endswith(BEYOND) and name in effects]
     waiting = [
@@ -108,7 +114,7 @@ def _orders(
         if one.effect.id in REPEATED or len(found.accepted) + len(waiting) < 2:
             continue
         others = (*found.accepted[:k], *found.accepted[k + 1 :], *waiting)
-        trials = fit_design(design, record, others, effects, own).trials
+        trials = (fitted_before(_fits(every), others) or fit_design(design, record, others, effects, own)).trials
         better = trials[0].candidate.effect.id if trials and not trials[0].wrong_sign else one.effect.id
         if better in present or better in REPEATED:
             continue

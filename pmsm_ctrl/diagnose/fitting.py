@@ -54,7 +54,8 @@ class Fitted:
     ----------
     record : Record
         With modelled torque in its signals.
-    error, relative : dict of balance to rms residual and to its share of the measured balance
+    accepted : tuple of Accepted
+        The effects, with the nonlinear parameters that this fit holds.
     """
 
     record: Record
@@ -65,7 +66,8 @@ class Fitted:
     weights: Whitener
     trials: tuple[Trial, ...]
     closed: tuple[Candidate, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
+    accepted: tuple[Accepted, ...]
 
     @property
     def residual(self) -> Array:
@@ -97,7 +99,7 @@ def fit_design(
     solved = solve_model(record, model, whitener)
     plain = with_honest_errors(solve_model(record, model, weights), weights, whitener)
     if not explore:
-        return Fitted(record, model, whitener, solved, plain, weights, (), (), notes)
+        return Fitted(record, model, whitener, solved, plain, weights, (), (), notes, accepted)
     trials, closed = [], []
     for candidate in candidates:
         trial = try_candidate(record, plain, weights, candidate)
@@ -108,7 +110,7 @@ def fit_design(
     trials = [judged((solved, whitener), (plain, weights), t) for t in _refined(record, plain, weights, trials)]
     trials = in_order(trials)
     record.memo.clear()  # hundreds of columns; the best of each candidate stays with its trial
-    return Fitted(record, model, whitener, solved, plain, weights, tuple(trials), tuple(closed), notes)
+    return Fitted(record, model, whitener, solved, plain, weights, tuple(trials), tuple(closed), notes, accepted)
 
 
 def predicted_elsewhere(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from pmsm_ctrl.compare.blocks import holm
@@ -16,7 +16,7 @@ from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.effects.base import Effect
 
-__all__ = ["Selection", "Step", "holdout_error", "select", "tied"]
+__all__ = ["Selection", "Step", "fitted_before", "holdout_error", "select", "tied"]
 
 MOST_STEPS = 8
 
@@ -50,13 +50,16 @@ def select(
     holdout: Record | None = None,
     progress: Callable[[float], None] | None = None,
     order: tuple[str, ...] = (),
+    known: Iterable[Fitted] = (),
 ) -> Selection:
     """Accept effects until nothing passes the gates.
 
-    With `order` the first ones are these, or none at all when one of them does not pass.
+    With `order` the first ones are these, or none at all when one of them does not pass. What is `known` of the same
+    design, record and candidates is not fitted again.
     """
     accepted: tuple[Accepted, ...] = ()
-    fit = fit_design(design, record, accepted, effects, own)
+    known = tuple(known)
+    fit = fitted_before(known, accepted) or fit_design(design, record, accepted, effects, own)
     fits, steps = [fit], []
     refused: dict[str, str] = {}
     for number in range(MOST_STEPS):
@@ -69,7 +72,7 @@ def select(
             trial, evidence = won
             new = (*accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid))
             new = _reshaped(design, record, new, effects, own)
-            after = fit_design(design, record, new, effects, own)
+            after = fitted_before(known, new) or fit_design(design, record, new, effects, own)
             # what is to come next may be what brings a parameter back inside its bounds
             why = "" if number + 1 < len(order) else objection(after, fit, trial.candidate.effect)
             why = why or _holdout_objection(design, holdout, accepted, new, fit, after, effects, own)
@@ -87,6 +90,12 @@ def select(
         if progress is not None:
             progress(min(0.9, 0.2 + 0.7 * (number + 1) / MOST_STEPS))
     return Selection(tuple(fits), tuple(steps), accepted, refused)
+
+
+def fitted_before(known: Iterable[Fitted], accepted: tuple[Accepted, ...]) -> Fitted | None:
+    """Return the fit with these effects, in this order and of these shapes; None where there is none yet."""
+    asked = [(one.effect.id, one.shape) for one in accepted]
+    return next((fit for fit in known if [(one.effect.id, one.shape) for one in fit.accepted] == asked), None)
 
 
 def _reshaped(
