@@ -76,6 +76,11 @@ def response(system: Any, omega: Array) -> Complex:
         return np.asarray(system.complex).reshape(-1)
     period = system.dt
     at = np.exp(1j * omega * period) if period else 1j * omega
+    if isinstance(system, ct.StateSpace) and system.nstates:
+        # all frequencies in one call: python-control solves them one by one
+        pencil = at[:, None, None] * np.eye(system.nstates) - system.A
+        inner = system.C @ np.linalg.solve(pencil, np.broadcast_to(system.B, (len(at), *system.B.shape)))
+        return np.asarray(inner[:, 0, 0] + system.D[0, 0], dtype=np.complex128)
     return np.asarray(system(at, squeeze=True), dtype=np.complex128).reshape(-1)
 
 
