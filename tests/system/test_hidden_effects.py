@@ -20,6 +20,11 @@ from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.scenarios import scenario
 
 
+def seeds(first: int, *more: int) -> list[object]:
+    """The first one every time, the others with --slow."""
+    return [first, *(pytest.param(seed, marks=pytest.mark.slow) for seed in more)]
+
+
 @pytest.fixture(scope="module")
 def blind(project_root: Path) -> ModuleType:
     """The suite of tests/benchmarks/blind.py; its long form runs on demand."""
@@ -99,7 +104,7 @@ def test_effect_left_out_of_the_candidates_is_drawn_and_not_called_something_els
     assert result.plot() is not None
 
 
-@pytest.mark.parametrize("seed", [2008, 7, 8])
+@pytest.mark.parametrize("seed", seeds(2008, 7, 8))
 def test_effect_that_stood_in_for_two_is_exchanged(blind: ModuleType, seed: int) -> None:
     # alone, a Stribeck curve with a wide bend explains more of this than either of the two
     case = blind.Case(("thermal_drift", "quadratic_drag"), 1.0, "identification", seed)
@@ -121,13 +126,13 @@ def test_exchange_adds_an_effect_where_much_less_is_left(blind: ModuleType) -> N
     assert found["dF_s"] == pytest.approx(0.008, rel=0.05)
 
 
-@pytest.mark.parametrize("seed", [701, 702])
+@pytest.mark.parametrize("seed", seeds(701, 702))
 def test_a_staircase_of_speeds_raises_no_alarm(blind: ModuleType, seed: int) -> None:
     design, truth = blind.truth_of(Design.read(blind.DESIGN), blind.Case((), 0.0, "identification", seed))
     assert diagnose(design, simulate(design, "sweep", truth=truth, seed=seed)).verdict == "consistent"
 
 
-@pytest.mark.parametrize("seed", [709, 710])
+@pytest.mark.parametrize("seed", seeds(709, 710))
 def test_a_spring_that_rings_between_the_frequencies_of_the_grid(blind: ModuleType, seed: int) -> None:
     case = blind.Case(("compliance",), 1.0, "identification", seed)
     design, truth = blind.truth_of(Design.read(blind.DESIGN), case)
@@ -172,7 +177,7 @@ def test_add_fits_the_effect_and_says_what_it_cannot(designs: Path) -> None:
         add(design, log, "coulomb")
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_next_experiment_separates_what_one_speed_cannot(blind: ModuleType, designs: Path, seed: int) -> None:
     # at one speed each way a constant load and an asymmetry of viscous friction are both an offset
     design = Design.read(designs / "seed_motor.toml")
@@ -250,7 +255,7 @@ def test_a_parameter_far_beyond_its_tolerance_is_no_missing_effect(
     assert (result.verdict, result.steps) == ("consistent", ())
 
 
-@pytest.mark.parametrize("seed", [21, 22])
+@pytest.mark.parametrize("seed", seeds(21, 22))
 def test_a_lightly_damped_spring_shows_in_slow_reversals(blind: ModuleType, seed: int) -> None:
     result = blind.run(blind.Case(("compliance",), 1.0, "servo", seed))
     assert result.steps[0].effect == "compliance"
@@ -276,7 +281,7 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     assert (result.left.resembles, result.left.channel) == ("dead_time", "u_q")
 
 
-@pytest.mark.parametrize("seed", [51, 52])
+@pytest.mark.parametrize("seed", seeds(51, 52))
 def test_a_winding_that_stands_in_for_an_effect_is_named_beside_it(blind: ModuleType, seed: int) -> None:
     strong = blind.run(blind.Case(("dead_time",), 1.0, "servo", seed))
     assert [step.effect for step in strong.steps] == ["dead_time"]
@@ -288,7 +293,7 @@ def test_a_winding_that_stands_in_for_an_effect_is_named_beside_it(blind: Module
     assert note.endswith("dead_time would bring it back")
 
 
-@pytest.mark.parametrize("seed", [31, 32])
+@pytest.mark.parametrize("seed", seeds(31, 32))
 def test_a_delay_is_met_whole_and_nothing_is_named_after_it(blind: ModuleType, seed: int) -> None:
     # to first order a delay of two samples leaves what looks like a spring
     result = blind.run(blind.Case(("delay",), 2.0, "mixed", seed))

@@ -179,7 +179,7 @@ FLAVOURS: dict[str, Callable[[dict[str, str], Path], FunctionBlock]] = {
 
 
 # the parser takes seconds for a tracker, so that not every pair is tried every time
-PAIRS = [("br", "angle"), ("beckhoff", "angle"), ("iec", "speed, load and inertia")]
+PAIRS = [("beckhoff", "angle"), ("iec", "speed, load and inertia")]
 REST = [(f, v) for f in FLAVOURS for v in VARIANTS if (f, v) not in PAIRS]
 
 
