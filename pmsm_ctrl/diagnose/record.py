@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare.band import band, punctual
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.reversals import reversals, timed_sign
+from pmsm_ctrl.identify.digits import without_coarse_angle
 from pmsm_ctrl.identify.noise import stretches
 from pmsm_ctrl.identify.signals import Prepared, Processing, derivative, low_pass, prepare
 from pmsm_ctrl.log import Log
@@ -184,6 +185,8 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
         When a channel is missing, or the axis never moves.
     """
     log.check_evaluable(32)
+    asked = processing.cutoff if processing is not None else None
+    log, few = without_coarse_angle(design, log, asked or band(log))
     log = _thinned(_in_time(design, log, age))
     processing = processing or Processing(standstill=STANDSTILL, cutoff=band(log))
     prepared = prepare(design, log, processing, as_logged=True)
@@ -224,7 +227,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     steps[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
-        np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], prepared.notes,
+        np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], (*few, *prepared.notes),
         None if "theta" in log else age,
     )  # fmt: skip
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, RequestError
+from pmsm_ctrl.identify.digits import without_coarse_angle
 from pmsm_ctrl.identify.timebase import uniform, unwrapped
 from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.log import Log
@@ -253,7 +254,9 @@ def prepare(
     if len(log) < 100:
         raise LogError(f"{where}{len(log)} samples; identification needs at least 100")
     log.check_evaluable()
+    log, few = without_coarse_angle(design, log, processing.cutoff or min(40.0, log.rate / 8.0))
     t, raw, good, notes = uniform(log)
+    notes = (*few, *notes)
     raw, notes = _without_dead_voltages(raw, notes)
     if not as_logged:
         from pmsm_ctrl.identify.undo import undone

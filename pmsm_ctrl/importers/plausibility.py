@@ -14,7 +14,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers.lost import lost_samples
 from pmsm_ctrl.importers.table import Array
-from pmsm_ctrl.importers.timebase import quantum, saturated_share, time_base
+from pmsm_ctrl.importers.timebase import growing_steps, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
 
 __all__ = ["check", "torque_factor", "velocity_factor"]
@@ -301,4 +301,8 @@ def _quantisation(log: Log) -> list[str]:
         if math.isfinite(step) and step > 0.05 * size > 0.0:
             relative = f"{100 * step / size:.2g} % of its standard deviation"
             out.append(f"{name} is quantised to {step:.4g} {log.unit(name)}, {relative}")
+    grown = growing_steps(log["theta"]) if "theta" in log else 0.0
+    if grown > 0.0:
+        where = f"its steps grow with it, up to {grown:.2g} {log.unit('theta')}"
+        out.append(f"theta was written with few digits: {where}; write more of them, or the angle within one turn")
     return out

@@ -8,7 +8,7 @@ import numpy as np
 
 from pmsm_ctrl.importers.table import Array
 
-__all__ = ["TimeBase", "longest_run", "quantum", "saturated_share", "time_base"]
+__all__ = ["TimeBase", "growing_steps", "longest_run", "quantum", "saturated_share", "time_base"]
 
 SAMPLE = 200_000  # values looked at for quantisation; more would only cost time
 
@@ -75,6 +75,21 @@ def quantum(values: Array) -> float:
         return 0.0
     fits = np.abs(multiples - np.round(multiples)) < 0.05
     return step if fits.mean() > 0.98 else 0.0
+
+
+def growing_steps(values: Array) -> float:
+    """Return the coarsest step of a channel that was written with few significant digits, 0 where its steps are alike.
+
+    `csvwrite` keeps five digits: 0.01 rad from the 16th turn on, and a thousandth of that near zero.
+    """
+    size = np.abs(values)
+    top = float(size.max(initial=0.0))
+    coarse = quantum(values[size > 0.9 * top])
+    near_zero = np.unique(values[size < 0.09 * top][:SAMPLE])
+    if not coarse > 0.0 or near_zero.size < 100:
+        return 0.0
+    steps = (near_zero - near_zero[0]) / coarse
+    return coarse if float(np.mean(np.abs(steps - np.round(steps)) > 0.05)) > 0.2 else 0.0
 
 
 def longest_run(mask: np.ndarray) -> int:

@@ -26,8 +26,8 @@ def _steps(size: float) -> Callable[[Array], Array]:
     return lambda values: np.round(values / size) * size
 
 
-def _digits(values: Array) -> Array:
-    return np.array([float(f"{value:.6g}") for value in values])
+def _digits(count: int) -> Callable[[Array], Array]:
+    return lambda values: np.array([float(f"{value:.{count}g}") for value in values])
 
 
 def _without(log: Log, *names: str) -> Log:
@@ -55,7 +55,8 @@ SPOILED: dict[str, Callable[[Log, Design], Log]] = {
     "angle in 4096 steps a turn": lambda log, _: _each(log, _steps(2.0 * np.pi / 4096.0), "theta"),
     "the same and no speed": lambda log, _: _without(_each(log, _steps(2.0 * np.pi / 4096.0), "theta"), "omega"),
     "three decimals": lambda log, _: _each(log, _steps(1e-3), *(name for name in log.channels if name != "t")),
-    "six digits": lambda log, _: _each(log, _digits, *(name for name in log.channels if name != "t")),
+    "six digits": lambda log, _: _each(log, _digits(6), *(name for name in log.channels if name != "t")),
+    "five digits": lambda log, _: _each(log, _digits(5), *(name for name in log.channels if name != "t")),
     "stamps that jitter": lambda log, _: Log({**log.channels, "t": log.t + _jitter(log)}),
     "samples that jitter": lambda log, _: _late_samples(log),
     "half the rate": lambda log, _: Log({name: values[::2] for name, values in log.channels.items()}),

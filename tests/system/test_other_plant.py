@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from tests.benchmarks.other_plant import other_log, right
 from tests.benchmarks.sizes import SIZES, sized
@@ -45,6 +46,18 @@ def test_a_filtered_speed_is_no_missing_effect(seed: int) -> None:
     assert found.verdict == "consistent"
     assert found.record.age == pytest.approx(1e-3, abs=5e-5)
     assert any("ms older than the torque" in text for text in found.warnings)
+
+
+def test_an_angle_of_five_digits_gives_way_to_the_speed() -> None:
+    # 0.01 rad from the 16th turn on, which would be taken for a spring
+    design, log = other_log("none", 1700)
+    spoiled = SPOILED["five digits"](log, design)
+    found = diagnose(design, spoiled)
+    assert found.verdict == "consistent"
+    assert any("few digits, in steps of up to 0.01 rad: the speed is used" in text for text in found.warnings)
+    fine, coarse = (identify(design, one) for one in (log, spoiled))
+    assert coarse.estimates["J"].value == pytest.approx(fine.estimates["J"].value, rel=0.01)
+    assert any("few digits" in text for text in coarse.warnings)
 
 
 def test_an_effect_is_found_from_speed_alone() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import check
-from pmsm_ctrl.importers.timebase import longest_run, quantum, saturated_share, time_base
+from pmsm_ctrl.importers.timebase import growing_steps, longest_run, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
 
 J, F_C, F_V, K_T = 9e-5, 0.0213, 0.000168, 1.032
@@ -140,6 +140,17 @@ def test_quantisation_is_found_and_named(rng: np.random.Generator) -> None:
     assert math.isnan(quantum(np.ones(10)))
     found = check(Log(channels | {"omega": np.round(channels["omega"] / 20) * 20}))
     assert any("omega is quantised to 20 rad/s" in warning for warning in found), found
+
+
+def test_an_angle_of_few_digits_has_steps_that_grow() -> None:
+    theta = 300.0 * np.sin(np.linspace(0.0, 20.0, 20000))
+    five = np.array([float(f"{angle:.5g}") for angle in theta])
+    assert growing_steps(five) == pytest.approx(0.01, rel=1e-6)
+    assert growing_steps(np.deg2rad(five)) == pytest.approx(math.radians(0.01), rel=1e-6)
+    for even in (theta, np.round(theta, 3), np.round(theta / 1.5e-3) * 1.5e-3 + 0.4, np.ones(10)):
+        assert growing_steps(even) == 0.0
+    found = check(Log({"t": np.arange(20000) * 1e-3, "theta": five}))
+    assert any("few digits: its steps grow with it, up to 0.01 rad; write more" in warning for warning in found), found
 
 
 def test_runs_and_shares_by_hand() -> None:
