@@ -31,7 +31,7 @@ SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: close together wh
 ORDERS = 4
 QUIET = 0.25  # of the cutoff: above it lies nearly all noise of a twice differentiated angle
 TRUE = 0.7  # least share of the fast acceleration that has to be true
-DRIVEN = 3.0  # times the noise of the torque over the inertia: accelerations below it may be the drive's own noise
+DRIVEN = 3.0  # times the noise of the torque over the inertia: by less the drive's own noise changes the acceleration
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +80,14 @@ def grid_coordinates(
     per_ampere : float or None
         Torque constant; None where the log has a torque and no current.
     noise : float
-        Of the torque, rms. The current loop answers what it measures wrongly with a torque, so that small
-        accelerations mirror the noise of the measured current.
+        Of the torque, rms. The current loop answers what it measures wrongly with a torque, so that small changes of
+        the acceleration mirror the noise of the measured current.
     """
     s, keep = prepared.signals, prepared.keep
     alpha = prepared.column(prepared.alpha)
     slow = _quiet(prepared, alpha, J)
     driven = DRIVEN * noise / J if J > 0.0 else 0.0
-    slow = slow - np.clip(slow, -driven, driven)
+    slow = _with_play(slow, driven)
     predicted = predicted - J * (alpha - slow)
     out = {
         "speed": s["omega"][keep],
@@ -99,6 +99,15 @@ def grid_coordinates(
     }
     if "temperature" in s and float(np.ptp(s["temperature"])) > 0.0:
         out["temperature"] = s["temperature"][keep]
+    return out
+
+
+def _with_play(x: Array, half: float) -> Array:
+    """Follow a signal, from zero, only where it leaves a play around what was followed last: noise moves nothing."""
+    out, last = np.empty_like(x), 0.0
+    for k, value in enumerate(x.tolist()):
+        last = min(max(last, value - half), value + half)
+        out[k] = last
     return out
 
 

@@ -127,3 +127,8 @@ def test_noise_that_moves_the_axis_is_no_load_on_a_spring() -> None:
     slow = sized(*other_log("constant_load", 980), *SIZES["slow"])
     found = diagnose(*slow, candidates=["constant_load", "compliance"])
     assert [step.effect for step in found.steps] == ["constant_load"]
+
+
+@pytest.mark.parametrize("seed", [1750, 1751])
+def test_noise_around_a_constant_acceleration_is_no_dependence(seed: int) -> None:
+    assert diagnose(*sized(*other_log("none", seed, kind="triangle"), *SIZES["slow"])).verdict == "consistent"
