@@ -6,6 +6,7 @@ the winding took it up, with a value that no motor of that datasheet has?
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -146,7 +147,8 @@ def stands_in(fit: Fitted) -> Leftover | None:
     off = (plain.values - plain.model.nominal)[places]
     tolerance = np.maximum(plain.model.sigma, DATASHEET * plain.model.nominal)[places]
     far = (off / tolerance) ** 2
-    far[np.abs(off) < UNDOUBTED * plain.stderr[places]] = 0.0
+    surely = np.abs(off) / plain.stderr[places]
+    far[surely < UNDOUBTED] = 0.0
     if not np.any(far > ABSURD):
         return None
     best = int(np.argmax(far))
@@ -164,7 +166,8 @@ def stands_in(fit: Fitted) -> Leftover | None:
     )
     over = record.at_grid(record.signals["i_d" if name == "L_d" else "i_q"])
     curve = _over(over, record, with_it)
-    return Leftover("current", "A", record.channels[row], max(share, 0.0), 0.0, text, curve, like)
+    p = math.erfc(float(surely[best]) / math.sqrt(2.0))
+    return Leftover("current", "A", record.channels[row], max(share, 0.0), p, text, curve, like)
 
 
 def _where_it_enters(fit: Fitted, direction: Array) -> int:

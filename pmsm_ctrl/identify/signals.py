@@ -254,7 +254,7 @@ def prepare(
     if len(log) < 100:
         raise LogError(f"{where}{len(log)} samples; identification needs at least 100")
     log.check_evaluable()
-    log, few = without_coarse_angle(design, log, processing.cutoff or min(40.0, log.rate / 8.0))
+    log, few = without_coarse_angle(design, log, _cutoff(processing, log.rate))
     t, raw, good, notes = uniform(log)
     notes = (*few, *notes)
     raw, notes = _without_dead_voltages(raw, notes)
@@ -265,7 +265,7 @@ def prepare(
         raw, left_in = undone(design, t, raw | angle)
         notes = (*notes, *left_in)
     rate = (len(t) - 1) / float(t[-1] - t[0])
-    cutoff = processing.cutoff if processing.cutoff is not None else min(40.0, rate / 8.0)
+    cutoff = _cutoff(processing, rate)
     if not 0 < cutoff < rate / 2:
         raise RequestError(f"cutoff {cutoff:g} Hz: it should lie between 0 and half the log's rate, {rate / 2:g} Hz")
     signals, alpha, clean, blank = _moved(raw, rate, cutoff, processing, where)
@@ -303,6 +303,10 @@ def prepare(
         usable = int((moving & ~rest).sum()) / rate
         raise LogError(f"{where}the axis moves for too short a time: {usable:.3g} s usable")
     return prepared
+
+
+def _cutoff(processing: Processing, rate: float) -> float:
+    return processing.cutoff if processing.cutoff is not None else min(40.0, rate / 8.0)
 
 
 def _step(rate: float, cutoff: float) -> int:
