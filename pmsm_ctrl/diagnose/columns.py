@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.motion import bristle_direction, load_behind_gap, load_behind_spring, spring_response
-from pmsm_ctrl.diagnose.record import Record
+from pmsm_ctrl.diagnose.record import MODELLED, Memo, Record
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.evaluate import column, columns
 from pmsm_ctrl.identify.signals import low_pass
@@ -60,6 +60,8 @@ class Group:
 # What terms read that is no channel of a log but follows from the motion.
 STATES = ("p", "zeta", "travel", "limit", "twist", "twist_rate")
 ABOVE_NOISE = 4.0
+# Bytes of columns that are kept from one fit to the next, roughly.
+MOST_KEPT = 100e6
 # Over the cutoff: for so long the low-pass before differentiation smooths the speed.
 SMOOTHED = 0.1
 LAGS = 3.0  # times its scale: the travel after which 95 % of a bristle's lag are over
@@ -95,9 +97,19 @@ def effect_group(record: Record, effect: Effect, shape: Mapping[str, float], ent
         raise UnavailableError(why)
     key = _key(effect, shape)
     symbols = _symbols(effect)
-    if key not in record.memo:
-        record.memo[key] = _build(record, effect, shape)
-    return Group(effect, symbols, record.memo[key], dict(shape), entry)
+    memo = _memo(record, effect, key)
+    if key not in memo:
+        memo[key] = _build(record, effect, shape)
+    return Group(effect, symbols, memo[key], dict(shape), entry)
+
+
+def _memo(record: Record, effect: Effect, key: tuple[object, ...]) -> Memo:
+    """Where the columns of an effect are remembered: from one fit to the next, if they follow from the motion alone."""
+    if key in record.kept:
+        return record.kept
+    modelled = effect.channels == ("i_d", "i_q") or not MODELLED.isdisjoint(effect.signals)
+    full = len(record.kept) * record.target.nbytes > MOST_KEPT
+    return record.memo if modelled or full else record.kept
 
 
 def _key(effect: Effect, shape: Mapping[str, float]) -> tuple[object, ...]:
@@ -151,14 +163,16 @@ def candidate_group(record: Record, effect: Effect, shape: Mapping[str, float]) 
     UnavailableError
         When the log or the design lacks what the effect needs.
     """
-    key = ("seen", *_key(effect, shape))
-    if key in record.memo:
-        return Group(effect, _symbols(effect), record.memo[key], dict(shape))
+    whole = _key(effect, shape)
+    key = ("seen", *whole)
+    memo = _memo(record, effect, key)
+    if key in memo:
+        return Group(effect, _symbols(effect), memo[key], dict(shape))
     group = effect_group(record, effect, shape)
     seen = as_candidate(record, group)
     if seen is not group:
-        record.memo[key] = seen.values
-        del record.memo[_key(effect, shape)]
+        memo[key] = seen.values
+        _memo(record, effect, whole).pop(whole, None)
     return seen
 
 
@@ -203,16 +217,16 @@ def _over_at_once(record: Record, shape: Mapping[str, float]) -> NDArray[np.bool
 
 def _acceleration(record: Record) -> Array:
     key = ("alpha",)
-    if key not in record.memo:
-        record.memo[key] = record.shaped(record.signals["alpha"])
-    return record.memo[key]
+    if key not in record.kept:
+        record.kept[key] = record.shaped(record.signals["alpha"])
+    return record.kept[key]
 
 
 def _shaft_noise(record: Record) -> float:
     key = ("noise of alpha",)
-    if key not in record.memo:
-        record.memo[key] = np.array(noise_of(record, _acceleration(record)))
-    return float(record.memo[key])
+    if key not in record.kept:
+        record.kept[key] = np.array(noise_of(record, _acceleration(record)))
+    return float(record.kept[key])
 
 
 def _resonance(record: Record, shape: Mapping[str, float]) -> float:

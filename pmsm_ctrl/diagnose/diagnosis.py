@@ -228,6 +228,7 @@ def diagnose(
     first = None if progress is None else partial(_part, progress, 0.0, share)
     selection = select_with_exchange(design, record, offered, own, other, first)
     outcome = build_outcome(design, record, other, selection, offered, own)
+    record.kept.clear()  # hundreds of columns, for which no one asks any more
     found = Diagnosis(
         **outcome,
         log_name=log.provenance.file or "the given log",

@@ -80,6 +80,7 @@ def fit_design(
     own: tuple[Effect, ...] = (), explore: bool = True,
 ) -> Fitted:  # fmt: skip
     """Fit the design with the accepted effects, and try every candidate on what is left."""
+    given = record
     for one in (*_bristles(design, effects), *accepted):
         if one.effect.structure == "bristle":
             record = with_direction(record, bristle_direction(record, one.effect, one.shape))
@@ -110,6 +111,8 @@ def fit_design(
     trials = [judged((solved, whitener), (plain, weights), t) for t in _refined(record, plain, weights, trials)]
     trials = in_order(trials)
     record.memo.clear()  # hundreds of columns; the best of each candidate stays with its trial
+    if record.kept is not given.kept:
+        record.kept.clear()
     return Fitted(record, model, whitener, solved, plain, weights, tuple(trials), tuple(closed), notes, accepted)
 
 

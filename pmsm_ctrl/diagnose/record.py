@@ -21,12 +21,15 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.sampling import speed_lag
 from pmsm_ctrl.units import axis_unit, drives
 
-__all__ = ["CHANNELS", "Record", "make_record", "with_direction", "with_modelled_torque"]
+__all__ = ["CHANNELS", "MODELLED", "Memo", "Record", "make_record", "with_direction", "with_modelled_torque"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Memo = dict[tuple[object, ...], Array]
 
 CHANNELS = ("torque", "u_d", "u_q")
+# Signals that follow from what a model predicts; all others stay what they were measured.
+MODELLED = frozenset({"torque", "i_q", "di_q"})
 
 # Below this share of the fast speed the direction is uncertain; see `_direction`.
 STANDSTILL = 0.0005
@@ -75,6 +78,9 @@ class Record:
         where the log has a position.
     late : float or None
         Delay of the currents about which its column is taken, s; None as long as the terms read measured currents.
+    memo, kept : dict
+        Columns that were built: those of this record, and those of the measured motion alone, which are the same
+        whatever torque a model predicts.
     """
 
     design: Design
@@ -90,7 +96,8 @@ class Record:
     notes: tuple[str, ...] = ()
     age: float | None = None
     late: float | None = None
-    memo: dict[tuple[object, ...], Array] = field(default_factory=dict, repr=False)
+    memo: Memo = field(default_factory=dict, repr=False)
+    kept: Memo = field(default_factory=dict, repr=False)
 
     @property
     def t(self) -> Array:
@@ -453,4 +460,4 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
 
 def with_direction(record: Record, direction: Array) -> Record:
     """Return a copy in which dry friction follows this direction instead."""
-    return replace(record, signals={**record.signals, "direction": direction}, memo={})
+    return replace(record, signals={**record.signals, "direction": direction}, memo={}, kept={})

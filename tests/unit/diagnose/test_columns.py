@@ -1,0 +1,50 @@
+"""Columns of effects: which of them follow from the motion alone, and may be kept from one fit to the next."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.columns import candidate_group, effect_group
+from pmsm_ctrl.diagnose.record import Record, make_record, with_direction, with_modelled_torque
+from pmsm_ctrl.effects.catalogue import CATALOGUE
+from pmsm_ctrl.simulate import simulate
+
+SEARCHED = {
+    "backlash": {"gap": 0.01, "w_a": 500.0, "zeta": 0.4},
+    "compliance": {"w_a": 200.0, "zeta": 0.1},
+    "presliding": {"z_s": 0.01, "z_b": 0.5, "tau_z": 1e-3},
+}
+
+
+@pytest.fixture(scope="module")
+def record(designs) -> Record:
+    design = Design.read(designs / "seed_motor.toml")
+    return make_record(design, simulate(design, "identification", seed=1))
+
+
+@pytest.mark.parametrize("name", sorted(CATALOGUE))
+def test_columns_that_are_kept_are_those_of_the_record_that_is_asked(record: Record, name: str) -> None:
+    effect = CATALOGUE[name]
+    shape = SEARCHED.get(name) or {p.symbol: p.start or 0.5 for p in effect.searched}
+    slow = record.shaped(record.signals["torque"]) * 0.5 + 0.1
+    others = (
+        lambda r: with_modelled_torque(r, slow),
+        lambda r: with_direction(r, np.clip(r.signals["omega"], -1.0, 1.0)),
+    )
+    for build in (effect_group, candidate_group):
+        build(record, effect, shape)  # remembered, whatever comes next
+        for other in others:
+            fresh = replace(other(record), memo={}, kept={})
+            np.testing.assert_array_equal(build(other(record), effect, shape).values, build(fresh, effect, shape).values)
+
+
+def test_no_columns_outlive_the_diagnosis(designs) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    found = diagnose(design, simulate(design, "identification", seed=2), candidates=("stribeck", "presliding"))
+    assert not found.record.kept
+    assert all(not fit.record.memo and not fit.record.kept for fit in found.selection.fits)
