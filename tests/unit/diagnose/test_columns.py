@@ -40,7 +40,8 @@ def test_columns_that_are_kept_are_those_of_the_record_that_is_asked(record: Rec
         build(record, effect, shape)  # remembered, whatever comes next
         for other in others:
             fresh = replace(other(record), memo={}, kept={})
-            np.testing.assert_array_equal(build(other(record), effect, shape).values, build(fresh, effect, shape).values)
+            asked = build(other(record), effect, shape).values
+            np.testing.assert_array_equal(asked, build(fresh, effect, shape).values)
 
 
 def test_no_columns_outlive_the_diagnosis(designs) -> None:
