@@ -107,7 +107,7 @@ def calibrated(
         kept = {name: values for name, values in again.channels.items() if name in log}
         if "torque" in log:
             kept["torque"] = drive_torque(model, again.channels)
-        result = diagnose(model, Log(kept, again.motion), own=own, candidates=offered)
+        result = diagnose(model, Log(kept, again.motion), own=own, candidates=offered, plan=False)
         if result.verdict not in ("consistent", "not_excited"):
             alarms.append(result.steps[0].effect if result.steps else result.verdict)
         if progress is not None:

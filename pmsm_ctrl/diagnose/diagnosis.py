@@ -181,6 +181,7 @@ def diagnose(
     candidates: Iterable[str] | None = None,
     processing: Processing | None = None,
     calibrate: int = 0,
+    plan: bool = True,
 ) -> Diagnosis:
     """Name the physical effects that a design lacks, judged by a log.
 
@@ -206,6 +207,9 @@ def diagnose(
     calibrate : int
         Simulations of the accepted model, each diagnosed again, that say how often this diagnosis raises a false
         alarm on this motion; each takes about as long as the diagnosis itself.
+    plan : bool
+        Whether to look for the next experiment where the log cannot tell two effects apart: eight motions are
+        simulated, some seconds.
 
     Raises
     ------
@@ -227,7 +231,7 @@ def diagnose(
     share = 1.0 / (1.0 + calibrate)
     first = None if progress is None else partial(_part, progress, 0.0, share)
     selection = select_with_exchange(design, record, offered, own, other, first)
-    outcome = build_outcome(design, record, other, selection, offered, own)
+    outcome = build_outcome(design, record, other, selection, offered, own, plan)
     record.kept.clear()  # hundreds of columns, for which no one asks any more
     found = Diagnosis(
         **outcome,

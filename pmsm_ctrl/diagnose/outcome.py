@@ -28,9 +28,9 @@ OTHER_ANGLE = (
 
 def build_outcome(
     design: Design, record: Record, holdout: Record | None, selection: Selection, effects: Mapping[str, Effect],
-    own: tuple[Effect, ...],
+    own: tuple[Effect, ...], plan: bool = True,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return the fields of a `Diagnosis`."""
+    """Return the fields of a `Diagnosis`; without `plan` no next experiment is looked for."""
     from pmsm_ctrl.diagnose.deviations import parameter_deviations, stood_in
     from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
     from pmsm_ctrl.diagnose.experiment import next_experiment
@@ -73,7 +73,7 @@ def build_outcome(
         "steps": tuple(steps),
         "ranking": _ranking(selection, hidden),
         "parameter_deviations": deviations,
-        "next_experiment": next_experiment(design, fitted, selection, effects, own),
+        "next_experiment": next_experiment(design, fitted, selection, effects, own) if plan else None,
         "reasons": tuple(reasons),
         "unexplained": unexplained,
         "left": left,

@@ -136,7 +136,7 @@ def run(case: Case) -> Diagnosis:
     design, truth = truth_of(Design.read(DESIGN), case)
     log = log_of(design, truth, case)
     offered = [i for i in CATALOGUE if not (case.left_out and i in case.hidden)]
-    return diagnose(design, log, candidates=offered)
+    return diagnose(design, log, candidates=offered, plan=False)
 
 
 def named(result: Diagnosis) -> str:
@@ -203,7 +203,8 @@ def row_of(case: Case) -> dict[str, Any] | None:
         log = log_of(design, truth, case)
     except SimulationError:
         return None
-    result = diagnose(design, log, candidates=[i for i in CATALOGUE if not (case.left_out and i in case.hidden)])
+    offered = [i for i in CATALOGUE if not (case.left_out and i in case.hidden)]
+    result = diagnose(design, log, candidates=offered, plan=False)
     final = {name: e["rms"] for name, e in result.errors["final"].items()}
     true = diagnose(truth, log, candidates=()).errors["base"]
     hopeless = False

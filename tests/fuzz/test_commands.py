@@ -74,7 +74,7 @@ def lines(draw: st.DrawFn) -> list[str]:
     return words
 
 
-@settings(BOUNDED, max_examples=150)
+@settings(BOUNDED, max_examples=100)
 @given(lines())
 def test_any_words(words: list[str]) -> None:
     run(words, {"some.toml": b"[motor]\nJ = 1\n", "some.csv": b"t,x\n1,2\n"})
@@ -119,7 +119,7 @@ def test_any_damaged_log(words: list[str], log: bytes) -> None:
         assert "some.csv" in said
 
 
-@settings(BOUNDED, max_examples=120)
+@settings(BOUNDED, max_examples=80)
 @given(st.sampled_from([["export", "some.toml", "--language", "st", "--output", "out.st"],
                         ["effects", "coulomb", "--design", "some.toml"],
                         ["simulate", "some.toml", "--set", "duration=0.01", "--scenario", "hold", "--output", "l.csv"],
@@ -138,7 +138,7 @@ FIELDS = [
 ]
 
 
-@settings(BOUNDED, max_examples=120)
+@settings(BOUNDED, max_examples=80)
 @given(st.sampled_from(FIELDS), VALUES, st.sampled_from(["export", "import", "simulate"]))
 def test_any_value_of_any_field(field: str, value: str, verb: str) -> None:
     text = re.sub(rf"^{field}\s*=.*$", f"{field} = {value}", DESIGN.decode(), count=1, flags=re.MULTILINE)

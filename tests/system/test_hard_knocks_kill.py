@@ -75,6 +75,8 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Log({"t": t, "omega": omega, "i_q": i_q}).write_csv(tmp_path_factory.mktemp("record") / "axis.csv")
 
 
+# Those that write a single file; a design is written the same way by two, which share the moments.
+MOMENTS = {"add": ["begin", "before"], "tune": ["half", "after"], "export": ["begin", "half", "before", "after"]}
 SHORT = ["--set", "speed_max=20", "--set", "speed_step=20", "--set", "dwell=0.2"]
 COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     "simulate": (["simulate", "DESIGN", *SHORT, "--output", "out.csv", "--json", "out.json"], ["out.csv", "out.json"]),
@@ -123,8 +125,7 @@ def test_killed_where_it_writes(tmp_path: Path, record: Path, command: str) -> N
     for name in outputs:
         (tmp_path / name).write_bytes(OLD)
     dice = random.Random(command)
-    moments = ["begin", "half", "before", "after"] if len(outputs) == 1 else dice.sample(["begin", "half", "before"], 2)
-    for moment in moments:
+    for moment in MOMENTS.get(command) or dice.sample(["begin", "half", "before"], 2):
         count = dice.randint(1, len(outputs))
         child = [sys.executable, "-c", CHILD, moment, str(count), *words(command, record)]
         run = subprocess.run(child, cwd=tmp_path, capture_output=True, check=False, timeout=300)

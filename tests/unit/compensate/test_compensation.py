@@ -259,7 +259,7 @@ def test_drives_side_by_side_are_judged_as_one_by_one(design: Design) -> None:
 
 
 def test_nothing_cycles_inside_the_safe_window() -> None:
-    assert check(range(3)) == []
+    assert check([0]) == []
 
 
 @pytest.mark.slow
