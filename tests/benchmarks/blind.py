@@ -167,7 +167,7 @@ def cases(args: argparse.Namespace) -> Iterator[Case]:
         yield Case((effect,), strength, name, seed)
     for k in range(args.clean):
         yield Case((), 0.0, MOTIONS[k % len(MOTIONS)], 1000 + args.first + k)
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng([5, args.first])
     # structures that take each other's place and effects the log cannot separate are no pairs
     single = [e for e in MIDDLE if MIDDLE[e] and e not in ("backlash", "iron_loss", "compliance")]
     for k in range(args.pairs):
