@@ -103,12 +103,18 @@ def grid_coordinates(
 
 
 def _with_play(x: Array, half: float) -> Array:
-    """Follow a signal, from zero, only where it leaves a play around what was followed last: noise moves nothing."""
-    out, last = np.empty_like(x), 0.0
-    for k, value in enumerate(x.tolist()):
-        last = min(max(last, value - half), value + half)
-        out[k] = last
-    return out
+    """Follow a signal, from zero, only where it leaves a play around what was followed last: noise moves nothing.
+
+    Forward and backward in time, and the mean of both: one alone would lag by the play, up as down.
+    """
+    ways = []
+    for values in (x, x[::-1]):
+        out, last = np.empty_like(x), 0.0
+        for k, value in enumerate(values.tolist()):
+            last = min(max(last, value - half), value + half)
+            out[k] = last
+        ways.append(out)
+    return 0.5 * (ways[0] + ways[1][::-1])
 
 
 def _quiet(prepared: Prepared, alpha: Array, J: float) -> Array:

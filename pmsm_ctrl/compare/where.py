@@ -23,6 +23,9 @@ Mask = NDArray[np.bool_]
 
 SIGNIFICANCE = 0.01  # family-wise, by Holm
 SURE = 2.8  # standard errors by which the gain of left-out blocks must be above zero
+# And how many are enough where the F-test rules noise out: on 134 clean logs of two simulators, of machines and of
+# other sizes of drives, no curve that explains a hundredth of what is left came below 7e-7.
+CERTAIN, ENOUGH = 1e-12, 2.0
 # Of the measured channel: smaller curves are not worth a word. A voltage follows the sampled current no closer.
 MATERIAL, MATERIAL_VOLTAGE = 0.004, 0.02
 WORTH = 0.05  # least share of what is left that is worth a word: aliased edges of the torque make up to 3 %
@@ -237,7 +240,8 @@ class _Case:
         """Return the gate that a dependence fails; empty when it passes all."""
         if p >= SIGNIFICANCE:
             return "not significant"
-        holds = outcome.gain > SURE * outcome.stderr or (outcome.p_rank < 0.5 * SIGNIFICANCE and outcome.gain > 0.0)
+        sure = ENOUGH if p < CERTAIN else SURE
+        holds = outcome.gain > sure * outcome.stderr or (outcome.p_rank < 0.5 * SIGNIFICANCE and outcome.gain > 0.0)
         if not holds or outcome.share <= 0.0:
             return "does not hold on blocks left out"
         if outcome.share <= self.worth or outcome.size <= self.least:

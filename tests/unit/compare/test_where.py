@@ -9,6 +9,7 @@ import pytest
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.compare.blocks import bench, holm, noise_of
+from pmsm_ctrl.compare.coordinates import _with_play
 from pmsm_ctrl.compare.where import Where, where
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.identify.signals import Prepared, prepare
@@ -124,6 +125,21 @@ def test_coloured_noise_depends_on_nothing(axis: Prepared, a: float) -> None:
         found = search(axis, coloured(np.random.default_rng(seed), len(axis.keep), a))
         alarms += bool(found.named) or any(d.significant for d in found.dependences) or found.offset_significant
     assert alarms <= 2
+
+
+def test_a_play_holds_noise_back_and_does_not_lag(rng: np.random.Generator) -> None:
+    half = 1.0
+    turns = np.interp(np.arange(4000), np.arange(0, 5000, 1000), [0.0, 10.0, -10.0, 10.0, 0.0])
+    followed = _with_play(turns, half)
+    slope = np.abs(np.gradient(turns))
+    away = np.abs(np.abs(turns) - 10.0) > 2.0 * half + slope  # a turn costs the play once, going and coming
+    inside = slice(600, -600)  # both ends begin at zero
+    assert np.abs(followed - turns)[inside][away[inside]].max() < 1e-12
+    assert np.abs(followed - turns).max() <= half
+    noise = rng.uniform(-0.99 * half, 0.99 * half, 4000)
+    rest, driven = _with_play(noise, half), _with_play(np.concatenate([[0.0], 5.0 + noise, [0.0]]), half)
+    assert not rest.any()
+    assert driven[2000:2500].std() < 0.2 * noise.std()
 
 
 def test_holm_against_the_textbook() -> None:
