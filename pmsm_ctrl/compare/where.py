@@ -23,8 +23,9 @@ Mask = NDArray[np.bool_]
 
 SIGNIFICANCE = 0.01  # family-wise, by Holm
 SURE = 2.8  # standard errors by which the gain of left-out blocks must be above zero
-# And how many are enough where the F-test rules noise out: on 134 clean logs of two simulators, of machines and of
-# other sizes of drives, no curve that explains a hundredth of what is left came below 7e-7.
+# And how many are enough for a curve, whose ends a block left out takes with it, where the F-test rules noise out: on
+# 134 clean logs of two simulators, of machines and of other sizes of drives, no curve that explains a hundredth of what
+# is left came below 7e-7.
 CERTAIN, ENOUGH = 1e-12, 2.0
 # Of the measured channel: smaller curves are not worth a word. A voltage follows the sampled current no closer.
 MATERIAL, MATERIAL_VOLTAGE = 0.004, 0.02
@@ -207,7 +208,7 @@ def where(
     case = _case(t, residual, used, noise, made, prepared.cutoff, measured, coordinates["direction"],
                  (worth, material))  # fmt: skip
     constant = case.bench.judge([], [1])
-    offset_sure = constant is not None and not case.objection(constant, constant.p_value)
+    offset_sure = constant is not None and not case.objection(constant, constant.p_value, 0.0)
     alone = {c.name: case.bench.judge(case.base[c.name], case.own[c.name]) for c in made}
     chosen = _chosen(case, made, alone)
     corrected = _corrected(made, {n: o.p_value if o is not None else 1.0 for n, o in alone.items()})
@@ -236,11 +237,11 @@ class _Case:
     least: float
     direction: Array
 
-    def objection(self, outcome: Outcome, p: float) -> str:
+    def objection(self, outcome: Outcome, p: float, certain: float = CERTAIN) -> str:
         """Return the gate that a dependence fails; empty when it passes all."""
         if p >= SIGNIFICANCE:
             return "not significant"
-        sure = ENOUGH if p < CERTAIN else SURE
+        sure = ENOUGH if p < certain else SURE
         holds = outcome.gain > sure * outcome.stderr or (outcome.p_rank < 0.5 * SIGNIFICANCE and outcome.gain > 0.0)
         if not holds or outcome.share <= 0.0:
             return "does not hold on blocks left out"
