@@ -19,7 +19,7 @@ MAX_FUNCTION = 60
 # except for the pairs named in SIBLINGS: the first may import the second.
 LEVELS = [
     {"errors"},
-    {"complaints", "files", "sampling", "units"},
+    {"complaints", "files", "sampling", "section", "units"},
     {"design", "log", "result"},
     {"kernels", "importers", "datasheet"},
     {"effects"},
