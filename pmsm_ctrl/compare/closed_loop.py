@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import PmsmCtrlError
-from pmsm_ctrl.identify.signals import Processing, prepare
-from pmsm_ctrl.identify.timebase import uniform
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Processing, prepare
+from pmsm_ctrl.regression.timebase import uniform
 
 __all__ = ["ClosedLoop", "closed_loop"]
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.band import band, punctual
 from pmsm_ctrl.compare.closed_loop import closed_loop
 from pmsm_ctrl.compare.simulated import free_run
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
@@ -18,8 +17,9 @@ from pmsm_ctrl.compare.where import Where, where
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.identify.problem import build_problem, nominal_torque
-from pmsm_ctrl.identify.signals import Prepared, Processing, prepare
 from pmsm_ctrl.log import CHANNELS, Log
+from pmsm_ctrl.regression.bandwidth import band, punctual
+from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.result import Result, Section, jsonable
 
 if TYPE_CHECKING:

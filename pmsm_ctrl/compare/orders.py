@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.identify.signals import Prepared
+from pmsm_ctrl.regression.conditioning import Prepared
 
 __all__ = ["order_spectrum", "strongest_orders", "waves"]
 

@@ -19,7 +19,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.identify.problem import term_signals
-from pmsm_ctrl.identify.signals import Prepared
+from pmsm_ctrl.regression.conditioning import Prepared
 
 __all__ = ["FreeRun", "free_run"]
 

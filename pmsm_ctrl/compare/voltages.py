@@ -12,8 +12,8 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.identify.problem import term_signals
-from pmsm_ctrl.identify.signals import Prepared, derivative
 from pmsm_ctrl.kernels.balance import voltage_d, voltage_q
+from pmsm_ctrl.regression.conditioning import Prepared, derivative
 
 __all__ = ["predicted_voltages"]
 

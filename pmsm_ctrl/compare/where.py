@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.blocks import Bench, Noise, Outcome, bench, holm, noise_of
 from pmsm_ctrl.compare.coordinates import Curve, curves, grid_coordinates
-from pmsm_ctrl.identify.signals import Prepared
+from pmsm_ctrl.evidence.blocks import Bench, Noise, Outcome, bench, holm, noise_of
+from pmsm_ctrl.regression.conditioning import Prepared
 
 __all__ = ["Dependence", "Where", "where"]
 

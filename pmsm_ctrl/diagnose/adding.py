@@ -7,12 +7,12 @@ from collections.abc import Iterable
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fitting import Accepted, fit_design
 from pmsm_ctrl.diagnose.outcome import fitted_design
-from pmsm_ctrl.diagnose.record import make_record
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import lookup, with_own
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import make_record
 
 __all__ = ["add"]
 

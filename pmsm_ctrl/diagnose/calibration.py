@@ -93,7 +93,7 @@ def calibrated(
         As `repeated`.
     """
     from pmsm_ctrl.diagnose.diagnosis import diagnose
-    from pmsm_ctrl.identify.signals import drive_torque
+    from pmsm_ctrl.regression.conditioning import drive_torque
     from pmsm_ctrl.simulate.run import simulate
 
     own = tuple(own)

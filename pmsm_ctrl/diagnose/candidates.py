@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.orders import order_spectrum
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.columns import Group, UnavailableError, candidate_group, missing_signals
-from pmsm_ctrl.diagnose.motion import spring_response
-from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.columns import Group, UnavailableError, candidate_group, missing_signals
+from pmsm_ctrl.regression.motion import spring_response
 
 __all__ = ["REPEATED", "Candidate", "candidates_for"]
 

@@ -13,13 +13,13 @@ from pmsm_ctrl.diagnose.exchange import select_with_exchange
 from pmsm_ctrl.diagnose.fitting import fit_design
 from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
-from pmsm_ctrl.diagnose.record import STANDSTILL, Record, make_record
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import with_own
 from pmsm_ctrl.errors import RequestError, nearest
-from pmsm_ctrl.identify.signals import Processing
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
+from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
 
 if TYPE_CHECKING:

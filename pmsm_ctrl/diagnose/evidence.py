@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.diagnose.columns import Group
-from pmsm_ctrl.diagnose.model import Model, Solved, spread
-from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.diagnose.whitening import Whitener, make_whitener
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.columns import Group
+from pmsm_ctrl.regression.model import Model, Solved, spread
 
 __all__ = [
     "Evidence",
@@ -121,7 +121,8 @@ def saturated_whitener(record: Record, model: Model, extra: Iterable[Array]) -> 
         residual[row] -= basis @ (basis.T @ residual[row])
         residual[row] = np.divide(residual[row], w[:, 0], out=np.zeros(len(target)), where=w[:, 0] > 0)
         lost = max(lost, int(kept.sum()))
-    return make_whitener(record, residual, lost), make_whitener(record, residual, lost, 0)
+    noise = residual, record.weight, record.mask, record.rate, lost
+    return make_whitener(*noise), make_whitener(*noise, 0)
 
 
 def _effective(weight: Array) -> float:

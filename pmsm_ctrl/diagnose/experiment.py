@@ -11,10 +11,10 @@ from typing import Any
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fitting import fit_design
-from pmsm_ctrl.diagnose.record import make_record
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import PmsmCtrlError
+from pmsm_ctrl.regression.balances import make_record
 
 __all__ = ["MENU", "next_experiment", "separation"]
 

@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import Candidate, candidates_for
-from pmsm_ctrl.diagnose.columns import as_candidate, effect_group
 from pmsm_ctrl.diagnose.evidence import Trial, plain_evidence, saturated_whitener, try_candidate, try_group
-from pmsm_ctrl.diagnose.model import (
+from pmsm_ctrl.diagnose.refine import refine
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
+from pmsm_ctrl.regression.columns import as_candidate, effect_group
+from pmsm_ctrl.regression.model import (
     OWN,
     Model,
     Solved,
@@ -21,11 +25,7 @@ from pmsm_ctrl.diagnose.model import (
     with_honest_errors,
     with_torque_held,
 )
-from pmsm_ctrl.diagnose.motion import bristle_direction
-from pmsm_ctrl.diagnose.record import LATE, Record, with_direction, with_modelled_torque
-from pmsm_ctrl.diagnose.refine import refine
-from pmsm_ctrl.diagnose.whitening import Whitener
-from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.regression.motion import bristle_direction
 
 __all__ = ["Accepted", "Fitted", "errors", "fit_design", "predicted_elsewhere"]
 

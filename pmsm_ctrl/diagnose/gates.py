@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pmsm_ctrl.diagnose.candidates import REPEATED
 from pmsm_ctrl.diagnose.evidence import Evidence, Trial, blocked_gain, physical_bounds
 from pmsm_ctrl.diagnose.fitting import Fitted, errors
-from pmsm_ctrl.diagnose.model import Model, Solved
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.regression.model import Model, Solved
 
 __all__ = [
     "ABSURD",

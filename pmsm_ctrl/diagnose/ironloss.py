@@ -15,8 +15,8 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.evidence import try_candidate
 from pmsm_ctrl.diagnose.fitting import Fitted, errors
-from pmsm_ctrl.diagnose.model import solve_model
-from pmsm_ctrl.diagnose.record import Record
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.model import solve_model
 from pmsm_ctrl.result import Estimate
 
 __all__ = ["Excess", "friction_excess", "unexplained_excess", "with_excess"]

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare.where import Dependence, where
 from pmsm_ctrl.diagnose.fitting import Fitted
 from pmsm_ctrl.diagnose.gates import ABSURD, MATERIAL, UNSTEADY, name_of
-from pmsm_ctrl.diagnose.model import MOST_NOISE, noise_share
-from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.selection import Selection
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Leftover", "leftover", "resembled", "stands_in"]

@@ -12,9 +12,9 @@ from pmsm_ctrl.diagnose.candidates import REPEATED
 from pmsm_ctrl.diagnose.evidence import Trial, least_shown
 from pmsm_ctrl.diagnose.fitting import Accepted, Fitted, errors
 from pmsm_ctrl.diagnose.gates import OUTSIDE, SIGNIFICANCE, UNSEEN
-from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.selection import Selection, Step, holdout_error
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.units import axis_unit
 

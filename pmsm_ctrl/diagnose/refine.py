@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from pmsm_ctrl.diagnose.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.diagnose.evidence import OVERDAMPED, Trial, try_group
-from pmsm_ctrl.diagnose.model import Solved
-from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.diagnose.whitening import Whitener
+from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
+from pmsm_ctrl.regression.model import Solved
 
 __all__ = ["refine"]
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from pmsm_ctrl.compare.blocks import holm
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.diagnose.columns import effect_group
 from pmsm_ctrl.diagnose.evidence import Evidence, Trial, try_group
 from pmsm_ctrl.diagnose.fitting import Accepted, Fitted, errors, fit_design, predicted_elsewhere
 from pmsm_ctrl.diagnose.gates import BLOCK_ERRORS, LEAST_ERRORS, gates, name_of, objection
-from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.evidence.blocks import holm
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.columns import effect_group
 
 __all__ = ["Selection", "Step", "fitted_before", "holdout_error", "select", "tied"]
 

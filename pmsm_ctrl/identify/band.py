@@ -14,9 +14,9 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.instrumental import MATTERS
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import solve
-from pmsm_ctrl.identify.signals import Processing, derivative, low_pass, prepare
-from pmsm_ctrl.identify.timebase import uniform, unwrapped
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Processing, derivative, low_pass, prepare
+from pmsm_ctrl.regression.timebase import uniform, unwrapped
 
 __all__ = ["regression_problem", "searches_shapes", "widest"]
 

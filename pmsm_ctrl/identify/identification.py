@@ -20,8 +20,8 @@ from pmsm_ctrl.identify.output_error import output_error
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import Fit, solve
 from pmsm_ctrl.identify.replay import Replay, build_replay
-from pmsm_ctrl.identify.signals import Processing, prepare
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
 from pmsm_ctrl.units import drives
 

@@ -23,8 +23,8 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import Fit, solve, t_quantile
 from pmsm_ctrl.identify.replay import Replay, plant_with
-from pmsm_ctrl.identify.signals import Processing, prepare
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Processing, prepare
 
 __all__ = ["BiasTest", "bias_test", "instrumental"]
 

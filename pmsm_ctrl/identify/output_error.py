@@ -23,7 +23,7 @@ from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.identify.problem import Column, Problem
 from pmsm_ctrl.identify.regression import Fit, solve
 from pmsm_ctrl.identify.replay import Replay, plant_with
-from pmsm_ctrl.identify.signals import Prepared, drive_torque
+from pmsm_ctrl.regression.conditioning import Prepared, drive_torque
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["output_error"]

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.identify.noise import mean_of
-from pmsm_ctrl.identify.signals import drive_torque
+from pmsm_ctrl.evidence.noise import mean_of
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import drive_torque
 
 __all__ = ["Plateau", "find_plateaus", "settled_from"]
 

@@ -17,8 +17,8 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import columns
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.identify.signals import Prepared, Processing, low_pass, prepare
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Prepared, Processing, low_pass, prepare
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Column", "Problem", "build_problem", "effect_columns", "nominal_torque", "term_signals"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.identify.noise import NoiseModel, degrees_of_freedom, fit_noise
+from pmsm_ctrl.evidence.noise import NoiseModel, degrees_of_freedom, fit_noise
 from pmsm_ctrl.identify.problem import Column, Problem
 
 __all__ = ["Fit", "excitation", "solve"]

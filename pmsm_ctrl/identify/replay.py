@@ -16,8 +16,8 @@ from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.identify.problem import Column
-from pmsm_ctrl.identify.timebase import uniform, unwrapped
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.timebase import uniform, unwrapped
 from pmsm_ctrl.simulate.parameters import Controller
 from pmsm_ctrl.simulate.run import simulate
 from pmsm_ctrl.simulate.scenarios import Scenario

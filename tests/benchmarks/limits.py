@@ -20,12 +20,12 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
-from pmsm_ctrl.diagnose.columns import effect_group
 from pmsm_ctrl.diagnose.evidence import least_shown
 from pmsm_ctrl.diagnose.gates import SIGNIFICANCE
-from pmsm_ctrl.diagnose.model import design_shape
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
+from pmsm_ctrl.regression.columns import effect_group
+from pmsm_ctrl.regression.model import design_shape
 from tests.benchmarks.blind import DESIGN, MIDDLE, MOTIONS, Case, log_of, right, run, truth_of
 
 LADDER = 2.0 ** (np.arange(-10, 6) / 2.0)  # of the middle strength

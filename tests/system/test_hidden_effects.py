@@ -13,9 +13,9 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add, diagnose
-from pmsm_ctrl.diagnose.record import make_record
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.scenarios import scenario
 

@@ -14,9 +14,9 @@ from pmsm_ctrl.compare.figures import outline
 from pmsm_ctrl.compare.simulated import free_run
 from pmsm_ctrl.compare.stretches import motion_in_words, worst_stretches
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.identify.signals import prepare
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import prepare
 from pmsm_ctrl.report import render
 from pmsm_ctrl.simulate import simulate
 

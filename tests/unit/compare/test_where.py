@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.compare import compare
-from pmsm_ctrl.compare.blocks import bench, holm, noise_of
 from pmsm_ctrl.compare.coordinates import _with_play
 from pmsm_ctrl.compare.where import Where, where
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.identify.signals import Prepared, prepare
+from pmsm_ctrl.evidence.blocks import bench, holm, noise_of
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Prepared, prepare
 from pmsm_ctrl.simulate import simulate
 
 # hidden effects at a strength that a drive engineer would call visible

@@ -10,19 +10,19 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from pmsm_ctrl.compare.blocks import holm
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.diagnose.columns import effect_group
 from pmsm_ctrl.diagnose.evidence import equal_blocks, f_tail, least_shown, plain_evidence
-from pmsm_ctrl.diagnose.model import solve_model
-from pmsm_ctrl.diagnose.record import make_record
-from pmsm_ctrl.diagnose.reversals import timed_sign
-from pmsm_ctrl.diagnose.whitening import make_whitener
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.evidence.blocks import holm
+from pmsm_ctrl.evidence.whitening import make_whitener
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import make_record
+from pmsm_ctrl.regression.columns import effect_group
+from pmsm_ctrl.regression.model import solve_model
+from pmsm_ctrl.regression.reversals import timed_sign
 from pmsm_ctrl.simulate import simulate
 
 
@@ -56,7 +56,11 @@ def test_whitening_makes_rows_independent(designs, rng: np.random.Generator) -> 
     for k in range(1, shape[1]):  # AR(1) with 0.9, as in the false-alarm table of the project's facts
         noise[:, k] = 0.9 * noise[:, k - 1] + white[:, k]
     whitener = make_whitener(
-        record, np.divide(noise, record.weight, out=np.zeros(shape), where=record.weight > 1e-3), 0
+        np.divide(noise, record.weight, out=np.zeros(shape), where=record.weight > 1e-3),
+        record.weight,
+        record.mask,
+        record.rate,
+        0,
     )
     rows = whitener(np.divide(noise, record.weight, out=np.zeros(shape), where=record.weight > 1e-3))
     assert rows.std() == pytest.approx(1.0, abs=0.05)
@@ -77,7 +81,8 @@ def test_the_estimates_own_weights_raise_no_more_alarms_than_they_say(designs, s
         # far smaller than the tolerances of the parameters, which stay out of it so
         noise = np.array([lfilter([1.0], [1.0, -0.9], rng.standard_normal(record.target.shape[1])) for _ in range(3)])
         drawn = replace(record, target=1e-3 * noise / np.maximum(record.weight, 1e-3))
-        whitener, weights = make_whitener(drawn, drawn.target, 0), make_whitener(drawn, drawn.target, 0, 0)
+        noise = drawn.target, drawn.weight, drawn.mask, drawn.rate, 0
+        whitener, weights = make_whitener(*noise), make_whitener(*noise, 0)
         solved = solve_model(drawn, replace(model, nominal=0.0 * model.nominal), weights)
         below.append(plain_evidence(solved, weights, whitener, candidate, load)[1] < 0.05)
     # 200 draws know 5 % to 1.5 %; taken as independent, such noise would give 65 %

@@ -12,8 +12,8 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify import Processing, build_problem, identify, prepare, solve
 from pmsm_ctrl.identify.band import _shrinkage, regression_problem
-from pmsm_ctrl.identify.signals import low_pass
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import low_pass
 from pmsm_ctrl.simulate import scenario, simulate
 from tests.benchmarks.identification import cases, exogenous_log
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.identify.noise import burg, memory_of, schwarz, stretches
+from pmsm_ctrl.evidence.noise import burg, memory_of, schwarz, stretches
 
 __all__ = ["Bench", "Noise", "Outcome", "bench", "holm", "noise_of"]
 

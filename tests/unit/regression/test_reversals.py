@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pmsm_ctrl.diagnose.reversals import reversals, timed_sign
-from pmsm_ctrl.identify.signals import derivative, low_pass
+from pmsm_ctrl.regression.conditioning import derivative, low_pass
+from pmsm_ctrl.regression.reversals import reversals, timed_sign
 
 J = 1.0 / 200.0  # inertia over the level of friction, s^2
 WIDE = 100.0  # Hz, the low-pass before differentiation

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.band import band, punctual
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.reversals import reversals, timed_sign
-from pmsm_ctrl.identify.digits import without_coarse_angle
-from pmsm_ctrl.identify.noise import stretches
-from pmsm_ctrl.identify.signals import Prepared, Processing, derivative, low_pass, prepare
+from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.bandwidth import band, punctual
+from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
+from pmsm_ctrl.regression.conditioning import Prepared, Processing, derivative, low_pass, prepare
+from pmsm_ctrl.regression.reversals import reversals, timed_sign
 from pmsm_ctrl.sampling import speed_lag
 from pmsm_ctrl.units import axis_unit, drives
 

@@ -10,8 +10,8 @@ import pytest
 from pmsm_ctrl import Design, simulate
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.identify import identify
-from pmsm_ctrl.identify.undo import undone
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.measurement_correction import undone
 
 KNOWN = {
     "delay": {"tau": 1e-3},

@@ -7,9 +7,9 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, RequestError
-from pmsm_ctrl.identify.signals import Processing, derivative, low_pass, prepare
-from pmsm_ctrl.identify.timebase import uniform
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Processing, derivative, low_pass, prepare
+from pmsm_ctrl.regression.timebase import uniform
 
 PLAIN = Design.from_dict({"motor": {"J": 0.01, "K_t": 1.0}})
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from pmsm_ctrl.identify.noise import autocorrelation, burg, fit_noise, mean_of, stretches
+from pmsm_ctrl.evidence.noise import autocorrelation, burg, fit_noise, mean_of, stretches
 from pmsm_ctrl.identify.problem import Column, Problem
 from pmsm_ctrl.identify.regression import solve, t_quantile
 

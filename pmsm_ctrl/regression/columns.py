@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.diagnose.motion import bristle_direction, load_behind_gap, load_behind_spring, spring_response
-from pmsm_ctrl.diagnose.record import MODELLED, Memo, Record
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.evaluate import column, columns
-from pmsm_ctrl.identify.signals import low_pass
+from pmsm_ctrl.regression.balances import MODELLED, Memo, Record
+from pmsm_ctrl.regression.conditioning import low_pass
+from pmsm_ctrl.regression.motion import bristle_direction, load_behind_gap, load_behind_spring, spring_response
 
 __all__ = [
     "Group",

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.diagnose.record import Record
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.regression.balances import Record
 
 __all__ = ["bristle_direction", "load_behind_gap", "load_behind_spring", "spring_response"]
 

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.identify.noise import burg, memory_of, schwarz, stretches
+from pmsm_ctrl.evidence.noise import burg, memory_of, schwarz, stretches
 
 __all__ = ["Whitener", "make_whitener"]
 
@@ -68,17 +67,28 @@ class Whitener:
         return tuple(bands)
 
 
-def make_whitener(record: Record, residual: Array, lost: int, most: int = MAX_ORDER) -> Whitener:
-    """Fit the noise of each balance to a residual of shape (channels, m) and return the whitener.
+def make_whitener(
+    residual: Array, weight: Array, mask: NDArray[np.bool_], rate: float, lost: int, most: int = MAX_ORDER
+) -> Whitener:
+    """Fit the noise of each balance to its residual.
 
-    `lost` is the number of columns that were fitted away in each balance; `most` the highest order, 0 for weights
-    alone.
+    Parameters
+    ----------
+    residual, weight : array, shape (channels, m)
+    mask : bool array, shape (m,)
+        Samples that take part.
+    rate : float
+        Sampling rate of the grid, Hz.
+    lost : int
+        Columns that were fitted away in each balance.
+    most : int
+        Highest order of the autoregressive model; 0 for weights alone.
     """
     matrices, sigma, index, channel = [], [], [], []
     memory = 0.0
-    for row in range(len(record.channels)):
-        weighted = residual[row] * record.weight[row]
-        matrix, level, used, reach = _channel(weighted, record.mask, record.weight[row], lost, record.rate, most)
+    for row in range(len(residual)):
+        weighted = residual[row] * weight[row]
+        matrix, level, used, reach = _channel(weighted, mask, weight[row], lost, rate, most)
         matrices.append(matrix)
         sigma.append(level)
         index.append(used)

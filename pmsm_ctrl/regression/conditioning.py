@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, RequestError
-from pmsm_ctrl.identify.digits import without_coarse_angle
-from pmsm_ctrl.identify.timebase import uniform, unwrapped
 from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
+from pmsm_ctrl.regression.timebase import uniform, unwrapped
 from pmsm_ctrl.units import psi_f_from
 
 __all__ = [
@@ -267,7 +267,7 @@ def prepare(
     notes = (*few, *notes)
     raw, notes = _without_dead_voltages(raw, notes)
     if not as_logged:
-        from pmsm_ctrl.identify.undo import undone
+        from pmsm_ctrl.regression.measurement_correction import undone
 
         angle = {"theta": unwrapped(raw["theta"])} if "theta" in raw else {}
         raw, left_in = undone(design, t, raw | angle)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.identify.signals import Prepared
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Prepared
 
 __all__ = ["band", "punctual"]
 
@@ -48,7 +48,7 @@ def punctual(log: Log, prepared: Prepared, jumps: bool = True) -> NDArray[np.boo
     the speed are left out as well, unless `jumps` are dealt with elsewhere. Where that would be nearly everywhere,
     nothing is.
     """
-    from pmsm_ctrl.identify.signals import low_pass
+    from pmsm_ctrl.regression.conditioning import low_pass
 
     good = np.ones(len(prepared.t), dtype=bool)
     late = np.flatnonzero(np.abs(np.diff(log.t) - log.period) > LATE * log.period)

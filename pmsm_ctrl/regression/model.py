@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.columns import Group, UnavailableError, effect_group, noise_of
-from pmsm_ctrl.diagnose.record import Record
-from pmsm_ctrl.diagnose.whitening import Whitener
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group, noise_of
 
 __all__ = [
     "MOST_NOISE",
