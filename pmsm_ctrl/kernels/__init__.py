@@ -3,14 +3,16 @@
 `kernel` is the only way to compile here. numba's options are not part of its cache key and a callee takes
 over `fastmath` and `error_model` from whoever compiles it first, so one dictionary serves everywhere.
 numba's disk cache does not notice a change in another file either: the cache folder is keyed on a hash of
-all sources of the package, so that a changed effect can never meet a stale kernel.
+every source file that holds compiled code, so that a changed effect can never meet a stale kernel.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ import numba
 
 from pmsm_ctrl.kernels.cache import SoundCache
 
-__all__ = ["OPTIONS", "cache_folder", "inlined", "kernel", "soundly_cached", "source_hash"]
+__all__ = ["OPTIONS", "cache_folder", "compiled_sources", "inlined", "kernel", "soundly_cached", "source_hash"]
 
 # Contraction only: it gives the fused multiply-add (1.6 x) and keeps NaN, infinity and signed zero exact.
 OPTIONS: dict[str, Any] = {
@@ -31,13 +33,28 @@ OPTIONS: dict[str, Any] = {
 _INLINED = {**OPTIONS, "forceinline": True, "no_cpython_wrapper": True}
 
 
+# What compiles; a test holds it against every use of numba in the package.
+_COMPILES = re.compile(rb"@(?:kernel|inlined)\b|\bnjit\(")
+
+
+def compiled_sources() -> list[Path]:
+    """Return the package's source files that hold compiled code, and the room of the kernels with its templates."""
+    here = Path(__file__).resolve().parent
+    files = sorted(here.parent.rglob("*.py"))
+    return [path for path in files if path.parent == here or _COMPILES.search(path.read_bytes())]
+
+
+@lru_cache  # of what this process has loaded
 def source_hash() -> str:
-    """Return a hash over every source file of the package and the versions that compile it."""
-    digest = hashlib.sha256(f"{numba.__version__}".encode())
+    """Return a hash over every source file with compiled code, and numba's version.
+
+    The options of the compiler stand in this file, which is one of them.
+    """
+    digest = hashlib.sha256(numba.__version__.encode())
     root = Path(__file__).resolve().parent.parent
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode())
-        digest.update(path.read_bytes())
+    for path in compiled_sources():
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0")
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()[:16]
 
 

@@ -1,5 +1,8 @@
-"""A changed source never meets a stale kernel: the cache belongs to exactly the sources that made it."""
+"""A changed source never meets a stale kernel: the cache belongs to exactly the sources that are compiled."""
 
+import ast
+import builtins
+import importlib
 import os
 import shutil
 import subprocess
@@ -7,6 +10,12 @@ import sys
 from pathlib import Path
 
 import pytest
+
+import pmsm_ctrl
+from pmsm_ctrl import kernels
+
+PACKAGE = Path(pmsm_ctrl.__file__).parent
+COMPILERS = {"kernel", "inlined", "njit", "jit", "vectorize", "guvectorize", "cfunc"}
 
 MEASURE = """
 from pmsm_ctrl.design import Design
@@ -87,3 +96,84 @@ def test_an_edited_constant_behind_an_own_effect_is_seen(copy):
     assert before == pytest.approx(1e-3 / 9e-5, rel=1e-6)
     mine.write_text(MINE.replace("FACTOR = 1.0", "FACTOR = 2.0"))
     assert run(copy, OWN) == pytest.approx(2.0 * before, rel=1e-6)
+
+
+def hashed(root: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The hash of the copy of the package in this folder."""
+    monkeypatch.setattr(kernels, "__file__", str(root / "pmsm_ctrl" / "kernels" / "__init__.py"))
+    return kernels.source_hash.__wrapped__()
+
+
+def test_every_compiled_file_is_in_the_hash_and_no_other(copy, monkeypatch):
+    compiled = set(kernels.compiled_sources())
+    before = hashed(copy, monkeypatch)
+    assert not compiled & {PACKAGE / name for name in ("cli.py", "design.py", "simulate/run.py")}
+    for path in compiled:
+        edited = copy / "pmsm_ctrl" / path.relative_to(PACKAGE)
+        content = edited.read_bytes()
+        edited.write_bytes(content + b"\n# edited\n")
+        assert hashed(copy, monkeypatch) != before, path
+        edited.write_bytes(content)
+    for path in set(PACKAGE.rglob("*.py")) - compiled:
+        (copy / "pmsm_ctrl" / path.relative_to(PACKAGE)).write_bytes(b"# edited\n")
+    assert hashed(copy, monkeypatch) == before
+
+
+def test_versions_and_places_are_in_the_hash(copy, monkeypatch):
+    before = hashed(copy, monkeypatch)
+    (copy / "pmsm_ctrl" / "effects" / "viscous.py").rename(copy / "pmsm_ctrl" / "effects" / "viscous_drag.py")
+    moved = hashed(copy, monkeypatch)
+    monkeypatch.setattr("numba.__version__", "0.0")
+    assert len({before, moved, hashed(copy, monkeypatch)}) == 3
+
+
+def place(path: Path) -> str:
+    return path.relative_to(PACKAGE).as_posix()
+
+
+def name_of(decorator: ast.expr) -> str:
+    """The last name of `@kernel`, `@numba.njit`, `@numba.njit(...)`."""
+    decorator = decorator.func if isinstance(decorator, ast.Call) else decorator
+    return decorator.attr if isinstance(decorator, ast.Attribute) else getattr(decorator, "id", "")
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=place)
+def test_no_file_compiles_unseen(path):
+    """Whoever imports numba or the decorators is in the hash."""
+    if place(path) == "effects/__init__.py":
+        return  # passes `kernel` on to users and has no function of its own
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            seen = any(alias.name.split(".")[0] == "numba" for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            names = {alias.name for alias in node.names}
+            seen = module.split(".")[0] == "numba" or (module.startswith("pmsm_ctrl") and bool(names & COMPILERS))
+        else:
+            continue
+        assert not seen or path in kernels.compiled_sources(), f"line {node.lineno} compiles, but is not in the hash"
+
+
+@pytest.mark.parametrize("path", kernels.compiled_sources(), ids=place)
+def test_a_kernel_reads_nothing_from_outside_the_hash(path):
+    """A constant or a helper from a file that is not hashed would stay in the cache with its old value."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    sources = {
+        alias.asname or alias.name: node.module or ""
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        if not {name_of(decorator) for decorator in function.decorator_list} & (COMPILERS | {"shared"}):
+            continue
+        for statement in function.body:
+            for node in ast.walk(statement):
+                module = sources.get(node.id, "") if isinstance(node, ast.Name) else ""
+                if not module.startswith("pmsm_ctrl") or hasattr(builtins, node.id):
+                    continue
+                file = importlib.import_module(module).__file__
+                assert Path(file) in kernels.compiled_sources(), f"{function.name} reads {node.id} from {module}"
