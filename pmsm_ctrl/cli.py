@@ -278,17 +278,18 @@ def add(
 ) -> None:
     """Add an effect to a design, its parameters fitted to a log."""
     from pmsm_ctrl.diagnose import add as run_adding
-    from pmsm_ctrl.effects import lookup
+    from pmsm_ctrl.effects import catalogue_of, lookup
     from pmsm_ctrl.units import axis_unit
 
     believed = read_design(design)
     result = run_adding(believed, load_log(log, believed, mapping), effect)
     result.write(output)
     print(f"{output}: {believed.name} with {effect}")
+    known = catalogue_of(believed)
     for entry in result.effects:
         for symbol, value in entry.parameters.items():
             error = f" +- {entry.stderr[symbol]:.2g}" if symbol in entry.stderr else ""
-            unit = axis_unit(lookup(entry.id).parameter(symbol).unit, believed.motion)
+            unit = axis_unit(lookup(entry.id, known).parameter(symbol).unit, believed.motion)
             print(f"  {entry.id:<28} {symbol:<8} {value:.5g}{error}{'' if unit == '1' else f' {unit}'}")
     if json_file is not None:
         write_json(json_file, "add", {"effect": effect, "design": result.to_dict()})
@@ -439,7 +440,7 @@ def effects(
     report: ReportOption = None,
 ) -> None:
     """List the effects of the catalogue. One that is named is shown in full, with its signature."""
-    from pmsm_ctrl.effects import CATALOGUE
+    from pmsm_ctrl.effects import CATALOGUE, lookup
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.report.catalogue import catalogue_table, describe_effect, save_figure
 
@@ -448,11 +449,11 @@ def effects(
             raise RequestError("effects: --design, --output and --report belong to one effect; name it")
         print(catalogue_table())
         if json_file is not None:
-            write_json(json_file, "effects", {"effects": [describe_effect(name).to_dict() for name in CATALOGUE]})
+            write_json(json_file, "effects", {"effects": [describe_effect(e).to_dict() for e in CATALOGUE.values()]})
         return
     if output is not None and design is None:
         raise RequestError("--output: a signature is simulated on a design; name one with --design")
-    entry = describe_effect(identifier, design_if_given(design))
+    entry = describe_effect(lookup(identifier), design_if_given(design))
     finish("effects", entry, json_file=json_file, report=report)
     if output is not None:
         save_figure(entry.plot(), output)

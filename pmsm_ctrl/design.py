@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, field_validator, model_validator
 
 from pmsm_ctrl.complaints import explain
 from pmsm_ctrl.errors import DesignError, nearest
@@ -279,6 +279,8 @@ class Design(Part):
     )
     log: LogMap = LogMap()
     source: str = Field(default="", exclude=True, repr=False, description="file the design was read from")
+    # Code, so never a field: a design file cannot name it, and it takes no part in equality and text.
+    _own_effects: tuple[Any, ...] = PrivateAttr(default=())
 
     @field_validator("name")
     @classmethod
@@ -292,6 +294,31 @@ class Design(Part):
         return isinstance(other, Design) and self.to_dict() == other.to_dict()
 
     __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def own_effects(self) -> tuple[Any, ...]:
+        """The user's own effects (`pmsm_ctrl.effects.Effect`) that the design may name beside the catalogue."""
+        return self._own_effects
+
+    def with_own_effects(self, *effects: Any) -> Design:
+        """Return a copy that carries own effects, so that every verb knows them.
+
+        They are the design's catalogue, not its list of effects: add one with `with_effect` where the axis has it. They
+        stay with every copy and are not written to a file.
+
+        Parameters
+        ----------
+        *effects : Effect
+            Each takes the place of a carried one with the same id.
+
+        Returns
+        -------
+        Design
+        """
+        carried = {effect.id: effect for effect in (*self._own_effects, *effects)}
+        copy = self.model_copy()
+        copy._own_effects = tuple(carried.values())
+        return copy
 
     @property
     def J(self) -> float:
@@ -368,7 +395,7 @@ class Design(Part):
                 data[part] = data.get(part, {}) | fields
             else:
                 data[part] = fields
-        return Design.from_dict(data, source=self.source)
+        return Design.from_dict(data, source=self.source).with_own_effects(*self._own_effects)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the design as plain SI values, fit for TOML; defaults are left out."""

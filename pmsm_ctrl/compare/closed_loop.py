@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing, prepare
@@ -42,9 +41,7 @@ class ClosedLoop:
     notes: tuple[str, ...] = ()
 
 
-def closed_loop(
-    design: Design, log: Log, own: Iterable[Effect] = (), processing: Processing | None = None
-) -> ClosedLoop | None:
+def closed_loop(design: Design, log: Log, processing: Processing | None = None) -> ClosedLoop | None:
     """Simulate the drive with the log's reference, from the log's first state; sensors without noise.
 
     Returns None where the log has no reference, or the design no loops or no electrical data.
@@ -73,7 +70,7 @@ def closed_loop(
     )  # fmt: skip
     ideal = design.replace(sensor={"current_noise": 0.0, "encoder_counts": 0})
     try:
-        table = simulate(ideal, motion, own=own)
+        table = simulate(ideal, motion)
     except PmsmCtrlError as error:
         return ClosedLoop(t[:0], {}, {}, np.zeros(0, dtype=bool), motion.control, fed, (f"closed loop: {error}",))
     kept = [n for n in ("theta", "omega", "i_d", "i_q") if n in channels]

@@ -15,7 +15,6 @@ from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.compare.voltages import predicted_voltages
 from pmsm_ctrl.compare.where import Where, where
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.identify.problem import build_problem, nominal_torque
 from pmsm_ctrl.log import CHANNELS, Log
 from pmsm_ctrl.regression.bandwidth import band, punctual
@@ -209,7 +208,6 @@ def compare(
     log: Log,
     *,
     holdout: Log | None = None,
-    own: Iterable[Effect] = (),
     processing: Processing | None = None,
 ) -> Comparison:
     """Compare what a design predicts with what was measured; nothing is fitted.
@@ -226,8 +224,6 @@ def compare(
         With ``theta`` or ``omega``, and ``torque`` or ``i_q``; ``i_d, i_q, u_d, u_q`` for the voltages.
     holdout : Log, optional
         Another record, predicted with the same parameters.
-    own : iterable of Effect
-        A user's own effects that the design names.
     processing : Processing, optional
         Filter, derivative and mask.
 
@@ -236,16 +232,15 @@ def compare(
     LogError
         When a channel is missing or the axis hardly moves.
     """
-    own = tuple(own)
     for record in (log, *(() if holdout is None else (holdout,))):
         record.check_evaluable(100)
     processing = processing or Processing(cutoff=band(log))
-    here = _record(design, log, own, processing)
+    here = _record(design, log, processing)
     notes = here.notes
     other: _Record | None = None
     if holdout is not None:
         same = replace(processing, cutoff=min(processing.cutoff or np.inf, holdout.rate / 8.0))
-        other = _record(design, holdout, own, same if processing.cutoff else processing)
+        other = _record(design, holdout, same if processing.cutoff else processing)
         notes += tuple(text for text in other.notes if text not in notes)
         if log.provenance.sha256 and log.provenance.sha256 == holdout.provenance.sha256:
             notes += ("the holdout is the log itself: its error proves nothing",)
@@ -266,16 +261,16 @@ def compare(
     )
 
 
-def _record(design: Design, log: Log, own: tuple[Effect, ...], processing: Processing) -> _Record:
+def _record(design: Design, log: Log, processing: Processing) -> _Record:
     """Predict, simulate and search one log."""
     prepared = prepare(design, log, processing)
     prepared = replace(prepared, moving=prepared.moving & punctual(log, prepared))
     # terms that read the torque read the measured one: nothing is fitted here
-    problem = build_problem(design, replace(prepared, acting=prepared.signals["torque"]), own=own)
+    problem = build_problem(design, replace(prepared, acting=prepared.signals["torque"]))
     # what the problem moved to its left side (load torque, terms without linear parameters) belongs to the model
     predicted = nominal_torque(problem) + (problem.torque - problem.target)
     traces = {"torque": Trace(problem.t, problem.torque, predicted, problem.mask, problem.unit)}
-    voltages, notes = predicted_voltages(design, prepared, own)
+    voltages, notes = predicted_voltages(design, prepared)
     for name, values in voltages.items():
         measured = prepared.column(prepared.signals[name])
         traces[name] = Trace(problem.t, measured, prepared.column(values), problem.mask, CHANNELS[name][0])
@@ -288,7 +283,7 @@ def _record(design: Design, log: Log, own: tuple[Effect, ...], processing: Proce
     stretches = worst_stretches(
         torque.t, torque.measured - torque.predicted, torque.mask, problem.omega, torque.unit, _unit("omega", log)
     )
-    simulated, more = _simulations(design, log, prepared, own, processing, found["torque"])
+    simulated, more = _simulations(design, log, prepared, processing, found["torque"])
     return _Record(
         traces=traces,
         errors={name: trace.error(found[name].floor) for name, trace in traces.items()},
@@ -305,12 +300,12 @@ def _unit(name: str, log: Log) -> str:
 
 
 def _simulations(
-    design: Design, log: Log, prepared: Prepared, own: tuple[Effect, ...], processing: Processing, left: Where
+    design: Design, log: Log, prepared: Prepared, processing: Processing, left: Where
 ) -> tuple[tuple[Simulated, ...], tuple[str, ...]]:
     """Speed and position by every method that the log and the design allow."""
     made: list[Simulated] = []
     notes: tuple[str, ...] = ()
-    free = free_run(design, prepared, own)
+    free = free_run(design, prepared)
     if free is not None:
         speed_floor, place_floor = free.floors(left.left, prepared.thinned_rate, design.J, left.mask)
         theta = ChannelError.of(free.travel.ravel(), (free.theta - free.theta_meas[:, :1]).ravel(), "", place_floor)
@@ -320,7 +315,7 @@ def _simulations(
         }
         made.append(Simulated(f"free run, restarted every {free.window:.3g} s", errors))
         notes += free.notes
-    closed = closed_loop(design, log, own, processing)
+    closed = closed_loop(design, log, processing)
     if closed is not None:
         notes += closed.notes
         if closed.mask.any():

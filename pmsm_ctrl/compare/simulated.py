@@ -8,7 +8,7 @@ of the current is the one that tells.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +71,7 @@ class FreeRun:
         return float(np.sqrt(np.mean(speed**2))), float(np.sqrt(np.mean(place**2)))
 
 
-def free_run(design: Design, prepared: Prepared, own: Iterable[Effect] = (), window: float = WINDOW) -> FreeRun | None:
+def free_run(design: Design, prepared: Prepared, window: float = WINDOW) -> FreeRun | None:
     """Run the design's mechanics from the measured torque, restarted from the measured state every `window` s.
 
     All windows run side by side. Dry friction is set-valued: where the speed meets zero within a step the axis
@@ -85,7 +85,7 @@ def free_run(design: Design, prepared: Prepared, own: Iterable[Effect] = (), win
     count = (len(prepared.t) - every) // (steps * every)
     if count < 2:
         return None
-    terms, notes = _terms(design, prepared, own)
+    terms, notes = _terms(design, prepared)
     drive = _averaged(prepared, every)
     everything = term_signals(design, prepared)
     signals = {name: values for name, values in everything.items() if isinstance(values, np.ndarray)}
@@ -118,12 +118,10 @@ def _averaged(prepared: Prepared, every: int) -> Array:
     return np.diff(total[::every]) / every
 
 
-def _terms(
-    design: Design, prepared: Prepared, own: Iterable[Effect]
-) -> tuple[list[tuple[Effect, dict[str, float]]], tuple[str, ...]]:
+def _terms(design: Design, prepared: Prepared) -> tuple[list[tuple[Effect, dict[str, float]]], tuple[str, ...]]:
     """The torque terms that can take part, and notes on those that cannot."""
     known, terms, notes = term_signals(design, prepared), [], []
-    for effect, parameters in bound_effects(design, own):
+    for effect, parameters in bound_effects(design):
         if effect.enters != "torque" or not effect.active(parameters):
             continue
         missing = [name for name in effect.signals if name not in known]

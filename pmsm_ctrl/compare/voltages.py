@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.identify.problem import term_signals
@@ -20,9 +17,7 @@ __all__ = ["predicted_voltages"]
 Array = NDArray[np.float64]
 
 
-def predicted_voltages(
-    design: Design, prepared: Prepared, own: Iterable[Effect] = ()
-) -> tuple[dict[str, Array], tuple[str, ...]]:
+def predicted_voltages(design: Design, prepared: Prepared) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Predict u_d and u_q by the dq voltage equations and the design's voltage effects.
 
     Returns
@@ -42,7 +37,7 @@ def predicted_voltages(
     u_d = voltage_d.py_func(R, L_d, L_q, p, i_d, i_q, di_d, omega)
     u_q = voltage_q.py_func(R, L_d, L_q, p, psi_f, i_d, i_q, di_q, omega)
     known, notes = term_signals(design, prepared), []
-    for effect, parameters in bound_effects(design, own):
+    for effect, parameters in bound_effects(design):
         if effect.enters != "voltage":
             continue
         if effect.structure != "term":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,6 @@ from pmsm_ctrl.compensate.motions import named_trial
 from pmsm_ctrl.compensate.runs import judge, run_trial
 from pmsm_ctrl.compensate.variants import compensated
 from pmsm_ctrl.design import Acceptance, Design
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 from pmsm_ctrl.log import Log
 
@@ -93,7 +91,7 @@ class Verdict:
         return figure
 
 
-def accept(design: Design, wanted: Acceptance, *, seed: int = 0, own: Iterable[Effect] = ()) -> Verdict:
+def accept(design: Design, wanted: Acceptance, *, seed: int = 0) -> Verdict:
     """Run one line of a design's acceptance.
 
     The drive runs as the design says, its compensation included; the plant is the design. With a factor the
@@ -106,7 +104,6 @@ def accept(design: Design, wanted: Acceptance, *, seed: int = 0, own: Iterable[E
     DesignError
         When the design cannot be simulated, or a change is asked of a design without compensation.
     """
-    own = tuple(own)
     if wanted.metric not in METRICS:
         raise RequestError(
             f"unknown metric '{wanted.metric}'{nearest(wanted.metric, METRICS)} (known: {', '.join(METRICS)})"
@@ -123,10 +120,10 @@ def accept(design: Design, wanted: Acceptance, *, seed: int = 0, own: Iterable[E
     if wanted.factor != 1.0:
         believed = compensated(
             design, chosen.effects, gain=chosen.gain, source=chosen.source, factor=wanted.factor,
-            smoothing=chosen.smoothing, own=own,
+            smoothing=chosen.smoothing,
         )  # fmt: skip
-    with_it = run_trial(believed, trial, truth=design, seed=seed, own=own)
-    without = with_it if chosen.gain == 0.0 else run_trial(off, trial, truth=design, seed=seed, own=own)
+    with_it = run_trial(believed, trial, truth=design, seed=seed)
+    without = with_it if chosen.gain == 0.0 else run_trial(off, trial, truth=design, seed=seed)
     name = wanted.metric.removesuffix("_change")
     found, reference = (float(getattr(judge(trial, logs), name)) for logs in (with_it, without))
     value = found

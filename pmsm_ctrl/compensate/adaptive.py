@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario
@@ -52,7 +50,7 @@ class AdaptiveRun:
 
 
 def simulate_adaptive(
-    design: Design, motion: Scenario, *, truth: Design | None = None, seed: int = 0, own: Iterable[Effect] = (),
+    design: Design, motion: Scenario, *, truth: Design | None = None, seed: int = 0,
     every: float = EVERY,
 ) -> AdaptiveRun:  # fmt: skip
     """Simulate a drive whose compensation takes F_c and F_v from a tracker fed with the drive's own log.
@@ -75,8 +73,7 @@ def simulate_adaptive(
     SimulationError
         When a state stops being finite.
     """
-    own = tuple(own)
-    drive = prepare(design, motion, truth=truth, own=own)
+    drive = prepare(design, motion, truth=truth)
     plant, feedforward = drive.plant, drive.feedforward
     module = load(drive.active, feedforward.effects if feedforward else ())
     unit = math.lcm(plant.speed_divider, plant.log_divider)
@@ -99,7 +96,7 @@ def simulate_adaptive(
         if wrote < 0:
             raise SimulationError(f"scenario '{motion.name}': the simulation left the finite numbers while adapting")
         if where:
-            tracker = tracker or _Tracker(design, own)
+            tracker = tracker or _Tracker(design)
             tracker.feed(out[row : row + wrote])
             tracker.renew(values, where)
         row += wrote
@@ -111,8 +108,8 @@ def simulate_adaptive(
 class _Tracker:
     """The tracker's compiled twin, fed with stretches of the log as they come; it goes on from where it was."""
 
-    def __init__(self, design: Design, own: tuple[Effect, ...]) -> None:
-        self._design, self._known = design, KnownTorque(design, own)
+    def __init__(self, design: Design) -> None:
+        self._design, self._known = design, KnownTorque(design)
         settings = _settings(design)
         self._s = numbers(design, settings, design.log_period)
         self._x, self._P, self._m = start(design), covariance(self._s, settings), memory()

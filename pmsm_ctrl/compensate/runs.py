@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from pmsm_ctrl.compensate.adaptive import simulate_adaptive
 from pmsm_ctrl.compensate.metrics import Metrics, measure, measure_contour
 from pmsm_ctrl.compensate.motions import Trial
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
 
 __all__ = ["judge", "run_trial"]
 
 
-def run_trial(
-    believed: Design, trial: Trial, *, truth: Design | None = None, seed: int = 0, own: Iterable[Effect] = ()
-) -> tuple[Log, ...]:
+def run_trial(believed: Design, trial: Trial, *, truth: Design | None = None, seed: int = 0) -> tuple[Log, ...]:
     """Simulate a trial as the design says, its tracker in the loop where the source is "adaptive".
 
     Parameters
@@ -39,9 +34,9 @@ def run_trial(
     logs = []
     for axis, motion in enumerate(trial.motions):
         if adaptive:
-            log = simulate_adaptive(believed, motion, truth=plant, seed=seed + axis, own=own).log
+            log = simulate_adaptive(believed, motion, truth=plant, seed=seed + axis).log
         else:
-            log = simulate(believed, motion, truth=plant, seed=seed + axis, own=own, keep_truth=True)
+            log = simulate(believed, motion, truth=plant, seed=seed + axis, keep_truth=True)
         logs.append(log)
     return tuple(logs)
 

@@ -15,7 +15,6 @@ from pmsm_ctrl.compensate.stickslip import Hunting, hunting
 from pmsm_ctrl.compensate.variants import baseline, compensated
 from pmsm_ctrl.compensate.window import GAINS, GainWindow, describing_function_limit, gain_window, rows, to_plain
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.result import Result, Section, jsonable
 from pmsm_ctrl.simulate.feedforward import Feedforward
@@ -212,7 +211,6 @@ def compensate(
     design: Design,
     *,
     truth: Design | None = None,
-    own: Iterable[Effect] = (),
     gains: Iterable[float] = GAINS,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
@@ -227,8 +225,6 @@ def compensate(
         What the controller believes; its effects are what can be compensated.
     truth : Design, optional
         The plant; `design` itself when left out.
-    own : iterable of Effect
-        A user's own effects that the designs name.
     gains : iterable of float
         Gains of the sweep.
     seed : int
@@ -241,11 +237,10 @@ def compensate(
     DesignError
         When the design has no loops, no position gain, or no friction to compensate.
     """
-    own = tuple(own)
     plant, base = truth if truth is not None else design, baseline(design)
     trials = study_trials(design)
     usable = [entry.id for entry in design.effects]
-    full = Feedforward.of(compensated(base, usable, own=own), own) if usable else None
+    full = Feedforward.of(compensated(base, usable)) if usable else None
     if full is None:
         raise DesignError(f"{design.source or design.name}: effects: no friction to compensate; identify it first")
     every = tuple(dict.fromkeys(effect.id for effect in full.effects))
@@ -254,13 +249,13 @@ def compensate(
     advance = progress or (lambda share: None)
 
     def run(believed: Design, trial: Trial) -> Metrics:
-        return judge(trial, run_trial(believed, trial, truth=plant, seed=seed, own=own))
+        return judge(trial, run_trial(believed, trial, truth=plant, seed=seed))
 
-    table = _compared(run, base, plant, trials, every, own, lambda share: advance(0.5 * share))
+    table = _compared(run, base, plant, trials, every, lambda share: advance(0.5 * share))
     windows = {}
     for done, source in enumerate(SOURCES):
         windows[source] = gain_window(
-            _swept(run, base, swept, source, trials, own),
+            _swept(run, base, swept, source, trials),
             SWEEP_TRIALS,
             source,
             gains=gains,
@@ -268,14 +263,14 @@ def compensate(
             at_rest=AT_REST,
         )
         advance(0.5 + 0.5 * (done + 1) / len(SOURCES))
-    verdicts = tuple(accept(design, wanted, seed=seed, own=own) for wanted in design.acceptance)
+    verdicts = tuple(accept(design, wanted, seed=seed) for wanted in design.acceptance)
     doubts = _doubts(design, table, windows, full.notes, verdicts)
     return CompensationStudy(design, tuple(table), windows, doubts, hunting(base), verdicts)
 
 
 def _compared(
     run: Callable[[Design, Trial], Metrics], base: Design, plant: Design, trials: dict[str, Trial],
-    every: tuple[str, ...], own: tuple[Effect, ...], advance: Callable[[float], None],
+    every: tuple[str, ...], advance: Callable[[float], None],
 ) -> list[Row]:  # fmt: skip
     """Run every variant on every trial, with the parameters right and wrong."""
     simple = tuple(name for name in ("coulomb", "viscous") if name in every)
@@ -291,7 +286,7 @@ def _compared(
     known: dict[tuple[str, str], Metrics] = {}  # without another truth the perfect model has been run before
     for done, (variant, (start, chosen, source)) in enumerate(variants.items()):
         for factor in WRONG:
-            believed = compensated(start, chosen, factor=factor, source=source, own=own)
+            believed = compensated(start, chosen, factor=factor, source=source)
             for name, trial in trials.items():
                 key = (name, believed.to_toml())
                 if key not in known:
@@ -303,11 +298,11 @@ def _compared(
 
 def _swept(
     run: Callable[[Design, Trial], Metrics], base: Design, chosen: tuple[str, ...], source: str,
-    trials: dict[str, Trial], own: tuple[Effect, ...],
+    trials: dict[str, Trial],
 ) -> Callable[[float, float, str], Metrics]:  # fmt: skip
     @cache
     def at(gain: float, factor: float, name: str) -> Metrics:
-        return run(compensated(base, chosen, gain=gain, factor=factor, source=source, own=own), trials[name])
+        return run(compensated(base, chosen, gain=gain, factor=factor, source=source), trials[name])
 
     return at
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect, bound_effects
+from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.sampling import speed_lag
 
@@ -34,16 +34,16 @@ def baseline(design: Design) -> Design:
 
 def compensated(
     design: Design, effects: Iterable[str], *, gain: float = 1.0, source: str = "reference", factor: float = 1.0,
-    smoothing: float | None = None, own: Iterable[Effect] = (),
+    smoothing: float | None = None,
 ) -> Design:  # fmt: skip
     """Return the design with these effects compensated, their linear parameters off by `factor`.
 
     The sign of the commanded speed, which follows the measured angle, is smoothed over what five counts of the
     encoder make of it, unless `smoothing` or the design says otherwise.
     """
-    chosen, own = tuple(effects), tuple(own)
+    chosen = tuple(effects)
     entries = []
-    for entry, (effect, values) in zip(design.effects, bound_effects(design, own), strict=True):
+    for entry, (effect, values) in zip(design.effects, bound_effects(design), strict=True):
         if effect.id in chosen:
             values = values | {p.symbol: values[p.symbol] * factor for p in effect.linear}
         entries.append(entry.model_copy(update={"parameters": values}))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fitting import Accepted, fit_design
 from pmsm_ctrl.diagnose.outcome import fitted_design
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.effects.catalogue import lookup, with_own
+from pmsm_ctrl.effects.catalogue import catalogue_of, lookup
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
@@ -17,7 +15,7 @@ from pmsm_ctrl.regression.balances import make_record
 __all__ = ["add"]
 
 
-def add(design: Design, log: Log, effect: str, *, own: Iterable[Effect] = ()) -> Design:
+def add(design: Design, log: Log, effect: str) -> Design:
     """Return the design with an effect added, all parameters fitted to the log, standard errors included.
 
     The effect is taken whether or not the log calls for it: whether it does is what `diagnose` says.
@@ -27,10 +25,9 @@ def add(design: Design, log: Log, effect: str, *, own: Iterable[Effect] = ()) ->
     RequestError
         For an unknown effect, one that is in the design already, or one that this log cannot determine.
     """
-    own = tuple(own)
-    wanted = lookup(effect, own)
+    wanted = lookup(effect, catalogue_of(design))
     record = make_record(design, log)
-    fit = fit_design(design, record, (), with_own(own), own)
+    fit = fit_design(design, record, (), catalogue_of(design))
     for trial in fit.trials:
         if trial.candidate.effect.id != effect:
             continue
@@ -38,7 +35,7 @@ def add(design: Design, log: Log, effect: str, *, own: Iterable[Effect] = ()) ->
             raise RequestError(f"effect '{effect}': this log cannot tell it from what the design has; {_need(wanted)}")
         trial = refine(fit.record, fit.solved, fit.whitener, trial)
         accepted = (Accepted(wanted, trial.group.shape),)
-        after = fit_design(design, record, accepted, with_own(own), own, explore=False)
+        after = fit_design(design, record, accepted, catalogue_of(design), explore=False)
         return fitted_design(design, after, accepted, record)
     why = next((c.why_not for c in fit.closed if c.effect.id == effect), "the design has it already")
     raise RequestError(f"effect '{effect}': {why or 'it has no column on this log'}; {_need(wanted)}")

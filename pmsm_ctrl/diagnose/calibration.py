@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.log import Log
 
@@ -62,7 +61,7 @@ class Calibration:
         return f"the diagnosis is not calibrated on this motion: {self.sentence()}"
 
 
-def repeated(model: Design, log: Log, own: Iterable[Effect] = ()) -> Replay:
+def repeated(model: Design, log: Log) -> Replay:
     """Return the log's experiment, to be run on the model.
 
     Raises
@@ -78,11 +77,11 @@ def repeated(model: Design, log: Log, own: Iterable[Effect] = ()) -> Replay:
             f"{model.source or model.name}: calibration simulates the design's sensors; give sensor.current_noise or "
             "sensor.encoder_counts"
         )
-    return build_replay(model, log, own)
+    return build_replay(model, log)
 
 
 def calibrated(
-    found: Diagnosis, log: Log, runs: int, own: Iterable[Effect] = (), candidates: Iterable[str] | None = None,
+    found: Diagnosis, log: Log, runs: int, candidates: Iterable[str] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Calibration:  # fmt: skip
     """Simulate the accepted model `runs` times with fresh noise and diagnose each.
@@ -96,18 +95,17 @@ def calibrated(
     from pmsm_ctrl.regression.conditioning import drive_torque
     from pmsm_ctrl.simulate.run import simulate
 
-    own = tuple(own)
     offered = tuple(candidates) if candidates is not None else None
     model = found.design
-    replay = repeated(model, log, own)
+    replay = repeated(model, log)
     plant = model.replace(sensor={"log_divider": replay.divider})
     alarms = []
     for seed in range(runs):
-        again = simulate(replay.controller, replay.scenario, truth=plant, own=own, seed=seed)
+        again = simulate(replay.controller, replay.scenario, truth=plant, seed=seed)
         kept = {name: values for name, values in again.channels.items() if name in log}
         if "torque" in log:
             kept["torque"] = drive_torque(model, again.channels)
-        result = diagnose(model, Log(kept, again.motion), own=own, candidates=offered, plan=False)
+        result = diagnose(model, Log(kept, again.motion), candidates=offered, plan=False)
         if result.verdict not in ("consistent", "not_excited"):
             alarms.append(result.steps[0].effect if result.steps else result.verdict)
         if progress is not None:

@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.effects.catalogue import with_own
+from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
@@ -176,7 +176,6 @@ def diagnose(
     log: Log,
     *,
     holdout: Log | None = None,
-    own: Iterable[Effect] = (),
     progress: Callable[[float], None] | None = None,
     candidates: Iterable[str] | None = None,
     processing: Processing | None = None,
@@ -196,8 +195,6 @@ def diagnose(
         With ``theta`` or ``omega``, and ``torque`` or ``i_q``; with ``u_d`` and ``u_q`` the winding is judged too.
     holdout : Log, optional
         Another record of the same axis; no effect is accepted that makes it worse.
-    own : iterable of Effect
-        A user's own candidates beside the catalogue.
     progress : function, optional
         Called with the share done, 0 to 1.
     candidates : iterable of str, optional
@@ -220,18 +217,17 @@ def diagnose(
     """
     if calibrate < 0:
         raise RequestError(f"calibrate: found {calibrate}; the number of simulations, 0 or more, was expected")
-    own = tuple(own)
     if calibrate:
-        repeated(design, log, own)  # what cannot be simulated is said before the work, not after it
-    effects = with_own(own)
+        repeated(design, log)  # what cannot be simulated is said before the work, not after it
+    effects = catalogue_of(design)
     offered = _offered(effects, candidates)
-    record = _record(design, log, processing, own)
+    record = _record(design, log, processing)
     same = processing or Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
     other = make_record(design, holdout, same, record.age or 0.0) if holdout is not None else None
     share = 1.0 / (1.0 + calibrate)
     first = None if progress is None else partial(_part, progress, 0.0, share)
-    selection = select_with_exchange(design, record, offered, own, other, first)
-    outcome = build_outcome(design, record, other, selection, offered, own, plan)
+    selection = select_with_exchange(design, record, offered, other, first)
+    outcome = build_outcome(design, record, other, selection, offered, plan)
     record.kept.clear()  # hundreds of columns, for which no one asks any more
     found = Diagnosis(
         **outcome,
@@ -242,17 +238,17 @@ def diagnose(
     )
     if calibrate:
         rest = None if progress is None else partial(_part, progress, share, 1.0 - share)
-        found = replace(found, calibration=calibrated(found, log, calibrate, own, tuple(offered), rest))
+        found = replace(found, calibration=calibrated(found, log, calibrate, tuple(offered), rest))
     if progress is not None:
         progress(1.0)
     return found
 
 
-def _record(design: Design, log: Log, processing: Processing | None, own: tuple[Effect, ...]) -> Record:
+def _record(design: Design, log: Log, processing: Processing | None) -> Record:
     """Make a log ready; where it has a speed alone, its age is estimated with the base model, and undone."""
     record = make_record(design, log, processing)
     for _ in range(2 if record.age is not None else 0):
-        fit = fit_design(design, record, (), {}, own, explore=False)
+        fit = fit_design(design, record, (), {}, explore=False)
         late = float(fit.plain.values[fit.model.names.index("tau_speed")])
         record = make_record(design, log, processing, (record.age or 0.0) + late)
     return record

@@ -31,19 +31,19 @@ CLOSE, MOST_RIVALS = 0.6, 3
 
 
 def select_with_exchange(
-    design: Design, record: Record, effects: Mapping[str, Effect], own: tuple[Effect, ...], holdout: Record | None,
+    design: Design, record: Record, effects: Mapping[str, Effect], holdout: Record | None,
     progress: Callable[[float], None] | None,
 ) -> Selection:  # fmt: skip
     """Select effects one at a time, then exchange those that another one can replace."""
-    found = best = select(design, record, effects, own, holdout, progress)
+    found = best = select(design, record, effects, holdout, progress)
     tried: set[tuple[str, ...]] = set()
     every = [found]
-    for order in _orders(design, record, every, effects, own):
+    for order in _orders(design, record, every, effects):
         if order in tried:
             continue
         tried.add(order)
         # the bar does not run twice
-        other = select(design, record, effects, own, holdout, None, order, _fits(every))
+        other = select(design, record, effects, holdout, None, order, _fits(every))
         every.append(other)
         if other.accepted and _better(other, best):
             best = other
@@ -91,7 +91,7 @@ def _with_equals(best: Selection, others: list[Selection]) -> Selection:
 
 
 def _orders(
-    design: Design, record: Record, every: list[Selection], effects: Mapping[str, Effect], own: tuple[Effect, ...]
+    design: Design, record: Record, every: list[Selection], effects: Mapping[str, Effect]
 ) -> Iterator[tuple[str, ...]]:
     """Ids of the effects to begin with instead of those of the first selection, the strongest first."""
     found = every[0]
@@ -114,7 +114,7 @@ def _orders(
         if one.effect.id in REPEATED or len(found.accepted) + len(waiting) < 2:
             continue
         others = (*found.accepted[:k], *found.accepted[k + 1 :], *waiting)
-        trials = (fitted_before(_fits(every), others) or fit_design(design, record, others, effects, own)).trials
+        trials = (fitted_before(_fits(every), others) or fit_design(design, record, others, effects)).trials
         better = trials[0].candidate.effect.id if trials and not trials[0].wrong_sign else one.effect.id
         if better in present or better in REPEATED:
             continue

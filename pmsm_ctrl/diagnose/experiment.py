@@ -34,7 +34,7 @@ SEPARATED = 30.0
 
 
 def next_experiment(
-    design: Design, fitted: Design, selection: Selection, effects: Mapping[str, Effect], own: tuple[Effect, ...]
+    design: Design, fitted: Design, selection: Selection, effects: Mapping[str, Effect]
 ) -> Mapping[str, Any] | None:
     """Return the motion whose outcome differs most between an accepted effect and its rival; None without rivals."""
     pair = _rivals(selection, effects)
@@ -44,7 +44,7 @@ def next_experiment(
     best, power = "", 0.0
     if design.motor.electrical and design.loops is not None:
         for name in MENU:
-            found = separation(design, fitted, name, pair, effects, own)
+            found = separation(design, fitted, name, pair, effects)
             if found > power:
                 best, power = name, found
     if power < SEPARATED:
@@ -70,7 +70,6 @@ def _rivals(selection: Selection, effects: Mapping[str, Effect]) -> tuple[str, s
 
 def separation(
     design: Design, fitted: Design, name: str, pair: tuple[str, str], effects: Mapping[str, Effect],
-    own: tuple[Effect, ...],
 ) -> float:  # fmt: skip
     """Return by how much the first effect would beat the second on this motion, were the first one true."""
     from pmsm_ctrl.simulate import simulate
@@ -78,11 +77,11 @@ def separation(
 
     try:
         motion = scenario(name, design, **MENU[name])
-        log = simulate(design, motion, truth=fitted, seed=1, own=own)
+        log = simulate(design, motion, truth=fitted, seed=1)
         others = tuple(e for e in fitted.effects if e.id != pair[0])
         record = make_record(design, log)
         offered = {identifier: effects[identifier] for identifier in pair}
-        fit = fit_design(design.replace_effects(others), record, (), offered, own)
+        fit = fit_design(design.replace_effects(others), record, (), offered)
     except PmsmCtrlError:
         return 0.0
     gains = {t.candidate.effect.id: 0.0 if t.wrong_sign else t.gain for t in fit.trials}

@@ -77,18 +77,18 @@ class Fitted:
 
 def fit_design(
     design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
-    own: tuple[Effect, ...] = (), explore: bool = True,
+    explore: bool = True,
 ) -> Fitted:  # fmt: skip
     """Fit the design with the accepted effects, and try every candidate on what is left."""
     given = record
     for one in (*_bristles(design, effects), *accepted):
         if one.effect.structure == "bristle":
             record = with_direction(record, bristle_direction(record, one.effect, one.shape))
-    model, notes = _assemble(design, record, accepted, own)
+    model, notes = _assemble(design, record, accepted)
     rough = solve_model(record, with_torque_held(record, model), saturated_whitener(record, model, ())[1])
     for _ in range(PASSES):
         record = with_modelled_torque(record, _true_torque(model, rough), _delay(model, rough.values))
-        model, notes = _assemble(design, record, accepted, own)
+        model, notes = _assemble(design, record, accepted)
         model = with_torque_held(record, model, OWN)
         rough = solve_model(record, model, saturated_whitener(record, model, ())[1])
         if abs(_delay(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
@@ -117,7 +117,7 @@ def fit_design(
 
 
 def predicted_elsewhere(
-    design: Design, record: Record, accepted: tuple[Accepted, ...], fit: Fitted, own: tuple[Effect, ...],
+    design: Design, record: Record, accepted: tuple[Accepted, ...], fit: Fitted,
     effects: Mapping[str, Effect],
 ) -> tuple[Record, Array]:  # fmt: skip
     """Return another record, read with the torque of the fit, and its balances predicted with the fit's parameters."""
@@ -125,7 +125,7 @@ def predicted_elsewhere(
         if one.effect.structure == "bristle":
             record = with_direction(record, bristle_direction(record, one.effect, one.shape))
     for _ in range(2):
-        model, _ = _assemble(design, record, accepted, own)
+        model, _ = _assemble(design, record, accepted)
         by_name = dict(zip(fit.plain.model.names, fit.plain.values, strict=True))
         values = np.array([by_name.get(name, 0.0) for name in model.names])
         predicted = model.matrix @ values
@@ -146,10 +146,10 @@ def errors(record: Record, residual: Array, channels: Iterable[str] | None = Non
     return out
 
 
-def _assemble(design: Design, record: Record, accepted: Iterable[Accepted], own: Iterable[Effect]) -> tuple[
+def _assemble(design: Design, record: Record, accepted: Iterable[Accepted]) -> tuple[
     Model, tuple[str, ...]
 ]:  # fmt: skip
-    model, notes = base_groups(design, record, own)
+    model, notes = base_groups(design, record)
     for one in accepted:
         if one.effect.structure != "bristle":
             model = model.plus(effect_group(record, one.effect, one.shape))

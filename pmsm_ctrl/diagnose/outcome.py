@@ -28,7 +28,7 @@ OTHER_ANGLE = (
 
 def build_outcome(
     design: Design, record: Record, holdout: Record | None, selection: Selection, effects: Mapping[str, Effect],
-    own: tuple[Effect, ...], plan: bool = True,
+    plan: bool = True,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the fields of a `Diagnosis`; without `plan` no next experiment is looked for."""
     from pmsm_ctrl.diagnose.deviations import parameter_deviations, stood_in
@@ -38,7 +38,7 @@ def build_outcome(
     from pmsm_ctrl.diagnose.leftover import leftover, resembled, stands_in
 
     final = selection.fits[-1]
-    steps = _steps(design, record, holdout, selection, effects, own)
+    steps = _steps(design, record, holdout, selection, effects)
     fitted = fitted_design(design, final, selection.accepted, record)
     deviations, hints = parameter_deviations(design, final)
     excess = None if steps else friction_excess(design, final)
@@ -73,7 +73,7 @@ def build_outcome(
         "steps": tuple(steps),
         "ranking": _ranking(selection, hidden),
         "parameter_deviations": deviations,
-        "next_experiment": next_experiment(design, fitted, selection, effects, own) if plan else None,
+        "next_experiment": next_experiment(design, fitted, selection, effects) if plan else None,
         "reasons": tuple(reasons),
         "unexplained": unexplained,
         "left": left,
@@ -93,7 +93,6 @@ def _beyond_the_band(record: Record, accepted: tuple[Accepted, ...]) -> Iterator
 
 def _steps(
     design: Design, record: Record, holdout: Record | None, selection: Selection, effects: Mapping[str, Effect],
-    own: tuple[Effect, ...],
 ) -> list[Any]:  # fmt: skip
     """Every accepted effect with its final parameters, and the errors around it on both records."""
     from pmsm_ctrl.diagnose.diagnosis import DiagnosisStep
@@ -105,8 +104,8 @@ def _steps(
         old, new = selection.accepted[:number], selection.accepted[: number + 1]
         ahead = behind = {}
         if holdout is not None:
-            ahead = table(record, holdout_error(design, holdout, old, before, effects, own))
-            behind = table(record, holdout_error(design, holdout, new, after, effects, own))
+            ahead = table(record, holdout_error(design, holdout, old, before, effects))
+            behind = table(record, holdout_error(design, holdout, new, after, effects))
         steps.append(
             DiagnosisStep(
                 effect=step.trial.candidate.effect.id,

@@ -46,7 +46,6 @@ def select(
     design: Design,
     record: Record,
     effects: Mapping[str, Effect],
-    own: tuple[Effect, ...] = (),
     holdout: Record | None = None,
     progress: Callable[[float], None] | None = None,
     order: tuple[str, ...] = (),
@@ -59,7 +58,7 @@ def select(
     """
     accepted: tuple[Accepted, ...] = ()
     known = tuple(known)
-    fit = fitted_before(known, accepted) or fit_design(design, record, accepted, effects, own)
+    fit = fitted_before(known, accepted) or fit_design(design, record, accepted, effects)
     fits, steps = [fit], []
     refused: dict[str, str] = {}
     for number in range(MOST_STEPS):
@@ -71,11 +70,11 @@ def select(
         while won is not None:
             trial, evidence = won
             new = (*accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid))
-            new = _reshaped(design, record, new, effects, own)
-            after = fitted_before(known, new) or fit_design(design, record, new, effects, own)
+            new = _reshaped(design, record, new, effects)
+            after = fitted_before(known, new) or fit_design(design, record, new, effects)
             # what is to come next may be what brings a parameter back inside its bounds
             why = "" if number + 1 < len(order) else objection(after, fit, trial.candidate.effect)
-            why = why or _holdout_objection(design, holdout, accepted, new, fit, after, effects, own)
+            why = why or _holdout_objection(design, holdout, accepted, new, fit, after, effects)
             if not why:
                 break
             refused[name_of(trial)] = why
@@ -100,7 +99,6 @@ def fitted_before(known: Iterable[Fitted], accepted: tuple[Accepted, ...]) -> Fi
 
 def _reshaped(
     design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
-    own: tuple[Effect, ...],
 ) -> tuple[Accepted, ...]:  # fmt: skip
     """Refine the nonlinear parameters of the effects taken earlier, now that another one is in.
 
@@ -114,7 +112,7 @@ def _reshaped(
         if len(one.grid) < 2 or set(one.shape) <= {"order"} or one.effect.structure == "bristle":
             continue
         others = (*out[:k], *out[k + 1 :])
-        fit = fit_design(design, record, others, {}, own)
+        fit = fit_design(design, record, others, {})
         candidate = Candidate(one.effect, (*one.grid, one.shape), len(one.grid))
         trial = try_group(fit.plain, fit.weights, candidate, effect_group(fit.record, one.effect, one.shape))
         best = refine(fit.record, fit.plain, fit.weights, trial)
@@ -172,12 +170,12 @@ def tied(gain: float) -> float:
 
 def _holdout_objection(
     design: Design, holdout: Record | None, old: tuple[Accepted, ...], new: tuple[Accepted, ...],
-    before: Fitted, after: Fitted, effects: Mapping[str, Effect], own: tuple[Effect, ...],
+    before: Fitted, after: Fitted, effects: Mapping[str, Effect],
 ) -> str:  # fmt: skip
     if holdout is None:
         return ""
-    first = holdout_error(design, holdout, old, before, effects, own)
-    second = holdout_error(design, holdout, new, after, effects, own)
+    first = holdout_error(design, holdout, old, before, effects)
+    second = holdout_error(design, holdout, new, after, effects)
     worse = {name: (first[name][0], second[name][0]) for name in first}
     if sum(b / a for a, b in worse.values() if a > 0) / len(worse) < 1.0:
         return ""
@@ -186,9 +184,8 @@ def _holdout_objection(
 
 def holdout_error(
     design: Design, holdout: Record, accepted: tuple[Accepted, ...], fit: Fitted, effects: Mapping[str, Effect],
-    own: tuple[Effect, ...],
 ) -> dict[str, tuple[float, float]]:  # fmt: skip
     """Return rms error and its share per balance on another record, with the parameters of the fit."""
-    record, predicted = predicted_elsewhere(design, holdout, accepted, fit, own, effects)
+    record, predicted = predicted_elsewhere(design, holdout, accepted, fit, effects)
     common = [name for name in record.channels if name in fit.record.channels]
     return errors(record, record.target - predicted, common)

@@ -1,4 +1,4 @@
-"""The catalogue: one line an effect. A user's own effect is passed beside it and needs no line here."""
+"""The catalogue: one line an effect. A user's own effect comes with the design and needs no line here."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from pmsm_ctrl.effects import (
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 
-__all__ = ["CATALOGUE", "bound_effects", "lookup", "with_own"]
+__all__ = ["CATALOGUE", "bound_effects", "catalogue_of", "catalogue_with", "lookup"]
 
 CATALOGUE: Mapping[str, Effect] = {
     module.effect.id: module.effect
@@ -67,8 +67,17 @@ CATALOGUE: Mapping[str, Effect] = {
 }
 
 
-def with_own(own: Iterable[Effect] = ()) -> dict[str, Effect]:
+def catalogue_with(own: Iterable[Effect] = ()) -> dict[str, Effect]:
     """Return the catalogue with a user's own effects added.
+
+    Parameters
+    ----------
+    own : iterable of Effect
+        Effects with ids that the catalogue does not have.
+
+    Returns
+    -------
+    dict of str to Effect
 
     Raises
     ------
@@ -83,29 +92,66 @@ def with_own(own: Iterable[Effect] = ()) -> dict[str, Effect]:
     return effects
 
 
-def lookup(identifier: str, own: Iterable[Effect] = ()) -> Effect:
+def catalogue_of(design: Design) -> dict[str, Effect]:
+    """Return the effects that a design may name: the catalogue and the own effects that the design carries.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    dict of str to Effect
+
+    Raises
+    ------
+    RequestError
+        When an own effect takes an id that is in use.
+    """
+    return catalogue_with(design.own_effects)
+
+
+def lookup(identifier: str, effects: Mapping[str, Effect] = CATALOGUE) -> Effect:
     """Return one effect by id.
+
+    Parameters
+    ----------
+    identifier : str
+    effects : mapping of str to Effect
+        Where to look: `catalogue_of` of a design where its own effects count too.
+
+    Returns
+    -------
+    Effect
 
     Raises
     ------
     RequestError
         For an unknown id, naming the nearest.
     """
-    effects = with_own(own)
     if identifier not in effects:
         raise RequestError(f"unknown effect '{identifier}'{nearest(identifier, effects)} (known: {', '.join(effects)})")
     return effects[identifier]
 
 
-def bound_effects(design: Design, own: Iterable[Effect] = ()) -> list[tuple[Effect, dict[str, float]]]:
+def bound_effects(design: Design) -> list[tuple[Effect, dict[str, float]]]:
     """Return the design's effects with all their parameter values, checked against their bounds.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    list of (Effect, dict of str to float)
+        In the order of the design.
 
     Raises
     ------
     DesignError
         For an unknown effect or parameter, or a value outside its bounds.
     """
-    effects = with_own(own)
+    effects = catalogue_of(design)
     where = f"{design.source}: " if design.source else ""
     bound = []
     for entry in design.effects:

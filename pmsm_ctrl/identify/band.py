@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.instrumental import MATTERS
@@ -35,12 +34,12 @@ def widest(log: Log, shapes: bool = False) -> float:
     return float(min(SHAPES, log.rate / 4.0) if shapes else min(WIDE, log.rate / 8.0))
 
 
-def searches_shapes(design: Design, own: tuple[Effect, ...]) -> bool:
+def searches_shapes(design: Design) -> bool:
     """Whether the design has an effect whose shape a simulation can fit; the order of a ripple is no shape."""
-    return any(p.symbol != "order" for effect, _ in bound_effects(design, own) for p in effect.searched)
+    return any(p.symbol != "order" for effect, _ in bound_effects(design) for p in effect.searched)
 
 
-def regression_problem(design: Design, log: Log, own: tuple[Effect, ...], processing: Processing) -> Problem:
+def regression_problem(design: Design, log: Log, processing: Processing) -> Problem:
     """Build the regression for least squares: in the usual band, or a wider one where much is to be learnt beyond it.
 
     A band that `processing` gives is taken. A wider one is taken only where the usual one finds every parameter, lest
@@ -49,13 +48,13 @@ def regression_problem(design: Design, log: Log, own: tuple[Effect, ...], proces
     acceleration leaves it alone there. Errors in a column shrink its parameter by the share of the column's power that
     is theirs (W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1).
     """
-    usual = build_problem(design, log, own=own, processing=processing)
+    usual = build_problem(design, log, processing=processing)
     if processing.cutoff is not None or usual.cutoff >= widest(log) or "theta" not in log:
         return usual
     if solve(usual).unidentifiable:
         return usual
     found = usual
-    for cutoff in sorted({widest(log), widest(log, searches_shapes(design, own))}):
+    for cutoff in sorted({widest(log), widest(log, searches_shapes(design))}):
         inertia = found.inertia_cutoff or found.cutoff
         try:
             prepared = prepare(design, log, replace(processing, cutoff=cutoff))
@@ -63,7 +62,7 @@ def regression_problem(design: Design, log: Log, own: tuple[Effect, ...], proces
             break
         if processing.blank and prepared.weight is None:  # or is turned by its noise
             break
-        wide = build_problem(design, prepared, own=own)
+        wide = build_problem(design, prepared)
         lacking = dict(zip(found.names, _information(found) < ENOUGH * _information(wide), strict=True))
         if lacking.pop("J", False) and cutoff <= WIDE and _shrinkage(design, log, wide) <= MATTERS:
             found = wide

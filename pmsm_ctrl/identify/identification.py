@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import SMALL, Design, EffectEntry
-from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.effects.catalogue import with_own
+from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.identify.band import regression_problem, searches_shapes, widest
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
@@ -183,7 +182,6 @@ def identify(
     log: Log,
     *,
     method: Method = "regression",
-    own: Iterable[Effect] = (),
     processing: Processing | None = None,
 ) -> Identification:
     """Identify the inertia and the parameters of the design's effects from a log.
@@ -201,8 +199,6 @@ def identify(
         "iv": the same by instrumental variables from the simulated drive, unbiased by noise in the motion; also
         tests whether least squares is biased. "output_error": all parameters, nonlinear ones included, by fitting
         the simulated drive's torque. These two need the design's loops and the log's ``omega_ref`` or ``theta_ref``.
-    own : iterable of Effect
-        A user's own effects that the design names.
     processing : Processing, optional
         Filter, derivative and mask; the defaults suit a log of 1 kHz. Without a cutoff given, the methods that
         simulate work up to 100 Hz or an eighth of the log's rate, and up to 250 Hz or a quarter of it where an effect
@@ -223,28 +219,28 @@ def identify(
     if method not in get_args(Method):
         known = ", ".join(get_args(Method))
         raise RequestError(f"identification method '{method}'{nearest(method, get_args(Method))} (known: {known})")
-    own, processing = tuple(own), processing or Processing()
+    processing = processing or Processing()
     if processing.blank is None:
         processing = replace(processing, blank=True)
     bias: BiasTest | None = None
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     if method == "regression":
-        problem = regression_problem(design, log, own, processing)
-        fit = solve(problem, with_own(own))
+        problem = regression_problem(design, log, processing)
+        fit = solve(problem, catalogue_of(design))
     else:
-        replay = build_replay(design, log, own)
-        problem, fit, bias, warnings = _by_simulation(method, design, log, replay, own, processing)
+        replay = build_replay(design, log)
+        problem, fit, bias, warnings = _by_simulation(method, design, log, replay, processing)
         remarks = replay.notes
         if why := fit.unidentifiable.get("J"):
             # An inertia that the log does not show would take the others' errors with it.
-            problem, fit, bias, warnings = _by_simulation(method, design, log, replay, own, processing, inertia=False)
+            problem, fit, bias, warnings = _by_simulation(method, design, log, replay, processing, inertia=False)
             fit = replace(fit, unidentifiable={"J": f"{why}; held at the design's value", **fit.unidentifiable})
     found, bounds = _identified(design, problem, fit)
     shown, unexplained = problem, fit.residual
     if method != "output_error":
         plain = replace(processing, blank=False, cutoff=problem.cutoff)
-        shown, unexplained = _shown(design, log, problem, fit, own, plain)
+        shown, unexplained = _shown(design, log, problem, fit, plain)
     mask = shown.mask
     return Identification(
         design=found,
@@ -274,31 +270,26 @@ def _by_simulation(
     design: Design,
     log: Log,
     replay: Replay,
-    own: tuple[Effect, ...],
     processing: Processing,
     inertia: bool = True,
 ) -> tuple[Problem, Fit, BiasTest | None, tuple[str, ...]]:
-    if processing.cutoff is None:
-        wide = replace(processing, cutoff=widest(log, searches_shapes(design, own)))
-    else:
-        wide = processing
+    cutoff = processing.cutoff if processing.cutoff is not None else widest(log, searches_shapes(design))
+    wide = replace(processing, cutoff=cutoff)
     if method == "iv":
-        plain = regression_problem(design, log, own, processing)
+        plain = regression_problem(design, log, processing)
         usual = replace(processing, cutoff=plain.cutoff, inertia_cutoff=plain.inertia_cutoff)
-        return instrumental(design, log, replay, own=own, processing=wide, usual=usual, inertia=inertia)
+        return instrumental(design, log, replay, processing=wide, usual=usual, inertia=inertia)
     wide = replace(wide, through_reversals=True)
     prepared = prepare(design, log, wide, as_logged=True)
-    problem = build_problem(design, log, own=own, processing=wide, inertia=inertia)
-    problem, fit, warnings = output_error(design, problem, prepared, replay, own=own)
+    problem = build_problem(design, log, processing=wide, inertia=inertia)
+    problem, fit, warnings = output_error(design, problem, prepared, replay)
     return problem, fit, None, warnings
 
 
-def _shown(
-    design: Design, log: Log, problem: Problem, fit: Fit, own: tuple[Effect, ...], processing: Processing
-) -> tuple[Problem, Array]:
+def _shown(design: Design, log: Log, problem: Problem, fit: Fit, processing: Processing) -> tuple[Problem, Array]:
     """Return the regression with nothing blanked, and what the fit leaves of it: reversals are part of the error."""
     inertia = any(column.entry < 0 for column in problem.columns)
-    shown = build_problem(design, log, own=own, processing=processing, inertia=inertia)
+    shown = build_problem(design, log, processing=processing, inertia=inertia)
     return shown, shown.target - shown.matrix() @ fit.coefficients
 
 

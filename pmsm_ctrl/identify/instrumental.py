@@ -10,15 +10,14 @@ J. Durbin, Review of the International Statistical Institute 22 (1954) 23; J. A.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.effects.catalogue import with_own
+from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.problem import Problem, build_problem
 from pmsm_ctrl.identify.regression import Fit, solve, t_quantile
@@ -96,7 +95,6 @@ def instrumental(
     log: Log,
     replay: Replay,
     *,
-    own: Iterable[Effect] = (),
     processing: Processing,
     usual: Processing,
     inertia: bool = True,
@@ -126,15 +124,15 @@ def instrumental(
     LogError
         When the simulated drive does not move.
     """
-    own, effects = tuple(own), with_own(own)
+    effects = catalogue_of(design)
     prepared, narrow = prepare(design, log, processing), prepare(design, log, usual)
-    problem = build_problem(design, prepared, own=own, inertia=inertia)
+    problem = build_problem(design, prepared, inertia=inertia)
     values = _values(problem, solve(problem, effects))
     warnings: tuple[str, ...] = ()
     for _ in range(ROUNDS):
         plant = plant_with(design, problem.columns, values)
         twin = replay.run(plant)
-        corrected, instruments = _instruments(plant, twin, problem, values, own, processing, prepared.weight)
+        corrected, instruments = _instruments(plant, twin, problem, values, processing, prepared.weight)
         fit = solve(corrected, effects, instruments, ratio=None)
         last, values = values, _values(problem, fit)
         moved = np.abs(values - last) > STILL * np.array([fit.stderr.get(n, np.inf) for n in problem.names])
@@ -143,8 +141,8 @@ def instrumental(
     else:
         still = ", ".join(np.array(problem.names)[moved])
         warnings = (f"instrumental variables: {still} had not come to rest after {ROUNDS} rounds",)
-    ordinary = build_problem(design, narrow, own=own, inertia=inertia)
-    tested, instruments = _instruments(plant, twin, ordinary, last, own, usual, narrow.weight)
+    ordinary = build_problem(design, narrow, inertia=inertia)
+    tested, instruments = _instruments(plant, twin, ordinary, last, usual, narrow.weight)
     test = bias_test(tested, solve(ordinary, effects), solve(tested, effects, instruments, ratio=None))
     return corrected, fit, test, warnings
 
@@ -154,7 +152,6 @@ def _instruments(
     twin: Log,
     problem: Problem,
     values: Array,
-    own: tuple[Effect, ...],
     processing: Processing,
     weight: Array | None,
 ) -> tuple[Problem, Array]:
@@ -164,7 +161,7 @@ def _instruments(
     """
     try:
         inertia = any(column.symbol == "J" for column in problem.columns)
-        clean = build_problem(plant, prepare(plant, twin, processing).blanked(weight), own=own, inertia=inertia)
+        clean = build_problem(plant, prepare(plant, twin, processing).blanked(weight), inertia=inertia)
     except LogError as error:
         raise LogError(f"the simulated drive does not follow this log's reference: {error}") from error
     z = clean.matrix()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.effects.catalogue import bound_effects, with_own
+from pmsm_ctrl.effects.catalogue import bound_effects, catalogue_of
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.identify.problem import Column, Problem
 from pmsm_ctrl.identify.regression import Fit, solve
@@ -80,7 +80,7 @@ class _Model:
 
 
 def output_error(
-    design: Design, problem: Problem, prepared: Prepared, replay: Replay, *, own: Iterable[Effect] = ()
+    design: Design, problem: Problem, prepared: Prepared, replay: Replay
 ) -> tuple[Problem, Fit, tuple[str, ...]]:
     """Fit the inertia and all parameters of the design's effects by simulation.
 
@@ -102,10 +102,9 @@ def output_error(
     SimulationError
         When the design's loops are not stable on the plant of the first guess.
     """
-    own = tuple(own)
-    effects = with_own(own)
+    effects = catalogue_of(design)
     ordinary = solve(problem, effects)
-    columns = _parameters(design, problem, own)
+    columns = _parameters(design, problem)
     mask = prepared.mask
     measured = prepared.column(prepared.signals["torque"])
     force = float(np.sqrt(np.mean(measured[mask] ** 2)))
@@ -146,10 +145,10 @@ def _shaped(fit: Fit, columns: tuple[Column, ...], effects: Mapping[str, Effect]
     return replace(fit, values=values, stderr=stderr, unidentifiable={**fit.unidentifiable, **reasons})
 
 
-def _parameters(design: Design, problem: Problem, own: tuple[Effect, ...]) -> tuple[Column, ...]:
+def _parameters(design: Design, problem: Problem) -> tuple[Column, ...]:
     """Return a column without values for the inertia and for every parameter that can be searched."""
     made = [column for column in problem.columns if column.entry < 0]
-    for index, (effect, parameters) in enumerate(bound_effects(design, own)):
+    for index, (effect, parameters) in enumerate(bound_effects(design)):
         for known in effect.parameters:
             if known.symbol in FIXED:
                 continue

@@ -147,7 +147,6 @@ def build_problem(
     design: Design,
     log: Log | Prepared,
     *,
-    own: Iterable[Effect] = (),
     processing: Processing | None = None,
     inertia: bool = True,
 ) -> Problem:
@@ -161,9 +160,8 @@ def build_problem(
         Whether the inertia is a column; otherwise ``J alpha`` with the design's J is subtracted from the target.
     """
     prepared = log if isinstance(log, Prepared) else prepare(design, log, processing)
-    own = tuple(own)
-    if prepared.acting is None and any(_reads_torque(effect) for effect, _ in bound_effects(design, own)):
-        prepared = replace(prepared, acting=_acting(design, prepared, own))
+    if prepared.acting is None and any(_reads_torque(effect) for effect, _ in bound_effects(design)):
+        prepared = replace(prepared, acting=_acting(design, prepared))
     target = prepared.column(prepared.signals["torque"])
     if "T_load" in prepared.signals:
         target -= prepared.column(prepared.signals["T_load"])
@@ -175,7 +173,7 @@ def build_problem(
         made.append(Column("J", acceleration, unit, design.J, lower=0.0, symbol="J"))
     else:
         target -= design.J * acceleration
-    for index, (effect, parameters) in enumerate(bound_effects(design, own)):
+    for index, (effect, parameters) in enumerate(bound_effects(design)):
         if effect.enters != "torque":
             continue  # `prepare` has undone what the catalogue knows to falsify a channel; no voltage is balanced here
         if effect.structure != "term":
@@ -207,7 +205,7 @@ def _reads_torque(effect: Effect) -> bool:
     return effect.enters == "torque" and effect.structure == "term" and "torque" in effect.signals
 
 
-def _acting(design: Design, prepared: Prepared, own: tuple[Effect, ...]) -> Array:
+def _acting(design: Design, prepared: Prepared) -> Array:
     """Return the drive torque that the motion takes, shape (n,), for terms that are a share of it.
 
     The measured torque holds its own noise, and in a regression it would explain itself: friction by load with a share
@@ -220,7 +218,7 @@ def _acting(design: Design, prepared: Prepared, own: tuple[Effect, ...]) -> Arra
     for _ in range(2):
         known = term_signals(design, replace(prepared, acting=acting))
         free, fixed = [prepared.alpha], load.copy()
-        for effect, parameters in bound_effects(design, own):
+        for effect, parameters in bound_effects(design):
             if effect.enters != "torque" or effect.structure != "term" or any(s not in known for s in effect.signals):
                 continue
             parts, rest = columns(effect, known, parameters)

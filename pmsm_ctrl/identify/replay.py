@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design, EffectEntry
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.identify.problem import Column
 from pmsm_ctrl.log import Log
@@ -50,7 +49,6 @@ class Replay:
     scenario: Scenario
     t: Array
     divider: int
-    own: tuple[Effect, ...] = ()
     notes: tuple[str, ...] = ()
 
     def run(self, plant: Design) -> Log:
@@ -62,7 +60,7 @@ class Replay:
             When this plant is not stable with the design's loops.
         """
         ideal = plant.replace(sensor={"encoder_counts": 0, "current_noise": 0.0, "log_divider": self.divider})
-        log = simulate(self.controller, self.scenario, truth=ideal, own=self.own)
+        log = simulate(self.controller, self.scenario, truth=ideal)
         if len(log) == len(self.t) and abs(log.t[-1] - self.t[-1]) < 0.01 * log.period:
             return log
         from scipy.interpolate import CubicSpline
@@ -72,7 +70,7 @@ class Replay:
         return Log({"t": self.t, **channels}, log.motion)
 
 
-def build_replay(design: Design, log: Log, own: Iterable[Effect] = ()) -> Replay:
+def build_replay(design: Design, log: Log) -> Replay:
     """Read the experiment from a log: ``theta_ref`` (position control) or ``omega_ref`` (speed control).
 
     Raises
@@ -115,7 +113,6 @@ def build_replay(design: Design, log: Log, own: Iterable[Effect] = ()) -> Replay
         scenario=_scenario(inputs, raw, t, rate, position),
         t=t,
         divider=max(1, round(design.drive.f_control / rate)),
-        own=tuple(own),
         notes=notes,
     )
 

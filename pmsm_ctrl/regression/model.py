@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -125,7 +125,7 @@ def design_shape(effect: Effect, values: Mapping[str, float]) -> dict[str, float
     return {p.symbol: values[p.symbol] for p in effect.searched}
 
 
-def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> tuple[Model, tuple[str, ...]]:
+def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]:
     """Return the model of the design as it stands, and notes on effects that this log cannot evaluate."""
     groups: list[Group] = []
     nominal: list[float] = []
@@ -149,7 +149,7 @@ def base_groups(design: Design, record: Record, own: Iterable[Effect] = ()) -> t
     if "u_d" in record.channels:
         _winding(design, record, groups, nominal, sigma)
     notes = []
-    for entry, (effect, values) in enumerate(bound_effects(design, own)):
+    for entry, (effect, values) in enumerate(bound_effects(design)):
         if effect.structure == "bristle":
             continue
         try:

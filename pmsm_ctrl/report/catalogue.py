@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect, lookup, with_own
+from pmsm_ctrl.effects import CATALOGUE, Effect
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import atomic_path
 from pmsm_ctrl.result import Result, Section
@@ -40,7 +40,7 @@ def spoken(equation: str) -> str:
     return equation.replace("{", "").replace("}", "").replace("\\", "")
 
 
-def catalogue_table(own: Iterable[Effect] = ()) -> str:
+def catalogue_table(effects: Mapping[str, Effect] = CATALOGUE) -> str:
     """Return the catalogue as a table: id, where it enters, term, parameters with units, what it needs to be seen."""
     import io
 
@@ -50,7 +50,7 @@ def catalogue_table(own: Iterable[Effect] = ()) -> str:
     table = Table(title="Effects (friction positive for positive speed)")
     for name in ("id", "enters", "term", "parameters", "needs, to be seen"):
         table.add_column(name, overflow="fold", no_wrap=name == "id")
-    for effect in with_own(own).values():
+    for effect in effects.values():
         parameters = "\n".join(f"{p.symbol} [{p.unit}]" for p in effect.parameters)
         row = (effect.id, effect.enters, spoken(effect.equation), parameters, effect.needs)
         table.add_row(*(text.replace("[", r"\[") for text in row), end_section=True)
@@ -177,23 +177,15 @@ class CatalogueEntry(Result):
         return Section(effect.title, tuple(f"Warning: {text}" for text in self.warnings), shown, figures, captions)
 
 
-def describe_effect(identifier: str, design: Design | None = None, *, own: Iterable[Effect] = ()) -> CatalogueEntry:
-    """Return one effect in full; with a design that can be simulated, with its signature.
-
-    Raises
-    ------
-    RequestError
-        For an unknown effect.
-    """
-    own = tuple(own)
-    effect = lookup(identifier, own)
+def describe_effect(effect: Effect, design: Design | None = None) -> CatalogueEntry:
+    """Return one effect in full; with a design that can be simulated, with its signature."""
     if design is None:
         return CatalogueEntry(effect)
     ideal = design.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
     base = ideal.without_effect(effect.id)
     motion = scenario("identification", base)
-    without = simulate(base, motion, own=own)
-    present = simulate(base, motion, truth=base.with_effect(effect.id, dict(effect.example)), own=own)
+    without = simulate(base, motion)
+    present = simulate(base, motion, truth=base.with_effect(effect.id, dict(effect.example)))
     if effect.enters == "voltage":
         channel, unit, added = "voltage u_q", "V", present["u_q"] - without["u_q"]
     else:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
@@ -95,7 +94,6 @@ def study(
     holdout: Log | None = None,
     output: str | os.PathLike[str] | None = None,
     seed: int = 0,
-    own: Iterable[Effect] = (),
     history: str | os.PathLike[str] | None = None,
     command: str = "",
     progress: Callable[[float], None] | None = None,
@@ -113,8 +111,6 @@ def study(
         The report; ``reports/NAME.html`` if left out, and the folder is made.
     seed : int
         Seed of the simulated noise.
-    own : iterable of Effect
-        A user's own effects that the design names.
     history : path, optional
         A file with what earlier studies of this axis identified: this one is added to it, and all are shown.
     command : str
@@ -129,16 +125,15 @@ def study(
     RequestError
         When the report cannot be written.
     """
-    own = tuple(own)
     path = _target(design, output)
     before = read_history(history) if history is not None else ()  # refused before the work, not after it
     advance = progress or (lambda share: None)
-    results, skipped = _simulated_parts(design, log is None, seed, own, advance)
+    results, skipped = _simulated_parts(design, log is None, seed, advance)
     tuned = results.get("tune")
     drive = tuned.design if design.loops is None and isinstance(tuned, Tuning) else design
-    record = simulate(drive, "identification", seed=seed, own=own) if log is None else log
-    identification = identify(drive, record, own=own)
-    comparison = compare(identification.design, record, holdout=holdout, own=own)
+    record = simulate(drive, "identification", seed=seed) if log is None else log
+    identification = identify(drive, record)
+    comparison = compare(identification.design, record, holdout=holdout)
     if log is None:
         identification = replace(identification, log_name="a simulated identification motion")
         comparison = replace(comparison, log_name="the simulated motion")
@@ -148,7 +143,7 @@ def study(
     if log is None and isinstance(swept, SweepResult):
         headline = _simulated(design, swept, identification)
     else:
-        found = diagnose(drive, record, holdout=holdout, own=own, progress=lambda s: advance(0.8 + 0.15 * s))
+        found = diagnose(drive, record, holdout=holdout, progress=lambda s: advance(0.8 + 0.15 * s))
         results["diagnose"] = found
         headline = _measured(design, record, found)
     earlier = _history(before, design, record, identification) if history is not None else _Earlier()
@@ -211,7 +206,7 @@ def _import_warnings(logs: Iterable[Log]) -> list[str]:
 
 
 def _simulated_parts(
-    design: Design, needed: bool, seed: int, own: tuple[Effect, ...], advance: Callable[[float], None]
+    design: Design, needed: bool, seed: int, advance: Callable[[float], None]
 ) -> tuple[dict[str, Result], list[str]]:
     """Return what the design alone can show, by verb, and what it cannot.
 
@@ -227,7 +222,7 @@ def _simulated_parts(
             raise DesignError(f"{where}: {lacking}, so it cannot be simulated; give a log with --log")
         return {}, [f"the tuning and the simulated speed sweep, because {lacking}"]
     results: dict[str, Result] = {}
-    tuned = tune(design, seed=seed, own=own, progress=lambda share: advance(0.3 * share))
+    tuned = tune(design, seed=seed, progress=lambda share: advance(0.3 * share))
     results["tune"] = tuned
     drive = design if design.loops is not None else tuned.design
     results["sweep"] = sweep(drive, seed=seed, progress=lambda share: advance(0.3 + 0.3 * share))

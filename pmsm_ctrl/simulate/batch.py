@@ -8,13 +8,12 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, TypeVar, overload
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate.lanes import LANES, Group, groups, simulate_group
@@ -33,7 +32,6 @@ def simulate_batch(
     *,
     truths: Sequence[Design] | None = ...,
     seed: int = ...,
-    own: Iterable[Effect] = ...,
     keep_truth: bool = ...,
     keep: None = ...,
     workers: int | None = ...,
@@ -49,7 +47,6 @@ def simulate_batch(
     *,
     truths: Sequence[Design] | None = ...,
     seed: int = ...,
-    own: Iterable[Effect] = ...,
     keep_truth: bool = ...,
     keep: Callable[[Log], T],
     workers: int | None = ...,
@@ -64,7 +61,6 @@ def simulate_batch(
     *,
     truths: Sequence[Design] | None = None,
     seed: int = 0,
-    own: Iterable[Effect] = (),
     keep_truth: bool = False,
     keep: Callable[[Log], Any] | None = None,
     workers: int | None = None,
@@ -87,8 +83,6 @@ def simulate_batch(
         The plants, as many as designs.
     seed : int
         Seed of the first drive's noise; the next has the next.
-    own : iterable of Effect
-        A user's own effects.
     keep_truth : bool
         Also log what no drive can.
     keep : function of a log, optional
@@ -120,7 +114,6 @@ def simulate_batch(
         raise RequestError(f"batch: workers: found {workers}; it should be at least 1")
     if not designs:
         return []
-    effects = tuple(own)
     done = 0
     counting = threading.Lock()
 
@@ -138,7 +131,7 @@ def simulate_batch(
 
     def one(k: int) -> Any:
         try:
-            log = simulate(designs[k], scenario, truth=plant(k), seed=seed + k, own=effects, keep_truth=keep_truth)
+            log = simulate(designs[k], scenario, truth=plant(k), seed=seed + k, keep_truth=keep_truth)
         except PmsmCtrlError as error:
             raise type(error)(f"drive {k} of {len(designs)}: {error}") from error
         return finish(log)
@@ -149,7 +142,7 @@ def simulate_batch(
 
     together = []
     if lanes or (lanes is None and len(designs) >= LANES):
-        together = groups(_prepared(designs, scenario, truths, effects), always=bool(lanes))
+        together = groups(_prepared(designs, scenario, truths), always=bool(lanes))
     grouped = {k for group in together for k in group.numbers}
     work: list[tuple[tuple[int, ...], Callable[[], list[Any]]]] = [
         (group.numbers, partial(several, group)) for group in together
@@ -159,13 +152,13 @@ def simulate_batch(
 
 
 def _prepared(
-    designs: Sequence[Design], scenario: str | Scenario, truths: Sequence[Design] | None, own: tuple[Effect, ...]
+    designs: Sequence[Design], scenario: str | Scenario, truths: Sequence[Design] | None
 ) -> dict[int, Prepared]:
     """Return the drives that can be simulated; the single run of the others will say what is wrong with them."""
     found = {}
     for k, design in enumerate(designs):
         with contextlib.suppress(PmsmCtrlError):
-            found[k] = prepare(design, scenario, truth=truths[k] if truths is not None else None, own=own)
+            found[k] = prepare(design, scenario, truth=truths[k] if truths is not None else None)
     return found
 
 

@@ -6,7 +6,7 @@ parameter needs no new kernel, and values that change with time (an adaptive com
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,7 +50,7 @@ class Feedforward:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, design: Design, own: Iterable[Effect] = ()) -> Feedforward | None:
+    def of(cls, design: Design) -> Feedforward | None:
         """Read the compensation of a design; None when its gain is 0 or none of its effects does anything.
 
         Raises
@@ -71,7 +71,7 @@ class Feedforward:
         head = (chosen.gain, chosen.smoothing, SOURCES[chosen.source], design.K_t_assumed)
         values, names = [*head, float(design.motor.p or 0)], ["gain", "smoothing", "source", "K_t", "p"]
         effects, notes = [], []
-        for effect, parameters in bound_effects(design, own):
+        for effect, parameters in bound_effects(design):
             if effect.id not in chosen.effects or not effect.active(parameters):
                 continue
             if effect.enters != "torque" or effect.structure != "term" or not set(effect.signals) <= set(READABLE):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -41,7 +41,6 @@ def simulate(
     *,
     truth: Design | None = None,
     seed: int = 0,
-    own: Iterable[Effect] = (),
     keep_truth: bool = False,
     progress: Callable[[float], None] | None = None,
     compiled: bool = True,
@@ -58,8 +57,6 @@ def simulate(
         The plant: machine, effects, sensors. `design` itself when left out.
     seed : int
         Seed of the measurement noise.
-    own : iterable of Effect
-        A user's own effects, available by their ids.
     keep_truth : bool
         Also log ``theta_true`` and ``omega_true``, which no drive can.
     progress : function, optional
@@ -79,7 +76,7 @@ def simulate(
     SimulationError
         When a state stops being finite; the message says where and when.
     """
-    drive = prepare(design, scenario, truth=truth, own=own)
+    drive = prepare(design, scenario, truth=truth)
     module = load(drive.active, drive.feedforward.effects if drive.feedforward else (), compiled=compiled)
     return drive.log(_run(module, drive, seed, progress), seed, keep_truth)
 
@@ -136,9 +133,7 @@ class Prepared:
         return Log(channels, self.design.motion, segments, Provenance(importer="simulate", notes=(note,)))
 
 
-def prepare(
-    design: Design, scenario: str | Scenario, *, truth: Design | None = None, own: Iterable[Effect] = ()
-) -> Prepared:
+def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = None) -> Prepared:
     """Check one drive and read everything its simulation needs; arguments as for `simulate`.
 
     Raises
@@ -158,11 +153,11 @@ def prepare(
             f"scenario '{motion.name}': {motion.duration:.3g} s are {rows:.3g} logged samples; at most {MOST_ROWS:.0e} "
             "were expected: shorten the motion, or raise sensor.log_divider"
         )
-    bound = [(effect, values) for effect, values in bound_effects(plant_design, own) if effect.active(values)]
+    bound = [(effect, values) for effect, values in bound_effects(plant_design) if effect.active(values)]
     _check_structures(bound, plant, plant_design)
     effects = tuple(value for _, values in bound for value in values.values()) or (0.0,)
     active = tuple(effect for effect, _ in bound)
-    return Prepared(motion, plant, controller, Feedforward.of(design, own), active, effects, plant_design)
+    return Prepared(motion, plant, controller, Feedforward.of(design), active, effects, plant_design)
 
 
 def _start(motion: Scenario, plant: Plant, active: Sequence[Effect]) -> Array:

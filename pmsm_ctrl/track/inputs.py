@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,12 +39,12 @@ class KnownTorque:
         Effects that cannot be evaluated sample by sample, and are left out.
     """
 
-    def __init__(self, design: Design, own: Iterable[Effect] = ()) -> None:
+    def __init__(self, design: Design) -> None:
         self._effects: list[tuple[Effect, dict[str, float]]] = []
         self._p = float(design.motor.p or 0)
         notes = []
         tracked = {"coulomb", "viscous"}
-        for effect, values in bound_effects(design, own):
+        for effect, values in bound_effects(design):
             if effect.enters != "torque" or not effect.active(values):
                 continue
             if effect.id in tracked:

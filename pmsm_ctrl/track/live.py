@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.track import model
 from pmsm_ctrl.track.filters import Extended, Unscented
 from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
@@ -47,8 +45,6 @@ class FrictionTracker:
     period : float, optional
         Sampling period of the stream, s; by default that of the design's log. It scales the torque noise only:
         samples may come at any time.
-    own : iterable of Effect
-        A user's own effects that the design names.
 
     Raises
     ------
@@ -68,11 +64,10 @@ class FrictionTracker:
         *,
         kind: Kind = "extended",
         period: float | None = None,
-        own: Iterable[Effect] = (),
     ) -> None:
         self.design, self.settings = design, settings or Settings()
         check_kind(kind)
-        self._known = KnownTorque(design, own)
+        self._known = KnownTorque(design)
         logged = design.log_period
         self._s = numbers(design, self.settings, logged if period is None else period)
         self._m = memory()

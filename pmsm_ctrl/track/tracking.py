@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
@@ -188,7 +187,6 @@ def track(
     settings: Settings | None = None,
     *,
     kind: Kind = "extended",
-    own: Iterable[Effect] = (),
     adapt: bool = True,
 ) -> Tracking:
     """Track F_c and F_v over a log.
@@ -203,8 +201,6 @@ def track(
         By default the angle is used where the log has one.
     kind : {"extended", "unscented"}
         Which of the two filters; the twins of both run over whole logs.
-    own : iterable of Effect
-        A user's own effects that the design names.
     adapt : bool
         Raise the torque noise where the innovations are much larger than it explains (unmodelled torque), and
         say so; otherwise leave it.
@@ -221,7 +217,7 @@ def track(
         raise LogError(f"{_where(log)}{len(log)} samples; tracking needs at least 3")
     log.check_evaluable()
     settings = settings or Settings(measure="theta" if "theta" in log else "omega")
-    samples = samples_of(design, log, settings.measure, own)
+    samples = samples_of(design, log, settings.measure)
     settings = _noise_from_log(design, settings, samples, log)
     reasons = [*samples.notes]
     s = numbers(design, settings, log.period)
@@ -316,7 +312,7 @@ def filter_samples(design: Design, settings: Settings, s: Array, samples: Sample
     return out
 
 
-def samples_of(design: Design, log: Log, measure: str, own: Iterable[Effect] = ()) -> Samples:
+def samples_of(design: Design, log: Log, measure: str) -> Samples:
     """Return what the filter reads of a log.
 
     Raises
@@ -332,7 +328,7 @@ def samples_of(design: Design, log: Log, measure: str, own: Iterable[Effect] = (
     zero = np.zeros(len(log))
     i_d, i_q = (log.channels.get(name, zero) for name in ("i_d", "i_q"))
     drive = np.asarray(log["torque"] if "torque" in log else drive_torque(design, i_d, i_q), dtype=np.float64)
-    known, torque = KnownTorque(design, own), drive
+    known, torque = KnownTorque(design), drive
     if "T_load" in log:
         torque = drive - log["T_load"]
     extra = zero

@@ -7,14 +7,13 @@ friction stays on one side; the mean over whole periods has no leakage, and nois
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, simulate
@@ -96,7 +95,6 @@ def _run(
     amplitude: float,
     log_divider: int,
     seed: int,
-    own: tuple[Effect, ...],
 ) -> Log:
     """Run the drive at constant speed with the multisine added to one of its inputs."""
     speed = references["omega_ref"]
@@ -111,7 +109,6 @@ def _run(
     plant = (truth or design).replace(sensor=logged)
     log = simulate(
         design.replace(sensor=logged), Scenario("multisine", duration, inputs, omega_0=speed), truth=plant, seed=seed,
-        own=own,
     )  # fmt: skip
     limit = design.drive.i_max
     if np.abs(log["i_q_ref"]).max() >= limit:
@@ -132,16 +129,13 @@ def measure_speed_loop(
     amplitude: float,
     truth: Design | None = None,
     seed: int = 0,
-    own: Iterable[Effect] = (),
 ) -> Complex:
     """Measure the open speed loop at the signal's frequencies.
 
     The signal (peak `amplitude` in A) is added behind the speed controller; what comes back through the
     controller over what goes to the current loop is -L.
     """
-    log = _run(
-        design, truth, signal, {"omega_ref": speed}, "i_q_add", amplitude, design.drive.speed_divider, seed, tuple(own)
-    )
+    log = _run(design, truth, signal, {"omega_ref": speed}, "i_q_add", amplitude, design.drive.speed_divider, seed)
     sent = _spectrum(log, "i_q_ref", len(signal.samples), signal.periods, signal.lines)
     return np.asarray(amplitude * signal.spectrum / sent - 1.0, dtype=np.complex128)
 
@@ -154,7 +148,6 @@ def measure_current_loop(
     amplitude: float,
     truth: Design | None = None,
     seed: int = 0,
-    own: Iterable[Effect] = (),
 ) -> tuple[Array, Complex]:
     """Measure the open current loop (q axis): frequencies in Hz and L there.
 
@@ -162,7 +155,7 @@ def measure_current_loop(
     signal's own lines; those weaker than a sixth are left out.
     """
     divider = design.drive.speed_divider
-    log = _run(design, truth, signal, {"omega_ref": speed}, "i_q_add", amplitude, 1, seed, tuple(own))
+    log = _run(design, truth, signal, {"omega_ref": speed}, "i_q_add", amplitude, 1, seed)
     n = len(signal.samples)
     total = n * divider
     images = [signal.lines]
@@ -185,7 +178,6 @@ def measure_position_loop(
     amplitude: float,
     truth: Design | None = None,
     seed: int = 0,
-    own: Iterable[Effect] = (),
 ) -> Complex:
     """Measure the open position loop at the signal's frequencies.
 
@@ -194,9 +186,7 @@ def measure_position_loop(
     """
     assert design.loops is not None
     bare = design.replace(loops={"speed": design.loops.speed.model_copy(update={"reference_filter": 0.0}).model_dump()})
-    log = _run(
-        bare, truth, signal, {"omega_ref": speed}, "omega_ref", amplitude, design.drive.speed_divider, seed, tuple(own)
-    )
+    log = _run(bare, truth, signal, {"omega_ref": speed}, "omega_ref", amplitude, design.drive.speed_divider, seed)
     n = len(signal.samples)
     ramp = log["t"] * speed
     turned = log.with_channels(theta=log["theta"] - ramp)

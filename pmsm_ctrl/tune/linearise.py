@@ -8,7 +8,7 @@ friction curve, a *stuck* one does not move at all and its acceleration row is z
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect, bound_effects, lookup
+from pmsm_ctrl.effects import bound_effects, catalogue_of
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.kernels import balance
 from pmsm_ctrl.simulate.parameters import Plant
@@ -105,7 +105,7 @@ class Linearisation:
         return float(max(a, b))
 
 
-def opposing_torque(design: Design, own: Iterable[Effect] = ()) -> Callable[..., float]:
+def opposing_torque(design: Design) -> Callable[..., float]:
     """Return the sum of the design's torque effects as ``f(omega, theta, direction, i_d, i_q)`` in N m.
 
     Effects that bring states of their own (a second mass, bristles) are left out.
@@ -113,7 +113,7 @@ def opposing_torque(design: Design, own: Iterable[Effect] = ()) -> Callable[...,
     machine = Plant.of(design)
     bound = [
         (effect, values)
-        for effect, values in bound_effects(design, own)
+        for effect, values in bound_effects(design)
         if effect.enters == "torque" and effect.structure == "term"
     ]
 
@@ -132,7 +132,7 @@ def opposing_torque(design: Design, own: Iterable[Effect] = ()) -> Callable[...,
     return total
 
 
-def drive_system(design: Design, *, direction: float = 1.0, own: Iterable[Effect] = ()) -> Any:
+def drive_system(design: Design, *, direction: float = 1.0) -> Any:
     """Return the dq drive with its torque effects as a `control.nlsys` nonlinear system.
 
     Parameters
@@ -140,7 +140,6 @@ def drive_system(design: Design, *, direction: float = 1.0, own: Iterable[Effect
     design : Design
     direction : float
         Direction of sliding, 1 or -1; dry friction acts against it.
-    own : iterable of Effect
 
     Returns
     -------
@@ -153,7 +152,7 @@ def drive_system(design: Design, *, direction: float = 1.0, own: Iterable[Effect
         When the motor's electrical data are not known.
     """
     m = Plant.of(design)
-    opposing = opposing_torque(design, own)
+    opposing = opposing_torque(design)
 
     def update(t: float, x: Array, u: Array, params: dict[str, float]) -> Array:
         i_d, i_q, omega, theta = (float(v) for v in x)
@@ -186,9 +185,7 @@ def _holding_current(design: Design, opposing: Callable[..., float], speed: floa
     )
 
 
-def operating_point(
-    design: Design, speed: float = 0.0, load: float = 0.0, own: Iterable[Effect] = ()
-) -> OperatingPoint:
+def operating_point(design: Design, speed: float = 0.0, load: float = 0.0) -> OperatingPoint:
     """Return the operating point at constant speed (rad/s) under a load (N m) with i_d = 0.
 
     Raises
@@ -197,9 +194,8 @@ def operating_point(
         When the point needs more current or voltage than the drive has; the message says which and how much.
     """
     m = Plant.of(design)
-    own = tuple(own)
-    opposing = opposing_torque(design, own)
-    stuck = speed == 0.0 and any(e.dry for e, _ in bound_effects(design, own))
+    opposing = opposing_torque(design)
+    stuck = speed == 0.0 and any(e.dry for e, _ in bound_effects(design))
     i_q = _holding_current(design, opposing, speed, load)
     u_d = _voltage_d(m.R, m.L_d, m.L_q, m.p, 0.0, i_q, 0.0, speed)
     u_q = _voltage_q(m.R, m.L_d, m.L_q, m.p, m.psi_f, 0.0, i_q, 0.0, speed)
@@ -236,7 +232,7 @@ def _slopes(
     return slope(h_omega, 0), slope(1e-5, 1), slope(1e-4, 2), slope(1e-4, 3)
 
 
-def linearise(design: Design, speed: float = 0.0, load: float = 0.0, *, own: Iterable[Effect] = ()) -> Linearisation:
+def linearise(design: Design, speed: float = 0.0, load: float = 0.0) -> Linearisation:
     """Linearise the drive at constant speed (rad/s) and load (N m), i_d = 0, theta = 0.
 
     The matrices are the analytic Jacobian; `Linearisation.numerical` holds what `control.linearize` finds
@@ -250,9 +246,8 @@ def linearise(design: Design, speed: float = 0.0, load: float = 0.0, *, own: Ite
         When the operating point needs more current or voltage than the drive has.
     """
     m = Plant.of(design)
-    own = tuple(own)
-    point = operating_point(design, speed, load, own)
-    opposing = opposing_torque(design, own)
+    point = operating_point(design, speed, load)
+    opposing = opposing_torque(design)
     direction = math.copysign(1.0, speed) if speed else 0.0
     k_t = 1.5 * m.p * m.psi_f
     A = np.zeros((4, 4))
@@ -270,7 +265,7 @@ def linearise(design: Design, speed: float = 0.0, load: float = 0.0, *, own: Ite
         B[2, 2] = -1.0 / m.J
     numerical = None
     if point.case == "sliding":
-        system = drive_system(design, direction=direction, own=own)
+        system = drive_system(design, direction=direction)
         x = np.array([point.i_d, point.i_q, speed, 0.0])
         numerical = ct.linearize(system, x, np.array([point.u_d, point.u_q, load]), eps=1e-6)
     rigid_A, rigid_B = A, B
@@ -296,7 +291,8 @@ def second_mass(design: Design) -> SecondMass | None:
         When the load's inertia is not smaller than the total.
     """
     where = f"{design.source}: " if design.source else ""
-    found = {e.id: lookup(e.id).values(e, where) for e in design.effects if e.id in TWO_MASS}
+    effects = catalogue_of(design)
+    found = {e.id: effects[e.id].values(e, where) for e in design.effects if e.id in TWO_MASS}
     for name in TWO_MASS:
         values = found.get(name)
         if values is None or values["J_load"] == 0.0:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design, SpeedLoop
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import RequestError, SimulationError
 from pmsm_ctrl.simulate import Scenario, simulate
 from pmsm_ctrl.tune.margins import Margins, margins
@@ -69,7 +68,6 @@ def optimise(
     duration: float = 0.6,
     requirements: Requirements | None = None,
     iterations: int = 40,
-    own: Iterable[Effect] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Optimum:
     """Search K_p and T_n of the speed loop on the simulated drive, within the margins.
@@ -101,10 +99,10 @@ def optimise(
 
     if design.loops is None:
         raise RequestError(f"{design.source or design.name}: loops: missing; the search starts from tuned ones")
-    loops, own, requirements = design.loops, tuple(own), requirements or Requirements()
+    loops, requirements = design.loops, requirements or Requirements()
     load = 0.25 * design.K_t * min(design.drive.i_max, 1e3) if load is None else load
     motion = reversal(speed=speed, load=load, duration=duration)
-    cascade = Cascade.of(design, loops.current, at=max(speed, 1e-3), own=own)
+    cascade = Cascade.of(design, loops.current, at=max(speed, 1e-3))
     runs = 0
 
     def gains(x: Array) -> SpeedLoop:
@@ -121,7 +119,7 @@ def optimise(
         if shortfall > 0.0:
             # A wall with a slope leads the search back; its height is the start's own cost.
             return start * (1.5 + min(shortfall, 10.0)) if runs > 1 else math.inf
-        return _error(design, candidate, motion, own)
+        return _error(design, candidate, motion)
 
     start = math.inf
     start = cost(np.zeros(2))
@@ -136,12 +134,12 @@ def optimise(
     return Optimum(tuned, float(min(found.fun, start)), float(start), margins(open_loop(cascade, best)), runs)
 
 
-def _error(design: Design, candidate: SpeedLoop, motion: Scenario, own: tuple[Effect, ...]) -> float:
+def _error(design: Design, candidate: SpeedLoop, motion: Scenario) -> float:
     """Mean absolute speed error on the simulated drive, rad/s; infinite when the simulation diverges."""
     assert design.loops is not None
     tried = design.model_copy(update={"loops": design.loops.model_copy(update={"speed": candidate})})
     try:
-        log = simulate(tried, motion, own=own, keep_truth=True)
+        log = simulate(tried, motion, keep_truth=True)
     except SimulationError:
         return math.inf
     return float(np.abs(log["omega_ref"] - log["omega_true"]).mean())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune import position, steps
 from pmsm_ctrl.tune.excite import (
@@ -106,7 +105,6 @@ def prove(
     truth: Design | None = None,
     speed: float | None = None,
     seed: int = 0,
-    own: Iterable[Effect] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Proof:
     """Measure the loops of a tuned design on the simulated drive.
@@ -133,14 +131,11 @@ def prove(
     """
     if design.loops is None:
         raise RequestError(f"{design.source or design.name}: loops: missing; tune the design first")
-    own = tuple(own)
     speed = speed if speed is not None else default_speed(design)
     loops = design.loops
     has_position = loops.position.K_v > 0.0
-    cascade = Cascade.of(
-        design, loops.current, loops.speed, loops.position if has_position else None, at=speed, own=own
-    )
-    measure = _Measurement(design, truth, cascade, speed, seed, own)
+    cascade = Cascade.of(design, loops.current, loops.speed, loops.position if has_position else None, at=speed)
+    measure = _Measurement(design, truth, cascade, speed, seed)
     names = ["current", "speed", *(["position"] if has_position else [])]
     found: dict[str, MeasuredLoop] = {}
     figures: list[Figure] = []
@@ -174,13 +169,12 @@ class _Measurement:
     cascade: Cascade
     speed: float
     seed: int
-    own: tuple[Effect, ...]
 
     def changed(self, design: Design, truth: Design) -> _Measurement:
         """The same gains promised for one design and measured on another plant."""
         c = self.cascade
-        cascade = Cascade.of(design, c.current, c.speed, c.position, at=self.speed, own=self.own)
-        return _Measurement(design, truth, cascade, self.speed, self.seed, self.own)
+        cascade = Cascade.of(design, c.current, c.speed, c.position, at=self.speed)
+        return _Measurement(design, truth, cascade, self.speed, self.seed)
 
     def promised(self, name: str) -> Any:
         if name == "current":
@@ -223,7 +217,7 @@ class _Measurement:
         signal = self.signal(name, promise.crossover)
         amplitude = self.amplitude(name, signal)
         options: dict[str, Any] = {
-            "speed": self.speed, "amplitude": amplitude, "truth": self.truth, "seed": self.seed, "own": self.own,
+            "speed": self.speed, "amplitude": amplitude, "truth": self.truth, "seed": self.seed,
         }  # fmt: skip
         frequency = signal.frequencies
         if name == "current":
@@ -318,7 +312,7 @@ def _steps(measure: _Measurement, has_position: bool) -> tuple[dict[str, steps.S
         peak = float(np.abs(_unit_current(cascade, "theta_ref", outer)).max())
         swing = float(np.abs(np.diff(promised["position"].y)).max()) / cascade.period
         sizes["position"] = min(0.3 * speed / swing, room / peak)
-    common: dict[str, Any] = {"truth": measure.truth, "seed": measure.seed, "own": measure.own}
+    common: dict[str, Any] = {"truth": measure.truth, "seed": measure.seed}
     measured = {"current": steps.run_current(design, speed, i_0, room, inner, **common)}
     measured |= steps.run_steps(design, speed, sizes, durations, **common)
     return promised, measured
@@ -354,7 +348,7 @@ def _noise_figures(measure: _Measurement) -> list[Figure]:
         truth = quiet.replace(sensor={"encoder_counts": counts})
         # At one speed the encoder's steps beat with the sampling; the mean over several speeds is what is predicted.
         squares = [
-            steps.ripple(measure.design, measure.speed * share, truth=truth, own=measure.own) ** 2
+            steps.ripple(measure.design, measure.speed * share, truth=truth) ** 2
             for share in (0.71, 0.83, 0.97, 1.09, 1.23)
         ]
         ripple.append(math.sqrt(sum(squares) / len(squares)))

@@ -6,13 +6,12 @@ At a corner every parameter is at one end of its tolerance. The controller keeps
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pmsm_ctrl.design import CurrentLoop, Design, SpeedLoop
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune.linearise import TWO_MASS
 from pmsm_ctrl.tune.margins import Margins, margins
@@ -92,11 +91,10 @@ def _judge(
     current: CurrentLoop,
     speed: SpeedLoop,
     at: float,
-    own: tuple[Effect, ...],
     seen: dict[tuple[float, ...], Margins],
 ) -> Corner:
     truth = varied(design, deviations) if deviations else design
-    cascade = Cascade.of(design, current, truth=truth, at=at, own=own)
+    cascade = Cascade.of(design, current, truth=truth, at=at)
     # The current loop knows only the winding: corners that share it share its margins.
     winding = tuple(deviations.get(symbol, 0.0) for symbol in ("R", "L_q"))
     if winding not in seen:
@@ -113,7 +111,6 @@ def robustness(
     *,
     requirements: Requirements | None = None,
     at: float = 1e-3,
-    own: Iterable[Effect] = (),
     inside: int = 4,
     seed: int = 0,
 ) -> Robustness:
@@ -128,13 +125,13 @@ def robustness(
     at : speed in rad/s at which the plant is linearised
     inside : random points inside the tolerances, judged as well
     """
-    requirements, own = requirements or Requirements(), tuple(own)
+    requirements = requirements or Requirements()
     all_corners = corners(design)
     rng = np.random.default_rng(seed)
     points = [{s: float(v * rng.uniform(-1.0, 1.0)) for s, v in all_corners[-1].items()} for _ in range(inside)]
     seen: dict[tuple[float, ...], Margins] = {}
-    nominal = _judge(design, {}, current, speed, at, own, seen)
-    judged = [_judge(design, deviations, current, speed, at, own, seen) for deviations in (*all_corners, *points)]
+    nominal = _judge(design, {}, current, speed, at, seen)
+    judged = [_judge(design, deviations, current, speed, at, seen) for deviations in (*all_corners, *points)]
     by_current = max(judged, key=lambda c: requirements.shortfall(c.current))
     by_speed = max(judged, key=lambda c: requirements.shortfall(c.speed))
     missed = [f"current loop at {by_current.name}: {m}" for m in requirements.missed(by_current.current)]
@@ -149,7 +146,6 @@ def robust_gains(
     *,
     requirements: Requirements | None = None,
     at: float = 1e-3,
-    own: Iterable[Effect] = (),
     ratio: float = 1.1,
     steps: int = 40,
 ) -> tuple[CurrentLoop, SpeedLoop, Robustness]:
@@ -165,7 +161,7 @@ def robust_gains(
     RequestError
         When the slowest loops still miss something at some corner; the message names it.
     """
-    requirements, own = requirements or Requirements(), tuple(own)
+    requirements = requirements or Requirements()
     factor = 1.0
     # The corner that was worst is looked at alone until it is kept; then all of them once more.
     suspects: list[Mapping[str, float]] = [*corners(design)]
@@ -173,14 +169,14 @@ def robust_gains(
     for _ in range(steps):
         speed = make(factor, current)
         seen: dict[tuple[float, ...], Margins] = {}
-        judged = [_judge(design, deviations, current, speed, at, own, seen) for deviations in suspects]
+        judged = [_judge(design, deviations, current, speed, at, seen) for deviations in suspects]
         by_current = max(judged, key=lambda c: requirements.shortfall(c.current))
         by_speed = max(judged, key=lambda c: requirements.shortfall(c.speed))
         slow_current = bool(requirements.missed(by_current.current))
         slow_speed = bool(requirements.missed(by_speed.speed))
         if not slow_current and not slow_speed:
             if len(suspects) == every:
-                found = robustness(design, current, speed, requirements=requirements, at=at, own=own)
+                found = robustness(design, current, speed, requirements=requirements, at=at)
                 return current, speed, replace(found, slowed=factor)
             suspects = [*corners(design)]
             continue

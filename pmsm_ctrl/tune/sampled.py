@@ -116,11 +116,10 @@ class Cascade:
         *,
         truth: Design | None = None,
         at: float = 0.0,
-        own: Any = (),
     ) -> Cascade:
         """Linearise the plant at the speed `at` (rad/s) and build the cascade around it."""
         plant = truth or design
-        return cls(design, plant, linearise(plant, at, own=own), current, speed, position)
+        return cls(design, plant, linearise(plant, at), current, speed, position)
 
     def with_gains(self, **changed: Any) -> Cascade:
         """Return a copy with other gains."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import control as ct
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.simulate import Scenario, simulate
 from pmsm_ctrl.tune.sampled import Cascade
 
@@ -99,7 +97,7 @@ def current_headroom(design: Design, i_0: float) -> float:
 
 def run_current(
     design: Design, speed: float, i_0: float, step: float, duration: float, *, truth: Design | None = None,
-    seed: int = 0, own: Iterable[Effect] = (),
+    seed: int = 0,
 ) -> Step:  # fmt: skip
     """Step i_q by `step` A on the simulated drive that turns at `speed` with i_q = i_0, outer loops open."""
     wait = 400.0 / design.drive.f_control
@@ -113,7 +111,7 @@ def run_current(
     log = simulate(
         design.replace(sensor=logged),
         Scenario("current step", wait + duration, inputs, control="current", omega_0=speed),
-        truth=(truth or design).replace(sensor=logged), seed=seed, own=own,
+        truth=(truth or design).replace(sensor=logged), seed=seed,
     )  # fmt: skip
     after = log.between(wait - 1e-9, wait + duration)
     return Step.of(after.t - after.t[0], (after["i_q"] - i_0) / step)
@@ -121,7 +119,7 @@ def run_current(
 
 def run_steps(
     design: Design, speed: float, sizes: dict[str, float], durations: dict[str, float], *,
-    truth: Design | None = None, seed: int = 0, own: Iterable[Effect] = (),
+    truth: Design | None = None, seed: int = 0,
 ) -> dict[str, Step]:  # fmt: skip
     """Run the steps named in `sizes` ("speed" rad/s, "position" rad, "load" N m) on the simulated drive.
 
@@ -136,7 +134,7 @@ def run_steps(
             simulate(
                 _logged(design), _step_scenario(name, speed, amount, wait, durations[name]),
                 truth=_logged(truth or design),
-                seed=seed, own=own, keep_truth=True,
+                seed=seed, keep_truth=True,
             )
             for amount in (size, 0.0)
         ]  # fmt: skip
@@ -167,7 +165,7 @@ def _step_scenario(name: str, speed: float, size: float, wait: float, duration: 
     return Scenario(f"{name} step", wait + duration, inputs, control=control, omega_0=speed)  # type: ignore[arg-type]
 
 
-def ripple(design: Design, speed: float, *, truth: Design | None = None, own: Iterable[Effect] = ()) -> float:
+def ripple(design: Design, speed: float, *, truth: Design | None = None) -> float:
     """Return the rms of the current reference about its mean at constant speed on the simulated drive, A."""
     T_s = design.drive.speed_period
     n = 8192
@@ -177,6 +175,6 @@ def ripple(design: Design, speed: float, *, truth: Design | None = None, own: It
 
     log = simulate(
         _logged(design), Scenario("constant speed", 2.0 * n * T_s, inputs, omega_0=speed),
-        truth=_logged(truth or design), own=own,
+        truth=_logged(truth or design),
     )  # fmt: skip
     return float(np.std(log["i_q_ref"][-n:]))

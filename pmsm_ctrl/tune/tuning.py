@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pmsm_ctrl.design import CurrentLoop, Design, Loops, SpeedLoop
-from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.result import Result, Section
 from pmsm_ctrl.simulate.parameters import Plant
@@ -180,7 +179,6 @@ def tune(
     at: float | None = None,
     prove: bool = True,
     seed: int = 0,
-    own: Iterable[Effect] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Tuning:
     """Tune the current, speed and position loops of a design, and prove the result on the simulated drive.
@@ -209,7 +207,6 @@ def tune(
     prove : bool
         Measure everything again on the simulated drive.
     seed : int
-    own : iterable of Effect
     progress : function, optional
         Called with the share done, 0 to 1.
 
@@ -224,24 +221,24 @@ def tune(
     RequestError
         When the delays do not allow what is asked for; the message says what they do allow.
     """
-    own, requirements = tuple(own), requirements or Requirements()
+    requirements = requirements or Requirements()
     _check(design)
     at = at if at is not None else default_speed(design)
     stiff = rigid(design)
     gains = current_methods.tune_current(design, current, bandwidth=current_bandwidth, phase_margin=phase_margin)
 
-    family = _SpeedFamily(stiff, at, own, speed, speed_bandwidth, phase_margin, damping, a)
+    family = _SpeedFamily(stiff, at, speed, speed_bandwidth, phase_margin, damping, a)
     asked_current, asked_speed = gains, family.gains(1.0, gains)
     speed_gains, slowed, robustness_found = asked_speed, 1.0, None
     if robust:
         gains, speed_gains, robustness_found = robust_gains(
-            design, gains, family.gains, requirements=requirements, at=at, own=own
+            design, gains, family.gains, requirements=requirements, at=at
         )
         slowed = robustness_found.slowed
     elif resonance_frequencies(design) is not None:
-        real = Cascade.of(design, gains, at=at, own=own)
+        real = Cascade.of(design, gains, at=at)
         speed_gains, _, slowed = slow_down(real, lambda factor: family.gains(factor, gains), requirements)
-    cascade = Cascade.of(design, gains, speed_gains, at=at, own=own)
+    cascade = Cascade.of(design, gains, speed_gains, at=at)
     place = position.tune_position(cascade, gain=position_gain)
     methods = {
         "current": _named(current, current_bandwidth, asked_current.K_p / gains.K_p),
@@ -250,10 +247,10 @@ def tune(
     }
     loops = Loops(current=gains, speed=speed_gains, position=place)
     found = _assemble(
-        design, loops, methods, requirements, at, own, robustness_found,
+        design, loops, methods, requirements, at, robustness_found,
         resonance(cascade, asked_speed, requirements, slowed > 1.0),
     )  # fmt: skip
-    return _proved(found, prove, at, seed, own, progress)
+    return _proved(found, prove, at, seed, progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +259,6 @@ class _SpeedFamily:
 
     design: Design
     at: float
-    own: tuple[Effect, ...]
     method: str
     bandwidth: float | None
     phase_margin: float
@@ -280,7 +276,7 @@ class _SpeedFamily:
                 asked = 1.0 / (2.0 * math.pi * (1.0 + math.sqrt(2.0)) * budget * 2.0 * self.damping)
             asked /= factor
         return speed_methods.tune_speed(
-            self.design, inner, self.method, cascade=Cascade.of(self.design, inner, at=self.at, own=self.own),
+            self.design, inner, self.method, cascade=Cascade.of(self.design, inner, at=self.at),
             bandwidth=asked, phase_margin=self.phase_margin, damping=self.damping, a=a,
         )  # fmt: skip
 
@@ -292,7 +288,6 @@ def assess(
     at: float | None = None,
     prove: bool = True,
     seed: int = 0,
-    own: Iterable[Effect] = (),
 ) -> Tuning:
     """Judge the gains that a design already has, without changing them.
 
@@ -303,18 +298,18 @@ def assess(
     RequestError
         When the design has no loops.
     """
-    own, requirements = tuple(own), requirements or Requirements()
+    requirements = requirements or Requirements()
     _check(design)
     if design.loops is None:
         raise RequestError(f"{design.source or design.name}: loops: missing, there are no gains to judge; tune first")
     at = at if at is not None else default_speed(design)
     given = dict.fromkeys(("current", "speed", "position"), report.AS_GIVEN)
-    cascade = Cascade.of(design, design.loops.current, design.loops.speed, at=at, own=own)
+    cascade = Cascade.of(design, design.loops.current, design.loops.speed, at=at)
     found = _assemble(
-        design, design.loops, given, requirements, at, own, None,
+        design, design.loops, given, requirements, at, None,
         resonance(cascade, design.loops.speed, requirements, False),
     )  # fmt: skip
-    return _proved(found, prove, at, seed, own, None)
+    return _proved(found, prove, at, seed, None)
 
 
 def _check(design: Design) -> None:
@@ -347,17 +342,16 @@ def _assemble(
     methods: Mapping[str, str],
     requirements: Requirements,
     at: float,
-    own: tuple[Effect, ...],
     judged: Robustness | None,
     resonant: Resonance | None,
 ) -> Tuning:
     """Collect everything that the gains promise; refuse loops that are unstable."""
     tuned = design.model_copy(update={"loops": loops})
     in_position = loops.position if loops.position.K_v > 0.0 else None
-    cascade = Cascade.of(tuned, loops.current, loops.speed, in_position, at=at, own=own)
+    cascade = Cascade.of(tuned, loops.current, loops.speed, in_position, at=at)
     found = _stable_margins(tuned, loops, cascade)
-    points, deviation = _points(tuned, loops, at, own)
-    rigid_cascade = Cascade.of(rigid(tuned), loops.current, at=at, own=own)
+    points, deviation = _points(tuned, loops, at)
+    rigid_cascade = Cascade.of(rigid(tuned), loops.current, at=at)
     crossover = found["speed"].crossover
     promised = {
         "current": steps.linear_current(tuned, cascade, 8.0 / found["current"].crossover),
@@ -381,7 +375,7 @@ def _assemble(
         },
         stiffness=position.stiffness(cascade),
         noise=noise(cascade),
-        robustness=judged or robustness(tuned, loops.current, loops.speed, requirements=requirements, at=at, own=own),
+        robustness=judged or robustness(tuned, loops.current, loops.speed, requirements=requirements, at=at),
         resonance=resonant,
         promised=promised,
         requirements=requirements,
@@ -410,14 +404,14 @@ def _stable_margins(tuned: Design, loops: Loops, cascade: Cascade) -> dict[str, 
     return {"current": found.pop("current"), FREE: margins(cascade.current_response(free)), **found}
 
 
-def _points(tuned: Design, loops: Loops, at: float, own: tuple[Effect, ...]) -> tuple[tuple[PointMargins, ...], float]:
+def _points(tuned: Design, loops: Loops, at: float) -> tuple[tuple[PointMargins, ...], float]:
     """Look at standstill and at slow, usual and fast running, unloaded and loaded, as far as the drive reaches."""
     load = 0.3 * tuned.K_t * tuned.drive.i_max if math.isfinite(tuned.drive.i_max) else 0.0
     wanted = [(0.0, 0.0), *((share * at, torque) for share in (0.01, 0.1, 1.0, 5.0) for torque in (0.0, load))]
     found, deviations = [], [0.0]
     for speed, torque in dict.fromkeys(wanted):
         try:
-            model = linearise(tuned, speed, torque, own=own)
+            model = linearise(tuned, speed, torque)
         except RequestError:
             continue  # more current or voltage than the drive has: not a point it can run at
         poles = [p for p in np.linalg.eigvals(np.delete(np.delete(model.A, 3, 0), 3, 1)) if abs(p) > 1e-9]
@@ -432,9 +426,7 @@ def _points(tuned: Design, loops: Loops, at: float, own: tuple[Effect, ...]) -> 
     return tuple(found), max(deviations)
 
 
-def _proved(
-    found: Tuning, prove: bool, at: float, seed: int, own: tuple[Effect, ...], progress: Callable[[float], None] | None
-) -> Tuning:
+def _proved(found: Tuning, prove: bool, at: float, seed: int, progress: Callable[[float], None] | None) -> Tuning:
     if not prove:
         return found
-    return replace(found, proof=run_proof(found.design, speed=at, seed=seed, own=own, progress=progress))
+    return replace(found, proof=run_proof(found.design, speed=at, seed=seed, progress=progress))

@@ -114,16 +114,16 @@ def main() -> None:
     steps = []
     for seed in range(20):
         for share in (0.3, -0.3):
-            truth = design.with_effect("step_of_F_c", {"dF_c": share * F_C, "t_0": 4.0})
-            moved = simulate(design, triangle, truth=truth, seed=seed, own=(step_of_F_c,))
+            truth = design.with_own_effects(step_of_F_c).with_effect("step_of_F_c", {"dF_c": share * F_C, "t_0": 4.0})
+            moved = simulate(design, triangle, truth=truth, seed=seed)
             steps.append(settling(moved.t, track(design, moved).history["F_c"], F_C * (1.0 + share), 0.05, 4.0))
     row("30 % step of F_c followed to 5 %, s", f"median {np.median(steps):.2f}, worst of 40 {max(steps):.2f}", "< 2")
     lags = []
     for seed in range(10):
         rate = 0.02 * F_V
-        truth = design.with_effect("ramp_of_F_v", {"rate": rate, "t_0": 4.0})
+        truth = design.with_own_effects(ramp_of_F_v).with_effect("ramp_of_F_v", {"rate": rate, "t_0": 4.0})
         motion = scenario("triangle", design, speed=150.0, period=2.0, cycles=15.0)
-        moved = simulate(design, motion, truth=truth, seed=seed, own=(ramp_of_F_v,))
+        moved = simulate(design, motion, truth=truth, seed=seed)
         behind = F_V + rate * np.maximum(moved.t - 4.0, 0.0) - track(design, moved).history["F_v"]
         lags.append(float(behind[moved.t > 12.0].mean()) / rate)
     row("lag behind a drift of F_v, s", f"mean {np.mean(lags):.2f}, worst of 10 {max(lags):.2f}", "< 3")

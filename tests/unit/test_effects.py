@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.design import Design, EffectEntry
-from pmsm_ctrl.effects import CATALOGUE, SIGNALS, Effect, Parameter, bound_effects, kernel, lookup, with_own
+from pmsm_ctrl.effects import (
+    CATALOGUE,
+    SIGNALS,
+    Effect,
+    Parameter,
+    bound_effects,
+    catalogue_of,
+    catalogue_with,
+    kernel,
+    lookup,
+)
 from pmsm_ctrl.errors import DesignError, RequestError
 
 # The ids the project has agreed on, built or not yet: look-alikes may name any of them.
@@ -232,7 +242,7 @@ def test_look_alikes_are_known_and_say_why(effect: Effect) -> None:
 @each_effect
 def test_own_effect_must_not_take_a_used_id(effect: Effect) -> None:
     with pytest.raises(RequestError, match=effect.id):
-        with_own([effect])
+        catalogue_with([effect])
 
 
 def _own_effect(identifier: str = "magnet_brake") -> Effect:
@@ -248,12 +258,32 @@ def _own_effect(identifier: str = "magnet_brake") -> Effect:
 
 def test_own_effect_works_beside_the_catalogue() -> None:
     own = _own_effect()
-    assert lookup("magnet_brake", [own]) is own
     design = Design.from_dict({"motor": MOTOR}).with_effect("magnet_brake", {"k": 0.5})
-    assert bound_effects(design, [own]) == [(own, {"k": 0.5})]
-    assert own.term(3.0, 0.5) == 1.5
     with pytest.raises(DesignError, match="magnet_brake"):
         bound_effects(design)
+    carrying = design.with_own_effects(own)
+    assert lookup("magnet_brake", catalogue_of(carrying)) is own
+    assert bound_effects(carrying) == [(own, {"k": 0.5})]
+    assert own.term(3.0, 0.5) == 1.5
+
+
+def test_own_effects_stay_with_every_copy_of_a_design_and_with_nothing_else(tmp_path: Path) -> None:
+    own, other = _own_effect(), _own_effect()
+    plain = Design.from_dict({"motor": MOTOR})
+    design = plain.with_own_effects(own)
+    copies = (
+        design.with_effect("magnet_brake", {"k": 0.5}), design.with_parameters(J=1.0), design.replace_effects(()),
+        design.replace(sensor={"current_noise": 0.1}), design.model_copy(update={"name": "other"}),
+    )  # fmt: skip
+    assert all([e.id for e in copy.own_effects] == ["magnet_brake"] for copy in copies)
+    assert plain.own_effects == ()
+    assert design.with_own_effects(other).own_effects == (other,)  # edited and given again
+    assert design == plain
+    assert "magnet_brake" not in repr(design) + design.to_toml()
+    assert Design.read(design.write(tmp_path / "axis.toml")).own_effects == ()
+    for name in ("own_effects", "_own_effects"):
+        with pytest.raises(DesignError, match=name):
+            Design.from_dict({"motor": MOTOR, name: ["magnet_brake"]})
 
 
 def test_unknown_effect_names_the_nearest() -> None:

@@ -50,8 +50,8 @@ def log(design: Design) -> Log:
         wave = np.where(t < 3.0, 100.0 * np.sin(3.0 * t), 0.0) + np.where(t > 3.6, 60.0 * np.sin(4.0 * (t - 3.6)), 0.0)
         return {"omega_ref": np.where(t > 6.2, 60.0 * np.sin(4.0 * 2.6), wave)}
 
-    truth = design.with_effect("step_of_F_c", {"dF_c": 0.012, "t_0": 5.0})
-    whole = simulate(design, Scenario("all", 14.5, references), truth=truth, seed=3, own=(step_of_F_c,))
+    truth = design.with_own_effects(step_of_F_c).with_effect("step_of_F_c", {"dF_c": 0.012, "t_0": 5.0})
+    whole = simulate(design, Scenario("all", 14.5, references), truth=truth, seed=3)
     rng = np.random.default_rng(7)
     channels = {name: values.copy() for name, values in whole.channels.items()}
     for name in ("theta", "i_q", "omega"):

@@ -110,8 +110,8 @@ def test_an_own_effect_takes_part() -> None:
         parameters=(Parameter("k", "N m s^3/rad^3", 0.0, 0.0, np.inf, "cubic drag", linear=True),),
         term=term, needs="two speeds",
     )  # fmt: skip
-    believed = ALL.with_effect("cubic", {"k": 0.0})
-    result = identify(believed, rich(extra=lambda t, speed: 3e-4 * speed**3), own=[own])
+    believed = ALL.with_own_effects(own).with_effect("cubic", {"k": 0.0})
+    result = identify(believed, rich(extra=lambda t, speed: 3e-4 * speed**3))
     assert result.estimates["k"].value == pytest.approx(3e-4, rel=2e-3)
 
 

@@ -37,9 +37,10 @@ design = Design.read("designs/seed_motor.toml").replace(
     sensor={"encoder_counts": 0, "current_noise": 0.0, "log_divider": 1},
     loops={"current": {"K_p": 1e-6, "T_n": 1.0}},
 )
-design = design.with_parameters(psi_f=1e-9).replace_effects(()).with_effect("mine", {"a": 1e-3})
+design = design.with_parameters(psi_f=1e-9).replace_effects(())
+design = design.with_own_effects(mine.effect).with_effect("mine", {"a": 1e-3})
 coast = Scenario("coast", 0.01, lambda t: {}, control="current", omega_0=100.0)
-log = simulate(design, coast, own=[mine.effect], keep_truth=True)
+log = simulate(design, coast, keep_truth=True)
 print((log["omega_true"][0] - log["omega_true"][-1]) / (log.t[-1] - log.t[0]))
 """
 

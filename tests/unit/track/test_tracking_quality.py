@@ -61,9 +61,8 @@ def test_nees_and_nis_keep_their_bands_in_many_runs(design: Design, walking: boo
 def test_step_of_coulomb_friction_is_followed_within_two_seconds(
     design: Design, share: float, seed: int, kind: Kind
 ) -> None:
-    truth = design.with_effect("step_of_F_c", {"dF_c": share * F_C, "t_0": 4.0})
-    log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0), truth=truth, seed=seed,
-                   own=(step_of_F_c,))  # fmt: skip
+    truth = design.with_own_effects(step_of_F_c).with_effect("step_of_F_c", {"dF_c": share * F_C, "t_0": 4.0})
+    log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0), truth=truth, seed=seed)
     found = track(design, log, kind=kind)
     assert settling(log.t, found.history["F_c"], F_C * (1.0 + share), 0.05, 4.0) < 2.0
     assert found.counts["change"] >= 1
@@ -72,11 +71,11 @@ def test_step_of_coulomb_friction_is_followed_within_two_seconds(
 
 def test_thermal_drift_of_viscous_friction_lags_less_than_three_seconds(design: Design) -> None:
     rate = 0.02 * F_V  # per second: in half a minute 60 %
-    truth = design.with_effect("ramp_of_F_v", {"rate": rate, "t_0": 4.0})
+    truth = design.with_own_effects(ramp_of_F_v).with_effect("ramp_of_F_v", {"rate": rate, "t_0": 4.0})
     motion = scenario("triangle", design, speed=150.0, period=2.0, cycles=15.0)
     lags = []
     for seed in range(3):
-        log = simulate(design, motion, truth=truth, seed=seed, own=(ramp_of_F_v,))
+        log = simulate(design, motion, truth=truth, seed=seed)
         behind = F_V + rate * np.maximum(log.t - 4.0, 0.0) - track(design, log).history["F_v"]
         lags.append(behind[log.t > 12.0].mean() / rate)
     assert max(lags) < 3.0
@@ -102,8 +101,8 @@ def test_at_constant_speed_the_split_is_kept_and_the_sum_followed(design: Design
         wave = np.where(t < 6.0, 150.0 * np.sin(np.pi * t), 0.0)
         return {"omega_ref": wave + 100.0 * np.clip((t - 6.0) / 0.2, 0.0, 1.0)}
 
-    truth = design.with_effect("step_of_F_c", {"dF_c": 0.3 * F_C, "t_0": 18.0})
-    log = simulate(design, Scenario("constant", 24.0, references), truth=truth, seed=4, own=(step_of_F_c,))
+    truth = design.with_own_effects(step_of_F_c).with_effect("step_of_F_c", {"dF_c": 0.3 * F_C, "t_0": 18.0})
+    log = simulate(design, Scenario("constant", 24.0, references), truth=truth, seed=4)
     found = track(design, log)
     settled = log.t > 14.0
     ratio = found.history["F_c"][settled] / found.history["F_v"][settled]

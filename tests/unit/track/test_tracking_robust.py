@@ -96,8 +96,8 @@ def test_twin_agrees_with_filterpy_through_a_change_and_constant_speed(design: D
     def references(t: np.ndarray) -> dict[str, np.ndarray]:
         return {"omega_ref": np.where(t < 2.0, 80.0 * np.sin(4.0 * t), 80.0 * np.sin(8.0))}
 
-    truth = design.with_effect("step_of_F_c", {"dF_c": 0.012, "t_0": 1.2})
-    log = simulate(design, Scenario("both", 11.0, references), truth=truth, seed=4, own=(step_of_F_c,))
+    truth = design.with_own_effects(step_of_F_c).with_effect("step_of_F_c", {"dF_c": 0.012, "t_0": 1.2})
+    log = simulate(design, Scenario("both", 11.0, references), truth=truth, seed=4)
     for measure in ("theta", "omega"):
         chosen = Settings(measure=measure)
         found = track(design, log, chosen, kind=kind, adapt=False)

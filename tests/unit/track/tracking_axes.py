@@ -187,8 +187,8 @@ def consistency(
         ends = np.zeros(2)
         if walking:
             parameters, *at_end = walk(motion.duration, drift * F_c, drift * F_v, rng)
-            axis, ends = axis.with_effect("wander", parameters), np.array(at_end)
-        log = simulate(design, motion, truth=axis, seed=first + k, own=(wander,), keep_truth=True)
+            axis, ends = axis.with_own_effects(wander).with_effect("wander", parameters), np.array(at_end)
+        log = simulate(design, motion, truth=axis, seed=first + k, keep_truth=True)
         for kind in KINDS:
             found = track(design, log, settings, kind=kind, adapt=False)
             error, nees = end_statistics(found, *(true + ends))

@@ -246,8 +246,9 @@ def test_a_users_own_effect_is_in_the_model_and_in_the_proof(root):
         id="seal_drag", title="Wiper seal", equation=r"k\sqrt{|\omega|}", source="a user", enters="torque",
         parameters=(Parameter("k_seal", "N m", 0.0, 0.0, 1.0, "drag", linear=True),), term=seal_drag, needs="speeds",
     )  # fmt: skip
-    design = Design.read(root / "seed_motor.toml").with_effect("seal_drag", {"k_seal": 0.004})
-    found = tune(design, own=(own,))
+    design = Design.read(root / "seed_motor.toml").with_own_effects(own)
+    design = design.with_effect("seal_drag", {"k_seal": 0.004})
+    found = tune(design)
     slope = 0.000168 + 0.5 * 0.004 / math.sqrt(found.cascade.model.point.speed)
     assert found.cascade.model.point.friction_slope == pytest.approx(slope, rel=1e-6)
     assert found.defended
