@@ -63,7 +63,7 @@ def simulate_adaptive(
     ----------
     design : Design
         What the controller and the tracker believe at the start.
-    motion, truth, seed, own
+    motion, truth, seed
         As for `simulate`; the truth is always kept in the log.
 
     Raises
