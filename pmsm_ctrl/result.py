@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.section import Block, Notice, Picture, present
+from pmsm_ctrl.section import Section as Blocks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,28 +51,78 @@ class Section:
 
 
 class Result(ABC):
-    """Interface of a verb's result. Leaves are frozen dataclasses."""
+    """Interface of a verb's result. Leaves are frozen dataclasses whose room registers them with `present`.
+
+    A leaf has `notices`, as a field or as a property, and `to_dict`; text, figure and report come from here.
+    """
+
+    if TYPE_CHECKING:  # nothing at run time: a dataclass would take a property for its field's default
+
+        @property
+        def notices(self) -> tuple[Notice, ...]:
+            """Reasons to doubt the numbers, with their codes; empty when there are none."""
+            raise NotImplementedError
 
     @property
-    @abstractmethod
     def warnings(self) -> tuple[str, ...]:
-        """Reasons to doubt the numbers; empty when there are none."""
+        """Reasons to doubt the numbers, as sentences; empty when there are none."""
+        return tuple(notice.text for notice in self.notices)
 
-    @abstractmethod
-    def summary(self) -> str:
-        """Return the result as text, trust first."""
+    def doubts(self) -> dict[str, list[str]]:
+        """Return the notices as `to_dict` lists them.
 
-    @abstractmethod
-    def plot(self) -> Figure:
-        """Return a matplotlib figure."""
+        Returns
+        -------
+        dict
+            ``"warnings"`` (sentences) and ``"warning_codes"``, in the same order.
+        """
+        return {"warnings": list(self.warnings), "warning_codes": [notice.code for notice in self.notices]}
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
 
-    @abstractmethod
-    def section(self) -> Section:
-        """Return the section of the report."""
+    def section(self) -> Any:
+        """Return what the result has to say, as blocks."""
+        return present(self)
+
+    def summary(self, width: int | None = None) -> str:
+        """Return the result as text, trust first.
+
+        Parameters
+        ----------
+        width : int, optional
+            Columns of the page; those of the terminal, and at least 80, if left out.
+        """
+        from pmsm_ctrl.rendering import to_text
+
+        return to_text(present(self), width)
+
+    def plot(self) -> Figure:
+        """Return the first figure of the section.
+
+        Raises
+        ------
+        RequestError
+            When the result has no figure.
+        """
+        picture = next(_pictures(present(self).blocks), None)
+        if picture is None:
+            raise RequestError(f"{type(self).__name__}: this result has no figure")
+        return picture.draw()
+
+    def _repr_html_(self) -> str:
+        from pmsm_ctrl.rendering import to_notebook
+
+        return to_notebook(present(self))
+
+
+def _pictures(blocks: Iterable[Block]) -> Iterator[Picture]:
+    for block in blocks:
+        if isinstance(block, Picture):
+            yield block
+        elif isinstance(block, Blocks):
+            yield from _pictures(block.blocks)
 
 
 def jsonable(value: Any) -> Any:

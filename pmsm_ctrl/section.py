@@ -1,7 +1,21 @@
 """What a result has to say, as blocks in reading order: written once, rendered as text, HTML and notebook.
 
-A room describes its result in its own ``present.py`` and registers that with `present`. Nothing here draws: a picture
-holds the function that makes its figure, and only the renderer calls it.
+How a room writes its ``present.py``:
+
+1. ``@present.register`` on ``def _(result: Tuning) -> Section``; the room's ``__init__.py`` imports the module, which
+   must load neither matplotlib nor numba, scipy or control.
+2. First the verdict in one sentence, then ``*result.notices``, then the table that matters most, then the rest.
+3. A notice is made where the doubt arises, from a `Template` of the room's ``notices.py``; `result.notices` keeps it.
+   Its text is one sentence without a full stop and without "warning:".
+4. Cells are text. ``rendering.numbers`` writes them: `number`, `percent`, `probability`, `with_error`, `with_prefix`.
+   Columns of numbers are found and set to the right; units stand in the header, ``"rms [N m]"``.
+5. A figure is ``Picture(lambda: my_figure(result), "What to see in it.")``, with matplotlib imported inside the
+   function that draws. `Result.plot` draws the first one.
+6. ``folded=True`` for what few readers want: left out of the text, shown on demand in HTML. A folded `Section` may
+   hold text, tables and pictures.
+7. A text with a line feed in it is set as it is, like code. Nothing is escaped by hand; renderers do that.
+8. Then delete the room's summary, plot, section and text.py: `pmsm_ctrl.result.Result` has them. In a test,
+   ``result.summary(width=1000)`` keeps a sentence on one line.
 """
 
 from __future__ import annotations
@@ -9,12 +23,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import singledispatch
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Notice", "Picture", "Section", "Table", "Template", "present"]
+__all__ = ["Block", "Notice", "Picture", "Section", "Table", "Template", "present"]
 
 
 @dataclass(frozen=True)
@@ -74,8 +88,11 @@ class Section:
     """A heading and its blocks in reading order; trust comes before numbers."""
 
     title: str
-    blocks: tuple[Any, ...] = ()
+    blocks: tuple[Block, ...] = ()
     folded: bool = False
+
+
+Block: TypeAlias = str | Notice | Table | Picture | Section
 
 
 @singledispatch

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import platform
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from itertools import zip_longest
 from typing import Any
 
-from pmsm_ctrl.report.svg import inline_svg
-from pmsm_ctrl.result import Section
+from pmsm_ctrl.rendering import to_html
+from pmsm_ctrl.result import Section as OldSection
+from pmsm_ctrl.section import Block, Notice, Picture, Section, Table
 
 __all__ = ["Headline", "render", "versions"]
 
 _LIBRARIES = ("pmsm-ctrl", "numpy", "scipy", "numba", "matplotlib", "control", "filterpy")
-_UNIT = re.compile(r"\[[^]]*\]")
-_MANY = 8  # columns beyond which a table is set smaller, so that a page is wide enough
-_NUMBER = re.compile(r"[-+−±]?\s*\d[\d.,]*(e[-+]?\d+)?\s*%?")
 
 
 @dataclass(frozen=True)
@@ -55,7 +51,7 @@ def versions() -> dict[str, str]:
 
 def render(
     title: str,
-    sections: Iterable[Section],
+    sections: Iterable[Any],
     *,
     headline: Headline | None = None,
     warnings: Sequence[str] = (),
@@ -80,8 +76,8 @@ def render(
     command : str
         The command that makes this page again.
     """
-    shown = [_view(number, section) for number, section in enumerate(sections, start=1)]
-    return _template().render(
+    shown = [_view(number, section, title) for number, section in enumerate(sections, start=1)]
+    text: str = _template().render(
         title=title,
         headline=headline,
         warnings=list(dict.fromkeys(warnings)),
@@ -91,43 +87,28 @@ def render(
         design_toml=design_toml,
         command=command,
     )
+    return text
 
 
-def _view(number: int, section: Section) -> dict[str, Any]:
-    """Prepare a section for the template: figures as SVG, cells with their alignment."""
-    figures = []
-    for k, (figure, caption) in enumerate(section.figures, start=1):
-        name = f"s{number}f{k}"
-        label = f"Figure {number}.{k}, {section.title}. {caption}"
-        figures.append({"svg": inline_svg(figure, name, label), "caption": caption, "number": f"{number}.{k}"})
-    named = zip_longest(section.tables, section.captions[: len(section.tables)], fillvalue="")
-    tables = [_table(*table) | {"caption": caption} for table, caption in named]
-    plain, doubts = [], []
-    for text in section.paragraphs:
+def _view(number: int, section: Any, page_title: str) -> dict[str, str]:
+    """Return a section for the template; a title that the page has already is not written again."""
+    if isinstance(section, OldSection):
+        section = _converted(section)
+    html = to_html(section, number=number, heading=section.title != page_title)
+    return {"id": f"section-{number}", "title": section.title, "html": html}
+
+
+def _converted(old: OldSection) -> Section:
+    """Return a section of rooms that do not speak in blocks yet."""
+    plain: list[Block] = []
+    doubts: list[Block] = []
+    for text in old.paragraphs:
         kind, _, rest = text.partition(": ")
-        (doubts.append(rest) if kind.lower() == "warning" else plain.append(text))
-    return {
-        "id": f"section-{number}",
-        "title": section.title,
-        "warnings": doubts,
-        "paragraphs": plain,
-        "tables": tables,
-        "figures": figures,
-    }
-
-
-def _table(header: tuple[str, ...], rows: tuple[tuple[str, ...], ...]) -> dict[str, Any]:
-    """Align whole columns: to the right where more than half of the cells are numbers; a unit is never broken."""
-    right = []
-    for k in range(len(header)):
-        cells = [row[k] for row in rows if k < len(row) and row[k].strip() not in ("", "-")]
-        right.append(2 * sum(bool(_NUMBER.fullmatch(cell)) for cell in cells) > len(cells))
-    return {
-        "head": [(_UNIT.sub(lambda unit: unit[0].replace(" ", "\u00a0"), cell), r)
-                 for cell, r in zip(header, right, strict=True)],
-        "rows": [[(cell.replace(" %", "\u00a0%"), r) for cell, r in zip(row, right, strict=False)] for row in rows],
-        "small": len(header) > _MANY,
-    }  # fmt: skip
+        (doubts.append(Notice("", rest)) if kind.lower() == "warning" else plain.append(text))
+    captions = (*old.captions, *("",) * len(old.tables))
+    tables: list[Block] = [Table(*table, caption=c) for table, c in zip(old.tables, captions, strict=False)]
+    pictures: list[Block] = [Picture(lambda figure=figure: figure, caption) for figure, caption in old.figures]  # type: ignore[misc]
+    return Section(old.title, (*doubts, *plain, *tables, *pictures))
 
 
 def _template() -> Any:

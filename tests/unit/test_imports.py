@@ -20,6 +20,7 @@ MAX_FUNCTION = 60
 LEVELS = [
     {"errors"},
     {"complaints", "files", "sampling", "section", "units"},
+    {"rendering"},
     {"design", "log", "result"},
     {"kernels", "importers", "datasheet", "evidence"},
     {"effects"},
@@ -35,7 +36,7 @@ LEVELS = [
     {"__main__"},
 ]
 SIBLINGS = {("log", "design"), ("tune", "simulate")}
-ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "importers"}
+ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "section", "rendering", "importers"}
 
 ONLY_IN = {"control": "tune", "filterpy": "track"}
 NEVER_ON_IMPORT = ["numba", "scipy", "matplotlib", "control", "filterpy", "jinja2", "h5py"]

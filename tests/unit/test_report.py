@@ -20,8 +20,8 @@ from pmsm_ctrl.compensate.study import Row
 from pmsm_ctrl.diagnose import Diagnosis
 from pmsm_ctrl.diagnose.figures import contributions, plane_of
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.report import Headline, render
-from pmsm_ctrl.report.svg import inline_svg
 from pmsm_ctrl.result import Section
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}

@@ -1,0 +1,154 @@
+"""A section as HTML: a part of a report page, or the output of a notebook cell."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from html import escape
+from itertools import count, groupby
+
+from pmsm_ctrl.rendering.cells import numeric_columns
+from pmsm_ctrl.rendering.svg import inline_svg
+from pmsm_ctrl.rendering.text import to_text
+from pmsm_ctrl.section import Block, Notice, Picture, Section, Table
+
+__all__ = ["to_html", "to_notebook"]
+
+_UNIT = re.compile(r"\[[^]]*\]")
+_MANY = 8  # columns beyond which a table is set smaller, so that a page is wide enough
+_NOTEBOOK_STYLE = (
+    "<style>.pmsm-ctrl .warnings{border-left:.3em solid #a33c00;padding:.2em 1em}.pmsm-ctrl caption{text-align:left}"
+    ".pmsm-ctrl .number{text-align:right}.pmsm-ctrl svg{max-width:50em;height:auto}</style>"
+)
+
+
+def to_html(section: Section, *, number: int = 1, heading: bool = True) -> str:
+    """Return a section as an HTML ``<section>``, to be put into a page.
+
+    Parameters
+    ----------
+    section : Section
+    number : int
+        Place of the section on its page, from 1; heads the title and the numbers of its figures.
+    heading : bool
+        Whether the title is written.
+
+    Returns
+    -------
+    str
+        With ids ``section-NUMBER`` and, in the figures, ``sNUMBER...``, which are unique on a page.
+    """
+    title = f"<h2>{number}. {escape(section.title)}</h2>\n" if heading else ""
+    body = _Renderer(section.title, str(number), f"s{number}").blocks(section.blocks, level=3)
+    return f'<section id="section-{number}">\n{title}{body}</section>\n'
+
+
+def to_notebook(section: Section) -> str:
+    """Return a section as the HTML output of a notebook cell.
+
+    Parameters
+    ----------
+    section : Section
+
+    Returns
+    -------
+    str
+        With ids made from what the section says, so that cells with different results share none.
+    """
+    prefix = "n" + hashlib.sha256(to_text(section, 1000).encode()).hexdigest()[:12]
+    body = _Renderer(section.title, "", prefix).blocks(section.blocks, level=4)
+    return f'<div class="pmsm-ctrl">{_NOTEBOOK_STYLE}\n<h3>{escape(section.title)}</h3>\n{body}</div>\n'
+
+
+class _Renderer:
+    """Writes the blocks of one section and counts its figures."""
+
+    def __init__(self, title: str, number: str, prefix: str) -> None:
+        self.title = title
+        self.number = number
+        self.prefix = prefix
+        self.figures = count(1)
+        self.tables = count(1)
+
+    def blocks(self, blocks: tuple[Block, ...], level: int) -> str:
+        parts: list[str] = []
+        for doubt, group in groupby(blocks, lambda block: isinstance(block, Notice)):
+            if doubt:
+                parts.append(_notices(group))
+            else:
+                parts += [self.block(block, level) for block in group]
+        return "".join(parts)
+
+    def block(self, block: Block, level: int) -> str:
+        match block:
+            case Section():
+                return self.subsection(block, level)
+            case Table():
+                return self.table(block)
+            case Picture():
+                return self.picture(block)
+            case _:
+                tag = "pre" if "\n" in str(block) else "p"
+                return f"<{tag}>{escape(str(block))}</{tag}>\n"
+
+    def subsection(self, section: Section, level: int) -> str:
+        body = self.blocks(section.blocks, min(level + 1, 6))
+        if section.folded:
+            return f"<details>\n<summary>{escape(section.title)}</summary>\n{body}</details>\n"
+        return f"<h{level}>{escape(section.title)}</h{level}>\n{body}"
+
+    def table(self, table: Table) -> str:
+        right = numeric_columns(table)
+        caption = f"<caption>{escape(table.caption)}</caption>\n" if table.caption and not table.folded else ""
+        head = "".join(
+            f'<th scope="col"{_class(r)}>{_unbroken(cell)}</th>' for cell, r in zip(table.header, right, strict=True)
+        )
+        rows = "".join(
+            "<tr>" + "".join(f"<td{_class(r)}>{_cell(c)}</td>" for c, r in zip(row, right, strict=False)) + "</tr>\n"
+            for row in table.rows
+        )
+        small = ' class="small"' if len(table.header) > _MANY else ""
+        label = escape(f"Table {next(self.tables)} of {self.title}")
+        text = (
+            f'<div class="scroll" role="region" aria-label="{label}" tabindex="0">\n<table{small}>\n{caption}'
+            f"<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n</div>\n"
+        )
+        if not table.folded:
+            return text
+        count_of = f"{len(table.rows)} row{'' if len(table.rows) == 1 else 's'}"
+        return f"<details>\n<summary>{escape(table.caption or 'Table')} ({count_of})</summary>\n{text}</details>\n"
+
+    def picture(self, picture: Picture) -> str:
+        k = next(self.figures)
+        name = f"Figure {self.number}.{k}" if self.number else f"Figure {k}"
+        label = f"{name}, {self.title}. {picture.caption}"
+        svg = inline_svg(picture.draw(), f"{self.prefix}f{k}", label)
+        return (
+            f'<figure>\n<div class="drawing" role="region" aria-label="{name}" tabindex="0">{svg}</div>\n'
+            f"<figcaption><strong>{name}.</strong> {escape(picture.caption)}</figcaption>\n</figure>\n"
+        )
+
+
+def _notices(notices: Iterator[Block]) -> str:
+    items = "".join(
+        f'<li data-code="{escape(block.code)}">{escape(block.text)}</li>\n'
+        for block in notices
+        if isinstance(block, Notice)
+    )
+    return (
+        f'<div class="warnings" role="note"><strong>Reasons to doubt the numbers</strong>\n<ul>\n{items}</ul>\n</div>\n'
+    )
+
+
+def _class(right: bool) -> str:
+    return ' class="number"' if right else ""
+
+
+def _unbroken(text: str) -> str:
+    """A unit in a heading is never broken."""
+    return escape(_UNIT.sub(lambda unit: unit[0].replace(" ", "\u00a0"), text))
+
+
+def _cell(text: str) -> str:
+    return escape(text.replace(" %", "\u00a0%"))

@@ -1,0 +1,111 @@
+"""Numbers as text, with the digits they deserve: `present.py` of every room writes its cells with these."""
+
+from __future__ import annotations
+
+import math
+
+__all__ = ["number", "percent", "probability", "with_error", "with_prefix"]
+
+_SMALLEST_P = 1e-12  # below it a p-value says nothing more
+_PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+_PREFIXABLE = ("N", "s", "A", "V", "W", "Hz", "m", "H", "rad", "Ohm")  # "kg m^2" takes no prefix
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return a number with this many significant digits.
+
+    Parameters
+    ----------
+    value : float
+    digits : int
+
+    Returns
+    -------
+    str
+        "-" for NaN.
+    """
+    return "-" if math.isnan(value) else f"{value:.{digits}g}"
+
+
+def percent(share: float, decimals: int = 2) -> str:
+    """Return a share as percent.
+
+    Parameters
+    ----------
+    share : float
+        1 for 100 %.
+    decimals : int
+
+    Returns
+    -------
+    str
+        Such as "12.30 %"; "-" for NaN.
+    """
+    return "-" if math.isnan(share) else f"{100.0 * share:.{decimals}f} %"
+
+
+def probability(p: float) -> str:
+    """Return a p-value with two digits.
+
+    Parameters
+    ----------
+    p : float
+
+    Returns
+    -------
+    str
+        "< 1e-12" below that; "-" for NaN.
+    """
+    return f"< {_SMALLEST_P:.0e}" if p < _SMALLEST_P else number(p, 2)
+
+
+def with_error(value: float, stderr: float, unit: str = "") -> str:
+    """Return a value rounded to the second digit of its standard error, with that error.
+
+    Parameters
+    ----------
+    value, stderr : float
+        In `unit`. A standard error that is not finite, or 0, is left out.
+    unit : str
+        Written behind; "1" is not.
+
+    Returns
+    -------
+    str
+        Such as "5230 ± 260" or "8.9900e-05 ± 1.2e-08 kg m^2".
+    """
+    behind = f" {unit}" if unit not in ("", "1") else ""
+    if not (math.isfinite(value) and math.isfinite(stderr) and stderr > 0.0):
+        return number(value) + behind
+    last = math.floor(math.log10(stderr)) - 1
+    first = math.floor(math.log10(max(abs(value), stderr)))
+    if -3 <= first < 6:
+        decimals = max(0, -last)
+        return f"{round(value, -last):.{decimals}f} ± {round(stderr, -last):.{decimals}f}{behind}"
+    return f"{value:.{max(0, first - last)}e} ± {stderr:.1e}{behind}"
+
+
+def with_prefix(value: float, unit: str, digits: int = 2) -> str:
+    """Return a quantity with the SI prefix that suits its size.
+
+    Parameters
+    ----------
+    value : float
+        In `unit`.
+    unit : str
+        SI; a unit that takes no prefix is written with the plain number.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Such as "0.41 mN m" for 0.00041 N m.
+    """
+    if not math.isfinite(value) or unit.split(" ")[0].split("/")[0] not in _PREFIXABLE:
+        return f"{number(value, digits)} {unit}" if unit not in ("", "1") else number(value, digits)
+    # 0.41 mN m reads better than 410 µN m: a prefix serves from a tenth of itself on
+    factor, prefix = next((pair for pair in _PREFIXES if abs(value) >= 0.1 * pair[0]), _PREFIXES[-1])
+    if value == 0.0:
+        factor, prefix = 1.0, ""
+    return f"{float(f'{value / factor:.{digits}g}'):g} {prefix}{unit}"
