@@ -27,6 +27,7 @@ from pmsm_ctrl.init import init
 from pmsm_ctrl.options import (
     DesignArgument,
     DesignOption,
+    EffectsOption,
     HoldoutOption,
     JsonOption,
     LogArgument,
@@ -102,16 +103,17 @@ def simulate(
         typer.Option("--set", metavar="NAME=VALUE", help="a parameter of the motion, such as speed_max=100"),
     ] = None,
     seed: SeedOption = 0,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Simulate the sampled drive and write its log."""
     from pmsm_ctrl.simulate import scenario as named_scenario
     from pmsm_ctrl.simulate import simulate as run_simulation
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     motion = named_scenario(scenario, believed, **parse_values(parameters))
     with progress_bar(f"simulate {scenario}") as progress:
-        log = run_simulation(believed, motion, truth=design_if_given(truth), seed=seed, progress=progress)
+        log = run_simulation(believed, motion, truth=design_if_given(truth, effects), seed=seed, progress=progress)
     log.write_csv(output)
     print(f"{output}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
     if json_file is not None:
@@ -145,6 +147,7 @@ def tune(
     robust: Annotated[bool, typer.Option("--robust", help="keep the margins at every corner of the tolerance")] = False,
     prove: Annotated[bool, typer.Option("--prove/--no-prove", help="measure the loops on the simulated drive")] = True,
     seed: SeedOption = 0,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
@@ -155,7 +158,7 @@ def tune(
 
     if keep and (robust or current_bandwidth is not None or speed_bandwidth is not None):
         raise RequestError("--keep: takes neither --robust nor a bandwidth; the gains stay as the design has them")
-    believed = read_design(design)
+    believed = read_design(design, effects)
     try:
         with progress_bar(f"tune {believed.name}") as progress:
             if keep:
@@ -184,6 +187,7 @@ def sweep(
     paper: Annotated[bool, typer.Option("--paper", help="the reference paper's table beside ours")] = False,
     output: NewDesignOption = None,
     seed: SeedOption = 0,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
@@ -192,13 +196,13 @@ def sweep(
     from pmsm_ctrl.identify import paper_table
     from pmsm_ctrl.identify import sweep as run_sweep
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     if paper:
         if truth is not None or output is not None:
             raise RequestError("--paper: takes neither --truth nor --output; its table has two plants of its own")
         finish("paper", paper_table(believed, repeats=repeats, seed=seed), json_file=json_file, report=report)
         return
-    plant = design_if_given(truth)
+    plant = design_if_given(truth, effects)
     with progress_bar(f"sweep {believed.name}") as progress:
         result = run_sweep(believed, truth=plant, repeats=repeats, seed=seed, progress=progress)
     finish("sweep", result, json_file=json_file, report=report)
@@ -212,13 +216,14 @@ def identify(
     method: MethodOption = "regression",
     output: NewDesignOption = None,
     mapping: MapOption = None,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
     """Identify inertia and friction from a log."""
     from pmsm_ctrl.identify import identify as run_identification
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     result = run_identification(believed, load_log(log, believed, mapping), method=cast("Method", method))
     finish("identify", result, json_file=json_file, report=report)
     write_design(result.design, output)
@@ -230,13 +235,14 @@ def compare(
     design: DesignOption,
     holdout: HoldoutOption = None,
     mapping: MapOption = None,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
     """Hold a design's predictions against a log, channel by channel."""
     from pmsm_ctrl.compare import compare as run_comparison
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     other = log_if_given(holdout, believed, mapping)
     result = run_comparison(believed, load_log(log, believed, mapping), holdout=other)
     finish("compare", result, json_file=json_file, report=report)
@@ -252,13 +258,14 @@ def diagnose(
         int, typer.Option("--calibrate", metavar="COUNT", help="simulate the answer so often: its false alarms")
     ] = 0,
     mapping: MapOption = None,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
     """Name the physical effect that the design lacks. Shows how the error falls as it is added."""
     from pmsm_ctrl.diagnose import diagnose as run_diagnosis
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     other = log_if_given(holdout, believed, mapping)
     measured = load_log(log, believed, mapping)
     with progress_bar(f"diagnose {log.name}") as progress:
@@ -274,6 +281,7 @@ def add(
     log: Annotated[Path, typer.Option("--log", metavar="LOG", help="the log its parameters are fitted to")],
     output: Annotated[Path, output_option("NEW_DESIGN", "the design to write")],
     mapping: MapOption = None,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Add an effect to a design, its parameters fitted to a log."""
@@ -281,7 +289,7 @@ def add(
     from pmsm_ctrl.effects import catalogue_of, lookup
     from pmsm_ctrl.units import axis_unit
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     result = run_adding(believed, load_log(log, believed, mapping), effect)
     result.write(output)
     print(f"{output}: {believed.name} with {effect}")
@@ -303,13 +311,14 @@ def track(
         str, typer.Option("--filter", metavar="KIND", help="extended or unscented Kalman filter")
     ] = "extended",
     mapping: MapOption = None,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
     """Track F_c and F_v over a log with a Kalman filter."""
     from pmsm_ctrl.track import track as run_tracking
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     result = run_tracking(believed, load_log(log, believed, mapping), kind=cast("Kind", kind))
     finish("track", result, json_file=json_file, report=report)
 
@@ -319,15 +328,16 @@ def compensate(
     design: DesignArgument,
     truth: TruthOption = None,
     seed: SeedOption = 0,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
     """Compare friction compensations and find the safe gains. Status 1 when the acceptance fails."""
     from pmsm_ctrl.compensate import compensate as run_compensation
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     with progress_bar(f"compensate {believed.name}") as progress:
-        result = run_compensation(believed, truth=design_if_given(truth), seed=seed, progress=progress)
+        result = run_compensation(believed, truth=design_if_given(truth, effects), seed=seed, progress=progress)
     finish("compensate", result, json_file=json_file, report=report)
     if not result.accepted:
         raise typer.Exit(NEGATIVE)
@@ -347,6 +357,7 @@ def export_code(
         Path | None,
         typer.Option("--output", "-o", metavar="PATH", help="one file, or without suffix a folder for everything"),
     ] = None,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Write gains, compensator and tracker for a PLC or a drive. A folder gets the drives' tables as well."""
@@ -354,7 +365,7 @@ def export_code(
     from pmsm_ctrl.export import export_files
     from pmsm_ctrl.files import write_text
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     if output is not None and not output.suffix:
         files = export_files(believed, language, flavour=flavour)
         output.mkdir(parents=True, exist_ok=True)
@@ -383,13 +394,14 @@ def study(
     ] = None,
     mapping: MapOption = None,
     seed: SeedOption = 0,
+    effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Run the whole chain and write one HTML report."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.report import study as run_study
 
-    believed = read_design(design)
+    believed = read_design(design, effects)
     if holdout is not None and log is None:
         raise RequestError("--holdout: needs --log, from which the model is identified")
     measured = log_if_given(log, believed, mapping)
@@ -436,24 +448,26 @@ def effects(
         Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="simulate the effect's signature on it")
     ] = None,
     output: Annotated[Path | None, output_option("FILE", "draw the signature: .svg, .png or .pdf")] = None,
+    own: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
     """List the effects of the catalogue. One that is named is shown in full, with its signature."""
-    from pmsm_ctrl.effects import CATALOGUE, lookup
+    from pmsm_ctrl.effects import catalogue_with, lookup
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.report.catalogue import catalogue_table, describe_effect, save_figure
 
+    known = catalogue_with(own or ())
     if identifier is None:
         if design is not None or output is not None or report is not None:
             raise RequestError("effects: --design, --output and --report belong to one effect; name it")
-        print(catalogue_table())
+        print(catalogue_table(known))
         if json_file is not None:
-            write_json(json_file, "effects", {"effects": [describe_effect(e).to_dict() for e in CATALOGUE.values()]})
+            write_json(json_file, "effects", {"effects": [describe_effect(e).to_dict() for e in known.values()]})
         return
     if output is not None and design is None:
         raise RequestError("--output: a signature is simulated on a design; name one with --design")
-    entry = describe_effect(lookup(identifier), design_if_given(design))
+    entry = describe_effect(lookup(identifier, known), design_if_given(design, own))
     finish("effects", entry, json_file=json_file, report=report)
     if output is not None:
         save_figure(entry.plot(), output)

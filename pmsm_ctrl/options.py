@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +13,14 @@ from pmsm_ctrl.console import parse_map, writable
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
+    from pmsm_ctrl.effects import Effect
     from pmsm_ctrl.log import Log
 
 __all__ = [
-    "DesignArgument", "DesignOption", "HoldoutOption", "JsonOption", "LogArgument", "MapOption", "MethodOption",
-    "NewDesignOption", "ReportOption", "SeedOption", "TruthOption", "design_if_given", "effect_ids", "load_log",
-    "log_if_given", "output_option", "read_design", "scenario_names", "write_design",
+    "DesignArgument", "DesignOption", "EffectsOption", "HoldoutOption", "JsonOption", "LogArgument",
+    "MapOption", "MethodOption", "NewDesignOption", "ReportOption", "SeedOption", "TruthOption",
+    "design_if_given", "effect_ids", "load_log", "log_if_given", "output_option", "read_design",
+    "scenario_names", "write_design",
 ]  # fmt: skip
 
 
@@ -26,10 +29,26 @@ def output_option(metavar: str, text: str, *names: str) -> Any:
     return typer.Option(*(names or ("--output", "-o")), callback=writable, metavar=metavar, help=text)
 
 
+def _own_effects(path: str) -> tuple[Effect, ...]:
+    """Run the file of ``--effects`` and return what it defines; an id in use is refused before the work."""
+    from pmsm_ctrl.effects import catalogue_with
+    from pmsm_ctrl.effects.loading import load_effects
+
+    own = load_effects(path)
+    catalogue_with(own)
+    return own
+
+
 DesignArgument = Annotated[
     Path, typer.Argument(metavar="DESIGN", help="design in TOML, such as designs/seed_motor.toml")
 ]
 DesignOption = Annotated[Path, typer.Option("--design", "-d", metavar="DESIGN", help="design in TOML")]
+EffectsOption = Annotated[
+    Any,
+    typer.Option(
+        "--effects", metavar="FILE.py", parser=_own_effects, help="own effects beside the catalogue: RUNS this file"
+    ),
+]
 LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="measured or simulated log: CSV, MAT, ...")]
 MapOption = Annotated[
     list[str] | None,
@@ -61,16 +80,16 @@ def scenario_names(incomplete: str) -> list[str]:
     return [name for name in SCENARIOS if name.startswith(incomplete)]
 
 
-def read_design(path: Path) -> Design:
-    """Return the design in a file; the module that knows designs is imported by the first that is read."""
+def read_design(path: Path, own: Iterable[Effect] | None = None) -> Design:
+    """Return the design in a file, carrying these own effects; the module that knows designs is imported here."""
     from pmsm_ctrl.design import Design
 
-    return Design.read(path)
+    return Design.read(path).with_own_effects(*(own or ()))
 
 
-def design_if_given(path: Path | None) -> Design | None:
+def design_if_given(path: Path | None, own: Iterable[Effect] | None = None) -> Design | None:
     """Return the design of an option that may be left out."""
-    return None if path is None else read_design(path)
+    return None if path is None else read_design(path, own)
 
 
 def write_design(design: Design, path: Path | None) -> None:

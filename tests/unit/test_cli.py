@@ -142,7 +142,7 @@ def test_both_filters_track(tmp_path: Path, design: Path, log: Path, capsys: pyt
         assert f"{named} filter" in capsys.readouterr().out
         data = json.loads(result.read_text(encoding="utf-8"))
         assert data["filter"] == named
-        assert data["estimates"]["F_c"]["value"] == pytest.approx(0.02, rel=0.05)
+        assert data["parameters"]["F_c"]["value"] == pytest.approx(0.02, rel=0.05)
     assert "accepted: extended, unscented" in refused(capsys, "track", log, "--design", design, "--filter", "ekf")
 
 
@@ -450,3 +450,89 @@ def test_the_completion_script_is_shown(shell: str) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
     assert "pmsm-ctrl" in done.stdout
     assert f"complete_{shell}" in done.stdout
+
+
+OWN_EFFECT = """
+import math
+
+from pmsm_ctrl.effects import Effect, Parameter, kernel
+from pmsm_ctrl.effects.stribeck import effect as stribeck
+from seal_shape import shape
+
+
+@kernel
+def drag(omega, direction, k_seal):
+    return k_seal * shape(omega) * direction
+
+
+seal = Effect(
+    id="seal_drag", title="Wiper seal", equation="k sqrt(w)", source="a user", enters="torque",
+    parameters=(Parameter("k_seal", "N m", 0.0, 0.0, math.inf, "drag at 1 rad/s", linear=True),),
+    term=drag, needs="several speeds",
+)
+"""
+SHAPE = "import math\nfrom pmsm_ctrl.effects import kernel\n\n\n@kernel\ndef shape(w):\n    return math.sqrt(abs(w))\n"
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    path = tmp_path / "seal.py"
+    path.write_text(OWN_EFFECT, encoding="utf-8")
+    (tmp_path / "seal_shape.py").write_text(SHAPE, encoding="utf-8")
+    return path
+
+
+def test_own_effects_of_a_file_are_known_to_the_verbs(
+    design: Path, log: Path, own: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    design.write_text(PLAIN + "[[effects]]\nid = 'seal_drag'\nk_seal = 0.0\n", encoding="utf-8")
+    assert "unknown effect 'seal_drag'" in refused(capsys, "identify", log, "--design", design)
+    found = tmp_path / "found.json"
+    assert call("identify", log, "--design", design, "--effects", own, "--json", found) == console.DONE
+    parameters = json.loads(found.read_text(encoding="utf-8"))["parameters"]
+    assert abs(parameters["k_seal"]["value"]) < 1e-4  # the log has none of it
+    assert call("effects", "seal_drag", "--effects", own) == console.DONE
+    assert "Wiper seal" in capsys.readouterr().out
+    assert call("effects", "--effects", own) == console.DONE
+    assert "seal_drag" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("code", ["__import__('os').system('true')", "seal.py"])
+def test_a_design_file_never_names_code(design: Path, code: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("own_effects", "_own_effects"):
+        design.write_text(f"{name} = [{code!r}]\n" + PLAIN, encoding="utf-8")
+        assert name in refused(capsys, "identify", "none.csv", "--design", design)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (None, "no such file"),
+        ("x = 1\n", "defines no effect"),
+        ("x = 1\n1 / 0\n", "line 2: cannot be run: ZeroDivisionError"),
+        ("def broken(:\n", "line 1: cannot be run: SyntaxError"),
+        ("import sys\nsys.exit(0)\n", "line 2: cannot be run: SystemExit"),
+        ("import nowhere_to_be_found\n", "line 1: cannot be run: ModuleNotFoundError"),
+        (OWN_EFFECT.replace('id="seal_drag"', 'id="coulomb"'), "already"),
+        (OWN_EFFECT + "import dataclasses\nother = dataclasses.replace(seal)\n", "two effects have the id 'seal_drag'"),
+    ],
+)
+def test_a_file_of_effects_that_is_of_no_use_is_one_line(
+    text: str | None, said: str, design: Path, log: Path, own: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if text is None:
+        own.unlink()
+    else:
+        own.write_text(text, encoding="utf-8")
+    assert said in refused(capsys, "identify", log, "--design", design, "--effects", own)
+
+
+def test_every_verb_with_a_design_takes_own_effects_and_says_that_the_file_is_run() -> None:
+    import typer
+
+    for name, verb in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+        options = {option.name: option for option in verb.params}
+        if "design" in options and name != "import":  # which reads the [log] table alone
+            found = [option for option in verb.params if "--effects" in option.opts]
+            assert found, name
+            assert "RUNS" in found[0].help
