@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.coordinates import Curve, curves, grid_coordinates
-from pmsm_ctrl.evidence.blocks import Bench, Noise, Outcome, bench, holm, noise_of
+from pmsm_ctrl.evidence.blocks import Bench, Noise, Outcome, bench, noise_of
+from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.conditioning import Prepared
 
 __all__ = ["Dependence", "Where", "where"]

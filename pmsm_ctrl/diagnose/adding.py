@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.fitting import Accepted, fit_design
+from pmsm_ctrl.diagnose.fit import Accepted, fit_design
 from pmsm_ctrl.diagnose.outcome import fitted_design
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.effects.base import Effect

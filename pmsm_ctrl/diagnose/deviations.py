@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.fitting import Fitted
+from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.gates import RELIEF, WINDING, name_of, relief, strain
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.units import axis_unit

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.calibration import Calibration, calibrated, repeated
 from pmsm_ctrl.diagnose.exchange import select_with_exchange
-from pmsm_ctrl.diagnose.fitting import fit_design
+from pmsm_ctrl.diagnose.fit import fit_design
 from pmsm_ctrl.diagnose.leftover import Leftover
 from pmsm_ctrl.diagnose.outcome import build_outcome
 from pmsm_ctrl.diagnose.selection import Selection

@@ -17,9 +17,9 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED
-from pmsm_ctrl.diagnose.evidence import Trial
-from pmsm_ctrl.diagnose.fitting import Accepted, Fitted, fit_design
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
 from pmsm_ctrl.diagnose.gates import BEYOND, TELLING
+from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection, fitted_before, select, tied
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.regression.balances import Record

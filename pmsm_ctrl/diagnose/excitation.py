@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pmsm_ctrl.diagnose.fitting import Fitted
+from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.effects.base import Effect
 
 __all__ = ["hidden_by_motion", "not_excited"]

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.fitting import fit_design
+from pmsm_ctrl.diagnose.fit import fit_design
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import PmsmCtrlError

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pmsm_ctrl.diagnose.diagnosis import Diagnosis
-    from pmsm_ctrl.diagnose.fitting import Fitted
+    from pmsm_ctrl.diagnose.fit import Fitted
     from pmsm_ctrl.diagnose.leftover import Leftover
 
 __all__ = [

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import REPEATED
-from pmsm_ctrl.diagnose.evidence import Evidence, Trial, blocked_gain, physical_bounds
-from pmsm_ctrl.diagnose.fitting import Fitted, errors
+from pmsm_ctrl.diagnose.fit import Fitted, errors
+from pmsm_ctrl.diagnose.search import Evidence, Trial, blocked_gain, physical_bounds
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.regression.model import Model, Solved
 

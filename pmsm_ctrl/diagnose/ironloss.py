@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.evidence import try_candidate
-from pmsm_ctrl.diagnose.fitting import Fitted, errors
+from pmsm_ctrl.diagnose.fit import Fitted, errors
+from pmsm_ctrl.diagnose.search import try_candidate
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.model import solve_model
 from pmsm_ctrl.result import Estimate

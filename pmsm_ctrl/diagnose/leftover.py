@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.where import Dependence, where
-from pmsm_ctrl.diagnose.fitting import Fitted
+from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.gates import ABSURD, MATERIAL, UNSTEADY, name_of
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.regression.balances import Record

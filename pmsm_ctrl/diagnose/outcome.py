@@ -9,9 +9,9 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import REPEATED
-from pmsm_ctrl.diagnose.evidence import Trial, least_shown
-from pmsm_ctrl.diagnose.fitting import Accepted, Fitted, errors
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted, errors
 from pmsm_ctrl.diagnose.gates import OUTSIDE, SIGNIFICANCE, UNSEEN
+from pmsm_ctrl.diagnose.search import Trial, least_shown
 from pmsm_ctrl.diagnose.selection import Selection, Step, holdout_error
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.regression.balances import Record

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from pmsm_ctrl.diagnose.evidence import OVERDAMPED, Trial, try_group
+from pmsm_ctrl.diagnose.search import OVERDAMPED, Trial, try_group
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group

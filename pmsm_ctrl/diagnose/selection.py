@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.diagnose.evidence import Evidence, Trial, try_group
-from pmsm_ctrl.diagnose.fitting import Accepted, Fitted, errors, fit_design, predicted_elsewhere
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted, errors, fit_design, predicted_elsewhere
 from pmsm_ctrl.diagnose.gates import BLOCK_ERRORS, LEAST_ERRORS, gates, name_of, objection
 from pmsm_ctrl.diagnose.refine import refine
+from pmsm_ctrl.diagnose.search import Evidence, Trial, try_group
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.evidence.blocks import holm
+from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import effect_group
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.noise import burg, memory_of, schwarz, stretches
+from pmsm_ctrl.evidence.tests import f_tail, rank_test
 
-__all__ = ["Bench", "Noise", "Outcome", "bench", "holm", "noise_of"]
+__all__ = ["Bench", "Noise", "Outcome", "bench", "noise_of"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -196,13 +197,11 @@ class Bench:
 
         `base` may be empty: then the residual's own mean square is what there is to explain.
         """
-        from scipy.special import fdtrc
-
         beta, k, gain = _beyond(self.white_gram, base, own)
         if k == 0:
             return None
         # the noise has unit variance, known from so many samples
-        p = float(fdtrc(k, max(self.free - len(base), 1), gain / k))
+        p = f_tail(gain / k, k, max(self.free - len(base), 1))
         along = self.white[:, [*own, *base]] @ beta
         edges = _equal_blocks(along**2, self.t)
         gains, _ = _left_out(self.t, self.white, self.white_gram, base, own, edges, self.gap)
@@ -212,14 +211,12 @@ class Bench:
         spread = float(gains.std(ddof=1) / np.sqrt(len(gains)))
         share = float(np.sum(plain)) / max(total, 1e-300)
         size = self._size(base, own)
-        return Outcome(p, share, float(gains.mean()), spread, _rank_test(gains), len(gains), size)
+        return Outcome(p, share, float(gains.mean()), spread, rank_test(gains), len(gains), size)
 
     def significance(self, base: Index, own: Index) -> float:
         """The F-test's p-value alone, which costs little."""
-        from scipy.special import fdtrc
-
         _, k, gain = _beyond(self.white_gram, base, own)
-        return float(fdtrc(k, max(self.free - len(base), 1), gain / k)) if k else 1.0
+        return f_tail(gain / k, k, max(self.free - len(base), 1)) if k else 1.0
 
     def _size(self, base: Index, own: Index) -> float:
         beta, _, _ = _beyond(self.plain_gram, base, own)
@@ -296,20 +293,3 @@ def _left_out(
 def _solved(gram: Array, right: Array) -> Array:
     ridge = 1e-6 * np.trace(gram) / len(gram)
     return np.linalg.solve(gram + ridge * np.eye(len(gram)), right)
-
-
-def _rank_test(gains: Array) -> float:
-    from scipy.stats import wilcoxon
-
-    return float(wilcoxon(gains, alternative="greater").pvalue)
-
-
-def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's step-down correction, in the given order. Source: S. Holm, Scand. J. Statist. 6 (1979) 65."""
-    order = np.argsort(p_values)
-    out = np.empty(len(p_values))
-    worst = 0.0
-    for rank, k in enumerate(order):
-        worst = max(worst, min(1.0, (len(p_values) - rank) * p_values[k]))
-        out[k] = worst
-    return out.tolist()

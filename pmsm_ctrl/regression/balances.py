@@ -18,6 +18,15 @@ from pmsm_ctrl.regression.bandwidth import band, punctual
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, derivative, low_pass, prepare
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
+from pmsm_ctrl.regression.weights import (
+    EDGE_PERIODS,
+    edge_weight,
+    on_grid,
+    prefilter,
+    quantisation_error,
+    reversal_weight,
+    voltage_weight,
+)
 from pmsm_ctrl.sampling import speed_lag
 from pmsm_ctrl.units import axis_unit, drives
 
@@ -33,23 +42,12 @@ MODELLED = frozenset({"torque", "i_q", "di_q"})
 
 # Below this share of the fast speed the direction is uncertain; see `_direction`.
 STANDSTILL = 0.0005
-# Height of the highest of a few hundred samples of noise, in its standard deviation.
-NOISE_PEAK = 4.5
-EDGE_PERIODS = 3.0
-# What the steep filter still rings of an edge so many periods of its cutoff further away: 8th order, run twice.
-RINGING = ((1.0, 0.035), (3.0, 0.023), (5.0, 0.009), (9.0, 0.004), (13.0, 0.0007))
 # Logs of twice this rate and more are thinned to about it first, Hz.
 FAST = 1000.0
-# Share of the rounded kink that stays as an error of the moment of reversal.
-ROUNDED = 0.15
-# No model of a real axis is better than this share of the torque; errors below it need no care.
-WRONG_TORQUE = 0.02
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
 # A delay below this share of a sample is met well enough to first order.
 LATE = 0.03
-# How far a voltage balance can be trusted: shares of the inductive drop and of the voltage.
-WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,26 +209,26 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
         signals["i_d"] = _intended_i_d(log, prepared, signals["i_d"])
     _add_slopes(signals, prepared)
     driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
-    direction, sure, kink = _direction(signals["omega"], driving, prepared, _prefilter(processing, prepared))
+    direction, sure, kink = _direction(signals["omega"], driving, prepared, prefilter(processing, prepared))
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
         channels += ["u_d", "u_q"]
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     source = "torque" if "torque" in log else "i_q"
-    calm = _calm(_on_grid(log, prepared, source), prepared, EDGE_PERIODS)
+    slow = edge_weight(on_grid(log, prepared, source), prepared, EDGE_PERIODS)
     sound = punctual(log, prepared, jumps=False)[prepared.keep]
     if "theta" in log and not sound.all():
         # a speed that jumps from sample to sample is a lying time stamp or a lost count
-        steady = _calm(np.gradient(np.unwrap(_on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)
-        calm = calm * steady
+        steady = edge_weight(np.gradient(np.unwrap(on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)
+        slow = slow * steady
         sound = sound & (steady > 0.02)
-    weight = [calm * _turning(log, prepared, signals, kink, processing)]
+    weight = [slow * reversal_weight(log, prepared, signals, kink, processing)]
     for name in channels[1:]:
         level = np.hypot(target[1], target[2])
-        weight.append(weight[0] * _voltage_weight(design, prepared, signals, level, _on_grid(log, prepared, name)))
+        weight.append(weight[0] * voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)))
     moving = sure & _edges(prepared)
-    steps = [_feigned(_on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
+    steps = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
     steps[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
@@ -283,11 +281,6 @@ def _edges(prepared: Prepared) -> Mask:
     return inside
 
 
-def _prefilter(processing: Processing, prepared: Prepared) -> float:
-    """Cutoff of the low-pass before differentiation, Hz."""
-    return processing.prefilter if processing.prefilter is not None else 2.5 * prepared.cutoff
-
-
 def _direction(
     omega: Array, driving: Array, prepared: Prepared, wide: float
 ) -> tuple[Array, Mask, tuple[float, float]]:
@@ -323,105 +316,10 @@ def _direction(
     return direction, sure, (max(level, 0.0), J)
 
 
-def _turning(
-    log: Log, prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], processing: Processing
-) -> Array:
-    """Weight around reversals: the moment at which friction turns is known only so well.
-
-    Friction jumps by twice its level F, the acceleration by 2 F / J, and the low-pass before differentiation rounds
-    that kink off; a tenth of a sample comes on top. The torque is off by 2 F for that long.
-    """
-    level, J = kink
-    rate, omega = prepared.rate, signals["omega"]
-    if level <= 0.0 or J <= 0.0:
-        return np.ones(len(prepared.keep))
-    wide = _prefilter(processing, prepared)
-    rounded = ROUNDED * 2.0 * level / J / (2.0 * np.pi * wide)
-    turns = np.flatnonzero(np.diff(np.sign(omega)) != 0)
-    slope = np.abs(low_pass(prepared.alpha, rate, prepared.cutoff))[turns]
-    unsure = 0.1 / rate + np.minimum(rounded / np.maximum(slope, 1e-12), 1.0 / prepared.cutoff)
-    wrong = np.zeros(len(omega))
-    np.maximum.at(wrong, turns, 2.0 * level * unsure * 2.0 * prepared.cutoff)
-    wrong = _highest(wrong, 2 * round(rate / prepared.cutoff) + 1)[prepared.keep]
-    source = "torque" if "torque" in log else "i_q"
-    raw = _on_grid(log, prepared, source)
-    scale = float(np.std(signals["torque_meas"]) / max(float(np.std(signals["i_q_meas"])), 1e-300))
-    noise = _scatter(raw, rate) * (1.0 if source == "torque" else scale)
-    noise *= np.sqrt(4.0 * prepared.cutoff / rate)
-    noise = float(np.hypot(noise, WRONG_TORQUE * np.std(signals["torque_meas"])))
-    return 1.0 / (1.0 + (wrong / max(noise, 1e-300)) ** 2)
-
-
-def _calm(raw: Array, prepared: Prepared, periods: float) -> Array:
-    """Weight of each thinned sample from the drive signal's content above a quarter of the rate.
-
-    An edge that is faster than the sampling is logged up to one period too early or too late, always the same way
-    where the drive and the log share a clock. Its error in the filtered balance, against the noise there, is about
-    the height of the edge over the noise times the root of what the filter lets through; weights fall
-    steeply with that, for so many periods of the filter's cutoff on either side as it rings.
-    """
-    rate = prepared.rate
-    fast = np.abs(raw - low_pass(raw, rate, 0.25 * rate))
-    noise = float(np.hypot(1.4826 * np.median(fast), WRONG_TORQUE * np.std(raw)))
-    if noise <= 0.0:
-        return np.ones(len(prepared.keep))
-    peaks = _highest(fast, 2 * round(periods * rate / prepared.cutoff) + 1)[prepared.keep] / noise
-    # where every stretch has such peaks they are the drive's ripple, not single edges
-    usual = max(NOISE_PEAK, float(np.median(peaks)))
-    edge = np.maximum(peaks - usual, 0.0)
-    for further, left in RINGING:
-        ringing = _highest(fast, 2 * round((periods + further) * rate / prepared.cutoff) + 1)[prepared.keep] / noise
-        edge = np.maximum(edge, left * (ringing - usual))
-    passed = np.sqrt(2.0 * prepared.cutoff / rate)
-    return 1.0 / (1.0 + (passed * edge) ** 2) ** 2
-
-
-def _scatter(raw: Array, rate: float) -> float:
-    """Robust rms of what a channel holds above a quarter of its rate."""
-    return 1.4826 * float(np.median(np.abs(raw - low_pass(raw, rate, 0.25 * rate))))
-
-
-def _feigned(raw: Array, rate: float) -> float:
-    """Largest error of a channel that is logged in steps: half of one, and 0 where noise beyond 0.4 steps smooths it.
-
-    Source: B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008, ch. 4 and 19 (dither).
-    """
-    steps = np.diff(np.unique(raw))
-    steps = steps[steps > 1e-6 * np.ptp(raw)]
-    if len(steps) == 0:
-        return 0.0
-    noise = _scatter(raw, rate)
-    step = float(steps.min())
-    return 0.5 * step if noise < 0.4 * step else 0.0
-
-
-def _on_grid(log: Log, prepared: Prepared, name: str) -> Array:
-    """A channel as logged, on the uniform grid."""
-    same = len(log) == len(prepared.t)
-    return np.array(log[name] if same else np.interp(prepared.t, log.t, log[name]))
-
-
-def _highest(values: Array, reach: int) -> Array:
-    from scipy.ndimage import maximum_filter1d
-
-    return maximum_filter1d(values, reach)
-
-
-def _voltage_weight(design: Design, prepared: Prepared, signals: Mapping[str, Array], u: Array, raw: Array) -> Array:
-    """Weight of a voltage balance: its model is off by shares of the inductive drop and of the voltage itself."""
-    rate = prepared.rate
-    noise = float(np.std(raw - low_pass(raw, rate, 0.25 * rate))) * np.sqrt(2.0 * prepared.cutoff / rate) + 1e-12
-    L = max(design.motor.L_d or 0.0, design.motor.L_q or 0.0)
-    slope = np.hypot(signals["di_d"], signals["di_q"])
-    steep = _highest(low_pass(slope, rate, prepared.cutoff), 2 * round(0.5 * rate / prepared.cutoff) + 1)
-    wrong = np.hypot(WRONG_INDUCTIVE * L * steep[prepared.keep], WRONG_VOLTAGE * np.abs(u))
-    return 1.0 / (1.0 + (wrong / noise) ** 2)
-
-
 def _intended_i_d(log: Log, prepared: Prepared, i_d: Array) -> Array:
     """The d-current without its noise: the reference where it is logged, else the slow part where there is any."""
     if "i_d_ref" in log:
-        return _on_grid(log, prepared, "i_d_ref")
+        return on_grid(log, prepared, "i_d_ref")
     slow = low_pass(i_d, prepared.rate, 0.25 * prepared.cutoff)
     noise = float(np.std(i_d - slow))
     return slow if float(np.sqrt(np.mean(slow**2))) > 3.0 * noise else np.zeros_like(i_d)

@@ -20,8 +20,8 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
-from pmsm_ctrl.diagnose.evidence import least_shown
 from pmsm_ctrl.diagnose.gates import SIGNIFICANCE
+from pmsm_ctrl.diagnose.search import least_shown
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.regression.columns import effect_group

@@ -11,7 +11,8 @@ from pmsm_ctrl.compare import compare
 from pmsm_ctrl.compare.coordinates import _with_play
 from pmsm_ctrl.compare.where import Where, where
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.evidence.blocks import bench, holm, noise_of
+from pmsm_ctrl.evidence.blocks import bench, noise_of
+from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared, prepare

@@ -13,10 +13,10 @@ from scipy.stats import chi2
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.diagnose.evidence import equal_blocks, f_tail, least_shown, plain_evidence
+from pmsm_ctrl.diagnose.search import equal_blocks, least_shown, plain_evidence
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.evidence.blocks import holm
+from pmsm_ctrl.evidence.tests import f_tail, holm
 from pmsm_ctrl.evidence.whitening import make_whitener
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record

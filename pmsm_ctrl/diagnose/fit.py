@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import Candidate, candidates_for
-from pmsm_ctrl.diagnose.evidence import Trial, plain_evidence, saturated_whitener, try_candidate, try_group
 from pmsm_ctrl.diagnose.refine import refine
+from pmsm_ctrl.diagnose.search import Trial, plain_evidence, saturated_whitener, try_candidate, try_group
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.evidence.tests import f_tail, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group
@@ -19,7 +20,6 @@ __all__ = [
     "Evidence",
     "Trial",
     "blocked_gain",
-    "f_tail",
     "least_shown",
     "physical_bounds",
     "plain_evidence",
@@ -261,13 +261,6 @@ def physical_bounds(effects: Iterable[Effect], known: Mapping[str, float]) -> di
     return bounds
 
 
-def f_tail(f: float, k: int, dof: int) -> float:
-    """Upper tail of the F distribution."""
-    from scipy.special import fdtrc
-
-    return float(fdtrc(k, dof, f))
-
-
 def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float]]:
     """Cut time into contiguous blocks that each hold the same share of `weight`."""
     order = np.argsort(t, kind="stable")
@@ -318,13 +311,7 @@ def blocked_gain(
         return 0.0, float("inf"), len(gains), 1.0
     values = np.array(gains)
     spread = float(values.std(ddof=1) / np.sqrt(len(values)))
-    return float(values.mean()), spread, len(values), _rank_test(values)
-
-
-def _rank_test(gains: Array) -> float:
-    from scipy.stats import wilcoxon
-
-    return float(wilcoxon(gains, alternative="greater").pvalue)
+    return float(values.mean()), spread, len(values), rank_test(values)
 
 
 def _errors(
