@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import re
 import signal
 import sys
 import warnings
@@ -67,7 +66,8 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return BROKEN_PIPE
         status, message = _explain(error)
-        message += _next_command(message, words)
+        if isinstance(error, PmsmCtrlError) and error.next_command is not None:
+            message += f"; next: {error.next_command.value}"
         if debug:
             import traceback
 
@@ -78,25 +78,6 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
             print(f"pmsm-ctrl: {' '.join(shown.split())}", file=sys.stderr)
         return status
     return outcome if isinstance(outcome, int) else DONE
-
-
-# What a message says is missing -> the command that helps. A message that names one itself gets no other.
-NEXT_COMMANDS = (
-    (r"no such file; a design", "pmsm-ctrl init writes a design from a datasheet"),
-    (r"loops: missing", "pmsm-ctrl tune DESIGN --output NEW_DESIGN"),
-    (r"no channel '", "--map i_q='COLUMN [UNIT]' says which column it is"),
-    (r"a number was expected|holds text|neither (omega|theta|torque)|\bunit \[", "pmsm-ctrl import LOG"),
-    (r"unknown effect", "pmsm-ctrl effects lists them"),
-    (r"no plateau|settled speed level", "pmsm-ctrl identify takes a log of any motion"),
-    (r"cannot be simulated; give a log", "pmsm-ctrl init asks for the electrical data"),
-)
-
-
-def _next_command(message: str, words: Sequence[str]) -> str:
-    """Return "; next: ..." where a command of this program is the way on."""
-    if not message or "pmsm-ctrl " in message:
-        return ""
-    return next((f"; next: {command}" for sign, command in NEXT_COMMANDS if re.search(sign, message)), "")
 
 
 def _show_warning(

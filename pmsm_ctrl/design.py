@@ -13,7 +13,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, field_validator, model_validator
 
 from pmsm_ctrl.complaints import explain
-from pmsm_ctrl.errors import DesignError, nearest
+from pmsm_ctrl.errors import DesignError, NextCommand, nearest
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.units import DATASHEET, psi_f_from, torque_constant
 
@@ -340,6 +340,22 @@ class Design(Part):
         """Period at which the drive records, s."""
         return self.sensor.log_divider / self.drive.f_control
 
+    def require_loops(self) -> Loops:
+        """Return the loops of a design that has to have some.
+
+        Returns
+        -------
+        Loops
+
+        Raises
+        ------
+        DesignError
+            When the design has none.
+        """
+        if self.loops is None:
+            raise DesignError(f"{self.source or self.name}: loops: missing", next_command=NextCommand.TUNE)
+        return self.loops
+
     def parameters(self, effect: str) -> dict[str, float]:
         """Return the parameters of the first effect with this id; empty when the design has none."""
         for entry in self.effects:
@@ -448,7 +464,8 @@ class Design(Part):
             text = Path(path).read_bytes().decode("utf-8")
             data = tomllib.loads(text)
         except FileNotFoundError:
-            raise DesignError(f"{path}: no such file; a design in TOML was expected") from None
+            message = f"{path}: no such file; a design in TOML was expected"
+            raise DesignError(message, next_command=NextCommand.INIT) from None
         except OSError as error:
             raise DesignError(f"{path}: cannot be read ({error.strerror})") from None
         except UnicodeDecodeError as error:

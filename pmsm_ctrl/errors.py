@@ -4,12 +4,40 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from enum import Enum
 
-__all__ = ["CacheWarning", "DesignError", "LogError", "PmsmCtrlError", "RequestError", "SimulationError", "nearest"]
+__all__ = [
+    "CacheWarning", "DesignError", "LogError", "NextCommand", "PmsmCtrlError", "RequestError", "SimulationError",
+    "nearest",
+]  # fmt: skip
+
+
+class NextCommand(Enum):
+    """What to run after an error; the command line writes it behind the message."""
+
+    INIT = "pmsm-ctrl init writes a design from a datasheet"
+    ELECTRICAL_DATA = "pmsm-ctrl init asks for the electrical data"
+    TUNE = "pmsm-ctrl tune DESIGN --output NEW_DESIGN"
+    MAP = "--map i_q='COLUMN [UNIT]' says which column it is"
+    IMPORT = "pmsm-ctrl import LOG"
+    EFFECTS = "pmsm-ctrl effects lists them"
+    IDENTIFY = "pmsm-ctrl identify takes a log of any motion"
 
 
 class PmsmCtrlError(Exception):
-    """Base of every error the package raises on purpose; the command line shows it as one line."""
+    """Base of every error the package raises on purpose; the command line shows it as one line.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, where, and what would have been accepted.
+    next_command : NextCommand, optional
+        What to run next.
+    """
+
+    def __init__(self, message: str = "", *, next_command: NextCommand | None = None) -> None:
+        super().__init__(message)
+        self.next_command = next_command
 
 
 class DesignError(PmsmCtrlError):

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pmsm_ctrl.errors import LogError, nearest
+from pmsm_ctrl.errors import LogError, NextCommand, nearest
 from pmsm_ctrl.files import atomic_path
 
 __all__ = ["CHANNELS", "Log", "Provenance", "Segment"]
@@ -107,7 +107,8 @@ class Log:
         try:
             return self.channels[name]
         except KeyError:
-            raise LogError(f"{self._label}no channel '{name}' (present: {', '.join(self.channels)})") from None
+            message = f"{self._label}no channel '{name}' (present: {', '.join(self.channels)})"
+            raise LogError(message, next_command=NextCommand.MAP) from None
 
     def __contains__(self, name: object) -> bool:
         return name in self.channels

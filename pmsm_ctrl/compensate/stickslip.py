@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
-from pmsm_ctrl.errors import DesignError
 
 __all__ = ["Hunting", "hunting"]
 
@@ -59,10 +58,9 @@ def hunting(design: Design) -> Hunting | None:
     DesignError
         When the design has no loops.
     """
-    if design.loops is None:
-        raise DesignError(f"{design.source or design.name}: loops: missing; `pmsm-ctrl tune` finds them")
+    loops = design.require_loops()
     breakaway, sliding = _levels(design)
-    if not breakaway > sliding > 0.0 or design.loops.position.K_v == 0.0:
+    if not breakaway > sliding > 0.0 or loops.position.K_v == 0.0:
         return None
     system = _system(design)
     roots = np.linalg.eigvals(system)
@@ -74,7 +72,7 @@ def hunting(design: Design) -> Hunting | None:
     amplitude, slip, torque = found
     if not (amplitude > 0.0 and abs(torque) < breakaway):
         return None  # it overshoots the other way, or slides on at once
-    loops = design.loops
+    loops = design.require_loops()
     ramp = design.K_t * loops.speed.K_p / loops.speed.T_n * loops.position.K_v * amplitude
     stick = (breakaway + torque) / ramp
     return Hunting(amplitude, 2.0 * (slip + stick), slip, stick)
@@ -95,8 +93,8 @@ def _levels(design: Design) -> tuple[float, float]:
 
 def _system(design: Design) -> Array:
     """Matrix of (torque of the integral, angle, speed) while the axis slips; the reference rests at 0."""
-    assert design.loops is not None
-    speed, position = design.loops.speed, design.loops.position
+    loops = design.require_loops()
+    speed, position = loops.speed, loops.position
     gain, F_v = design.K_t * speed.K_p, design.parameters("viscous").get("F_v", 0.0)
     integral = gain / speed.T_n
     return np.array([
@@ -115,8 +113,8 @@ def _first_stop(
     """
     from scipy.optimize import brentq
 
-    assert design.loops is not None
-    stiffness = design.K_t * design.loops.speed.K_p * design.loops.position.K_v
+    loops = design.require_loops()
+    stiffness = design.K_t * loops.speed.K_p * loops.position.K_v
     values, vectors = np.linalg.eig(system)
     inverse = np.linalg.inv(vectors)
     # x' = A x - b with b the sliding friction; the state that would rest: A x = b.

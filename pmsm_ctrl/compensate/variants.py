@@ -8,7 +8,6 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
-from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.sampling import speed_lag
 
 __all__ = ["baseline", "compensated"]
@@ -20,14 +19,13 @@ def baseline(design: Design) -> Design:
     The drive's speed lags the true one; a reference that is not delayed alike makes an error of lag times
     acceleration, which must not be taken for friction's.
     """
-    if design.loops is None:
-        raise DesignError(f"{design.source or design.name}: loops: missing; `pmsm-ctrl tune` finds them")
+    loops = design.require_loops()
     lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
-    speed = design.loops.speed.model_copy(update={"reference_filter": design.loops.speed.reference_filter or lag})
-    position = design.loops.position.model_copy(
-        update={"acceleration_feedforward": design.loops.position.acceleration_feedforward or 1.0}
+    speed = loops.speed.model_copy(update={"reference_filter": loops.speed.reference_filter or lag})
+    position = loops.position.model_copy(
+        update={"acceleration_feedforward": loops.position.acceleration_feedforward or 1.0}
     )
-    loops = design.loops.model_copy(update={"speed": speed, "position": position})
+    loops = loops.model_copy(update={"speed": speed, "position": position})
     off = design.compensation.model_copy(update={"gain": 0.0})
     return design.model_copy(update={"loops": loops, "compensation": off})
 

@@ -32,7 +32,7 @@ from pmsm_ctrl.effects import (
     viscous_power,
 )
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.errors import DesignError, RequestError, nearest
+from pmsm_ctrl.errors import DesignError, NextCommand, RequestError, nearest
 
 __all__ = ["CATALOGUE", "bound_effects", "catalogue_of", "catalogue_with", "lookup"]
 
@@ -130,8 +130,12 @@ def lookup(identifier: str, effects: Mapping[str, Effect] = CATALOGUE) -> Effect
         For an unknown id, naming the nearest.
     """
     if identifier not in effects:
-        raise RequestError(f"unknown effect '{identifier}'{nearest(identifier, effects)} (known: {', '.join(effects)})")
+        raise RequestError(_unknown(identifier, effects), next_command=NextCommand.EFFECTS)
     return effects[identifier]
+
+
+def _unknown(identifier: str, effects: Mapping[str, Effect]) -> str:
+    return f"unknown effect '{identifier}'{nearest(identifier, effects)} (known: {', '.join(effects)})"
 
 
 def bound_effects(design: Design) -> list[tuple[Effect, dict[str, float]]]:
@@ -156,9 +160,8 @@ def bound_effects(design: Design) -> list[tuple[Effect, dict[str, float]]]:
     bound = []
     for entry in design.effects:
         if entry.id not in effects:
-            raise DesignError(
-                f"{where}effects: unknown effect '{entry.id}'{nearest(entry.id, effects)} (known: {', '.join(effects)})"
-            )
+            message = f"{where}effects: {_unknown(entry.id, effects)}"
+            raise DesignError(message, next_command=NextCommand.EFFECTS)
         effect = effects[entry.id]
         bound.append((effect, effect.values(entry, where)))
     return bound

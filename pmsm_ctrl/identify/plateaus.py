@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.evidence.noise import mean_of
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import drive_torque
@@ -98,7 +98,7 @@ def find_plateaus(design: Design, log: Log) -> tuple[Plateau, ...]:
     if "T_load" in log:
         torque = torque - log["T_load"]
     if "omega" not in log and "theta" not in log:
-        raise LogError(f"{where}neither omega nor theta (present: {', '.join(log)})")
+        raise LogError(f"{where}neither omega nor theta (present: {', '.join(log)})", next_command=NextCommand.IMPORT)
     top = float(np.max(np.abs(reference)))
     change = np.flatnonzero(np.abs(np.diff(reference)) > 1e-6 * top) + 1
     edges = np.concatenate([[0], change, [len(t)]])
@@ -108,7 +108,8 @@ def find_plateaus(design: Design, log: Log) -> tuple[Plateau, ...]:
         if stop - start >= SHORTEST and abs(level) > 1e-6 * top:
             found.append(_average(log, torque, level, start, stop))
     if not found:
-        raise LogError(f"{where}no plateau: omega_ref is never constant and nonzero over {SHORTEST} samples")
+        message = f"{where}no plateau: omega_ref is never constant and nonzero over {SHORTEST} samples"
+        raise LogError(message, next_command=NextCommand.IDENTIFY)
     return tuple(found)
 
 

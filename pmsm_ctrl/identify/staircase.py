@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError, RequestError
+from pmsm_ctrl.errors import LogError, NextCommand, RequestError
 from pmsm_ctrl.identify.plateaus import Plateau, find_plateaus
 from pmsm_ctrl.identify.regression import t_quantile
 from pmsm_ctrl.log import Log
@@ -216,9 +216,8 @@ def evaluate_sweep(design: Design, logs: Log | Sequence[Log]) -> SweepResult:
     plateaus = tuple(p for record in records for p in find_plateaus(design, record))
     levels = _average_levels(plateaus)
     if len({round(abs(level.omega), 9) for level in levels}) < 2 or len(levels) < 3:
-        raise LogError(
-            f"{len(levels)} settled speed level(s); F_c and F_v need at least three, of two different speeds"
-        )
+        message = f"{len(levels)} settled speed level(s); F_c and F_v need at least three, of two different speeds"
+        raise LogError(message, next_command=NextCommand.IDENTIFY)
     joint = _fit(levels, motion)
     sides = []
     for sign in (1.0, -1.0):

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.importers.names import guess_channel, is_unit, split_header
 from pmsm_ctrl.importers.table import one_line
 from pmsm_ctrl.log import CHANNELS
@@ -355,7 +355,8 @@ def _refuse_text_above(rows: list[list[str]], first: int, above: tuple[list[str]
         if len(row) == len(rows[first]) and column is not None:
             name = split_header(rows[top][column])[0] if column < len(rows[top]) else f"#{column + 1}"
             place = f"line {i + 1}, column {column + 1} ('{name}')"
-            raise LogError(f"{file}: {one_line(place)}: '{one_line(row[column][:40])}' found; a number was expected")
+            message = f"{file}: {one_line(place)}: '{one_line(row[column][:40])}' found; a number was expected"
+            raise LogError(message, next_command=NextCommand.IMPORT)
         if any(row):
             raise LogError(f"{file}: line {i + 1}: {len(row)} cells found; {len(rows[first])} were expected")
 

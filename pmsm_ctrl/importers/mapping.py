@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError, nearest
+from pmsm_ctrl.errors import LogError, NextCommand, nearest
 from pmsm_ctrl.importers.names import guess_channel, split_header, unit_spelling
 from pmsm_ctrl.importers.table import Column, Table, one_line
 from pmsm_ctrl.log import CHANNELS
@@ -192,15 +192,15 @@ def _source(table: Table, channel: str, index: int, stated: str, how: str, scale
         accepted = ", ".join(known for known, (si, _) in UNITS.items() if si == target)
         near = nearest(spelled, UNITS)
         what = f"unknown unit [{spelled}] for '{channel}'{near}"
-        raise LogError(f"{place}: {what} (accepted: {accepted}; or a factor in [log.scale])")
+        message = f"{place}: {what} (accepted: {accepted}; or a factor in [log.scale])"
+        raise LogError(message, next_command=NextCommand.IMPORT)
     si, factor = UNITS[unit]
     if si != target and scale is None:
         accepted = ", ".join(known for known, (known_si, _) in UNITS.items() if known_si == target)
         hint = '; is the axis linear? then the design says motion = "linear"' if si in ("m", "m/s", "N") else ""
-        raise LogError(
-            f"{place}: unit [{spelled}] does not fit '{channel}' in {target} "
-            f"(accepted: {accepted}; or a factor in [log.scale]){hint}"
-        )
+        message = f"{place}: unit [{spelled}] does not fit '{channel}' in {target} "
+        message += f"(accepted: {accepted}; or a factor in [log.scale]){hint}"
+        raise LogError(message, next_command=NextCommand.IMPORT)
     return Source(channel, index, unit, factor, 1.0 if scale is None else scale, how, not spelled, si != target)
 
 
@@ -214,10 +214,9 @@ def _require(table: Table, sources: tuple[Source, ...]) -> None:
     for group, wanted in zip(missing, named, strict=True):
         _explain_unit(table, group, wanted)
     examples = [f"{group[-1]} = 'column [unit]'" + " or 'every 1 ms'" * ("t" in group) for group in missing]
-    raise LogError(
-        f"{table.file}: no channel {', and no '.join(named)}; found the columns {_shown(table.columns)} "
-        f"(name them in [log.channels] or as {', '.join(examples)})"
-    )
+    message = f"{table.file}: no channel {', and no '.join(named)}; found the columns {_shown(table.columns)} "
+    message += f"(name them in [log.channels] or as {', '.join(examples)})"
+    raise LogError(message, next_command=NextCommand.MAP)
 
 
 def _explain_unit(table: Table, group: tuple[str, ...], wanted: str) -> None:

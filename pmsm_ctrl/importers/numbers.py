@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.importers.layout import Layout, pieces, split_line
 from pmsm_ctrl.importers.stamps import dated
 from pmsm_ctrl.importers.table import Array, one_line
@@ -67,9 +67,8 @@ def row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[in
     """Yield the rows in blocks, one array per column, so that a file may be larger than memory."""
     for c in columns:
         if c in layout.text_columns:
-            raise LogError(
-                f"{file}: column {c + 1} ('{one_line(layout.header[c][:60])}') holds text; numbers were expected"
-            )
+            message = f"{file}: column {c + 1} ('{one_line(layout.header[c][:60])}') holds text; numbers were expected"
+            raise LogError(message, next_command=NextCommand.IMPORT)
     large = os.path.getsize(path) >= PYARROW_FROM
     clock = (0, 0)
     for index, piece in enumerate(_data_pieces(path, layout)):
@@ -218,9 +217,9 @@ def _cell(cell: str, file: str, layout: Layout, line: int, column: int) -> float
         return float(text)
     except ValueError:
         name = one_line(layout.header[column][:60]) if column < len(layout.header) else f"#{column + 1}"
-        raise LogError(
-            f"{file}: line {line}, column {column + 1} ('{name}'): '{one_line(cell[:40])}' found; a number was expected"
-        ) from None
+        place = f"{file}: line {line}, column {column + 1} ('{name}')"
+        message = f"{place}: '{one_line(cell[:40])}' found; a number was expected"
+        raise LogError(message, next_command=NextCommand.IMPORT) from None
 
 
 def line_of_row(path: str | Path, layout: Layout, row: int) -> int:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError, RequestError
+from pmsm_ctrl.errors import LogError, NextCommand, RequestError
 from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
@@ -386,7 +386,7 @@ def _motion(
         omega = clean(raw["omega"])
         theta = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1])) * period])
     else:
-        raise LogError(f"{where}neither theta nor omega (present: {', '.join(raw)})")
+        raise LogError(f"{where}neither theta nor omega (present: {', '.join(raw)})", next_command=NextCommand.IMPORT)
     return {"theta": theta, "omega": omega, "direction": np.sign(omega)}, derivative(omega, period, method)
 
 
@@ -411,7 +411,8 @@ def drive_torque(design: Design, signals: Mapping[str, Array], where: str = "") 
         When there is no ``i_q``.
     """
     if "i_q" not in signals:
-        raise LogError(f"{where}neither torque nor i_q (usable: {', '.join(signals)})")
+        message = f"{where}neither torque nor i_q (usable: {', '.join(signals)})"
+        raise LogError(message, next_command=NextCommand.IMPORT)
     motor, i_q = design.motor, signals["i_q"]
     if motor.p is None or motor.L_d is None or motor.L_q is None:
         return design.K_t_assumed * i_q

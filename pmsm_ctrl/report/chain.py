@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
-from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.errors import DesignError, NextCommand, RequestError
 from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
 from pmsm_ctrl.identify.paper import PAPER_CASES
@@ -219,7 +219,8 @@ def _simulated_parts(
         lacking = "the design lacks the motor's electrical data"
         if needed:
             where = design.source or design.name
-            raise DesignError(f"{where}: {lacking}, so it cannot be simulated; give a log with --log")
+            message = f"{where}: {lacking}, so it cannot be simulated; give a log with --log"
+            raise DesignError(message, next_command=NextCommand.ELECTRICAL_DATA)
         return {}, [f"the tuning and the simulated speed sweep, because {lacking}"]
     results: dict[str, Result] = {}
     tuned = tune(design, seed=seed, progress=lambda share: advance(0.3 * share))

@@ -97,9 +97,7 @@ class Controller:
         DesignError
             When the design has no loops, no position gain where one is needed, or no electrical data.
         """
-        loops, motor, assumed = design.loops, design.motor, design.assumed
-        if loops is None:
-            raise DesignError(f"{design.source or design.name}: loops: missing; `pmsm-ctrl tune` finds them")
+        loops, motor, assumed = design.require_loops(), design.motor, design.assumed
         if motor.p is None or motor.L_d is None or motor.L_q is None:
             raise DesignError(f"{design.source or design.name}: motor: electrical data missing for the current loop")
         T, T_s = 1.0 / design.drive.f_control, design.drive.speed_period

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError, RequestError
+from pmsm_ctrl.errors import LogError, NextCommand, RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate, Result, Section, jsonable
 from pmsm_ctrl.track import model
@@ -321,9 +321,12 @@ def samples_of(design: Design, log: Log, measure: str) -> Samples:
         When a channel is missing.
     """
     if measure not in log:
-        raise LogError(f"{_where(log)}no channel '{measure}' to track from (present: {', '.join(log)})")
+        message = f"{_where(log)}no channel '{measure}' to track from (present: {', '.join(log)})"
+        raise LogError(message, next_command=NextCommand.MAP)
     if "torque" not in log and "i_q" not in log:
-        raise LogError(f"{_where(log)}neither torque nor i_q (present: {', '.join(log)})")
+        raise LogError(
+            f"{_where(log)}neither torque nor i_q (present: {', '.join(log)})", next_command=NextCommand.IMPORT
+        )
     z = _unwrap(log["theta"]) if measure == "theta" else np.array(log["omega"])
     zero = np.zeros(len(log))
     i_d, i_q = (log.channels.get(name, zero) for name in ("i_d", "i_q"))

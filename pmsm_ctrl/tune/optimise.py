@@ -92,14 +92,14 @@ def optimise(
 
     Raises
     ------
+    DesignError
+        When the design has no loops.
     RequestError
-        When the design has no loops, or its own gains miss the requirements.
+        When its own gains miss the requirements.
     """
     from scipy.optimize import minimize
 
-    if design.loops is None:
-        raise RequestError(f"{design.source or design.name}: loops: missing; the search starts from tuned ones")
-    loops, requirements = design.loops, requirements or Requirements()
+    loops, requirements = design.require_loops(), requirements or Requirements()
     load = 0.25 * design.K_t * min(design.drive.i_max, 1e3) if load is None else load
     motion = reversal(speed=speed, load=load, duration=duration)
     cascade = Cascade.of(design, loops.current, at=max(speed, 1e-3))

@@ -126,13 +126,13 @@ def prove(
 
     Raises
     ------
+    DesignError
+        When the design has no loops.
     RequestError
-        When the design has no loops, or the signal would reach a limit of the drive.
+        When the signal would reach a limit of the drive.
     """
-    if design.loops is None:
-        raise RequestError(f"{design.source or design.name}: loops: missing; tune the design first")
+    loops = design.require_loops()
     speed = speed if speed is not None else default_speed(design)
-    loops = design.loops
     has_position = loops.position.K_v > 0.0
     cascade = Cascade.of(design, loops.current, loops.speed, loops.position if has_position else None, at=speed)
     measure = _Measurement(design, truth, cascade, speed, seed)

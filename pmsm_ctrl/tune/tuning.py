@@ -295,19 +295,18 @@ def assess(
     ------
     UnstableLoopError
         When a loop is unstable: the message says which, its `figure` shows it.
-    RequestError
+    DesignError
         When the design has no loops.
     """
     requirements = requirements or Requirements()
     _check(design)
-    if design.loops is None:
-        raise RequestError(f"{design.source or design.name}: loops: missing, there are no gains to judge; tune first")
+    loops = design.require_loops()
     at = at if at is not None else default_speed(design)
     given = dict.fromkeys(("current", "speed", "position"), report.AS_GIVEN)
-    cascade = Cascade.of(design, design.loops.current, design.loops.speed, at=at)
+    cascade = Cascade.of(design, loops.current, loops.speed, at=at)
     found = _assemble(
-        design, design.loops, given, requirements, at, None,
-        resonance(cascade, design.loops.speed, requirements, False),
+        design, loops, given, requirements, at, None,
+        resonance(cascade, loops.speed, requirements, False),
     )  # fmt: skip
     return _proved(found, prove, at, seed, None)
 
