@@ -49,7 +49,6 @@ from pmsm_ctrl.options import (
 
 if TYPE_CHECKING:
     from pmsm_ctrl.identify import Method
-    from pmsm_ctrl.track.settings import Kind
 
 __all__ = ["app", "main"]
 
@@ -307,19 +306,16 @@ def add(
 def track(
     log: LogArgument,
     design: DesignOption,
-    kind: Annotated[
-        str, typer.Option("--filter", metavar="KIND", help="extended or unscented Kalman filter")
-    ] = "extended",
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Track F_c and F_v over a log with a Kalman filter."""
+    """Track F_c and F_v over a log with an extended Kalman filter."""
     from pmsm_ctrl.track import track as run_tracking
 
     believed = read_design(design, effects)
-    result = run_tracking(believed, load_log(log, believed, mapping), kind=cast("Kind", kind))
+    result = run_tracking(believed, load_log(log, believed, mapping))
     finish("track", result, json_file=json_file, report=report)
 
 

@@ -79,8 +79,8 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
     logged = design.log_period if period is None else period
     s = numbers(design, settings, logged)
     known = KnownTorque(design)
-    if known.notes:
-        raise RequestError(f"{design.source or design.name}: {known.notes[0]}")
+    if known.notices:
+        raise RequestError(f"{design.source or design.name}: {known.notices[0]}")
     terms = Terms(list(known.effects))
     signals = {a for effect, _ in known.effects for a in effect.signals}
     inputs, outputs, motor = _inputs(design, settings, signals), _outputs(settings), _motor(design)

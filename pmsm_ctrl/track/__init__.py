@@ -1,7 +1,9 @@
-"""Tracking: F_c and F_v while the axis runs, by Kalman filters. filterpy lives here and nowhere else."""
+"""Tracking: F_c and F_v while the axis runs, by a Kalman filter. filterpy lives here and nowhere else."""
 
+from pmsm_ctrl.track import present  # noqa: F401 - registers what a tracking says
 from pmsm_ctrl.track.live import FrictionTracker, Reading
+from pmsm_ctrl.track.result import Tracking
 from pmsm_ctrl.track.settings import Settings
-from pmsm_ctrl.track.tracking import Tracking, track
+from pmsm_ctrl.track.tracking import track
 
 __all__ = ["FrictionTracker", "Reading", "Settings", "Tracking", "track"]

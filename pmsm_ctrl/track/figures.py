@@ -11,7 +11,7 @@ from pmsm_ctrl.track import model
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from pmsm_ctrl.track.tracking import Tracking
+    from pmsm_ctrl.track.result import Tracking
 
 __all__ = ["draw"]
 

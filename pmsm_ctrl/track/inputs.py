@@ -2,32 +2,78 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import SIGNALS, Effect
+from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
+from pmsm_ctrl.errors import LogError, NextCommand, RequestError
 from pmsm_ctrl.kernels.balance import torque_em
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.section import Notice
+from pmsm_ctrl.track.notices import EFFECT_LEFT_OUT
+from pmsm_ctrl.track.settings import Settings
 from pmsm_ctrl.units import psi_f_from
 
-__all__ = ["KnownTorque", "drive_torque"]
+__all__ = ["KnownTorque", "Samples", "drive_torque", "located", "noise_from_log", "samples_of"]
 
 Array = NDArray[np.float64]
 AVAILABLE = ("omega", "theta", "direction", "i_d", "i_q", "torque", "t", "p")
 
 
 def drive_torque(design: Design, i_d: ArrayLike, i_q: ArrayLike) -> Array | float:
-    """Torque of the drive in N m from its currents, with the torque constant that the evaluation assumes."""
+    """Return the drive's torque from its currents, with the torque constant that the evaluation assumes.
+
+    Parameters
+    ----------
+    design : Design
+        Motor and assumed torque constant.
+    i_d, i_q : float or array, shape (n,)
+        Currents, A peak.
+
+    Returns
+    -------
+    float or array, shape (n,)
+        Torque, N m. Without inductances or pole pairs the reluctance torque is left out.
+    """
     motor = design.motor
     if motor.p is None or motor.L_d is None or motor.L_q is None:
         return design.K_t_assumed * np.asarray(i_q, dtype=np.float64)
     psi_f = psi_f_from(design.K_t_assumed, motor.p)
     # the kernel's own Python source works on arrays as well
-    return torque_em.py_func(motor.p, psi_f, motor.L_d, motor.L_q, i_d, i_q)
+    torque: Array | float = torque_em.py_func(motor.p, psi_f, motor.L_d, motor.L_q, i_d, i_q)
+    return torque
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The filter's inputs over a log.
+
+    Attributes
+    ----------
+    t : array, shape (n,)
+        Time, s.
+    z : array, shape (n,)
+        Measured angle, rad, or speed, rad/s.
+    torque : array, shape (n,)
+        Drive torque less the known load, N m.
+    known : array, shape (n,)
+        Torque of the design's further effects, N m.
+    notices : tuple of Notice
+        Effects that are left out.
+    """
+
+    t: Array
+    z: Array
+    torque: Array
+    known: Array
+    notices: tuple[Notice, ...] = ()
 
 
 class KnownTorque:
@@ -35,14 +81,14 @@ class KnownTorque:
 
     Attributes
     ----------
-    notes : tuple of str
+    notices : tuple of Notice
         Effects that cannot be evaluated sample by sample, and are left out.
     """
 
     def __init__(self, design: Design) -> None:
         self._effects: list[tuple[Effect, dict[str, float]]] = []
         self._p = float(design.motor.p or 0)
-        notes = []
+        notices = []
         tracked = {"coulomb", "viscous"}
         for effect, values in bound_effects(design):
             if effect.enters != "torque" or not effect.active(values):
@@ -52,10 +98,10 @@ class KnownTorque:
                 continue
             missing = [name for name in effect.signals if name not in AVAILABLE]
             if effect.structure != "term" or missing:
-                notes.append(f"{effect.id} is left out: a tracker that sees the motor alone cannot evaluate it")
+                notices.append(EFFECT_LEFT_OUT(effect=effect.id))
                 continue
             self._effects.append((effect, values))
-        self.notes = tuple(notes)
+        self.notices = tuple(notices)
 
     @property
     def effects(self) -> tuple[tuple[Effect, dict[str, float]], ...]:
@@ -81,4 +127,106 @@ class KnownTorque:
         return total
 
 
-assert set(AVAILABLE) <= set(SIGNALS)
+def samples_of(design: Design, log: Log, measure: str) -> Samples:
+    """Return the filter's inputs from a log.
+
+    Parameters
+    ----------
+    design : Design
+        The torque constant and the further effects.
+    log : Log
+        With the measured channel, and ``torque`` or ``i_q``.
+    measure : {"theta", "omega"}
+        The measured channel.
+
+    Returns
+    -------
+    Samples
+        Arrays of the log's length.
+
+    Raises
+    ------
+    LogError
+        When a channel is missing.
+    """
+    if measure not in log:
+        message = f"{located(log)}no channel '{measure}' to track from (present: {', '.join(log)})"
+        raise LogError(message, next_command=NextCommand.MAP)
+    if "torque" not in log and "i_q" not in log:
+        message = f"{located(log)}neither torque nor i_q (present: {', '.join(log)})"
+        raise LogError(message, next_command=NextCommand.IMPORT)
+    z = _unwrap(log["theta"]) if measure == "theta" else np.array(log["omega"])
+    zero = np.zeros(len(log))
+    i_d, i_q = (log.channels.get(name, zero) for name in ("i_d", "i_q"))
+    drive = np.asarray(log["torque"] if "torque" in log else drive_torque(design, i_d, i_q), dtype=np.float64)
+    known, torque = KnownTorque(design), drive
+    if "T_load" in log:
+        torque = drive - log["T_load"]
+    extra = zero
+    if known:
+        speed = _speed(log.t, z, drive) if measure == "theta" else z
+        theta = z if measure == "theta" else log.channels.get("theta")
+        signals = {"t": log.t, "omega": speed, "direction": np.sign(speed), "i_d": i_d, "i_q": i_q, "torque": drive}
+        extra = known.over(signals if theta is None else {**signals, "theta": theta})
+    return Samples(np.array(log.t), z, np.array(torque), np.array(extra), known.notices)
+
+
+def _speed(t: Array, theta: Array, drive: Array) -> Array:
+    """Speed from each angle and the last one before it that was taken in, as on a live stream."""
+    speed = np.zeros(t.size)
+    later = np.append(True, t[1:] > np.maximum.accumulate(t)[:-1])
+    taken = np.flatnonzero(np.isfinite(theta) & np.isfinite(drive) & later)
+    speed[taken[1:]] = np.diff(theta[taken]) / np.diff(t[taken])
+    return speed
+
+
+def located(log: Log) -> str:
+    """Return the log's file as the head of a message; empty where it has none."""
+    return f"{log.provenance.file}: " if log.provenance.file else ""
+
+
+def _unwrap(theta: Array) -> Array:
+    """Undo a wrap at one turn: jumps of nearly 2 pi within a range of one turn, and nothing else."""
+    if np.ptp(theta) <= 2 * np.pi * (1 + 1e-6) and float(np.max(np.abs(np.diff(theta)))) > 1.5 * np.pi:
+        return np.unwrap(theta)
+    return np.array(theta)
+
+
+def noise_from_log(design: Design, settings: Settings, samples: Samples, log: Log) -> Settings:
+    """Fill in the noise that neither the settings nor the design state, from the log itself.
+
+    Parameters
+    ----------
+    design : Design
+        Its sensor's noise and encoder counts; zero where they are not known.
+    settings : Settings
+        Noise given here is kept.
+    samples : Samples
+        What the noise is estimated from.
+    log : Log
+        Named in the message.
+
+    Returns
+    -------
+    Settings
+        With torque and angle noise.
+
+    Raises
+    ------
+    RequestError
+        When the drive torque is zero throughout.
+    """
+    if settings.torque_noise is None and design.sensor.current_noise == 0.0:
+        # The second difference of a smooth signal is noise; the median passes over steps.
+        second = np.diff(samples.torque, 2)
+        noise = 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0)
+        floor = 1e-4 * float(np.quantile(np.abs(samples.torque), 0.95))
+        if not max(noise, floor) > 0.0:
+            raise RequestError(f"{located(log)}the drive torque is zero throughout; tracking needs a drive that pushes")
+        settings = replace(settings, torque_noise=max(noise, floor))
+    if settings.angle_noise is None and design.sensor.encoder_counts == 0 and settings.measure == "theta":
+        step = np.abs(np.diff(samples.z))
+        step = step[step > 1e-12 * max(1.0, float(np.max(np.abs(samples.z))))]
+        finest = float(step.min()) if step.size else 1e-6
+        settings = replace(settings, angle_noise=max(finest / math.sqrt(12.0), 1e-9))
+    return settings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,9 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.sampling import smoothing, speed_lag
 from pmsm_ctrl.track import model
 
-__all__ = ["Kind", "Settings", "check_kind", "covariance", "memory", "numbers", "start"]
+__all__ = ["Settings", "covariance", "memory", "numbers", "start"]
 
 Array = NDArray[np.float64]
-Kind = Literal["extended", "unscented"]
 
 
 @dataclass(frozen=True)
@@ -190,20 +189,3 @@ def _slow_states(design: Design, settings: Settings) -> tuple[Array, Array]:
         share = design.motor.tolerance.get("J", 0.15)
         prior[model.INERTIA] = share * design.J if settings.prior_J is None else settings.prior_J
     return prior, drift
-
-
-def check_kind(kind: str) -> None:
-    """Refuse a filter that does not exist.
-
-    Raises
-    ------
-    RequestError
-        With the filters that do.
-    """
-    if kind not in get_args(Kind):
-        raise RequestError(f"no filter '{kind}'; accepted: {', '.join(get_args(Kind))}")
-
-
-def as_dict(settings: Settings) -> dict[str, Any]:
-    """Return the settings as plain values."""
-    return {name: getattr(settings, name) for name in settings.__dataclass_fields__}

@@ -141,6 +141,14 @@ def rest(x, P, m, s, z):
 
 
 @inlined
+def distrust(P, m, s, y):
+    """After an abrupt change of the axis: friction and load are no better known than before the first sample."""
+    for i in range(1, SIZE - 1):
+        P[i, i] += max(s[PRIOR + i] - P[i, i], 0.0)
+    P[OMEGA, OMEGA] += y * y if s[FROM_ANGLE] == 0.0 else (y / max(s[INTERVAL], m[DT])) ** 2
+
+
+@inlined
 def measure(x, m, s, direction, h):
     """Fill the measurement row `h` and return the predicted measurement."""
     for i in range(SIZE):
@@ -202,9 +210,7 @@ def update(x, P, m, s, z, direction, h, u, v, K):
         restart(x, P, m, s, z)
         return event, innovation, variance
     if event == CHANGE:
-        for i in range(1, SIZE - 1):
-            P[i, i] += max(s[PRIOR + i] - P[i, i], 0.0)
-        P[OMEGA, OMEGA] += y * y if s[FROM_ANGLE] == 0.0 else (y / max(s[INTERVAL], m[DT])) ** 2
+        distrust(P, m, s, y)
         S = innovation_variance(P, h, s, u)
     for i in range(SIZE):
         K[i] = u[i] / S

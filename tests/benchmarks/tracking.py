@@ -20,8 +20,9 @@ from pmsm_ctrl.export.blocks import identifier
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.track import FrictionTracker, Settings, track
-from pmsm_ctrl.track.settings import Kind, numbers
-from pmsm_ctrl.track.tracking import filter_samples, samples_of
+from pmsm_ctrl.track.inputs import samples_of
+from pmsm_ctrl.track.settings import numbers
+from pmsm_ctrl.track.tracking import filter_samples
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -31,30 +32,30 @@ from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, s
 F_C, F_V = 0.0213, 0.000168
 
 
-def speeds(design: Design, log: Log, kind: Kind, pairs: int = 5) -> tuple[float, float]:
+def speeds(design: Design, log: Log, pairs: int = 5) -> tuple[float, float]:
     """Return samples per second of processor time: filterpy's filter, the compiled twin."""
     settings = Settings()
     samples = samples_of(design, log, "theta")
     s = numbers(design, settings, log.period)
     rows = list(zip(samples.t.tolist(), samples.z.tolist(), samples.torque.tolist(), strict=True))[:4000]
-    filter_samples(design, settings, s, samples, kind)
+    filter_samples(design, settings, s, samples)
     slow, fast = [], []
     for _ in range(pairs):
-        tracker = FrictionTracker(design, settings, kind=kind)
+        tracker = FrictionTracker(design, settings)
         start = time.process_time()
         for row in rows:
             tracker.step(*row)
         slow.append((time.process_time() - start) / len(rows))
         start = time.process_time()
         for _ in range(20):
-            filter_samples(design, settings, s, samples, kind)
+            filter_samples(design, settings, s, samples)
         fast.append((time.process_time() - start) / 20 / len(log))
     return 1.0 / float(np.median(slow)), 1.0 / float(np.median(fast))
 
 
-def difference(design: Design, log: Log, kind: Kind) -> float:
+def difference(design: Design, log: Log) -> float:
     """Return the largest difference of estimates and deviations, relative to the largest of each."""
-    tracker, found = FrictionTracker(design, kind=kind), track(design, log, kind=kind, adapt=False)
+    tracker, found = FrictionTracker(design), track(design, log, adapt=False)
     rows = zip(*(log[name].tolist() for name in ("t", "i_q", "theta", "i_d")), strict=True)
     readings = [tracker.update(t, i_q=i_q, theta=theta, i_d=i_d) for t, i_q, theta, i_d in rows]
     pairs = [([getattr(r, n) for r in readings], found.history[n]) for n in ("F_c", "F_v")]
@@ -103,11 +104,9 @@ def main() -> None:
     triangle = scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0)
     log = simulate(design, triangle, seed=1)
     print("| what | measured | wanted |\n|---|---|---|")
-    for kind in ("extended", "unscented"):
-        slow, fast = speeds(design, log, kind)
-        row(f"samples/s, filterpy's {kind} filter and its twin", f"{slow:,.0f} and {fast:,.0f}, {fast / slow:.0f} x",
-            "500 x")  # fmt: skip
-        row(f"largest relative difference, {kind} filter and twin", f"{difference(design, log, kind):.0e}", "1e-9")
+    slow, fast = speeds(design, log)
+    row("samples/s, filterpy's filter and its twin", f"{slow:,.0f} and {fast:,.0f}, {fast / slow:.0f} x", "500 x")
+    row("largest relative difference, filterpy's filter and twin", f"{difference(design, log):.0e}", "1e-9")
     took, apart = exported(design, log)
     row("exported C of the extended filter, ns per sample, and difference from the twin", f"{took:.0f}, {apart:.0e}",
         "1e-6")  # fmt: skip
@@ -129,13 +128,12 @@ def main() -> None:
     row("lag behind a drift of F_v, s", f"mean {np.mean(lags):.2f}, worst of 10 {max(lags):.2f}", "< 3")
     for walking in (False, True):
         for measure in ("theta", "omega"):
-            for kind, c in consistency(design, runs, walking=walking, measure=measure, first=1000).items():
-                label = f"{kind}, from {measure}, friction {'walks' if walking else 'constant'}, {runs} runs"
-                row(f"NEES, NIS inside their 95 % bands, {label}", f"{100 * c.nees:.1f} %, {100 * c.nis:.1f} %",
-                    "93-97 %")  # fmt: skip
-                row(f"bias of F_c, F_v, {label}", f"{100 * c.bias[0]:+.3f} %, {100 * c.bias[1]:+.3f} %", "< 1 %")
-                row(f"efficiency (posterior Cramer-Rao bound / squared error), {label}",
-                    f"{c.efficiency[0]:.2f}, {c.efficiency[1]:.2f}", "printed")  # fmt: skip
+            c = consistency(design, runs, walking=walking, measure=measure, first=1000)
+            label = f"from {measure}, friction {'walks' if walking else 'constant'}, {runs} runs"
+            row(f"NEES, NIS inside their 95 % bands, {label}", f"{100 * c.nees:.1f} %, {100 * c.nis:.1f} %", "93-97 %")
+            row(f"bias of F_c, F_v, {label}", f"{100 * c.bias[0]:+.3f} %, {100 * c.bias[1]:+.3f} %", "< 1 %")
+            row(f"efficiency (posterior Cramer-Rao bound / squared error), {label}",
+                f"{c.efficiency[0]:.2f}, {c.efficiency[1]:.2f}", "printed")  # fmt: skip
 
 
 if __name__ == "__main__":

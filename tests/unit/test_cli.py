@@ -135,15 +135,11 @@ def test_add_prints_its_parameters_with_units(
     assert units == {"F_c": "N m", "F_v": "N m s/rad", "T_0": "N m"}
 
 
-def test_both_filters_track(tmp_path: Path, design: Path, log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_track(tmp_path: Path, design: Path, log: Path) -> None:
     result = tmp_path / "t.json"
-    for words, named in (([], "extended"), (["--filter", "unscented"], "unscented")):
-        assert call("track", log, "--design", design, "--json", result, *words) == 0
-        assert f"{named} filter" in capsys.readouterr().out
-        data = json.loads(result.read_text(encoding="utf-8"))
-        assert data["filter"] == named
-        assert data["parameters"]["F_c"]["value"] == pytest.approx(0.02, rel=0.05)
-    assert "accepted: extended, unscented" in refused(capsys, "track", log, "--design", design, "--filter", "ekf")
+    assert call("track", log, "--design", design, "--json", result) == 0
+    data = json.loads(result.read_text(encoding="utf-8"))
+    assert data["estimates"]["F_c"]["value"] == pytest.approx(0.02, rel=0.05)
 
 
 def test_map_names_foreign_columns(tmp_path: Path, design: Path, capsys: pytest.CaptureFixture[str]) -> None:

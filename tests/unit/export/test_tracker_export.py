@@ -19,8 +19,9 @@ from pmsm_ctrl.export import export, export_files
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, simulate
 from pmsm_ctrl.track import Settings, model
+from pmsm_ctrl.track.inputs import samples_of
 from pmsm_ctrl.track.settings import numbers
-from pmsm_ctrl.track.tracking import Filtered, filter_samples, samples_of
+from pmsm_ctrl.track.tracking import Filtered, filter_samples
 from tests.unit.export.structured_text import FunctionBlock, parsed, parsed_library, parsed_tcpou
 from tests.unit.track.tracking_axes import step_of_F_c
 

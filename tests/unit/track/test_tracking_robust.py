@@ -1,4 +1,4 @@
-"""What must not upset the tracker, and that filterpy's filters and the compiled twin do the same."""
+"""What must not upset the tracker, and that filterpy's filter and the compiled twin do the same."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from hypothesis import strategies as st
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.section import Table
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.track import FrictionTracker, Settings, model, track
-from pmsm_ctrl.track.settings import Kind, numbers
-from pmsm_ctrl.track.tracking import Samples, filter_samples, samples_of
+from pmsm_ctrl.track.inputs import Samples, samples_of
+from pmsm_ctrl.track.settings import numbers
+from pmsm_ctrl.track.tracking import filter_samples
 from tests.unit.track.tracking_axes import step_of_F_c
 
 F_C, F_V = 0.0213, 0.000168
-KINDS: tuple[Kind, ...] = ("extended", "unscented")
 
 
 @pytest.fixture(scope="module")
@@ -56,15 +57,12 @@ def damaged(samples: Samples, rng: np.random.Generator) -> Samples:
     return Samples(t[keep], z[keep], torque[keep], samples.known[keep])
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("measure", ["theta", "omega"])
 @pytest.mark.parametrize("estimate", [(), ("J",), ("T_load", "J")])
-def test_twin_agrees_with_filterpy(
-    design: Design, log: Log, kind: Kind, measure: str, estimate: tuple[str, ...]
-) -> None:
+def test_twin_agrees_with_filterpy(design: Design, log: Log, measure: str, estimate: tuple[str, ...]) -> None:
     chosen = Settings(measure=measure, estimate=estimate)
-    readings = feed(FrictionTracker(design, chosen, kind=kind), log)
-    found = track(design, log, chosen, kind=kind, adapt=False)
+    readings = feed(FrictionTracker(design, chosen), log)
+    found = track(design, log, chosen, adapt=False)
     for name, values in (("F_c", found.history["F_c"]), ("F_v", found.history["F_v"]), ("omega", found.omega)):
         assert np.allclose([getattr(r, name) for r in readings], values, rtol=1e-9, atol=1e-12)
     assert np.allclose([r.stderr_F_c for r in readings], found.stderr["F_c"], rtol=1e-9)
@@ -73,15 +71,14 @@ def test_twin_agrees_with_filterpy(
     assert [r.event for r in readings] == [model.EVENTS[e] for e in found.events]
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("measure", ["theta", "omega"])
 def test_twin_agrees_with_filterpy_on_damaged_samples(
-    design: Design, log: Log, rng: np.random.Generator, kind: Kind, measure: str
+    design: Design, log: Log, rng: np.random.Generator, measure: str
 ) -> None:
     chosen = Settings(measure=measure)
     samples = damaged(samples_of(design, log, measure), rng)
-    out = filter_samples(design, chosen, numbers(design, chosen, log.period), samples, kind)
-    tracker = FrictionTracker(design, chosen, kind=kind)
+    out = filter_samples(design, chosen, numbers(design, chosen, log.period), samples)
+    tracker = FrictionTracker(design, chosen)
     rows = zip(samples.t.tolist(), samples.z.tolist(), samples.torque.tolist(), samples.known.tolist(), strict=True)
     readings = [tracker.step(*row) for row in rows]
     assert np.allclose([r.F_c for r in readings], out.estimates[:, 1], rtol=1e-9)
@@ -91,8 +88,7 @@ def test_twin_agrees_with_filterpy_on_damaged_samples(
         assert "implausible" in {r.event for r in readings}
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_twin_agrees_with_filterpy_through_a_change_and_constant_speed(design: Design, kind: Kind) -> None:
+def test_twin_agrees_with_filterpy_through_a_change_and_constant_speed(design: Design) -> None:
     def references(t: np.ndarray) -> dict[str, np.ndarray]:
         return {"omega_ref": np.where(t < 2.0, 80.0 * np.sin(4.0 * t), 80.0 * np.sin(8.0))}
 
@@ -100,9 +96,9 @@ def test_twin_agrees_with_filterpy_through_a_change_and_constant_speed(design: D
     log = simulate(design, Scenario("both", 11.0, references), truth=truth, seed=4)
     for measure in ("theta", "omega"):
         chosen = Settings(measure=measure)
-        found = track(design, log, chosen, kind=kind, adapt=False)
+        found = track(design, log, chosen, adapt=False)
         assert {"change", "constant speed"} <= set(found.counts)
-        readings = feed(FrictionTracker(design, chosen, kind=kind), log)
+        readings = feed(FrictionTracker(design, chosen), log)
         assert np.allclose([r.F_c for r in readings], found.history["F_c"], rtol=1e-9)
         assert np.allclose([r.stderr_F_c for r in readings], found.stderr["F_c"], rtol=1e-9)
         assert [r.event for r in readings] == [model.EVENTS[e] for e in found.events]
@@ -117,21 +113,9 @@ def test_twin_agrees_with_filterpy_through_known_effects(design: Design) -> None
     assert np.allclose([r.F_c for r in readings], track(full, log, adapt=False).history["F_c"], rtol=1e-9)
 
 
-def test_unscented_filter_says_the_same(design: Design, log: Log) -> None:
-    extended = track(design, log, Settings(measure="theta"))
-    readings = feed(FrictionTracker(design, kind="unscented"), log)
-    last, sd = readings[-1], extended.estimates
-    assert abs(last.F_c - sd["F_c"].value) < 0.1 * sd["F_c"].stderr
-    assert abs(last.F_v - sd["F_v"].value) < 0.1 * sd["F_v"].stderr
-    assert last.stderr_F_c == pytest.approx(sd["F_c"].stderr, rel=0.01)
-
-
-@pytest.mark.parametrize("kind", ["extended", "unscented"])
-def test_covariance_stays_positive_definite_whatever_comes(
-    design: Design, log: Log, kind: str, rng: np.random.Generator
-) -> None:
+def test_covariance_stays_positive_definite_whatever_comes(design: Design, log: Log, rng: np.random.Generator) -> None:
     samples = damaged(samples_of(design, log, "theta"), rng)
-    tracker = FrictionTracker(design, Settings(estimate=("T_load", "J")), kind=kind)
+    tracker = FrictionTracker(design, Settings(estimate=("T_load", "J")))
     stop = 2500
     rows = (samples.t, samples.z, samples.torque, samples.known)
     for row in zip(*(values[:stop].tolist() for values in rows), strict=True):
@@ -171,9 +155,8 @@ def test_garbage_leaves_the_covariance_positive_definite(rows: list[tuple[float,
         assert math.isfinite(tracker.state["F_c"])
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_sample_that_is_not_a_number_changes_nothing(design: Design, log: Log, kind: Kind) -> None:
-    tracker = FrictionTracker(design, kind=kind)
+def test_a_sample_that_is_not_a_number_changes_nothing(design: Design, log: Log) -> None:
+    tracker = FrictionTracker(design)
     feed(tracker, log.slice(0, 500))
     before, P = tracker.state, tracker.P
     t = float(log.t[500])
@@ -186,8 +169,7 @@ def test_a_sample_that_is_not_a_number_changes_nothing(design: Design, log: Log,
     assert feed(tracker, log.slice(500, 1500))[-1].F_c == pytest.approx(F_C, rel=0.03)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_an_hour_at_standstill(design: Design, log: Log, kind: Kind) -> None:
+def test_an_hour_at_standstill(design: Design, log: Log) -> None:
     first = samples_of(design, log, "theta")
     n = 3_600_000
     rng = np.random.default_rng(1)
@@ -201,7 +183,7 @@ def test_an_hour_at_standstill(design: Design, log: Log, kind: Kind) -> None:
     t, z, torque = (np.concatenate(column) for column in zip(*pieces, strict=True))
     chosen = Settings()
     s = numbers(design, chosen, 0.001)
-    out = filter_samples(design, chosen, s, Samples(t, z, torque, np.zeros(t.size)), kind)
+    out = filter_samples(design, chosen, s, Samples(t, z, torque, np.zeros(t.size)))
     moved, stood = len(first.t), len(first.t) + n
     for k in (1, 2):
         # all the while the estimates are where they were; the deviation says how long that is ago
@@ -213,23 +195,21 @@ def test_an_hour_at_standstill(design: Design, log: Log, kind: Kind) -> None:
     assert positive_definite(out.P[np.ix_(chosen.active, chosen.active)])
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("jump", [2.0 * math.pi / 131072 * 40, 0.02, 1.0, -300.0])
-def test_an_encoder_jump_is_rejected(design: Design, log: Log, jump: float, kind: Kind) -> None:
+def test_an_encoder_jump_is_rejected(design: Design, log: Log, jump: float) -> None:
     theta = log["theta"].copy()
     theta[2137:] += jump
-    clean, hurt = track(design, log, kind=kind), track(design, log.with_channels(theta=theta), kind=kind)
+    clean, hurt = track(design, log), track(design, log.with_channels(theta=theta))
     for name in ("F_c", "F_v"):
         difference = np.abs(hurt.history[name] - clean.history[name])
         assert difference.max() < 2.5 * clean.stderr[name][2137]
         assert difference[-1] < 0.5 * clean.stderr[name][-1]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_dropped_samples_are_bridged(design: Design, log: Log, rng: np.random.Generator, kind: Kind) -> None:
+def test_dropped_samples_are_bridged(design: Design, log: Log, rng: np.random.Generator) -> None:
     keep = rng.random(len(log)) > 0.03
     thinned = Log({name: values[keep] for name, values in log.channels.items()})
-    clean, hurt = track(design, log, kind=kind), track(design, thinned, kind=kind)
+    clean, hurt = track(design, log), track(design, thinned)
     for name in ("F_c", "F_v"):
         assert abs(hurt.history[name][-1] - clean.history[name][-1]) < 0.8 * clean.stderr[name][-1]
 
@@ -241,9 +221,11 @@ def test_angle_that_wraps_at_a_turn(design: Design, log: Log) -> None:
 
 def test_result_renders(design: Design, log: Log) -> None:
     found = track(design, log)
-    assert "F_c" in found.summary()
+    assert "F_c [N m]" in found.summary()
     assert found.to_dict()["schema"] == "pmsm-ctrl/tracking/1"
-    assert len(found.section().tables[0][1]) == 12
+    assert found.to_dict()["warning_codes"] == [notice.code for notice in found.notices]
+    tables = [block for block in found.section().blocks if isinstance(block, Table)]
+    assert [len(table.rows) for table in tables] == [2, 12]
     axes = found.plot().axes
     assert all(axis.get_ylabel() for axis in axes)
     assert found.design_at(1e9).parameters("coulomb")["F_c"] == found.history["F_c"][-1]
@@ -257,10 +239,6 @@ def test_bad_requests_are_told(design: Design, log: Log) -> None:
         Settings(estimate=("F_s",))
     with pytest.raises(RequestError, match="prior_F_v"):
         track(design.without_effect("viscous"), log)
-    with pytest.raises(RequestError, match="extended, unscented"):
-        FrictionTracker(design, kind="cubature")  # type: ignore[arg-type]
-    with pytest.raises(RequestError, match="extended, unscented"):
-        track(design, log, kind="cubature")  # type: ignore[arg-type]
     with pytest.raises(LogError, match="no channel 'theta'"):
         track(design, Log({"t": log.t, "omega": log["omega"], "i_q": log["i_q"]}), Settings(measure="theta"))
     with pytest.raises(LogError, match="neither torque nor i_q"):
@@ -273,7 +251,7 @@ def test_a_log_without_motion_gives_the_design_back(design: Design) -> None:
     log = simulate(design, scenario("hold", design, duration=1.0), seed=1)
     found = track(design, log)
     assert found.history["F_c"][-1] == F_C
-    assert "never moved" in found.warnings[0]
+    assert [notice.code for notice in found.notices] == ["not_moved"]
 
 
 def test_settings_can_start_without_friction(design: Design, log: Log) -> None:
@@ -283,16 +261,15 @@ def test_settings_can_start_without_friction(design: Design, log: Log) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
 def test_twin_is_500_times_faster(
-    request: pytest.FixtureRequest, design: Design, monkeypatch: pytest.MonkeyPatch, kind: Kind
+    request: pytest.FixtureRequest, design: Design, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Processor time in alternating pairs, so that a busy machine slows both; the best of three tries."""
     monkeypatch.syspath_prepend(str(request.config.rootpath))
     from tests.benchmarks.tracking import speeds
 
     log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0), seed=1)
-    found = (speeds(design, log, kind) for _ in range(3))
+    found = (speeds(design, log) for _ in range(3))
     assert max(fast / slow for slow, fast in found) > 500.0
 
 
@@ -306,4 +283,4 @@ def test_measured_axis_is_tracked_to_what_its_authors_identified(request: pytest
     late = found.t > 5.0
     assert np.median(found.history["F_c"][late]) == pytest.approx(20.39, rel=0.2)
     assert 166.7 < np.median(found.history["F_v"][late]) < 240.4
-    assert any("does not model" in text for text in found.warnings)
+    assert "unmodelled_torque" in [notice.code for notice in found.notices]

@@ -13,10 +13,8 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.effects.base import Parameter
-from pmsm_ctrl.track.settings import Kind
 
 TERMS = 40
-KINDS: tuple[Kind, ...] = ("extended", "unscented")
 
 
 @numba.njit
@@ -161,13 +159,8 @@ class Consistency:
     efficiency: tuple[float, float]
 
 
-def consistency(
-    design: Design, runs: int, *, walking: bool, measure: Any = "theta", first: int = 0
-) -> dict[Kind, Consistency]:
-    """Track axes whose friction is drawn from the filter's own prior and, if `walking`, walks as it assumes.
-
-    Both filters see the same runs.
-    """
+def consistency(design: Design, runs: int, *, walking: bool, measure: Any = "theta", first: int = 0) -> Consistency:
+    """Track axes whose friction is drawn from the filter's own prior and, if `walking`, walks as it assumes."""
     from scipy.stats import chi2
 
     from pmsm_ctrl.simulate import scenario, simulate
@@ -179,8 +172,8 @@ def consistency(
     settings = Settings(measure=measure, drift=drift, prior=0.2)
     motion = scenario("triangle", design, speed=150.0, period=2.0, cycles=3.0)
     rng = np.random.default_rng(first)
-    inside = {kind: {"nees": 0, "nis": 0} for kind in KINDS}
-    errors: dict[Kind, list[Any]] = {kind: [] for kind in KINDS}
+    inside = {"nees": 0, "nis": 0}
+    errors: list[Any] = []
     for k in range(runs):
         true = np.array([F_c, F_v]) * (1.0 + 0.2 * rng.standard_normal(2))
         axis = design.with_effect("coulomb", {"F_c": true[0]}).with_effect("viscous", {"F_v": true[1]})
@@ -189,29 +182,24 @@ def consistency(
             parameters, *at_end = walk(motion.duration, drift * F_c, drift * F_v, rng)
             axis, ends = axis.with_own_effects(wander).with_effect("wander", parameters), np.array(at_end)
         log = simulate(design, motion, truth=axis, seed=first + k, keep_truth=True)
-        for kind in KINDS:
-            found = track(design, log, settings, kind=kind, adapt=False)
-            error, nees = end_statistics(found, *(true + ends))
-            nis = found.nis[np.isfinite(found.nis)]
-            inside[kind]["nees"] += chi2.cdf(nees, 2) > 0.025 and chi2.sf(nees, 2) > 0.025
-            inside[kind]["nis"] += chi2.cdf(nis.sum(), nis.size) > 0.025 and chi2.sf(nis.sum(), nis.size) > 0.025
-            errors[kind].append(error)
+        found = track(design, log, settings, adapt=False)
+        error, nees = end_statistics(found, *(true + ends))
+        nis = found.nis[np.isfinite(found.nis)]
+        inside["nees"] += chi2.cdf(nees, 2) > 0.025 and chi2.sf(nees, 2) > 0.025
+        inside["nis"] += chi2.cdf(nis.sum(), nis.size) > 0.025 and chi2.sf(nis.sum(), nis.size) > 0.025
+        errors.append(error)
     s = numbers(design, settings, log.period)
     scale = np.array([F_c, F_v])
     angle = (2.0 * math.pi / design.sensor.encoder_counts) ** 2 / 12.0
     bound = cramer_rao(design, log.t, log["omega_true"], s[2], angle, 0.2 * scale, drift * scale)
-    out = {}
-    for kind in KINDS:
-        squared = np.mean(np.square(errors[kind]), axis=0)
-        bias, efficiency = np.mean(errors[kind], axis=0) / scale, np.diag(bound) / squared
-        out[kind] = Consistency(
-            runs,
-            inside[kind]["nees"] / runs,
-            inside[kind]["nis"] / runs,
-            (float(bias[0]), float(bias[1])),
-            (float(efficiency[0]), float(efficiency[1])),
-        )
-    return out
+    bias, efficiency = np.mean(errors, axis=0) / scale, np.diag(bound) / np.mean(np.square(errors), axis=0)
+    return Consistency(
+        runs,
+        inside["nees"] / runs,
+        inside["nis"] / runs,
+        (float(bias[0]), float(bias[1])),
+        (float(efficiency[0]), float(efficiency[1])),
+    )
 
 
 def settling(t: Any, values: Any, target: float, tolerance: float, since: float) -> float:
