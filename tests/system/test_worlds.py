@@ -1,0 +1,87 @@
+"""The third simulator against closed forms: it judges the diagnosis, so it has to be right itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.benchmarks.worlds.hidden import EFFECTS, possible, simulate_world
+from tests.benchmarks.worlds.plant import COLUMNS, HIDDEN, PLACE, run
+from tests.benchmarks.worlds.world import draw
+
+J, F_C, F_V, K = 2.0, 3.0, 0.7, 1.5
+
+
+def axis(current: float, seconds: float, **hidden: float) -> dict[str, np.ndarray]:
+    """An axis known by its force, driven by a constant current; the current loop is fast and nothing is noisy."""
+    f_control = 5000.0
+    x = np.zeros(len(HIDDEN))
+    x[PLACE["stribeck_speed"]] = x[PLACE["warm_time"]] = x[PLACE["dead_current"]] = 1.0
+    for name, value in hidden.items():
+        x[PLACE[name]] = value
+    n = round(seconds * f_control)
+    ref = np.column_stack([np.full(n, current), np.full(n, 1e9), np.ones(n)])
+    loop = np.array([1e5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e9, 0.0])
+    motor = np.array([0.0, 0.0, 0.0, 0.0, K, J, F_C, F_V])
+    table = run(motor, x, ref, np.array([1 / f_control, 7, 1, 0]), loop, 2, np.zeros(3), np.array([0.0, 0.0, 0.0]), 1)
+    return dict(zip(COLUMNS, table.T, strict=True)) | {"t": np.arange(n) / f_control}
+
+
+def test_run_up_against_friction_is_the_exponential() -> None:
+    out = axis(10.0, 4.0)
+    top = (K * 10.0 - F_C) / F_V
+    exact = top * (1.0 - np.exp(-out["t"] * F_V / J))
+    speed = np.gradient(out["theta"], out["t"])
+    assert np.max(np.abs(speed - exact)[5:-5]) < 2e-3 * top
+
+
+def test_an_axis_below_breakaway_stays_where_it_is() -> None:
+    out = axis(0.99 * F_C / K, 1.0)
+    assert np.all(out["theta"] == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "force"),
+    [
+        ({"constant_load": 1.3}, 1.3),
+        ({"viscous_asymmetry": 0.2}, 0.2 * 10.0),
+        ({"drag_gain": 0.05, "drag_power": 2.0}, 0.05 * 100.0),
+        ({"stribeck": 4.0, "stribeck_speed": 5.0, "stribeck_lorentz": 1.0}, 4.0 / 5.0),
+        ({"load_friction": 0.1}, None),
+    ],
+)
+def test_steady_speed_says_what_an_effect_adds(hidden: dict[str, float], force: float | None) -> None:
+    """At 10 m/s the drive has to carry the friction and the effect; from the balance the speed follows."""
+    base = F_C + F_V * 10.0
+    needed = base / (1.0 - 0.1) if force is None else base + force
+    out = axis(needed / K, 40.0, **hidden)
+    assert (out["theta"][-1] - out["theta"][-5001]) == pytest.approx(10.0, rel=5e-3)
+
+
+def test_load_on_a_spring_rings_at_its_own_frequency() -> None:
+    w_a, J_l = 2 * math.pi * 20.0, 1.0
+    k = J_l * w_a**2
+    out = axis(200.0, 2.0, load_inertia=J_l, stiffness=k)
+    speed = np.gradient(out["theta"], out["t"])[100:]
+    free = w_a * math.sqrt(J / (J - J_l))
+    trend = np.polynomial.Polynomial.fit(out["t"][100:], speed, 5)(out["t"][100:])
+    spectrum = np.abs(np.fft.rfft((speed - trend) * np.hanning(len(speed)), 1 << 17))
+    found = np.argmax(spectrum) * 5000.0 / (1 << 17)
+    assert found == pytest.approx(free / (2 * math.pi), rel=0.02)
+
+
+def test_a_world_is_drawn_the_same_twice_and_others_differ() -> None:
+    assert draw(7).properties == draw(7).properties
+    seen = {name: {str(draw(seed).properties[name]) for seed in range(80)} for name in draw(0).properties}
+    assert all(len(values) > 1 for values in seen.values())
+
+
+@pytest.mark.parametrize("seed", [1, 4, 9])
+def test_a_world_moves_and_its_log_is_one(seed: int) -> None:
+    world = draw(seed)
+    log = simulate_world(world)
+    speed = np.abs(np.diff(log["theta"]) / np.diff(log.t))
+    assert 0.3 * world.top < np.quantile(speed, 0.999) < 3.0 * world.top
+    assert set(possible(world)) <= set(EFFECTS)
