@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.errors import LogError, NextCommand, nearest
 from pmsm_ctrl.files import atomic_path
+from pmsm_ctrl.section import Notice
 
 __all__ = ["CHANNELS", "Log", "Provenance", "Segment"]
 
@@ -59,13 +60,30 @@ class Segment:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a log comes from and what was understood on the way in."""
+    """Where a log comes from and what was understood of its file.
+
+    Attributes
+    ----------
+    file, sha256 : str
+        Path as given, and hash of the file's bytes; empty for a log that comes from no file.
+    importer : str
+        Format that was read.
+    notes : tuple of str
+        What was guessed or converted.
+    notices : tuple of Notice
+        Reasons to doubt the log.
+    """
 
     file: str = ""
     sha256: str = ""
     importer: str = ""
     notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    notices: tuple[Notice, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons to doubt the log, as sentences; empty when there are none."""
+        return tuple(notice.text for notice in self.notices)
 
 
 @dataclass(frozen=True, eq=False)

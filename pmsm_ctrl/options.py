@@ -104,8 +104,8 @@ def load_log(path: Path, design: Design, mapping: list[str] | None) -> Log:
     from pmsm_ctrl.importers import read_log
 
     log = read_log(path, design, parse_map(mapping))
-    for text in log.provenance.warnings:
-        print(f"pmsm-ctrl: {path}: {text}", file=sys.stderr)
+    for notice in log.provenance.notices:
+        print(f"pmsm-ctrl: {path}: warning: {notice.text} [{notice.code}]", file=sys.stderr)
     return log
 
 

@@ -2,7 +2,7 @@
 
 The format is found from the content, never from the name alone. Nothing in a file is ever executed, and no
 pickle is read. What had to be guessed stands in ``log.provenance.notes``; what looks wrong in
-``log.provenance.warnings``.
+``log.provenance.notices``.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from pathlib import Path
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, PmsmCtrlError, RequestError
 from pmsm_ctrl.files import sha256
+from pmsm_ctrl.importers import present as _present  # noqa: F401  (registers the report's section)
 from pmsm_ctrl.importers.build import channels_of, pieces_of
 from pmsm_ctrl.importers.clock import with_clock
 from pmsm_ctrl.importers.mapping import Assignment, assign
@@ -78,7 +79,7 @@ def read_all(
             raise LogError(f"{file}: does not fit into memory") from None
     provenance = Provenance(file, digest.result(), table.format, (*table.notes, *assignment.notes, *notes))
     log = Log(channels, motion=assignment.motion, provenance=provenance)
-    return replace(log, provenance=replace(provenance, warnings=check(log, design))), table, assignment
+    return replace(log, provenance=replace(provenance, notices=check(log, design))), table, assignment
 
 
 def read_pieces(
@@ -111,7 +112,7 @@ def read_pieces(
     provenance = Provenance(file, "", table.format, (*table.notes, *assignment.notes))
     for channels in pieces_of(table, assignment, rows):
         log = Log(channels, motion=assignment.motion, provenance=provenance)
-        yield replace(log, provenance=replace(provenance, warnings=check(log, design)))
+        yield replace(log, provenance=replace(provenance, notices=check(log, design)))
 
 
 def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Table:

@@ -35,7 +35,7 @@ def delays(log: Log) -> tuple[Delay, ...]:
     """
     out = []
     base = time_base(log.t)
-    if len(log) < 64 or base.gaps or base.jitter_max > 0.2 * base.period:
+    if len(log) < 64 or base.irregular:
         return ()
     with np.errstate(all="ignore"):
         if "theta" in log and "omega" in log:

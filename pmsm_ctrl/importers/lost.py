@@ -8,19 +8,20 @@ from itertools import pairwise
 import numpy as np
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.importers import notices as say
 from pmsm_ctrl.importers.table import Array
 from pmsm_ctrl.importers.timebase import SAMPLE, quantum
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.section import Notice
 
 __all__ = ["frozen", "jumps", "lost_samples", "spikes"]
 
 NEIGHBOURS = 3  # steps looked at on either side
 SPIKE = 3  # samples that a spike may last
 FROZEN = 20  # samples; a shorter rest proves nothing
-CURE = "lost samples or counts?"
 
 
-def lost_samples(log: Log, design: Design | None = None) -> list[str]:
+def lost_samples(log: Log, design: Design | None = None) -> list[Notice]:
     """Return what the samples of a log cannot be, each with its first place."""
     return [*_jumped(log, design), *_spiked(log), *_frozen_channels(log)]
 
@@ -55,7 +56,7 @@ def jumps(t: Array, theta: Array) -> tuple[Array, Array]:
     return np.array(at, dtype=np.int64), np.array(height)
 
 
-def _jumped(log: Log, design: Design | None) -> list[str]:
+def _jumped(log: Log, design: Design | None) -> list[Notice]:
     out = []
     for name in ("theta", "theta_load"):
         if name not in log:
@@ -64,23 +65,19 @@ def _jumped(log: Log, design: Design | None) -> list[str]:
         if at.size == 0:
             continue
         size = float(np.median(np.abs(height)))
-        unit, first = log.unit(name), log.t[at[0] + 1]
+        facts = {"channel": name, "unit": log.unit(name), "count": at.size, "at": float(log.t[at[0] + 1])}
         alike = at.size > 1 and float(np.ptp(np.abs(height))) < 0.2 * size
         if alike and float(np.ptp(log[name])) < 1.2 * size:
-            out.append(
-                f"{name} jumps by about {size:.4g} {unit} {at.size} times, first at t = {first:.6g} s: does it wrap "
-                f"there?{_turn(size, design)}"
-            )
+            out.append(say.ANGLE_WRAPS(**facts, size=size, turn=_turn(size, design)))
         else:
-            times = f" and {at.size - 1} more times" if at.size > 1 else ""
-            out.append(f"{name} jumps by {height[0]:.4g} {unit} at t = {first:.6g} s{times}: {CURE}")
+            out.append(say.POSITION_JUMPS(**facts, size=float(height[0])))
     return out
 
 
 def _turn(size: float, design: Design | None) -> str:
     p = design.motor.p if design is not None and design.motion == "rotary" else None
     if p is not None and p > 1 and abs(size * p / (2.0 * math.pi) - 1.0) < 0.1:
-        return f" It is a turn divided by the pole pairs (p = {p})"
+        return f" (one turn divided by the pole pairs, p = {p})"
     return ""
 
 
@@ -101,18 +98,15 @@ def spikes(values: Array) -> Array:
     return np.array(found, dtype=np.int64)
 
 
-def _spiked(log: Log) -> list[str]:
+def _spiked(log: Log) -> list[Notice]:
     # a current may spike, inertia keeps the speed from it
     if "omega" not in log:
         return []
     at = spikes(log["omega"])
     if at.size == 0:
         return []
-    k, unit = int(at[0]), log.unit("omega")
-    times = f" and {at.size - 1} more times" if at.size > 1 else ""
-    return [
-        f"omega spikes to {log['omega'][k]:.4g} {unit} at t = {log.t[k]:.6g} s{times}, which no inertia allows: {CURE}"
-    ]
+    value, time = float(log["omega"][at[0]]), float(log.t[at[0]])
+    return [say.SPEED_SPIKES(value=value, unit=log.unit("omega"), at=time, count=at.size)]
 
 
 def frozen(values: Array, other: Array) -> tuple[int, int]:
@@ -132,7 +126,7 @@ def frozen(values: Array, other: Array) -> tuple[int, int]:
     return start, stop - start
 
 
-def _frozen_channels(log: Log) -> list[str]:
+def _frozen_channels(log: Log) -> list[Notice]:
     out = []
     for name in ("i_q", "torque"):
         if name not in log or "omega" not in log:
@@ -140,7 +134,7 @@ def _frozen_channels(log: Log) -> list[str]:
         start, samples = frozen(log[name], log["omega"])
         # what sits at its limit is saturated, and said elsewhere
         if samples and abs(log[name][start]) < 0.999 * float(np.max(np.abs(log[name]))):
-            span = log.t[start + samples] - log.t[start]
-            value = f"{log[name][start]:.4g} {log.unit(name)}"
-            out.append(f"{name} is frozen at {value} for {span:.4g} s from t = {log.t[start]:.6g} s: {CURE}")
+            at, stop = float(log.t[start]), float(log.t[start + samples])
+            value = float(log[name][start])
+            out.append(say.FROZEN_CHANNEL(channel=name, value=value, unit=log.unit(name), duration=stop - at, at=at))
     return out

@@ -16,7 +16,7 @@ needs a factor: torque in per mille of 2.4 N m is ``torque = "Torque actual valu
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from pmsm_ctrl.design import Design
@@ -114,7 +114,7 @@ def find_column(table: Table, channel: str, spec: str) -> tuple[int, str]:
         if not 0 <= index < len(table.columns):
             raise LogError(f"{table.file}: [log] {channel} = '{spec}': the file has {len(table.columns)} columns")
         return index, unit
-    tests = (
+    tests: tuple[Callable[[Column], bool], ...] = (
         lambda c: c.header == spec,
         lambda c: c.header == name or c.name == spec,
         lambda c: c.name == name and (not unit or not c.unit or unit_spelling(c.unit) == unit_spelling(unit)),

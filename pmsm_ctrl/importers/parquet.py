@@ -55,13 +55,8 @@ def open_parquet(path: Path, file: str) -> Table:
 
 def _usable(pyarrow: Any, kind: Any) -> bool:
     types = pyarrow.types
-    return (
-        types.is_integer(kind)
-        or types.is_floating(kind)
-        or types.is_boolean(kind)
-        or types.is_timestamp(kind)
-        or types.is_duration(kind)
-    )
+    tests = (types.is_integer, types.is_floating, types.is_boolean, types.is_timestamp, types.is_duration)
+    return any(test(kind) for test in tests)
 
 
 def _column(pyarrow: Any, field: Any) -> Column:

@@ -12,10 +12,12 @@ import math
 import numpy as np
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.importers import notices as say
 from pmsm_ctrl.importers.lost import lost_samples
 from pmsm_ctrl.importers.table import Array
 from pmsm_ctrl.importers.timebase import growing_steps, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.section import Notice
 
 __all__ = ["check", "torque_factor", "velocity_factor"]
 
@@ -23,20 +25,25 @@ MIN_SAMPLES = 32
 _RPM = math.pi / 30.0
 
 
-def check(log: Log, design: Design | None = None) -> tuple[str, ...]:
-    """Return what makes a log doubtful, each with the factor or place found; empty when nothing does.
+def check(log: Log, design: Design | None = None) -> tuple[Notice, ...]:
+    """Return what makes a log doubtful, each with the factor or place found.
 
     Parameters
     ----------
-    log
+    log : Log
         In SI units.
-    design
+    design : Design, optional
         Adds the checks against K_t, pole pairs, gear, inertia and current limit.
+
+    Returns
+    -------
+    tuple of Notice
+        Empty when nothing is doubtful.
     """
     with np.errstate(all="ignore"):
-        warnings = [*_time(log)]
+        found = [*_time(log)]
         if len(log) >= MIN_SAMPLES:
-            warnings += [
+            found += [
                 *_standing(log),
                 *lost_samples(log, design),
                 *_speed(log, design),
@@ -46,35 +53,30 @@ def check(log: Log, design: Design | None = None) -> tuple[str, ...]:
                 *_saturation(log, design),
                 *_quantisation(log),
             ]
-    return tuple(warnings)
+    return tuple(found)
 
 
-def _time(log: Log) -> list[str]:
+def _time(log: Log) -> list[Notice]:
     if len(log) < 3:
-        return [f"only {len(log)} sample{'s' if len(log) > 1 else ''}"]
+        return [say.FEW_SAMPLES(count=len(log))]
     base = time_base(log.t)
     out = []
     if base.jitter_max > 0.1 * base.period:
-        out.append(
-            f"time stamps jitter by {1e3 * base.jitter_rms:.3g} ms rms, {1e3 * base.jitter_max:.3g} ms at most, "
-            f"around a period of {1e3 * base.period:.4g} ms"
-        )
+        rms_ms, largest_ms, period_ms = 1e3 * base.jitter_rms, 1e3 * base.jitter_max, 1e3 * base.period
+        out.append(say.IRREGULAR_TIME(rms_ms=rms_ms, largest_ms=largest_ms, period_ms=period_ms))
     if base.gaps:
-        out.append(
-            f"{base.gaps} gap{'s' if base.gaps > 1 else ''} in the time stamps, the longest "
-            f"{1e3 * base.longest_gap:.4g} ms at t = {base.longest_gap_at:.6g} s"
-        )
+        out.append(say.TIME_GAPS(count=base.gaps, longest_ms=1e3 * base.longest_gap, at=base.longest_gap_at))
     if base.period > 0.5 or base.period < 2e-7:
-        out.append(f"sampling period of {base.period:.3g} s: is the unit of time right?")
+        out.append(say.UNLIKELY_PERIOD(period=base.period))
     return out
 
 
-def _standing(log: Log) -> list[str]:
-    out = []
-    for name in ("theta", "omega", "i_q", "torque"):
-        if name in log and np.ptp(log[name]) == 0.0:
-            out.append(f"{name} never changes ({log[name][0]:.6g} {log.unit(name)} throughout)")
-    return out
+def _standing(log: Log) -> list[Notice]:
+    return [
+        say.CONSTANT_CHANNEL(channel=name, value=float(log[name][0]), unit=log.unit(name))
+        for name in ("theta", "omega", "i_q", "torque")
+        if name in log and np.ptp(log[name]) == 0.0
+    ]
 
 
 def _edges(n: int, blocks: int) -> np.ndarray:
@@ -123,24 +125,24 @@ def _near(value: float, known: float, tolerance: float = 0.02) -> bool:
     return abs(value / known - 1.0) < tolerance
 
 
-def _speed(log: Log, design: Design | None) -> list[str]:
+def _speed(log: Log, design: Design | None) -> list[Notice]:
     factor, spread = velocity_factor(log)
     if not math.isfinite(factor):
         return []
     if not spread < 0.2:
-        return ["omega does not follow dtheta/dt: no constant factor between them"]
+        return [say.SPEED_UNRELATED()]
     if abs(factor - 1.0) < 0.05:
         return []
     known = [
         (-1.0, "opposite signs"),
-        (_RPM, "omega looks like rpm taken for rad/s"),
-        (1.0 / _RPM, "omega looks like rad/s taken for rpm"),
-        (180.0 / math.pi, "theta looks like degrees taken for rad, or omega like rad/s taken for deg/s"),
-        (math.pi / 180.0, "omega looks like deg/s taken for rad/s"),
-        (1.0 / (2.0 * math.pi), "theta looks like turns taken for rad"),
-        (2.0 * math.pi, "omega looks like turns per second taken for rad/s"),
-        (1000.0, "milli taken for whole units"),
-        (0.001, "milli taken for whole units"),
+        (_RPM, "omega looks like rpm read as rad/s"),
+        (1.0 / _RPM, "omega looks like rad/s read as rpm"),
+        (180.0 / math.pi, "theta looks like degrees read as rad, or omega like rad/s read as deg/s"),
+        (math.pi / 180.0, "omega looks like deg/s read as rad/s"),
+        (1.0 / (2.0 * math.pi), "theta looks like turns read as rad"),
+        (2.0 * math.pi, "omega looks like turns per second read as rad/s"),
+        (1000.0, "a prefix milli was lost"),
+        (0.001, "a prefix milli was lost"),
     ]
     if design is not None and design.motor.p is not None and design.motor.p > 1:
         known += [
@@ -152,14 +154,14 @@ def _speed(log: Log, design: Design | None) -> list[str]:
             (design.load.gear, "speed of the load, position of the motor"),
             (1.0 / design.load.gear, "speed of the motor, position of the load"),
         ]
-    return [f"dtheta/dt is {factor:.4g} times omega{_suspect(factor, known)}"]
+    return [say.SPEED_FACTOR(factor=factor, cause=_suspect(factor, known))]
 
 
 def _suspect(factor: float, known: list[tuple[float, str]]) -> str:
     return next((f": {text}" for value, text in known if _near(factor, value)), "")
 
 
-def _reference(log: Log) -> list[str]:
+def _reference(log: Log) -> list[Notice]:
     if "omega" not in log or "omega_ref" not in log:
         return []
     edges = _edges(len(log), 500)
@@ -170,10 +172,10 @@ def _reference(log: Log) -> list[str]:
         return []
     known = [
         (-1.0, "opposite signs"),
-        (_RPM, "omega_ref looks like rpm taken for rad/s"),
-        (1.0 / _RPM, "omega looks like rpm taken for rad/s"),
+        (_RPM, "omega_ref looks like rpm read as rad/s"),
+        (1.0 / _RPM, "omega looks like rpm read as rad/s"),
     ]
-    return [f"omega is {factor:.4g} times omega_ref{_suspect(factor, known)}"]
+    return [say.REFERENCE_FACTOR(factor=factor, cause=_suspect(factor, known))]
 
 
 def torque_factor(log: Log, design: Design | None) -> tuple[float, float]:
@@ -191,30 +193,30 @@ def torque_factor(log: Log, design: Design | None) -> tuple[float, float]:
     return factor, correlation
 
 
-def _torque(log: Log, design: Design | None) -> list[str]:
+def _torque(log: Log, design: Design | None) -> list[Notice]:
     factor, correlation = torque_factor(log, design)
     if math.isnan(factor):
         return []
     if abs(correlation) < 0.7:
-        return [f"torque does not follow K_t i_q (correlation {correlation:.2f})"]
+        return [say.TORQUE_UNRELATED(correlation=correlation)]
     if abs(factor - 1.0) < 0.1:
         return []
     root = math.sqrt(2.0)
     known = [
         (-1.0, "opposite signs"),
-        (root, "i_q looks like A rms taken for A peak"),
-        (1.0 / root, "K_t looks like N m per A rms taken for per A peak"),
+        (root, "i_q looks like A rms read as A peak"),
+        (1.0 / root, "K_t looks like N m per A rms read as per A peak"),
         (1.5, "the factor 3/2 of the dq scaling"),
         (2.0 / 3.0, "the factor 3/2 of the dq scaling"),
-        (1000.0, "milli taken for whole units"),
-        (0.001, "milli taken for whole units"),
+        (1000.0, "a prefix milli was lost"),
+        (0.001, "a prefix milli was lost"),
     ]
     if design is not None and design.load.gear != 1.0:
         known += [
             (design.load.gear, "torque behind the gear"),
             (-design.load.gear, "torque behind the gear, opposite signs"),
         ]
-    return [f"torque is {factor:.4g} times K_t i_q{_suspect(factor, known)}"]
+    return [say.TORQUE_FACTOR(factor=factor, cause=_suspect(factor, known))]
 
 
 def _balance(log: Log, torque: Array) -> tuple[float, float]:
@@ -249,7 +251,7 @@ def _balance(log: Log, torque: Array) -> tuple[float, float]:
     return float(solution[0] / scale[0]), float(solution[0] / spread) if spread > 0.0 else math.inf * solution[0]
 
 
-def _sign(log: Log, design: Design | None) -> list[str]:
+def _sign(log: Log, design: Design | None) -> list[Notice]:
     """The sign of the torque against the sign of the acceleration, friction taken out, and the size of J."""
     if "torque" in log:
         torque, name = log["torque"], "torque"
@@ -264,17 +266,17 @@ def _sign(log: Log, design: Design | None) -> list[str]:
     if not math.isfinite(inertia) or abs(t_value) < 12.0:
         return []
     if inertia < 0.0:
-        return [f"{name} has the opposite sign of the acceleration: one of them is counted the other way round"]
+        return [say.TORQUE_SIGN(channel=name)]
     if design is None:
         return []
     factor = inertia / design.J
     if 0.5 <= factor <= 2.0:
         return []
     unit = "kg" if log.motion == "linear" else "kg m^2"
-    return [f"{name} over acceleration gives an inertia of {inertia:.3g} {unit}, {factor:.3g} times the design's J"]
+    return [say.UNLIKELY_INERTIA(channel=name, inertia=inertia, unit=unit, factor=factor)]
 
 
-def _saturation(log: Log, design: Design | None) -> list[str]:
+def _saturation(log: Log, design: Design | None) -> list[Notice]:
     out = []
     for name in ("i_q", "torque", "i_q_ref", "u_d", "u_q"):
         if name not in log:
@@ -282,27 +284,23 @@ def _saturation(log: Log, design: Design | None) -> list[str]:
         share = saturated_share(log[name])
         if share:
             peak = float(np.max(np.abs(log[name])))
-            out.append(
-                f"{name} sits at its limit of {peak:.4g} {log.unit(name)} for {100 * share:.2g} % of the samples"
-            )
+            out.append(say.SATURATED_CHANNEL(channel=name, limit=peak, unit=log.unit(name), percent=100 * share))
     if design is not None and "i_q" in log and math.isfinite(design.drive.i_max):
         excess = float(np.max(np.abs(log["i_q"]))) / design.drive.i_max
         if excess > 1.1:
-            out.append(f"i_q reaches {excess:.3g} times the design's i_max: A rms taken for A peak, or another motor?")
+            out.append(say.CURRENT_BEYOND_LIMIT(factor=excess))
     return out
 
 
-def _quantisation(log: Log) -> list[str]:
+def _quantisation(log: Log) -> list[Notice]:
     out = []
     for name in ("theta", "omega", "i_q", "torque", "u_d", "u_q"):
         if name not in log:
             continue
         step, size = quantum(log[name]), float(np.std(log[name]))
         if math.isfinite(step) and step > 0.05 * size > 0.0:
-            relative = f"{100 * step / size:.2g} % of its standard deviation"
-            out.append(f"{name} is quantised to {step:.4g} {log.unit(name)}, {relative}")
+            out.append(say.QUANTISED_CHANNEL(channel=name, step=step, unit=log.unit(name), percent=100 * step / size))
     grown = growing_steps(log["theta"]) if "theta" in log else 0.0
     if grown > 0.0:
-        where = f"its steps grow with it, up to {grown:.2g} {log.unit('theta')}"
-        out.append(f"theta was written with few digits: {where}; write more of them, or the angle within one turn")
+        out.append(say.FEW_DIGITS(step=grown, unit=log.unit("theta")))
     return out

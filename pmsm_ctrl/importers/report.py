@@ -1,12 +1,11 @@
-"""What was understood of a file, for the engineer to check before she trusts the log."""
+"""What was understood of a file, to be checked before the log is used."""
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -19,14 +18,10 @@ from pmsm_ctrl.importers.plausibility import torque_factor, velocity_factor
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.importers.timebase import TimeBase, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.result import Result, Section, jsonable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from pmsm_ctrl.result import Result, jsonable
+from pmsm_ctrl.section import Notice
 
 __all__ = ["ChannelReport", "ImportReport", "describe"]
-
-DRAWN = 4000  # points per curve; more cannot be seen
 
 
 @dataclass(frozen=True)
@@ -75,87 +70,15 @@ class ImportReport(Result):
     unused: tuple[str, ...] = field(default=())
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def notices(self) -> tuple[Notice, ...]:
         """Reasons to doubt the log."""
-        return self.log.provenance.warnings
-
-    def _facts(self) -> list[tuple[str, str]]:
-        log, base = self.log, self.base
-        rows = [("file", log.provenance.file), ("format", log.provenance.importer)]
-        rows += list(self.layout.items())
-        rows += [("axis", log.motion), ("samples", f"{len(log)}"), ("duration", f"{log.duration:.6g} s")]
-        if math.isfinite(base.period) and base.period > 1e-300:
-            rows.append(("rate", f"{1.0 / base.period:.6g} Hz (median period {1e3 * base.period:.6g} ms)"))
-            rows.append(("jitter", f"{1e3 * base.jitter_rms:.3g} ms rms, {1e3 * base.jitter_max:.3g} ms at most"))
-            gap = (
-                f", the longest {1e3 * base.longest_gap:.4g} ms at t = {base.longest_gap_at:.6g} s" if base.gaps else ""
-            )
-            rows.append(("gaps", f"{base.gaps}{gap}"))
-        if math.isfinite(self.velocity[0]):
-            rows.append(("dtheta/dt over omega", f"{self.velocity[0]:.4g} (spread {100 * self.velocity[1]:.2g} %)"))
-        if math.isfinite(self.torque[0]):
-            rows.append(("torque over K_t i_q", f"{self.torque[0]:.4g} (correlation {self.torque[1]:.3f})"))
-        if base.gaps or base.jitter_max > 0.2 * base.period:
-            rows.append(("delays", "not estimated: the time stamps are irregular"))
-        rows += [(f"delay of {d.later} behind {d.earlier}", f"{1e3 * d.seconds:.3g} ms") for d in self.delays]
-        return rows
-
-    def _rows(self) -> list[tuple[str, ...]]:
-        def step(c: ChannelReport) -> str:
-            return f"{c.quantum:.4g}" if c.quantum > 0.0 else ("constant" if math.isnan(c.quantum) else "none")
-
-        return [
-            (
-                c.channel,
-                c.column,
-                f"[{c.stated_unit}]" + (" assumed" if c.assumed_unit else ""),
-                f"{c.gain:.9g}",
-                c.how,
-                f"{c.minimum:.5g} ... {c.maximum:.5g} {c.unit}",
-                step(c),
-                f"{100 * c.saturated:.2g} %",
-            )
-            for c in self.channels
-        ]
-
-    def summary(self) -> str:
-        """Return the report as text, doubts first."""
-        lines = [f"import of {self.log.provenance.file}"]
-        lines += [f"  warning: {text}" for text in self.warnings] or ["  no reason to doubt the log was found"]
-        guessed = [c.channel for c in self.channels if c.how == "guessed" or c.assumed_unit]
-        if guessed:
-            lines.append(f"  guessed: {', '.join(guessed)}; the table below says so for good")
-        lines += [f"  {name}: {value}" for name, value in self._facts()[1:]]
-        for channel, column, unit, gain, how, span, step, limit in self._rows():
-            factor = f" x {gain}" if gain != "1" else ""
-            remarks = {"constant": ", constant", "none": ""}.get(step, f", in steps of {step}")
-            remarks += f", at its limit {limit} of the time" if limit != "0 %" else ""
-            lines.append(f"  {channel:<11} {how} from '{column}' {unit}{factor}: {span}{remarks}")
-        if self.unused:
-            lines.append(f"  not used: {', '.join(self.unused[:20])}{', ...' if len(self.unused) > 20 else ''}")
-        return "\n".join([*lines, "", self.table.rstrip()])
-
-    def plot(self) -> Figure:
-        """Draw every channel over time."""
-        from matplotlib.figure import Figure
-
-        names = [name for name in self.log if name != "t"]
-        figure = Figure(figsize=(8.0, 1.0 + 1.5 * len(names)), layout="constrained")
-        axes = np.atleast_1d(figure.subplots(len(names), 1, sharex=True))
-        step = max(1, len(self.log) // DRAWN)
-        for axis, name in zip(axes, names, strict=True):
-            axis.plot(self.log.t[::step], self.log[name][::step], color="#0072B2", linewidth=0.8)
-            axis.set_ylabel(f"{name} [{self.log.unit(name)}]")
-            axis.grid(alpha=0.3)
-        axes[-1].set_xlabel("t [s]")
-        axes[0].set_title("The channels as understood: signs, sizes and units should look familiar")
-        return figure
+        return self.log.provenance.notices
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
-        return jsonable({
+        plain: dict[str, Any] = jsonable({
             "schema": "pmsm-ctrl/import/1",
-            "warnings": self.warnings,
+            **self.doubts(),
             "notes": self.log.provenance.notes,
             "file": self.log.provenance.file,
             "sha256": self.log.provenance.sha256,
@@ -172,19 +95,7 @@ class ImportReport(Result):
             "delays": [vars(d) for d in self.delays],
             "log_table": self.table,
         })  # fmt: skip
-
-    def section(self) -> Section:
-        """Return the section of the report."""
-        header = ("channel", "column", "unit", "factor to SI", "how", "range", "step", "at the limit")
-        return Section(
-            title="The log as it was understood",
-            paragraphs=(
-                *(f"Warning: {text}" for text in self.warnings),
-                *self.log.provenance.notes,
-            ),
-            tables=((("fact", "value"), tuple(self._facts())), (header, tuple(self._rows()))),
-            figures=((self.plot(), "Every channel over time: signs, sizes and units should look familiar."),),
-        )
+        return plain
 
 
 def describe(

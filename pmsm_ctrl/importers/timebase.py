@@ -24,6 +24,11 @@ class TimeBase:
     longest_gap: float
     longest_gap_at: float
 
+    @property
+    def irregular(self) -> bool:
+        """Whether delays cannot be estimated: gaps, or jitter above 20 % of the period."""
+        return self.gaps > 0 or self.jitter_max > 0.2 * self.period
+
 
 def time_base(t: Array) -> TimeBase:
     """Describe time stamps `t` in s, shape (n,); with fewer than two samples everything is NaN."""

@@ -8,10 +8,9 @@ numbers use a point. The last row may be ``EOF``.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import replace
-
-import numpy as np
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.layout import Layout, decimal_mark, is_number, split_line
@@ -136,5 +135,6 @@ def milliseconds(ticks: Array) -> Array:
     """
     if ticks.size == 0:
         return ticks
-    day = np.floor(ticks[0] / (86_400_000 * _TICKS_PER_MS)) * (86_400_000 * _TICKS_PER_MS)
+    ticks_per_day = 86_400_000 * _TICKS_PER_MS
+    day = math.floor(float(ticks[0]) / ticks_per_day) * ticks_per_day
     return (ticks - day) / _TICKS_PER_MS

@@ -118,18 +118,18 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     "a microsecond per sample": (EVALUATIONS, ""),
     "a speed that alternates": (EVALUATIONS, "moves for too short a time"),
 }
-# What is answered, but must be doubted, on the way in (any verb) or by the verb.
+# What is answered, but must be doubted: the code of the notice.
 DOUBTED = {
-    "one sample": "only 1 sample",
-    "one speed of 1e6": "omega spikes to 1e+06 rad/s",
-    "position jumps": "theta jumps by 1e+04 rad at t = 1.501 s",
-    "position wraps at an electrical turn": "does it wrap there?",
-    "position of few steps": "quantised to 5 rad",
-    "constant": "omega never changes",
-    "standstill": "theta never changes",
-    "a gap of seconds": "1 gap in the time stamps",
-    "a second per sample": "unit of time",
-    "time stamps that jitter": "jitter",
+    "one sample": "[few_samples]",
+    "one speed of 1e6": "[speed_spikes]",
+    "position jumps": "[position_jumps]",
+    "position wraps at an electrical turn": "[angle_wraps]",
+    "position of few steps": "[quantised_channel]",
+    "constant": "[constant_channel]",
+    "standstill": "[constant_channel]",
+    "a gap of seconds": "[time_gaps]",
+    "a second per sample": "[unlikely_period]",
+    "time stamps that jitter": "[irregular_time]",
 }
 
 

@@ -1,0 +1,73 @@
+"""Reasons to doubt a log, in words: what `check` finds, by code."""
+
+from __future__ import annotations
+
+from pmsm_ctrl.section import Template
+
+__all__ = [
+    "ANGLE_WRAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES", "FROZEN_CHANNEL",
+    "IRREGULAR_TIME", "POSITION_JUMPS", "QUANTISED_CHANNEL", "REFERENCE_FACTOR", "SATURATED_CHANNEL", "SPEED_FACTOR",
+    "SPEED_SPIKES", "SPEED_UNRELATED", "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED",
+    "UNLIKELY_INERTIA", "UNLIKELY_PERIOD",
+]  # fmt: skip
+
+# -- time ----
+FEW_SAMPLES = Template("few_samples", "too few samples: {count}")
+IRREGULAR_TIME = Template(
+    "irregular_time",
+    "time stamps jitter by {rms_ms:.3g} ms rms, {largest_ms:.3g} ms at most, around a period of {period_ms:.4g} ms",
+)
+TIME_GAPS = Template("time_gaps", "gaps in the time stamps: {count}, the longest {longest_ms:.4g} ms at t = {at:.6g} s")
+UNLIKELY_PERIOD = Template("unlikely_period", "sampling period of {period:.3g} s: check the unit of time")
+
+# -- single channels ----
+CONSTANT_CHANNEL = Template("constant_channel", "{channel} is constant ({value:.6g} {unit})")
+SATURATED_CHANNEL = Template(
+    "saturated_channel", "{channel} is at its limit of {limit:.4g} {unit} in {percent:.2g} % of the samples"
+)
+CURRENT_BEYOND_LIMIT = Template(
+    "current_beyond_limit",
+    "i_q reaches {factor:.3g} times the design's i_max: A rms read as A peak, or another motor",
+)
+QUANTISED_CHANNEL = Template(
+    "quantised_channel",
+    "{channel} is quantised to {step:.4g} {unit}, {percent:.2g} % of its standard deviation",
+)
+FEW_DIGITS = Template(
+    "few_digits",
+    "theta was written with few digits: its resolution falls with its size, to {step:.2g} {unit}; export more digits, "
+    "or the angle within one turn",
+)
+
+# -- lost samples ----
+ANGLE_WRAPS = Template(
+    "angle_wraps",
+    "{channel} jumps by about {size:.4g} {unit} {count} times, first at t = {at:.6g} s: it may wrap there{turn}",
+)
+POSITION_JUMPS = Template(
+    "position_jumps",
+    "{channel} jumps by {size:.4g} {unit}, first at t = {at:.6g} s (jumps: {count}): lost samples or encoder counts",
+)
+SPEED_SPIKES = Template(
+    "speed_spikes",
+    "omega spikes to {value:.4g} {unit}, first at t = {at:.6g} s (spikes: {count}), faster than any inertia allows: "
+    "lost samples or encoder counts",
+)
+FROZEN_CHANNEL = Template(
+    "frozen_channel",
+    "{channel} is frozen at {value:.4g} {unit} for {duration:.4g} s from t = {at:.6g} s: lost samples",
+)
+
+# -- one channel against another ----
+SPEED_UNRELATED = Template("speed_unrelated", "omega is not proportional to dtheta/dt")
+SPEED_FACTOR = Template("speed_factor", "dtheta/dt is {factor:.4g} times omega{cause}")
+REFERENCE_FACTOR = Template("reference_factor", "omega is {factor:.4g} times omega_ref{cause}")
+TORQUE_UNRELATED = Template("torque_unrelated", "torque is not proportional to K_t i_q (correlation {correlation:.2f})")
+TORQUE_FACTOR = Template("torque_factor", "torque is {factor:.4g} times K_t i_q{cause}")
+TORQUE_SIGN = Template(
+    "torque_sign", "{channel} has the opposite sign of the acceleration: one of the two sign conventions is wrong"
+)
+UNLIKELY_INERTIA = Template(
+    "unlikely_inertia",
+    "{channel} over acceleration gives an inertia of {inertia:.3g} {unit}, {factor:.3g} times the design's J",
+)
