@@ -21,7 +21,7 @@ from pmsm_ctrl.simulate.parameters import Controller, Plant
 from pmsm_ctrl.simulate.scenarios import Scenario
 from pmsm_ctrl.simulate.scenarios import scenario as named_scenario
 
-__all__ = ["LOGGED", "Prepared", "prepare", "simulate"]
+__all__ = ["LOGGED", "Prepared", "prepare", "run_kernel", "simulate"]
 
 Array = NDArray[Any]
 
@@ -78,7 +78,7 @@ def simulate(
     """
     drive = prepare(design, scenario, truth=truth)
     module = load(drive.active, drive.feedforward.effects if drive.feedforward else (), compiled=compiled)
-    return drive.log(_run(module, drive, seed, progress), seed, keep_truth)
+    return drive.log(run_kernel(module, drive, seed, progress), seed, keep_truth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +218,32 @@ def _soften(bristle: dict[str, float], bound: list[tuple[Effect, dict[str, float
         bristle["tau_z"] = min(bristle["tau_z"], plant.J * bristle["z_s"] / (level * h))
 
 
-def _run(module: ModuleType, drive: Prepared, seed: int, progress: Callable[[float], None] | None) -> Array:
-    """Return the logged rows, shape (n, len(LOGGED)); memory grows only with the rows kept."""
+def run_kernel(
+    module: ModuleType, drive: Prepared, seed: int, progress: Callable[[float], None] | None = None
+) -> Array:
+    """Run the kernel over a drive's motion; memory grows only with the rows kept.
+
+    Parameters
+    ----------
+    module : module
+        The composed kernel, from `pmsm_ctrl.simulate.compose.load`.
+    drive : Prepared
+        Its effects are those of the kernel, in the same order.
+    seed : int
+        Seed of the measurement noise.
+    progress : function, optional
+        Called with the share done, 0 to 1.
+
+    Returns
+    -------
+    array, shape (n, len(LOGGED))
+        The logged rows.
+
+    Raises
+    ------
+    SimulationError
+        When a state stops being finite.
+    """
     plant, motion, total, states = drive.plant, drive.motion, drive.total, drive.states()
     period_s = plant.period * plant.speed_divider
     noise = np.random.default_rng(seed)

@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.simulate import Scenario, simulate
+from tests.unit.simulate.composed import simulate_composed
 
 J = 9e-5
 F_C = 0.0213
@@ -41,6 +42,8 @@ def free(duration, references=lambda t: {}, omega_0=0.0):
     return Scenario("free", duration, references, control="current", omega_0=omega_0)
 
 
+SPRUNG = ("coulomb", "stribeck", "compliance")
+
 # -- breakaway and stick-slip ------------------------------------------------------------------------------------
 
 
@@ -50,9 +53,9 @@ def free(duration, references=lambda t: {}, omega_0=0.0):
 def test_breakaway_at_exactly_F_s_whatever_the_step(bare, f_control, steps, sign):
     design = bare.with_effect("stribeck", {"dF_s": 0.01}).replace(drive={"f_control": f_control, "plant_steps": steps})
     F_s = F_C + 0.01
-    held = simulate(design, free(1.0, Constant(sign * F_s * (1 - 1e-9))), keep_truth=True)
+    held = simulate_composed(design, free(1.0, Constant(sign * F_s * (1 - 1e-9))))
     assert np.all(held["theta_true"] == 0.0)
-    released = simulate(design, free(1.0, Constant(sign * F_s * (1 + 1e-9))), keep_truth=True)
+    released = simulate_composed(design, free(1.0, Constant(sign * F_s * (1 + 1e-9))))
     assert sign * released["theta_true"][-1] < 0.0
 
 
@@ -68,7 +71,7 @@ def test_stick_slip_of_a_mass_pulled_through_a_spring(bare, checked):
         .with_effect("compliance", {"J_load": 1e4, "k": k, "d": 0.0})
         .with_effect("stribeck", {"dF_s": dF, "w_s": 1e-3 * v, "delta": 2.0})
     )
-    log = simulate(design, free(6.0, omega_0=v), keep_truth=True)
+    log = simulate_composed(design, free(6.0, omega_0=v), composed=SPRUNG)
     w, theta = log["omega_true"], log["theta_true"]
     root = np.sqrt(k * J)
     slip = 2.0 * (np.pi - np.arctan(dF / (v * root))) / np.sqrt(k / J)
@@ -86,7 +89,8 @@ def test_stick_slip_of_a_mass_pulled_through_a_spring(bare, checked):
 def test_stribeck_curve_in_steady_state(ideal, checked):
     design = ideal.with_effect("stribeck", {"dF_s": 0.015, "w_s": 5.0, "delta": 2.0})
     for speed in (1.0, 3.0, 5.0, 8.0, 20.0, 100.0, -4.0):
-        log = simulate(design, Scenario("steady", 1.5, lambda t, w=speed: {"omega_ref": np.full(len(t), w)}))
+        steady = Scenario("steady", 1.5, lambda t, w=speed: {"omega_ref": np.full(len(t), w)})
+        log = simulate_composed(design, steady)
         torque = 1.032 * log["i_q"][-200:].mean()
         curve = F_C + 0.015 * np.exp(-((speed / 5.0) ** 2)) + 0.000168 * abs(speed)
         checked(f"Stribeck curve at {speed:g} rad/s [N m]", torque, np.sign(speed) * curve, rel=0.005)
@@ -100,19 +104,20 @@ def swinging(mean, size, frequency):
 
 
 BRISTLE = {"z_s": 1e-3, "z_b": 0.5, "tau_z": 2e-3}
+SLIDING = ("coulomb", "viscous", "stribeck", "presliding")
 
 
 def test_presliding_stiffness(bare, checked):
     """A load below the elastic share winds the bristle up like a spring of stiffness F_c / z_s."""
     design = bare.with_effect("presliding", BRISTLE)
-    log = simulate(design, free(0.5, Constant(-0.3 * F_C)), keep_truth=True)
+    log = simulate_composed(design, free(0.5, Constant(-0.3 * F_C)), composed=SLIDING)
     checked("presliding deflection under 0.3 F_c [rad]", log["theta_true"][-1], 0.3 * 1e-3, rel=1e-6)
 
 
 def test_presliding_loops_close(bare, checked):
     """Between the elastic share and breakaway the loop has an area, and closes after each period."""
     design = bare.with_effect("presliding", BRISTLE).replace(sensor={"log_divider": 16})
-    log = simulate(design, free(4.0, swinging(0.0, 0.85 * F_C, 5.0)), keep_truth=True)
+    log = simulate_composed(design, free(4.0, swinging(0.0, 0.85 * F_C, 5.0)), composed=SLIDING)
     period = 200  # samples at 1 kHz
     last, before = log["theta_true"][-period:], log["theta_true"][-2 * period : -period]
     swing = np.ptp(last)
@@ -140,7 +145,7 @@ def lugre_drift(mean, size, frequency, cycles, sigma_0, step):
 def test_no_drift_over_1e5_cycles_where_plain_lugre_drifts(bare, checked):
     mean, size, frequency = 0.3 * F_C, 0.15 * F_C, 200.0
     design = bare.with_effect("presliding", BRISTLE).replace(sensor={"log_divider": 80 * 500})
-    log = simulate(design, free(501.0, swinging(mean, size, frequency)), keep_truth=True)
+    log = simulate_composed(design, free(501.0, swinging(mean, size, frequency)), composed=("coulomb", "presliding"))
     theta = log["theta_true"][log.t > 1.0]
     # sampled once every 500 cycles, at the same phase
     checked("drift in 1e5 cycles below breakaway [rad]", np.ptp(theta), at_most=1e-9)
@@ -158,7 +163,7 @@ def test_breakaway_force_falls_with_the_loading_rate(bare):
     forces = []
     for rate in (0.005, 0.05, 0.5):
         ramp = free(0.05 / rate, lambda t, r=rate: {"T_load": -r * t})
-        log = simulate(design, ramp, keep_truth=True)
+        log = simulate_composed(design, ramp, composed=SLIDING)
         # Friction is what the load leaves after accelerating the shaft; its peak is the breakaway.
         friction = -log["T_load"][1:] - J * np.diff(log["omega_true"]) * 16000.0
         forces.append(friction.max())
@@ -187,7 +192,7 @@ def test_friction_lags_behind_speed(bare):
 def test_stiff_bristles_are_stable_at_the_simulations_own_step(ideal, z_s):
     design = ideal.with_effect("presliding", {"z_s": z_s})
     back_and_forth = Scenario("swing", 1.0, lambda t: {"omega_ref": 100.0 * np.sin(2 * np.pi * 2 * t)})
-    soft = simulate(design, back_and_forth)
+    soft = simulate_composed(design, back_and_forth, composed=SLIDING)
     rigid = simulate(ideal, back_and_forth)
     assert np.abs(soft["omega"] - rigid["omega"]).max() < 1.0
 
@@ -206,15 +211,14 @@ def crossings(t, x):
 def test_two_mass_resonance_and_antiresonance(bare, checked, J_load, k):
     kick = lambda t: {"T_load": np.where(t < 0.002, 0.004, 0.0)}  # noqa: E731
     spring = {"J_load": J_load, "k": k, "d": 0.0}
-    floating = simulate(
-        bare.without_effect("coulomb").with_effect("compliance", spring), free(1.0, kick), keep_truth=True
-    )
+    loose = bare.without_effect("coulomb").with_effect("compliance", spring)
+    floating = simulate_composed(loose, free(1.0, kick), composed=SPRUNG)
     twist = (floating["theta_true"] - floating["theta_load"])[floating.t > 0.01]
     resonance = np.sqrt(k * (1.0 / J_load + 1.0 / (J - J_load))) / (2 * np.pi)
     found = 1.0 / crossings(floating.t[floating.t > 0.01], twist)
     checked(f"resonance, k = {k:g} [Hz]", found, resonance, rel=0.005)
     # Friction holds the motor: what is left swings at the antiresonance.
-    held = simulate(bare.with_effect("compliance", spring), free(1.0, kick), keep_truth=True)
+    held = simulate_composed(bare.with_effect("compliance", spring), free(1.0, kick), composed=SPRUNG)
     assert np.all(held["theta_true"] == 0.0)
     load = held["theta_load"][held.t > 0.01]
     antiresonance = np.sqrt(k / J_load) / (2 * np.pi)
@@ -267,7 +271,8 @@ def test_dead_time_sixth_harmonic_of_the_current(project_root, checked):
         assumed={"K_t": 1.5 * p * (psi + 1.0), "L_d": 1e-12, "L_q": 1e-12},
     )
     truth = design.with_parameters(J=1e6).replace_effects(()).with_effect("dead_time", {"dU": dU, "i_0": 1e-4})
-    log = simulate(design, Scenario("spin", 0.6, lambda t: {}, control="current", omega_0=speed), truth=truth)
+    spin = Scenario("spin", 0.6, lambda t: {}, control="current", omega_0=speed)
+    log = simulate_composed(design, spin, truth)
     turn = 2 * np.pi / (p * speed)
     late = (log.t > 0.2) & (log.t < 0.2 + np.floor(0.4 / turn) * turn)  # whole electrical periods
     angle = p * log["theta"][late]
@@ -312,20 +317,15 @@ def test_current_offset_turns_against_the_rotor(ideal):
     loose = ideal.replace(loops={"current": {"K_p": 1e-9, "T_n": 1e9}, "speed": {"K_p": 0.0, "T_n": 1.0}})
     truth = loose.with_parameters(psi_f=1e-9, J=1e3).replace_effects(())
     truth = truth.with_effect("current_offset", {"o_alpha": 0.03, "o_beta": 0.04})
-    log = simulate(
-        loose.replace(assumed={"K_t": 1e-9, "L_d": 1e-12, "L_q": 1e-12}),
-        Scenario("spin", 0.5, lambda t: {}, "current", omega_0=10.0),
-        truth=truth,
-    )
+    blind = loose.replace(assumed={"K_t": 1e-9, "L_d": 1e-12, "L_q": 1e-12})
+    log = simulate_composed(blind, Scenario("spin", 0.5, lambda t: {}, "current", omega_0=10.0), truth)
     seen = (log["i_d"] + 1j * log["i_q"]) * np.exp(1j * 4 * log["theta"])
     assert np.allclose(seen, 0.03 + 0.04j, atol=1e-4)
 
 
 def test_encoder_eccentricity_is_in_the_measured_angle_only(ideal):
     truth = ideal.with_effect("encoder_eccentricity", {"e_s": 0.002, "e_c": 0.001})
-    log = simulate(
-        ideal, Scenario("turn", 1.0, lambda t: {"omega_ref": np.full(len(t), 20.0)}), truth=truth, keep_truth=True
-    )
+    log = simulate_composed(ideal, Scenario("turn", 1.0, lambda t: {"omega_ref": np.full(len(t), 20.0)}), truth)
     true = log["theta_true"]
     assert np.allclose(log["theta"] - true, 0.002 * np.sin(true) + 0.001 * np.cos(true), atol=1e-12)
 
@@ -334,7 +334,7 @@ def test_inductance_saturation_changes_the_flux_linkage(ideal):
     """Steady state at speed and current: u_d = -p w (L_q - k i_q) i_q, by Krishnan's flux linkage."""
     k_L = 0.01
     pull = Scenario("pull", 1.0, lambda t: {"omega_ref": np.full(len(t), 50.0), "T_load": np.full(len(t), 1.0)})
-    log = simulate(ideal, pull, truth=ideal.with_effect("inductance_saturation", {"k_L": k_L}), keep_truth=True)
+    log = simulate_composed(ideal, pull, ideal.with_effect("inductance_saturation", {"k_L": k_L}))
     i_q = log["i_q"][-100:].mean()
     expected = -4 * 50.0 * (49.16e-3 - k_L * i_q) * i_q
     assert log["u_d"][-100:].mean() == pytest.approx(expected, rel=3e-3)

@@ -9,6 +9,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.simulate import Scenario, simulate
+from tests.unit.simulate.composed import simulate_composed
 
 J = 9e-5
 SIZES = {
@@ -51,7 +52,7 @@ def test_energy_balance_of_random_combinations(ideal, checked, seed):
     design = ideal
     for identifier in chosen:
         design = design.with_effect(str(identifier), SIZES[str(identifier)])
-    log = simulate(design, random_motion(rng), seed=seed, keep_truth=True)
+    log = simulate_composed(design, random_motion(rng), seed=seed)
     w, t = log["omega_true"], log.t
     signals = {
         "omega": w, "theta": log["theta_true"], "direction": np.sign(w), "t": t, "p": 4.0,
@@ -88,16 +89,27 @@ def test_energy_of_two_masses(ideal, checked):
             abs(given - stored - spent) / scale, at_most=5e-4)  # fmt: skip
 
 
+SWING = Scenario("swing", 0.1, lambda t: {"omega_ref": 30.0 * np.sin(40.0 * t)})
+
+
 @pytest.mark.parametrize("identifier", sorted(CATALOGUE))
 def test_zero_amplitude_is_the_baseline_bit_for_bit(ideal, identifier):
     base = ideal.with_effect("coulomb", {"F_c": 0.02}).replace(
         sensor={"encoder_counts": 131072, "current_noise": 0.004}
     )
     zero = dict.fromkeys(CATALOGUE[identifier].amplitudes, 0.0)
-    swing = Scenario("swing", 0.1, lambda t: {"omega_ref": 30.0 * np.sin(40.0 * t)})
-    expected = simulate(base.without_effect(identifier), swing, seed=1)
-    found = simulate(base.without_effect(identifier).with_effect(identifier, zero), swing, seed=1)
+    expected = simulate(base.without_effect(identifier), SWING, seed=1)
+    found = simulate(base.without_effect(identifier).with_effect(identifier, zero), SWING, seed=1)
     assert all(np.array_equal(expected[name], found[name]) for name in expected)
+
+
+def test_terms_of_zero_amplitude_in_the_kernel_change_nothing_but_rounding(ideal):
+    """Not only what is left out: every term's own lines give zero."""
+    base = ideal.with_effect("coulomb", {"F_c": 0.02})
+    expected = simulate(base, SWING, keep_truth=True)
+    found = simulate_composed(base, SWING)
+    for name in expected:
+        assert np.abs(expected[name] - found[name]).max() < 1e-9 * max(np.abs(expected[name]).max(), 1.0), name
 
 
 @pytest.mark.parametrize("identifier", sorted(e.id for e in CATALOGUE.values() if e.structure == "term"))
@@ -107,6 +119,6 @@ def test_a_vanishing_amplitude_tends_to_the_baseline(ideal, identifier):
     base = ideal.with_effect("viscous", {"F_v": 2e-4}).without_effect(identifier)
     swing = Scenario("swing", 0.1, lambda t: {"omega_ref": 30.0 + 10.0 * np.sin(40.0 * t)}, omega_0=30.0)
     expected = simulate(base, swing)
-    found = simulate(base.with_effect(identifier, tiny), swing)
+    found = simulate_composed(base.with_effect(identifier, tiny), swing)
     for name in ("omega", "i_q", "u_q"):
         assert np.abs(expected[name] - found[name]).max() < 1e-5, name

@@ -69,18 +69,20 @@ def test_rest_is_exact(seed_motor):
         assert np.all(log["omega_true"][log.t > 0.1] == 0.0)
 
 
-TERMS = [effect.id for effect in CATALOGUE.values() if effect.structure == "term"]
-
-
-@pytest.mark.parametrize("part", [0, 1, 2])
-def test_every_term(seed_motor, part):
-    """Every third term of the catalogue at once, each with a value of its own in every drive."""
+def with_every_term(design, count):
+    """Drives with every term of the catalogue, each with a value of its own in every drive, and a compensation."""
     drives = []
-    for k, drive in enumerate(varied(seed_motor, 5)):
-        for name in TERMS[part::3]:
-            values = {symbol: value * (1.0 + 0.02 * k) for symbol, value in CATALOGUE[name].example.items()}
-            drive = drive.with_effect(name, values)
-        drives.append(drive)
+    for k, drive in enumerate(varied(design, count)):
+        for effect in CATALOGUE.values():
+            if effect.structure == "term":
+                values = {symbol: value * (1.0 + 0.02 * k) for symbol, value in effect.example.items()}
+                drive = drive.with_effect(effect.id, values)
+        drives.append(drive.replace(compensation={"gain": 0.5}))
+    return drives
+
+
+def test_every_term(seed_motor):
+    drives = with_every_term(seed_motor, 5)
     motion = scenario("triangle", period=0.2, cycles=1)
     arguments = {"seed": 1, "keep_truth": True}
     assert_alike(
@@ -89,12 +91,12 @@ def test_every_term(seed_motor, part):
     )
 
 
-def test_compensation_and_mixed_batches(seed_motor):
+def test_mixed_batches(seed_motor):
     """Drives that do not fit together are simulated apart, and come back in order."""
-    loops = varied(seed_motor, 8)
     spring = {"k": 500.0, "d": 0.01, "J_load": 3e-5}
-    drives = [drive.with_effect("compliance", spring) if k % 4 == 3 else drive for k, drive in enumerate(loops)]
-    drives[1] = drives[1].replace(compensation={"gain": 0.5})
+    drives = [drive.with_effect("compliance", spring) if k % 4 == 3 else drive
+              for k, drive in enumerate(varied(seed_motor, 8))]  # fmt: skip
+    drives[1:1] = with_every_term(seed_motor, 1)
     motion = scenario("triangle", period=0.2, cycles=1)
     assert_alike(simulate_batch(drives, motion, lanes=True), simulate_batch(drives, motion, lanes=False))
 
@@ -109,7 +111,7 @@ def test_which_drives_go_side_by_side(seed_motor):
 
 
 def test_a_drive_that_diverges_is_named(seed_motor):
-    drives = [seed_motor] * 4
-    drives[2] = seed_motor.replace(loops={"current": {"K_p": 1e5, "T_n": 1e-5}}, drive={"u_dc": 1e15})
+    drives = varied(seed_motor, 4)
+    drives[2] = drives[2].replace(loops={"current": {"K_p": 1e5, "T_n": 1e-5}}, drive={"u_dc": 1e15})
     with pytest.raises(SimulationError, match=r"^drive 2 of 4: .*left the finite numbers at t = .* s"):
         simulate_batch(drives, scenario("sweep", dwell=0.02), lanes=True)
