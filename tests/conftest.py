@@ -12,12 +12,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the tests run side by side
 import numpy as np
 import pytest
 
+from tests import effort
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--slow", action="store_true", default=False, help="also run the tests that take minutes")
+    parser.addoption("--slow", action="store_true", default=False, help="run the whole of the tests that take minutes")
     parser.addoption("--physics-table", action="store_true", default=False, help="print the table of physics checks")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    effort.WHOLE = config.getoption("--slow")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

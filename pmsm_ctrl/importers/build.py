@@ -148,8 +148,10 @@ def _unwrap(channels: dict[str, Array]) -> list[str]:
             continue
         theta = channels[name]
         turn = 2.0 * np.pi
+        if theta.max() / 2.0 - theta.min() / 2.0 > 0.505 * turn:  # halved: their difference may overflow
+            continue
         jumps = int(np.count_nonzero(np.abs(np.diff(theta)) > 0.75 * turn))
-        if jumps and np.ptp(theta) <= 1.01 * turn:
+        if jumps:
             channels[name] = np.unwrap(theta)
             notes.append(f"{name} wraps at one turn ({jumps} times); unwrapped")
     return notes

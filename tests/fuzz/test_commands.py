@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 from typer.main import get_command
 
 from pmsm_ctrl.cli import app, main
+from tests.effort import amount
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 DESIGN = SEED_MOTOR.read_bytes()
 LOG = b"t [s],theta [rad],i_q [A]\n" + b"".join(b"%d.5e-3,%d.25,%d.125\n" % (k, k * k % 97, k % 7) for k in range(150))
 COMMANDS = get_command(app).commands  # type: ignore[attr-defined]
 BOUNDED = settings(
-    max_examples=60, deadline=None, derandomize=True,
+    max_examples=amount(15, 60), deadline=None, derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )  # fmt: skip
 
@@ -74,7 +75,7 @@ def lines(draw: st.DrawFn) -> list[str]:
     return words
 
 
-@settings(BOUNDED, max_examples=100)
+@settings(BOUNDED, max_examples=amount(30, 100))
 @given(lines())
 def test_any_words(words: list[str]) -> None:
     run(words, {"some.toml": b"[motor]\nJ = 1\n", "some.csv": b"t,x\n1,2\n"})
@@ -119,7 +120,7 @@ def test_any_damaged_log(words: list[str], log: bytes) -> None:
         assert "some.csv" in said
 
 
-@settings(BOUNDED, max_examples=80)
+@settings(BOUNDED, max_examples=amount(20, 80))
 @given(st.sampled_from([["export", "some.toml", "--language", "st", "--output", "out.st"],
                         ["effects", "coulomb", "--design", "some.toml"],
                         ["simulate", "some.toml", "--set", "duration=0.01", "--scenario", "hold", "--output", "l.csv"],
@@ -138,7 +139,7 @@ FIELDS = [
 ]
 
 
-@settings(BOUNDED, max_examples=80)
+@settings(BOUNDED, max_examples=amount(20, 80))
 @given(st.sampled_from(FIELDS), VALUES, st.sampled_from(["export", "import", "simulate"]))
 def test_any_value_of_any_field(field: str, value: str, verb: str) -> None:
     text = re.sub(rf"^{field}\s*=.*$", f"{field} = {value}", DESIGN.decode(), count=1, flags=re.MULTILINE)
@@ -152,7 +153,7 @@ def test_any_value_of_any_field(field: str, value: str, verb: str) -> None:
         assert re.search(r"some\.toml|scenario|simulation", said), said
 
 
-@settings(BOUNDED, max_examples=60)
+@settings(BOUNDED, max_examples=amount(12, 60))
 @given(st.sampled_from(["sweep", "identification", "chirp", "hold", "reversal", "positioning", "trapezoid", "warm_up"]),
        st.lists(st.tuples(st.sampled_from(["duration", "speed_max", "speed_step", "dwell", "acceleration", "amplitude",
                                            "frequency", "f_stop", "speed"]), numbers), max_size=3))  # fmt: skip

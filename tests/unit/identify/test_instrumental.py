@@ -11,6 +11,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.identify import Column, Problem, Processing, identify, solve
 from pmsm_ctrl.identify.instrumental import bias_test
 from pmsm_ctrl.simulate import scenario, simulate
+from tests.effort import amount
 
 N = 1500
 
@@ -72,8 +73,8 @@ def rejected(seeds: range, rho: float, endogenous: float) -> tuple[float, float]
 
 @pytest.mark.parametrize("rho", [0.0, 0.9])
 def test_false_alarms_with_white_and_with_coloured_noise(rho: float) -> None:
-    # 5 % of 400: 2.6 % to 7.8 % with probability 99 %
-    low, called = rejected(range(400), rho, 0.0)
+    # 5 % of 400: 2.6 % to 7.8 % with probability 99 %; the short form has 100
+    low, called = rejected(range(amount(100, 400)), rho, 0.0)
     assert 0.02 <= low <= 0.08, low
     assert called <= 0.02, called
 

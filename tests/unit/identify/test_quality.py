@@ -9,6 +9,7 @@ from scipy.stats import chi2
 from pmsm_ctrl.identify import Processing, identify
 from pmsm_ctrl.simulate import simulate
 from tests.benchmarks.identification import METHODS, Case, bound, cases, exogenous_log, noise_level
+from tests.effort import amount
 
 CASES = list(cases())
 
@@ -27,7 +28,7 @@ def shares(case: Case, method: str, seeds: range) -> dict[str, tuple[float, floa
 @pytest.mark.parametrize("case", CASES[:2], ids=lambda case: case.name)
 @pytest.mark.parametrize("method", METHODS)
 def test_stated_errors_hold_and_are_near_the_bound(case: Case, method: str) -> None:
-    seeds = range(700, 716)
+    seeds = range(700, 700 + amount(6, 16))
     found = shares(case, method, seeds)
     assert set(found) == set(case.true_values())
     low, high = chi2.ppf([0.0005, 0.9995], len(seeds))
@@ -39,7 +40,7 @@ def test_stated_errors_hold_and_are_near_the_bound(case: Case, method: str) -> N
 @pytest.mark.parametrize("cutoff", [60.0, 160.0])
 def test_stated_errors_hold_in_a_band_given_by_hand(cutoff: float) -> None:
     # 160 Hz on a grid of 500 Hz left a third of the spectrum empty: stated errors were 1.3 times too large
-    case, seeds = CASES[1], range(700, 740)
+    case, seeds = CASES[1], range(700, 700 + amount(12, 40))
     rows = []
     for seed in seeds:
         log = simulate(case.believed(), case.motion, truth=case.truth, seed=seed)
