@@ -1,4 +1,4 @@
-"""Run Structured Text: parsed by blark, turned into Python statement by statement.
+"""Run Structured Text: parsed by tree-sitter's grammar of IEC 61131-3, turned into Python statement by statement.
 
 The parser is somebody else's; what a statement means is written here from IEC 61131-3, not from the exporter.
 """
@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
-OPERATORS = {"AND": "and", "OR": "or", "AND_THEN": "and", "=": "==", "<>": "!=", "NOT": "not"}
+OPERATORS = {"AND": "and", "OR": "or", "=": "==", "<>": "!=", "NOT": "not"}
 STANDARD = {
     "ABS": abs,
     "SQRT": math.sqrt,
@@ -26,41 +26,45 @@ STANDARD = {
     "LREALISNAN": math.isnan,
 }
 ZERO = {"LREAL": 0.0, "INT": 0, "BOOL": False}
+KINDS = {"var_input": "input", "var_output": "output", "var_block": "variable"}
+SILENT = ("comment", "empty_statement")
 
 
 class FunctionBlock:
     """An instance of a parsed function block; names are not told apart by case, as in the standard."""
 
-    def __init__(self, block: Any, body: Any = None) -> None:
+    def __init__(self, declaration: Any, body: Any) -> None:
         self.memory: dict[str, Any] = {f"f_{name.lower()}": function for name, function in STANDARD.items()}
         self.types: dict[str, str] = {}
         self.kinds: dict[str, str] = {}
-        for section in block.declarations:
-            for item in section.items:
-                self._declare(type(section).__name__, str(section.attrs or ""), item)
+        for section in declaration.named_children:
+            if section.type in KINDS:
+                constant = any(child.type == "var_qualifier_list" for child in section.named_children)
+                for item in section.named_children:
+                    if item.type == "variable_declaration":
+                        self._declare("constant" if constant else KINDS[section.type], item)
         self.assigned: set[str] = set()
-        self._code = compile("\n".join(self._lines((body or block.body).statements, 0)), "<structured text>", "exec")
+        self._code = compile("\n".join(self._block(body.children_by_field_name("body"), 0)), "<st>", "exec")
 
-    def _declare(self, section: str, attributes: str, item: Any) -> None:
-        kind = "constant" if "CONSTANT" in attributes.upper() else section.removesuffix("Declarations").lower()
-        for variable in item.variables:
-            name = str(variable.variable.name)
-            key = name.lower()
-            assert key not in self.memory, f"{name} is declared twice, but for case"
-            assert re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", name), f"{name} is no identifier of IEC 61131-3"
-            assert len(name) <= 32
-            self.kinds[key] = kind
-            spec = item.init.spec
-            if hasattr(spec, "subranges"):
-                self.types[key] = f"ARRAY OF {spec.type.type_name}"
-                sizes = [int(str(r.stop.value)) + 1 for r in spec.subranges]
-                assert all(str(r.start.value) == "0" for r in spec.subranges)
-                row: Any = [0.0] * sizes[-1]
-                self.memory[key] = row if len(sizes) == 1 else [list(row) for _ in range(sizes[0])]
-                continue
-            self.types[key] = str(spec.type)
-            value = item.init.value
-            self.memory[key] = ZERO[self.types[key]] if value is None else eval(self._text(value), {}, self.memory)
+    def _declare(self, kind: str, item: Any) -> None:
+        (written,) = item.children_by_field_name("names")
+        name, spec = text_of(written), item.child_by_field_name("type")
+        key = name.lower()
+        assert key not in self.memory, f"{name} is declared twice, but for case"
+        assert re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", name), f"{name} is no identifier of IEC 61131-3"
+        assert len(name) <= 32
+        self.kinds[key] = kind
+        if spec.type == "array_type":
+            self.types[key] = f"ARRAY OF {text_of(spec.child_by_field_name('element_type'))}"
+            ranges = spec.children_by_field_name("range")
+            assert all(text_of(r.child_by_field_name("lower")) == "0" for r in ranges)
+            sizes = [int(text_of(r.child_by_field_name("upper"))) + 1 for r in ranges]
+            row: Any = [0.0] * sizes[-1]
+            self.memory[key] = row if len(sizes) == 1 else [list(row) for _ in range(sizes[0])]
+            return
+        self.types[key] = text_of(spec)
+        value = item.child_by_field_name("initial_value")
+        self.memory[key] = ZERO[self.types[key]] if value is None else eval(self._text(value), {}, self.memory)
 
     def __call__(self, **inputs: Any) -> None:
         """Run one cycle."""
@@ -74,115 +78,126 @@ class FunctionBlock:
 
     # -- statements ---------------------------------------------------------------------------------------------
 
-    def _lines(self, statements: Any, depth: int) -> list[str]:
-        out = []
+    def _block(self, statements: Any, depth: int) -> list[str]:
+        out: list[str] = []
         for statement in statements:
-            out += getattr(self, f"_{type(statement).__name__}")(statement, depth)
+            if statement.type not in SILENT and statement.is_named:
+                out += getattr(self, f"_{statement.type}")(statement, depth)
         return out or ["    " * depth + "pass"]
 
-    def _AssignmentStatement(self, s: Any, depth: int) -> list[str]:
-        (target,) = s.variables
-        name = str(getattr(target, "name", "")).lower() or str(target.name.name).lower()
-        base = name.split("[")[0]
+    def _assignment_statement(self, s: Any, depth: int) -> list[str]:
+        target = s.child_by_field_name("left")
+        base = text_of(target if target.type == "identifier" else target.child_by_field_name("object")).lower()
         assert self.kinds[base] in ("output", "variable"), f"{base} is assigned, but is of kind {self.kinds[base]}"
         self.assigned.add(base)
-        value = self._text(s.expression)
+        value = self._text(s.child_by_field_name("right"))
         if self.types[base] == "LREAL":
             value = f"float({value})"
         return [f"{'    ' * depth}{self._text(target)} = {value}"]
 
-    def _IfStatement(self, s: Any, depth: int) -> list[str]:
+    def _if_statement(self, s: Any, depth: int) -> list[str]:
         pad = "    " * depth
-        out = [f"{pad}if {self._text(s.if_expression)}:", *self._block(s.statements, depth)]
-        for other in s.else_ifs:
-            out += [f"{pad}elif {self._text(other.if_expression)}:", *self._block(other.statements, depth)]
-        return out + ([f"{pad}else:", *self._block(s.else_clause.statements, depth)] if s.else_clause else [])
+        out = [f"{pad}if {self._text(s.child_by_field_name('condition'))}:"]
+        out += self._block(s.children_by_field_name("consequence"), depth + 1)
+        for other in s.named_children:
+            if other.type == "elsif_clause":
+                out.append(f"{pad}elif {self._text(other.child_by_field_name('condition'))}:")
+            elif other.type == "else_clause":
+                out.append(f"{pad}else:")
+            else:
+                continue
+            out += self._block(other.children_by_field_name("body"), depth + 1)
+        return out
 
-    def _ForStatement(self, s: Any, depth: int) -> list[str]:
-        counter = self._text(s.control)
+    def _for_statement(self, s: Any, depth: int) -> list[str]:
+        counter, first, last = (self._text(s.child_by_field_name(name)) for name in ("control", "start", "end"))
         assert self.types[counter] == "INT"
-        assert s.step is None
-        head = f"for {counter} in range({self._text(s.from_)}, ({self._text(s.to)}) + 1):"
-        return ["    " * depth + head, *self._block(s.statements, depth)]
-
-    def _NoOpStatement(self, s: Any, depth: int) -> list[str]:
-        return []
-
-    def _block(self, statements: Any, depth: int) -> list[str]:
-        return self._lines(statements.statements if statements is not None else [], depth + 1)
+        assert s.child_by_field_name("step") is None
+        head = f"{'    ' * depth}for {counter} in range({first}, ({last}) + 1):"
+        return [head, *self._block(s.children_by_field_name("body"), depth + 1)]
 
     # -- expressions --------------------------------------------------------------------------------------------
 
     def _text(self, node: Any) -> str:
-        return str(getattr(self, f"_{type(node).__name__}")(node))
+        return str(getattr(self, f"_{node.type}")(node))
 
-    def _SimpleVariable(self, node: Any) -> str:
-        name = str(node.name).lower()
-        if name in ("true", "false"):
-            return name.capitalize()
+    def _identifier(self, node: Any) -> str:
+        name = text_of(node).lower()
         assert name in self.memory, f"{name} is not declared"
         return name
 
-    def _MultiElementVariable(self, node: Any) -> str:
-        name = self._text(node.name) if hasattr(node.name, "name") else str(node.name).lower()
+    def _index_expression(self, node: Any) -> str:
+        name = self._text(node.child_by_field_name("object"))
         assert self.types[name].startswith("ARRAY")
-        (element,) = node.elements
-        return name + "".join(f"[{self._text(s)}]" for s in element.subscripts)
+        return name + "".join(f"[{self._text(i)}]" for i in node.children_by_field_name("index") if i.is_named)
 
-    def _BinaryOperation(self, node: Any) -> str:
-        sign = str(node.op).upper()
-        return f"({self._text(node.left)} {OPERATORS.get(sign, sign)} {self._text(node.right)})"
+    def _binary_expression(self, node: Any) -> str:
+        left, sign, right = (node.child_by_field_name(name) for name in ("left", "operator", "right"))
+        return f"({self._text(left)} {OPERATORS.get(text_of(sign), text_of(sign))} {self._text(right)})"
 
-    def _UnaryOperation(self, node: Any) -> str:
-        sign = str(node.op).upper()
-        return f"({OPERATORS.get(sign, sign)} {self._text(node.expr)})"
+    def _unary_expression(self, node: Any) -> str:
+        sign = text_of(node.child_by_field_name("operator"))
+        return f"({OPERATORS.get(sign, sign)} {self._text(node.child_by_field_name('operand'))})"
 
-    def _ParenthesizedExpression(self, node: Any) -> str:
-        return f"({self._text(node.expr)})"
+    def _parenthesized_expression(self, node: Any) -> str:
+        (inner,) = node.named_children
+        return f"({self._text(inner)})"
 
-    def _Real(self, node: Any) -> str:
-        text = str(node.value)
-        assert re.fullmatch(r"[0-9]+\.[0-9]+([eE][+-]?[0-9]+)?", text), f"{text}: no real literal of IEC 61131-3"
+    def _real_literal(self, node: Any) -> str:
+        text = text_of(node)
+        assert re.fullmatch(r"-?[0-9]+\.[0-9]+([eE][+-]?[0-9]+)?", text), f"{text}: no real literal of IEC 61131-3"
         return text
 
-    def _Boolean(self, node: Any) -> str:
-        return str(node.value).capitalize()
+    def _boolean_literal(self, node: Any) -> str:
+        return text_of(node).capitalize()
 
-    def _Integer(self, node: Any) -> str:
-        return str(node.value)
+    def _integer_literal(self, node: Any) -> str:
+        return text_of(node)
 
-    def _FunctionCall(self, node: Any) -> str:
-        name = str(getattr(node.name, "name", node.name)).upper()
+    def _call_expression(self, node: Any) -> str:
+        name = text_of(node.child_by_field_name("function")).upper()
         assert name in STANDARD, f"{name} is no function of the standard"
-        return f"f_{name.lower()}({', '.join(self._text(p.value) for p in node.parameters)})"
+        arguments = node.child_by_field_name("arguments").named_children
+        return f"f_{name.lower()}({', '.join(self._text(a) for a in arguments)})"
 
 
-def _parser() -> Any:
-    return pytest.importorskip("blark.parse", reason="blark not installed: the exported ST is not parsed")
+def text_of(node: Any) -> str:
+    """Return the source text of a node."""
+    return str(node.text.decode())
+
+
+def tree_of(text: str) -> dict[str, Any]:
+    """Return the function blocks of a Structured Text by name; a syntax error fails the test."""
+    binding = pytest.importorskip("tree_sitter", reason="tree-sitter not installed: the exported ST is not run")
+    grammar = pytest.importorskip("tree_sitter_iec61131_3_st", reason="no grammar of ST: the exported ST is not run")
+    # the short-circuit AND is Beckhoff's own
+    root = (
+        binding.Parser(binding.Language(grammar.language())).parse(text.replace("AND_THEN", "AND").encode()).root_node
+    )
+    assert not root.has_error
+    blocks = [node for node in root.named_children if node.type == "function_block_declaration"]
+    return {text_of(node.child_by_field_name("name")): node for node in blocks}
 
 
 def parsed(text: str) -> FunctionBlock:
     """Return the function block of a Structured Text."""
-    (block,) = _parser().parse_source_code(text).transform().items
-    return FunctionBlock(block)
+    (block,) = tree_of(text).values()
+    return FunctionBlock(block, block)
 
 
 def parsed_library(files: dict[str, str], name: str) -> FunctionBlock:
     """Return a function block of a B&R library: declared in the .fun, written in its .st."""
     (fun,) = (text for file, text in files.items() if file.endswith(".fun"))
-    declared = _parser().parse_source_code(fun).transform().items
-    (declaration,) = (block for block in declared if str(block.name) == name)
     assert f"<File>{name}.st</File>" in files["IEC.lby"]
-    (written,) = _parser().parse_source_code(files[f"{name}.st"]).transform().items
-    assert not written.declarations
-    assert str(written.name) == name
-    return FunctionBlock(declaration, written.body)
+    written = tree_of(files[f"{name}.st"])
+    assert list(written) == [name]
+    assert not any(child.type in KINDS for child in written[name].named_children)
+    return FunctionBlock(tree_of(fun)[name], written[name])
 
 
-def parsed_tcpou(files: dict[str, str], name: str, folder: Path) -> FunctionBlock:
-    """Return the function block of a .TcPOU file, which blark reads as TwinCAT does: XML around two texts."""
-    path = folder / f"{name}.TcPOU"
-    path.write_text(files[path.name], encoding="utf-8")
-    declared, written = (part.transform().items[0] for part in _parser().parse(path))
-    assert str(declared.name) == name
-    return FunctionBlock(declared, written)
+def parsed_tcpou(files: dict[str, str], name: str) -> FunctionBlock:
+    """Return the function block of a .TcPOU file: XML around declaration and body."""
+    unit = ElementTree.fromstring(files[f"{name}.TcPOU"].encode())
+    declaration, body = unit.findtext("POU/Declaration"), unit.findtext("POU/Implementation/ST")
+    block = tree_of(f"{declaration}\n{body}\nEND_FUNCTION_BLOCK\n")[name]
+    return FunctionBlock(block, block)

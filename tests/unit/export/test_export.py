@@ -77,7 +77,7 @@ def test_every_flavour_of_structured_text_gives_the_current_of_the_c(
     blocks = [
         parsed(files["iec"]["FB_seed_motor_compensation.st"]),
         parsed_library(files["br"], "FB_seed_motor_compensation"),
-        parsed_tcpou(files["beckhoff"], "FB_seed_motor_compensation", tmp_path),
+        parsed_tcpou(files["beckhoff"], "FB_seed_motor_compensation"),
     ]
     rng = np.random.default_rng(5)
     for omega, theta, i_d, i_q in [(0.0, 1.0, 0.0, 0.1), *(rng.uniform(-1, 1, (50, 4)) * (20.0, 9.0, 0.0, 0.5))]:
@@ -112,23 +112,17 @@ def test_powers_avoid_single_precision_where_the_controller_has_no_other(design:
     assert "EXPT(ABS(omega / STRIBECK_W_S), STRIBECK_DELTA)" in export(design, "st", flavour="beckhoff")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["compensation", "tracker"])
 @pytest.mark.parametrize("flavour", ["iec", "beckhoff"])
-def test_a_second_parser_finds_no_error(design: Design, flavour: str) -> None:
-    """tree-sitter's grammar of the standard's third edition, written by others than blark's."""
-    binding = pytest.importorskip(
-        "tree_sitter", reason="tree-sitter not installed: the exported ST is not parsed twice"
-    )
-    grammar = pytest.importorskip("tree_sitter_iec61131_3_st", reason="no grammar of ST: the ST is not parsed twice")
-    parser = binding.Parser(binding.Language(grammar.language()))
-    for part in ("compensation", "tracker"):
-        text = export(design, "st", part=part, flavour=flavour)
-        if flavour == "beckhoff":
-            declaration, body = re.findall(r"<!\[CDATA\[(.*?)\]\]>", text, flags=re.DOTALL)
-            # the short-circuit AND is Beckhoff's own
-            text = f"{declaration}\n{body.replace('AND_THEN', 'AND')}\nEND_FUNCTION_BLOCK\n"
-        tree = parser.parse(text.encode())
-        assert not tree.root_node.has_error
-        assert parser.parse(text.replace("END_VAR", "", 1).encode()).root_node.has_error
+def test_a_second_parser_finds_no_error(design: Design, tmp_path: Path, flavour: str, part: str) -> None:
+    """blark's grammar is that of TwinCAT, and it reads the .TcPOU as TwinCAT does; it takes half a minute."""
+    blark = pytest.importorskip("blark.parse", reason="blark not installed: the exported ST is not parsed twice")
+    path = tmp_path / ("block.TcPOU" if flavour == "beckhoff" else "block.st")
+    path.write_text(export(design, "st", part=part, flavour=flavour), encoding="utf-8")
+    for found in blark.parse(path):
+        assert found.exception is None
+        assert found.transform().items
 
 
 def test_no_name_ends_a_comment_or_leaves_ascii(design: Design, tmp_path: Path) -> None:
