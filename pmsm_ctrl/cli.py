@@ -451,13 +451,15 @@ def effects(
     """List the effects of the catalogue. One that is named is shown in full, with its signature."""
     from pmsm_ctrl.effects import catalogue_with, lookup
     from pmsm_ctrl.errors import RequestError
-    from pmsm_ctrl.report.catalogue import catalogue_table, describe_effect, save_figure
+    from pmsm_ctrl.rendering import to_text
+    from pmsm_ctrl.report.catalogue import describe_effect, save_figure
+    from pmsm_ctrl.report.present import catalogue_section
 
     known = catalogue_with(own or ())
     if identifier is None:
         if design is not None or output is not None or report is not None:
             raise RequestError("effects: --design, --output and --report belong to one effect; name it")
-        print(catalogue_table(known))
+        print(to_text(catalogue_section(known.values())))
         if json_file is not None:
             write_json(json_file, "effects", {"effects": [describe_effect(e).to_dict() for e in known.values()]})
         return

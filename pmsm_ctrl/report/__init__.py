@@ -1,6 +1,7 @@
 """One self-contained HTML file per report, and `study`, the whole chain that ends in one."""
 
-from pmsm_ctrl.report.chain import Study, study
-from pmsm_ctrl.report.page import Headline, render
+from pmsm_ctrl.report.chain import study
+from pmsm_ctrl.report.page import render
+from pmsm_ctrl.report.result import Headline, Study
 
 __all__ = ["Headline", "Study", "render", "study"]

@@ -6,85 +6,31 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import Diagnosis, diagnose
+from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.errors import DesignError, NextCommand, RequestError
 from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
 from pmsm_ctrl.identify.paper import PAPER_CASES
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.report.history import Entry, extended, history_section, history_text, read_history
-from pmsm_ctrl.report.page import Headline, render, versions
-from pmsm_ctrl.result import Result, Section, jsonable
+from pmsm_ctrl.report.headline import of_diagnosis, of_simulation
+from pmsm_ctrl.report.history import Entry, extended, history_text, read_history
+from pmsm_ctrl.report.page import render, versions
+from pmsm_ctrl.report.present import parts
+from pmsm_ctrl.report.result import Study
+from pmsm_ctrl.result import Result
+from pmsm_ctrl.section import Notice, Template
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.tune import Tuning, tune
-from pmsm_ctrl.units import drives
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+__all__ = ["study"]
 
-__all__ = ["Study", "study"]
-
-
-@dataclass(frozen=True, eq=False)
-class Study(Result):
-    """What `study` did.
-
-    Attributes
-    ----------
-    design : Design
-        The given design with what was identified.
-    path : Path
-        The report.
-    headline : Headline
-        What the first screen says.
-    results : dict of verb to Result
-        In the order in which they ran.
-    skipped : tuple of str
-        What could not be done, and why.
-    """
-
-    design: Design
-    path: Path
-    headline: Headline
-    results: Mapping[str, Result]
-    skipped: tuple[str, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Reasons to doubt the numbers, of every part, each once."""
-        own = [f"{verb}: {text}" for verb, result in self.results.items() for text in result.warnings]
-        return tuple(dict.fromkeys((*self.skipped, *own)))
-
-    def summary(self) -> str:
-        """Return every part's summary and, last, the path of the report."""
-        parts = [f"left out: {text}" for text in self.skipped]
-        parts += [result.summary() for result in self.results.values()]
-        return "\n\n".join([*parts, f"{self.headline.verdict}\nreport: {self.path}"])
-
-    def plot(self) -> Figure:
-        """Return the last part's figure."""
-        return list(self.results.values())[-1].plot()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values fit for JSON."""
-        return {
-            "verdict": self.headline.verdict,
-            "numbers": {label: value for value, label in self.headline.numbers},
-            "report": str(self.path),
-            "warnings": list(self.warnings),
-            **{verb: jsonable(result.to_dict()) for verb, result in self.results.items()},
-        }
-
-    def section(self) -> Section:
-        """Return the first screen as a section, for use in another report."""
-        return Section("Study", (self.headline.done, self.headline.verdict))
+LEFT_OUT = Template("left_out", "left out: {what}, because {why}")
 
 
 def study(
@@ -118,6 +64,10 @@ def study(
     progress : function, optional
         Called with the share done, 0 to 1.
 
+    Returns
+    -------
+    Study
+
     Raises
     ------
     DesignError, LogError
@@ -128,7 +78,7 @@ def study(
     path = _target(design, output)
     before = read_history(history) if history is not None else ()  # refused before the work, not after it
     advance = progress or (lambda share: None)
-    results, skipped = _simulated_parts(design, log is None, seed, advance)
+    results, left_out = _simulated_parts(design, log is None, seed, advance)
     tuned = results.get("tune")
     drive = tuned.design if design.loops is None and isinstance(tuned, Tuning) else design
     record = simulate(drive, "identification", seed=seed) if log is None else log
@@ -141,73 +91,45 @@ def study(
     advance(0.8)
     swept = results.get("sweep")
     if log is None and isinstance(swept, SweepResult):
-        headline = _simulated(design, swept, identification)
+        headline = of_simulation(design, swept, record.duration)
     else:
         found = diagnose(drive, record, holdout=holdout, progress=lambda s: advance(0.8 + 0.15 * s))
         results["diagnose"] = found
-        headline = _measured(design, record, found)
-    earlier = _history(before, design, record, identification) if history is not None else _Earlier()
-    outcome = Study(identification.design, path, headline, results, tuple(skipped))
+        headline = of_diagnosis(design, record, found)
+    entries = () if history is None else extended(before, _entry(design, record, identification))
     logs = [record] if holdout is None else [record, holdout]
+    doubts = (*left_out, *(notice for log in logs for notice in _of_file(log)))
+    outcome = Study(identification.design, path, headline, results, doubts, entries)
     text = render(
         f"Study of {design.name}",
-        [*(_section(verb, results[verb]) for verb in _reading_order(results)), *earlier.sections],
+        parts(outcome),
         headline=headline,
-        warnings=[*(f"Left out: {text}" for text in skipped), *_import_warnings(logs)],
+        notices=doubts,
         facts=_facts(design, logs, seed if design.motor.electrical else None),
         design_toml=design.to_toml(),
         command=command,
     )
     write_text(path, text)
     if history is not None:
-        write_text(history, history_text(earlier.entries))
+        write_text(history, history_text(entries))
     advance(1.0)
     return outcome
 
 
-@dataclass(frozen=True)
-class _Earlier:
-    """The history with this study in it, and its section."""
-
-    entries: tuple[Entry, ...] = ()
-    sections: tuple[Section, ...] = ()
-
-
-def _history(before: tuple[Entry, ...], design: Design, record: Log, identification: Identification) -> _Earlier:
+def _entry(design: Design, record: Log, identification: Identification) -> Entry:
     name = Path(record.provenance.file).name or identification.log_name
     key = (record.provenance.sha256, hashlib.sha256(design.to_toml().encode()).hexdigest(), versions()["pmsm-ctrl"])
-    entry = Entry(name, key, dict(identification.estimates), identification.relative_error)
-    entries = extended(before, entry)
-    return _Earlier(entries, (history_section(entries),))
+    return Entry(name, key, dict(identification.estimates), identification.relative_error)
 
 
-# What a reader must know about a part before its section, where the section cannot know it.
-INTRODUCTIONS = {"compare": "The model is the design with the identified inertia and friction; no more was fitted."}
-
-
-# The page answers before it explains: what the headline speaks of comes first, the loops last.
-MEASURED_ORDER = ("compare", "diagnose", "identify", "tune", "sweep", "paper")
-SIMULATED_ORDER = ("sweep", "paper", "identify", "compare", "tune")
-
-
-def _reading_order(results: Mapping[str, Result]) -> list[str]:
-    order = MEASURED_ORDER if "diagnose" in results else SIMULATED_ORDER
-    return [*(verb for verb in order if verb in results), *(verb for verb in results if verb not in order)]
-
-
-def _section(verb: str, result: Result) -> Section:
-    section = result.section()
-    introduction = (INTRODUCTIONS[verb],) if verb in INTRODUCTIONS else ()
-    return replace(section, paragraphs=(*introduction, *section.paragraphs))
-
-
-def _import_warnings(logs: Iterable[Log]) -> list[str]:
-    return [f"{log.provenance.file}: {text}" for log in logs for text in log.provenance.warnings]
+def _of_file(log: Log) -> list[Notice]:
+    """What is doubtful in a log, with the name of its file."""
+    return [replace(notice, text=f"{log.provenance.file}: {notice.text}") for notice in log.provenance.notices]
 
 
 def _simulated_parts(
     design: Design, needed: bool, seed: int, advance: Callable[[float], None]
-) -> tuple[dict[str, Result], list[str]]:
+) -> tuple[dict[str, Result], list[Notice]]:
     """Return what the design alone can show, by verb, and what it cannot.
 
     Raises
@@ -221,7 +143,7 @@ def _simulated_parts(
             where = design.source or design.name
             message = f"{where}: {lacking}, so it cannot be simulated; give a log with --log"
             raise DesignError(message, next_command=NextCommand.ELECTRICAL_DATA)
-        return {}, [f"the tuning and the simulated speed sweep, because {lacking}"]
+        return {}, [LEFT_OUT(what="the tuning and the simulated speed sweep", why=lacking)]
     results: dict[str, Result] = {}
     tuned = tune(design, seed=seed, progress=lambda share: advance(0.3 * share))
     results["tune"] = tuned
@@ -256,52 +178,6 @@ def _target(design: Design, output: str | os.PathLike[str] | None) -> Path:
     except OSError as error:
         raise RequestError(f"{folder}: cannot be made ({error.strerror}); name the report with --output") from None
     return folder / f"{stem}.html"
-
-
-ACCEPTED_PERCENT = 1.0  # the reference experiment's own bound, with noise and quantisation
-
-
-def _simulated(design: Design, swept: SweepResult, found: Identification) -> Headline:
-    """Say how much of what was put in came back."""
-    put_in = {**design.parameters("coulomb"), **design.parameters("viscous")}
-    numbers, deviations = [], []
-    for symbol, estimate in swept.estimates.items():
-        remark = f"{symbol} from the sweep"
-        if put_in.get(symbol):
-            deviations.append(100.0 * (estimate.value / put_in[symbol] - 1.0))
-            remark += f", {deviations[-1]:+.2f} % from what was put in"
-        numbers.append((f"{estimate.value:.4g} {estimate.unit}", remark))
-    numbers.append((f"{swept.rms_percent:.2f} %", "rms error between the friction line and the averaged torque"))
-    done = (
-        f"The drive {design.name} was simulated as it samples: a speed sweep of {len(swept.levels)} levels gives its "
-        f"friction, and a motion of {found.problem.t[-1]:.3g} s its inertia and friction by regression."
-    )
-    worst = max(map(abs, deviations), default=0.0)
-    verdict = f"the sweep returns the friction that was put in within {worst:.2f} % (accepted: {ACCEPTED_PERCENT:g} %)."
-    if not deviations:
-        verdict = "the design has no Coulomb or viscous friction to compare the sweep with."
-    return Headline(done, verdict, worst <= ACCEPTED_PERCENT if deviations else None, tuple(numbers))
-
-
-def _measured(design: Design, log: Log, found: Diagnosis) -> Headline:
-    """Say which effects the measured log calls for, and what the error falls to."""
-    name = log.provenance.file or "a given log"
-    done = f"The axis {design.name} was diagnosed from {name}, {log.duration:.3g} s at {log.rate:.4g} Hz."
-    before, after = (100.0 * found.errors[rung]["torque"]["relative"] for rung in ("nominal", "final"))
-    drive = drives(design.motion)
-    named = ", ".join(step.effect for step in found.steps)
-    verdicts = {
-        "consistent": f"the design explains the log: no effect is missing, {after:.2f} % of the {drive} is left.",
-        "effects_missing": f"{named} missing: the error falls from {before:.2f} to {after:.2f} % of the {drive}.",
-        "unexplained": f"something is left that no effect of the catalogue explains: {found.unexplained}.",
-        "not_excited": f"this log cannot tell: it leaves {after:.2f} % of the {drive}, and excites too little.",
-    }
-    numbers = (
-        (f"{before:.2f} %", f"of the {drive} left unexplained by the design as given"),
-        (f"{after:.2f} %", "left with the effects that were found"),
-        (str(len(found.steps)), "effects missing from the design"),
-    )
-    return Headline(done, verdicts[found.verdict], found.verdict == "consistent" or None, numbers)
 
 
 def _facts(design: Design, logs: Iterable[Log], seed: int | None) -> dict[str, str]:

@@ -4,38 +4,17 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import metadata
 from typing import Any
 
 from pmsm_ctrl.rendering import to_html
+from pmsm_ctrl.report.result import Headline
 from pmsm_ctrl.result import Section as OldSection
 from pmsm_ctrl.section import Block, Notice, Picture, Section, Table
 
-__all__ = ["Headline", "render", "versions"]
+__all__ = ["converted", "render", "versions"]
 
 _LIBRARIES = ("pmsm-ctrl", "numpy", "scipy", "numba", "matplotlib", "control", "filterpy")
-
-
-@dataclass(frozen=True)
-class Headline:
-    """The first screen: what was done, the verdict, and the numbers that matter most.
-
-    Attributes
-    ----------
-    done : str
-        One or two sentences.
-    verdict : str
-    good : bool or None
-        Colours the verdict, and a word stands beside the colour; None is neutral.
-    numbers : tuple of (value, label)
-        Three are best.
-    """
-
-    done: str
-    verdict: str
-    good: bool | None
-    numbers: tuple[tuple[str, str], ...] = ()
 
 
 def versions() -> dict[str, str]:
@@ -54,7 +33,7 @@ def render(
     sections: Iterable[Any],
     *,
     headline: Headline | None = None,
-    warnings: Sequence[str] = (),
+    notices: Sequence[Notice] = (),
     facts: Mapping[str, str] | None = None,
     design_toml: str = "",
     command: str = "",
@@ -67,7 +46,7 @@ def render(
     sections : iterable of Section
     headline : Headline, optional
         The first screen.
-    warnings : sequence of str
+    notices : sequence of Notice
         Reasons to doubt, shown before the numbers.
     facts : mapping of str to str, optional
         Lines of the appendix: files with their hashes, seeds.
@@ -80,7 +59,7 @@ def render(
     text: str = _template().render(
         title=title,
         headline=headline,
-        warnings=list(dict.fromkeys(warnings)),
+        notices=list(dict.fromkeys(notices)),
         sections=shown,
         facts=dict(facts or {}),
         versions=versions(),
@@ -92,14 +71,16 @@ def render(
 
 def _view(number: int, section: Any, page_title: str) -> dict[str, str]:
     """Return a section for the template; a title that the page has already is not written again."""
-    if isinstance(section, OldSection):
-        section = _converted(section)
+    section = converted(section)
     html = to_html(section, number=number, heading=section.title != page_title)
     return {"id": f"section-{number}", "title": section.title, "html": html}
 
 
-def _converted(old: OldSection) -> Section:
-    """Return a section of rooms that do not speak in blocks yet."""
+def converted(old: Any) -> Section:
+    """Return a section of rooms that do not speak in blocks yet as one that does."""
+    if isinstance(old, Section):
+        return old
+    assert isinstance(old, OldSection)
     plain: list[Block] = []
     doubts: list[Block] = []
     for text in old.paragraphs:

@@ -167,8 +167,8 @@ def test_effects_lists_the_whole_catalogue(tmp_path: Path, capsys: pytest.Captur
     assert data["schema"] == "pmsm-ctrl/effects/1"
     assert [row["id"] for row in data["effects"]] == list(CATALOGUE)
     for effect in CATALOGUE.values():
-        assert f"│ {effect.id} " in out
-        assert effect.needs.split()[0] in out  # the cells are folded
+        assert f"id: {effect.id}\n" in out  # at 80 columns the table is written row by row
+        assert " ".join(effect.needs.split()) in " ".join(out.split())
 
 
 # ---- what is refused --------------------------------------------------------------------------------------------

@@ -12,8 +12,10 @@ import pytest
 from pmsm_ctrl import Design, Log, study
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Provenance
-from pmsm_ctrl.report.history import Entry, extended, history_section, history_text, read_history
+from pmsm_ctrl.report.history import Entry, extended, history_text, read_history
+from pmsm_ctrl.report.present import history_section
 from pmsm_ctrl.result import Estimate
+from pmsm_ctrl.section import Picture
 
 
 def entry(log: str, F_c: float, stderr: float = 1e-4, version: str = "0.1.0") -> Entry:
@@ -41,14 +43,14 @@ def test_the_same_study_again_replaces_its_entry_and_a_new_version_adds_one() ->
 
 def test_a_change_is_said_only_beyond_its_standard_errors() -> None:
     small = history_section((entry("monday.csv", 0.0200), entry("tuesday.csv", 0.0203)))
-    assert "No parameter has changed" in small.paragraphs[0]
+    assert "No parameter has changed" in str(small.blocks[0])
     large = history_section((entry("monday.csv", 0.0200), entry("tuesday.csv", 0.0220)))
     # By hand: 0.002 over sqrt(2) 1e-4 is 14.1 standard errors, +10 %.
-    assert "F_c changed from 0.02 (monday.csv) to 0.022 N m (tuesday.csv): +10.0 %, 14.1" in large.paragraphs[0]
-    assert len(large.figures) == 1
-    assert [axes.get_ylabel() for axes in large.figures[0][0].axes] == ["F_c [N m]", "J [kg m^2]"]
-    assert large.tables[0][1][0][:3] == ("monday.csv", "0.1.0", "0.02 ± 0.0001")
-    assert not history_section((entry("monday.csv", 0.02),)).figures
+    assert "F_c changed from 0.02 (monday.csv) to 0.022 N m (tuesday.csv): +10.0 %, 14.1" in str(large.blocks[0])
+    *_, table, picture = large.blocks
+    assert [axes.get_ylabel() for axes in picture.draw().axes] == ["F_c [N m]", "J [kg m^2]"]
+    assert table.rows[0][:3] == ("monday.csv", "0.1.0", "0.02000 ± 0.00010")
+    assert not any(isinstance(block, Picture) for block in history_section((entry("monday.csv", 0.02),)).blocks)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +85,7 @@ def test_study_keeps_the_history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert [e["log"] for e in data["entries"]] == ["monday.csv", "june.csv"]
     assert data["entries"][1]["parameters"]["F_c"]["value"] == pytest.approx(0.03, rel=0.01)
     page = Path("axis.html").read_text(encoding="utf-8")
-    assert "The parameters so far" in page
+    assert "Parameters over time" in page
     assert "F_c changed from 0.0" in page
     before = (page, Path("axis.history.json").read_bytes())
     study(design, axis_log("june.csv", 0.03), output="axis.html", history="axis.history.json")

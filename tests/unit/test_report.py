@@ -23,6 +23,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.report import Headline, render
 from pmsm_ctrl.result import Section
+from pmsm_ctrl.section import Notice
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 
@@ -86,7 +87,7 @@ def page(**changed: object) -> str:
         "headline": Headline(
             "It was done.", "all is well.", True, (("0.0213 N m", "F_c"), ("1 %", "error"), ("3", "x"))
         ),
-        "warnings": ["doubt <one>", "doubt <one>"],
+        "notices": [Notice("one", "doubt <one>"), Notice("one", "doubt <one>")],
         "facts": {"design, SHA-256": "ab" * 32, "seed": "0"},
         "design_toml": "[motor]\nJ = 1.0 # <tag>",
         "command": "pmsm-ctrl study 'a b.toml'",

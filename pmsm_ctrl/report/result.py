@@ -1,0 +1,145 @@
+"""What a study found, and one effect of the catalogue in full: values alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import Effect
+from pmsm_ctrl.report.history import Entry
+from pmsm_ctrl.result import Result, jsonable
+from pmsm_ctrl.section import Notice
+
+__all__ = ["CatalogueEntry", "Headline", "Study"]
+
+Array = NDArray[np.float64]
+
+
+def _notices(result: Result) -> tuple[Notice, ...]:
+    """Notices of a result, also of a room that does not give them codes yet."""
+    if hasattr(result, "notices"):
+        return result.notices
+    return tuple(Notice("", text) for text in result.warnings)
+
+
+@dataclass(frozen=True)
+class Headline:
+    """The first screen: what was done, the verdict, and the numbers that matter most.
+
+    Attributes
+    ----------
+    done : str
+        One or two sentences.
+    verdict : str
+        One sentence.
+    good : bool or None
+        Colours the verdict, and a word stands beside the colour; None is neutral.
+    numbers : tuple of (value, label)
+        Three are best.
+    """
+
+    done: str
+    verdict: str
+    good: bool | None
+    numbers: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Study(Result):
+    """What `study` did.
+
+    Attributes
+    ----------
+    design : Design
+        The given design with what was identified.
+    path : Path
+        The report.
+    headline : Headline
+        What the first screen says.
+    results : mapping of verb to Result
+        In the order in which they ran.
+    doubts_of_input : tuple of Notice
+        What could not be done, and what is doubtful in the logs.
+    history : tuple of Entry
+        What this and earlier studies of the axis identified; empty without a history file.
+    """
+
+    design: Design
+    path: Path
+    headline: Headline
+    results: Mapping[str, Result]
+    doubts_of_input: tuple[Notice, ...] = ()
+    history: tuple[Entry, ...] = field(default=(), repr=False)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Reasons to doubt the numbers, of the input and of every part, each once."""
+        parts = (notice for result in self.results.values() for notice in _notices(result))
+        return tuple(dict.fromkeys((*self.doubts_of_input, *parts)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values fit for JSON.
+
+        Returns
+        -------
+        dict
+            The headline, the notices, and the results by verb.
+        """
+        return {
+            "verdict": self.headline.verdict,
+            "numbers": {label: value for value, label in self.headline.numbers},
+            "report": str(self.path),
+            **self.doubts(),
+            **{verb: jsonable(result.to_dict()) for verb, result in self.results.items()},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class CatalogueEntry(Result):
+    """One effect in full.
+
+    Attributes
+    ----------
+    effect : Effect
+    omega, theta, residual : arrays, shape (n,), or None
+        Speed, angle and what the effect adds to the drive's signal in a simulated run of the
+        `identification` motion; None when no design was given to simulate with.
+    channel, unit : which signal, and its unit
+    """
+
+    effect: Effect
+    omega: Array | None = None
+    theta: Array | None = None
+    residual: Array | None = None
+    channel: str = "torque"
+    unit: str = "N m"
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """A notice when the effect has not been validated."""
+        if self.effect.validated != "not at all":
+            return ()
+        return (Notice("not_validated", "this effect has not been validated"),)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values fit for JSON.
+
+        Returns
+        -------
+        dict
+            What the catalogue knows of the effect.
+        """
+        effect = self.effect
+        names = ("id", "title", "enters", "equation", "source", "needs", "validated")
+        columns = ("symbol", "unit", "lower", "upper", "description", "linear")
+        return {
+            **{name: getattr(effect, name) for name in names},
+            "look_alikes": dict(effect.look_alikes),
+            "parameters": [{name: getattr(p, name) for name in columns} for p in effect.parameters],
+        }
