@@ -12,7 +12,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing, prepare
-from pmsm_ctrl.regression.timebase import uniform
+from pmsm_ctrl.regression.timing import uniform
 
 __all__ = ["ClosedLoop", "closed_loop"]
 

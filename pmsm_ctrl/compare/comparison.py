@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.closed_loop import closed_loop
-from pmsm_ctrl.compare.simulated import free_run
+from pmsm_ctrl.compare.dependence import Where, where
+from pmsm_ctrl.compare.free_run import free_run
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.compare.voltages import predicted_voltages
-from pmsm_ctrl.compare.where import Where, where
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.identify.problem import build_problem, nominal_torque
 from pmsm_ctrl.log import CHANNELS, Log
-from pmsm_ctrl.regression.bandwidth import band, punctual
+from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
+from pmsm_ctrl.regression.inverse_dynamics import build_problem
+from pmsm_ctrl.regression.timing import punctual
 from pmsm_ctrl.result import Result, Section, jsonable
 
 if TYPE_CHECKING:
@@ -234,7 +235,7 @@ def compare(
     """
     for record in (log, *(() if holdout is None else (holdout,))):
         record.check_evaluable(100)
-    processing = processing or Processing(cutoff=band(log))
+    processing = processing or Processing(cutoff=signal_band(log))
     here = _record(design, log, processing)
     notes = here.notes
     other: _Record | None = None
@@ -257,18 +258,18 @@ def compare(
         holdout_traces=None if other is None else other.traces,
         holdout_simulated=None if other is None else other.simulated,
         holdout_name="" if holdout is None else holdout.provenance.file or "the holdout",
-        reasons=notes,
+        reasons=tuple(map(str, notes)),
     )
 
 
 def _record(design: Design, log: Log, processing: Processing) -> _Record:
     """Predict, simulate and search one log."""
     prepared = prepare(design, log, processing)
-    prepared = replace(prepared, moving=prepared.moving & punctual(log, prepared))
+    prepared = replace(prepared, moving=prepared.moving & punctual(log, prepared.t, prepared.cutoff))
     # terms that read the torque read the measured one: nothing is fitted here
     problem = build_problem(design, replace(prepared, acting=prepared.signals["torque"]))
     # what the problem moved to its left side (load torque, terms without linear parameters) belongs to the model
-    predicted = nominal_torque(problem) + (problem.torque - problem.target)
+    predicted = problem.nominal + (problem.torque - problem.target)
     traces = {"torque": Trace(problem.t, problem.torque, predicted, problem.mask, problem.unit)}
     voltages, notes = predicted_voltages(design, prepared)
     for name, values in voltages.items():

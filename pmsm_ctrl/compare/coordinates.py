@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.orders import strongest_orders, waves
-from pmsm_ctrl.regression.conditioning import Prepared, low_pass
+from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.units import axis_unit, drives
 
 __all__ = ["Curve", "curves", "grid_coordinates"]

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pmsm_ctrl.compare.comparison import Comparison, Trace
+    from pmsm_ctrl.compare.dependence import Dependence, Where
     from pmsm_ctrl.compare.stretches import Stretch
-    from pmsm_ctrl.compare.where import Dependence, Where
 
 __all__ = [
     "dependence_panel",

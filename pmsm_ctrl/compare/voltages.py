@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
-from pmsm_ctrl.identify.problem import term_signals
 from pmsm_ctrl.kernels.balance import voltage_d, voltage_q
-from pmsm_ctrl.regression.conditioning import Prepared, derivative
+from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.regression.filters import derivative
+from pmsm_ctrl.regression.signals import term_signals
 
 __all__ = ["predicted_voltages"]
 
@@ -36,7 +37,7 @@ def predicted_voltages(design: Design, prepared: Prepared) -> tuple[dict[str, Ar
     # the kernels' own Python source works on arrays
     u_d = voltage_d.py_func(R, L_d, L_q, p, i_d, i_q, di_d, omega)
     u_q = voltage_q.py_func(R, L_d, L_q, p, psi_f, i_d, i_q, di_q, omega)
-    known, notes = term_signals(design, prepared), []
+    known, notes = term_signals(design, prepared.signals), []
     for effect, parameters in bound_effects(design):
         if effect.enters != "voltage":
             continue

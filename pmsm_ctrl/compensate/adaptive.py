@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.simulate import Scenario
 from pmsm_ctrl.simulate.compose import load
 from pmsm_ctrl.simulate.run import LOGGED, prepare
 from pmsm_ctrl.track import Settings
 from pmsm_ctrl.track import model as states_of
-from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
+from pmsm_ctrl.track.inputs import KnownTorque
 from pmsm_ctrl.track.settings import covariance, memory, numbers, start
 
 __all__ = ["AdaptiveRun", "simulate_adaptive"]

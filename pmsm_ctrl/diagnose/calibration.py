@@ -92,7 +92,7 @@ def calibrated(
         As `repeated`.
     """
     from pmsm_ctrl.diagnose.diagnosis import diagnose
-    from pmsm_ctrl.regression.conditioning import drive_torque
+    from pmsm_ctrl.regression.signals import logged_torque
     from pmsm_ctrl.simulate.run import simulate
 
     offered = tuple(candidates) if candidates is not None else None
@@ -104,7 +104,7 @@ def calibrated(
         again = simulate(replay.controller, replay.scenario, truth=plant, seed=seed)
         kept = {name: values for name, values in again.channels.items() if name in log}
         if "torque" in log:
-            kept["torque"] = drive_torque(model, again.channels)
+            kept["torque"] = logged_torque(model, again.channels)
         result = diagnose(model, Log(kept, again.motion), candidates=offered, plan=False)
         if result.verdict not in ("consistent", "not_excited"):
             alarms.append(result.steps[0].effect if result.steps else result.verdict)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.where import Dependence, where
+from pmsm_ctrl.compare.dependence import Dependence, where
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.gates import ABSURD, MATERIAL, UNSTEADY, name_of
 from pmsm_ctrl.diagnose.selection import Selection

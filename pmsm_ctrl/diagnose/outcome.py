@@ -63,7 +63,7 @@ def build_outcome(
     if any(one.shape.get("frame") == 0.0 for one in selection.accepted):
         hints = (*hints, OTHER_ANGLE)
     hints = (*hints, *_beyond_the_band(record, selection.accepted))
-    reasons = [*record.notes, *final.notes, *hints]
+    reasons = [*map(str, record.notes), *final.notes, *hints]
     if unexplained:
         reasons.append(unexplained)
     return {

@@ -143,7 +143,7 @@ def _outputs(settings: Settings) -> tuple[Value, ...]:
 
 
 def _motor(design: Design) -> dict[str, Value]:
-    """Return the numbers from which the drive's torque follows, as in `pmsm_ctrl.track.inputs.drive_torque`."""
+    """Return the numbers from which the drive's torque follows, as in `pmsm_ctrl.regression.signals.drive_torque`."""
     motor, K_t = design.motor, design.K_t_assumed
     found = {"K_t": Value("K_T", "N m/A peak, torque constant", K_t)}
     if motor.p is not None:

@@ -1,16 +1,20 @@
-"""Figures that several results share. Colours of Okabe and Ito, safe for the colour-blind."""
+"""Figures of the identification, and the colours that all figures share: Okabe and Ito's, safe for the colour-blind."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from pmsm_ctrl.regression.least_squares import t_quantile
+from pmsm_ctrl.units import axis_unit, drives
 
-__all__ = ["BLACK", "BLUE", "GREEN", "VERMILION", "measured_against_predicted"]
+if TYPE_CHECKING:
+    from pmsm_ctrl.identify.staircase import SweepResult
+
+__all__ = ["BLACK", "BLUE", "GREEN", "VERMILION", "friction_over_speed", "measured_against_predicted"]
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 
@@ -20,9 +24,17 @@ Array = NDArray[np.float64]
 def measured_against_predicted(
     t: Array, measured: Array, predicted: Array, mask: NDArray[np.bool_], quantity: str, unit: str
 ) -> Figure:
-    """Draw measured and predicted over the residual, masked samples left out, shape (n,) each."""
-    from matplotlib.figure import Figure
+    """Draw measured and predicted over the residual.
 
+    Parameters
+    ----------
+    t, measured, predicted : array, shape (n,)
+        Time in s, and both signals in `unit`.
+    mask : bool array, shape (n,)
+        Samples that are drawn.
+    quantity, unit : str
+        For the axes.
+    """
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     hidden = np.where(mask, 1.0, np.nan)
@@ -35,6 +47,35 @@ def measured_against_predicted(
     lower.axhline(0.0, color=BLACK, linewidth=0.5)
     lower.set_ylabel(f"residual [{unit}]")
     lower.set_xlabel("time [s]")
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def friction_over_speed(result: SweepResult) -> Figure:
+    """Draw torque against speed with the joint line, and the residual.
+
+    Parameters
+    ----------
+    result : SweepResult
+    """
+    torque_unit, speed_unit = axis_unit("N m", result.motion), axis_unit("rad/s", result.motion)
+    omega = np.array([level.omega for level in result.levels])
+    torque = np.array([level.torque for level in result.levels])
+    error = np.array([t_quantile(0.95, level.dof) * level.stderr for level in result.levels])
+    model = result.joint.torque(omega)
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    upper.errorbar(omega, torque, error, fmt="o", color=BLACK, markersize=3, label="measured, 95 %")
+    for side in (omega < 0, omega > 0):
+        upper.plot(omega[side], model[side], color=BLUE, label="$F_c + F_v\\omega$" if omega[side].max() > 0 else None)
+    upper.set_ylabel(f"{drives(result.motion)} [{torque_unit}]")
+    upper.set_title("Friction against speed: the intercept is $F_c$, the slope $F_v$")
+    upper.legend(loc="upper left", fontsize="small")
+    lower.errorbar(omega, torque - model, error, fmt="o", color=VERMILION, markersize=3)
+    lower.axhline(0.0, color=BLACK, linewidth=0.5)
+    lower.set_ylabel(f"residual [{torque_unit}]")
+    lower.set_xlabel(f"speed [{speed_unit}]")
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     return figure

@@ -17,24 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.identify.problem import Problem, build_problem
-from pmsm_ctrl.identify.regression import Fit, solve, t_quantile
+from pmsm_ctrl.identify.notices import NOT_CONVERGED
+from pmsm_ctrl.identify.policy import IV_CONVERGED, IV_ROUNDS
 from pmsm_ctrl.identify.replay import Replay, plant_with
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.conditioning import Processing, prepare
+from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
+from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
+from pmsm_ctrl.regression.least_squares import NEGLIGIBLE_BIAS, Fit, solve, t_quantile
+from pmsm_ctrl.section import Notice
 
 __all__ = ["BiasTest", "bias_test", "instrumental"]
 
 Array = NDArray[np.float64]
-
-ROUNDS = 10
-# Rounds end when no parameter moves by more than this share of its standard error.
-STILL = 0.01
-# A bias of half a standard error takes the coverage of a 95 % interval to 92 %. Less is not worth a word; the
-# feedback makes least squares biased by a little on every log, and a long log shows any bias there is.
-MATTERS = 0.5
 
 
 @dataclass(frozen=True)
@@ -61,107 +56,74 @@ class BiasTest:
     p_value: float
     biased: tuple[str, ...]
 
-    def text(self, values: Mapping[str, float]) -> str:
-        """Return the verdict as one line; `values` are the unbiased estimates."""
-        if not self.bias:
-            return "least squares cannot be tested for bias: nothing is identifiable by both methods"
-        if not self.biased:
-            return (
-                f"least squares is not biased by more than half a standard error (p = {self.p_value:.2g} for no bias)"
-            )
-        parts = (
-            f"{name} by {100.0 * self.bias[name] / values[name]:+.2g} % ({self.shares[name]:+.1f} standard errors)"
-            for name in self.biased
-        )
-        return f"least squares is biased on this log: {', '.join(parts)}"
-
-    def table(self) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-        """Return header and rows for a report."""
-        header = ("parameter", "least squares less instruments", "standard error", "in errors of least squares", "")
-        return header, tuple(
-            (
-                name,
-                f"{self.bias[name]:+.3g}",
-                f"{self.stderr[name]:.2g}",
-                f"{self.shares[name]:+.2f}",
-                "biased" if name in self.biased else "",
-            )
-            for name in self.bias
-        )
-
 
 def instrumental(
-    design: Design,
-    log: Log,
-    replay: Replay,
-    *,
-    processing: Processing,
-    usual: Processing,
-    inertia: bool = True,
-) -> tuple[Problem, Fit, BiasTest, tuple[str, ...]]:
+    design: Design, log: Log, replay: Replay, processing: tuple[Processing, Processing], inertia: bool = True
+) -> tuple[Problem, Fit, BiasTest, tuple[Notice, ...]]:
     """Solve a regression by instrumental variables.
 
     The noise-free drive is simulated with the last estimates, the columns of that log are the instruments of the
     next, until nothing moves. What the processing itself makes of the noise-free log (the residual it leaves) is
-    taken off the target.
+    subtracted from the target.
 
     Parameters
     ----------
-    processing, usual : Processing
+    design : Design
+    log : Log
+    replay : Replay
+        The log's experiment.
+    processing : (Processing, Processing)
         Of the estimates, and of the least squares that is tested for bias: instruments bear a wider band.
     inertia : bool
         Whether the inertia is searched; it is the design's otherwise.
 
     Returns
     -------
-    problem, fit
+    problem : Problem
         With the target that was explained.
+    fit : Fit
     test : BiasTest
-    warnings : tuple of str
+    notices : tuple of Notice
 
     Raises
     ------
     LogError
         When the simulated drive does not move.
+    SimulationError
+        When the design's loops are not stable on the plant that the log suggests.
     """
-    effects = catalogue_of(design)
-    prepared, narrow = prepare(design, log, processing), prepare(design, log, usual)
+    wide, usual = processing
+    prepared, narrow = prepare(design, log, wide), prepare(design, log, usual)
     problem = build_problem(design, prepared, inertia=inertia)
-    values = _values(problem, solve(problem, effects))
-    warnings: tuple[str, ...] = ()
-    for _ in range(ROUNDS):
+    values = _values(problem, solve(problem))
+    notices: tuple[Notice, ...] = ()
+    for _ in range(IV_ROUNDS):
         plant = plant_with(design, problem.columns, values)
         twin = replay.run(plant)
-        corrected, instruments = _instruments(plant, twin, problem, values, processing, prepared.weight)
-        fit = solve(corrected, effects, instruments, ratio=None)
+        corrected, instruments = _instruments(plant, twin, problem, values, prepared, wide)
+        fit = solve(corrected, instruments, ratio=None)
         last, values = values, _values(problem, fit)
-        moved = np.abs(values - last) > STILL * np.array([fit.stderr.get(n, np.inf) for n in problem.names])
+        moved = np.abs(values - last) > IV_CONVERGED * np.array([fit.stderr.get(n, np.inf) for n in problem.names])
         if not moved.any():
             break
     else:
-        still = ", ".join(np.array(problem.names)[moved])
-        warnings = (f"instrumental variables: {still} had not come to rest after {ROUNDS} rounds",)
+        names = f" ({', '.join(np.array(problem.names)[moved])})"
+        notices = (NOT_CONVERGED(method="instrumental variables", rounds=IV_ROUNDS, names=names),)
     ordinary = build_problem(design, narrow, inertia=inertia)
-    tested, instruments = _instruments(plant, twin, ordinary, last, usual, narrow.weight)
-    test = bias_test(tested, solve(ordinary, effects), solve(tested, effects, instruments, ratio=None))
-    return corrected, fit, test, warnings
+    tested, instruments = _instruments(plant, twin, ordinary, last, narrow, usual)
+    return corrected, fit, bias_test(tested, solve(ordinary), solve(tested, instruments, ratio=None)), notices
 
 
 def _instruments(
-    plant: Design,
-    twin: Log,
-    problem: Problem,
-    values: Array,
-    processing: Processing,
-    weight: Array | None,
+    plant: Design, twin: Log, problem: Problem, values: Array, prepared: Prepared, processing: Processing
 ) -> tuple[Problem, Array]:
     """Return the problem without what the processing makes of the noise-free log, and the instruments, its columns.
 
-    The noise-free log is blanked where the problem was as well: `weight`, shape (n,).
+    The noise-free log is blanked where the log itself was as well.
     """
     try:
-        inertia = any(column.symbol == "J" for column in problem.columns)
-        clean = build_problem(plant, prepare(plant, twin, processing).blanked(weight), inertia=inertia)
+        made = prepare(plant, twin, processing).blanked(prepared.weight)
+        clean = build_problem(plant, made, inertia=problem.inertia is not None)
     except LogError as error:
         raise LogError(f"the simulated drive does not follow this log's reference: {error}") from error
     z = clean.matrix()
@@ -170,9 +132,7 @@ def _instruments(
 
 def _values(problem: Problem, fit: Fit) -> Array:
     """Return a value for every column: the design's where there is no estimate."""
-    return np.array([
-        min(max(fit.values.get(c.name, c.nominal), c.lower), c.upper) for c in problem.columns
-    ])  # fmt: skip
+    return np.array([c.clipped(fit.values.get(c.name, c.nominal)) for c in problem.columns])
 
 
 def bias_test(problem: Problem, ordinary: Fit, unbiased: Fit) -> BiasTest:
@@ -180,6 +140,17 @@ def bias_test(problem: Problem, ordinary: Fit, unbiased: Fit) -> BiasTest:
 
     The difference of the two estimates is linear in the noise, ``d = D e``, so that its covariance under the
     hypothesis is ``s^2 D R D'`` with the residual's correlation R: no assumption of white noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        What both estimates explain.
+    ordinary, unbiased : Fit
+        By least squares and by instrumental variables.
+
+    Returns
+    -------
+    BiasTest
     """
     from scipy.special import fdtrc
 
@@ -203,5 +174,7 @@ def bias_test(problem: Problem, ordinary: Fit, unbiased: Fit) -> BiasTest:
         stderr=dict(zip(names, stderr.tolist(), strict=True)),
         shares=dict(zip(names, (d / usual).tolist(), strict=True)),
         p_value=float(fdtrc(rank, unbiased.dof, statistic)) if rank else float("nan"),
-        biased=tuple(n for n, certain in zip(names, np.abs(d) - half > MATTERS * usual, strict=True) if certain),
+        biased=tuple(
+            n for n, certain in zip(names, np.abs(d) - half > NEGLIGIBLE_BIAS * usual, strict=True) if certain
+        ),
     )

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.identify.staircase import SweepResult, evaluate_sweep, simulated_records
-from pmsm_ctrl.result import Result, Section, jsonable
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from pmsm_ctrl.result import Result, jsonable
+from pmsm_ctrl.section import Notice
 
 __all__ = ["PAPER_CASES", "PaperCase", "PaperRow", "PaperTable", "paper_table"]
 
@@ -55,7 +53,16 @@ class PaperRow:
 
 @dataclass(frozen=True, eq=False)
 class PaperTable(Result):
-    """The paper's table reproduced; `sweeps` holds the evaluation of each case."""
+    """The paper's table reproduced.
+
+    Attributes
+    ----------
+    rows : tuple of PaperRow
+    sweeps : tuple of SweepResult
+        The evaluation of each case.
+    K_t, K_t_wrong : float
+        Torque constants of the two evaluations, N m/A peak.
+    """
 
     rows: tuple[PaperRow, ...]
     sweeps: tuple[SweepResult, ...]
@@ -63,58 +70,16 @@ class PaperTable(Result):
     K_t_wrong: float
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings of the sweeps behind the table."""
-        return tuple(text for result in self.sweeps for text in result.warnings)
-
-    def _texts(self) -> list[tuple[str, ...]]:
-        def shown(row: PaperRow, value: float | None) -> str:
-            deviation = row.deviation(value)
-            return "-" if value is None or deviation is None else f"{value:.4g} ({deviation:+.2f} %)"
-
-        return [
-            (r.case, r.symbol, r.unit, f"{r.injected:.4g}", shown(r, r.paper), shown(r, r.ours), shown(r, r.wrong_K_t))
-            for r in self.rows
-        ]
-
-    def _header(self) -> tuple[str, ...]:
-        ours = (f"here, K_t {self.K_t:.4g}", f"here, K_t {self.K_t_wrong:.4g}")
-        return ("case", "parameter", "unit", "put in", "paper", *ours)
-
-    def summary(self) -> str:
-        """Return the table as text."""
-        texts = [self._header(), *self._texts()]
-        widths = [max(len(row[k]) for row in texts) for k in range(len(texts[0]))]
-        lines = [f"  warning: {text}" for text in self.warnings]
-        lines += ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in texts]
-        lines.append(self._hypothesis())
-        return "\n".join(lines)
-
-    def _hypothesis(self) -> str:
-        return (
-            f"A torque constant of {self.K_t_wrong:g} instead of {self.K_t:g} N m/A in the evaluation alone would "
-            f"shift both by {100 * (self.K_t_wrong / self.K_t - 1):+.1f} %, close to the paper's -3.0 and -3.3 %: a "
-            "hypothesis, the paper does not say."
-        )
-
-    def plot(self) -> Figure:
-        """Draw the first case's torque against speed."""
-        return self.sweeps[0].plot()
+    def notices(self) -> tuple[Notice, ...]:
+        """Notices of the sweeps behind the table."""
+        return tuple(notice for result in self.sweeps for notice in result.notices)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
         rows = [
             vars(r) | {"ours_percent": r.deviation(r.ours), "paper_percent": r.deviation(r.paper)} for r in self.rows
         ]
-        return jsonable({"schema": "pmsm-ctrl/paper-table/1", "warnings": self.warnings, "rows": rows})
-
-    def section(self) -> Section:
-        """Return the section of the report."""
-        return Section(
-            title="The reference paper's table",
-            paragraphs=(*(f"Warning: {text}" for text in self.warnings), self._hypothesis()),
-            tables=((self._header(), tuple(self._texts())),),
-        )
+        return jsonable({"schema": "pmsm-ctrl/paper-table/1", **self.doubts(), "rows": rows})
 
 
 def paper_table(design: Design, *, repeats: int = 3, seed: int = 0, K_t_wrong: float = K_T_HYPOTHESIS) -> PaperTable:
@@ -128,6 +93,15 @@ def paper_table(design: Design, *, repeats: int = 3, seed: int = 0, K_t_wrong: f
         Records per case and seed of their noise.
     K_t_wrong : float
         Torque constant that the second evaluation of the same records assumes, N m/A peak.
+
+    Returns
+    -------
+    PaperTable
+
+    Raises
+    ------
+    RequestError
+        When `repeats` is below 1.
     """
     rows: list[PaperRow] = []
     results = []

@@ -1,4 +1,4 @@
-"""Plateaus of a speed staircase: found from the reference, settled as the data say, averaged honestly."""
+"""Plateaus of a speed staircase: found from the reference, cut where they have settled, averaged."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.evidence.noise import mean_of
+from pmsm_ctrl.identify import policy
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.conditioning import drive_torque
+from pmsm_ctrl.regression.signals import logged_torque
 
 __all__ = ["Plateau", "find_plateaus", "settled_from"]
 
 Array = NDArray[np.float64]
-
-SHORTEST = 40  # samples of a plateau; fewer leave nothing to average after settling
 
 
 @dataclass(frozen=True)
@@ -28,8 +27,8 @@ class Plateau:
     ----------
     omega_ref, omega, torque : float
         Reference, and means over the settled part, rad/s and N m (m/s and N).
-    stderr : float
-        Standard error of the mean torque, its autocorrelation allowed for.
+    stderr, dof : float
+        Standard error of the mean torque, its autocorrelation allowed for, and its degrees of freedom.
     start, settled, stop : float
         Begin of the plateau, of its settled part, and end, s.
     trusted : bool
@@ -53,6 +52,15 @@ def settled_from(values: Array) -> tuple[int, bool]:
     The start is cut where the marginal standard error of the rest is least (K. P. White, Simulation 69 (1997) 323),
     within the first three quarters. The rest is settled when its two halves agree, within their errors or within
     1e-4 of the level.
+
+    Parameters
+    ----------
+    values : array, shape (n,)
+
+    Returns
+    -------
+    start : int
+    settled : bool
     """
     n = len(values)
     batch = max(1, n // 200)
@@ -68,7 +76,7 @@ def settled_from(values: Array) -> tuple[int, bool]:
     half = len(rest) // 2
     first, second = mean_of(rest[:half]), mean_of(rest[half:])
     gap = abs(first.value - second.value)
-    tolerance = 4.0 * float(np.hypot(first.stderr, second.stderr)) + 1e-4 * abs(second.value)
+    tolerance = policy.HALVES * float(np.hypot(first.stderr, second.stderr)) + policy.LEVEL * abs(second.value)
     return start, bool(gap <= tolerance)
 
 
@@ -94,7 +102,7 @@ def find_plateaus(design: Design, log: Log) -> tuple[Plateau, ...]:
     """
     where = f"{log.provenance.file}: " if log.provenance.file else ""
     reference, t = log["omega_ref"], log.t
-    torque = log["torque"] if "torque" in log else drive_torque(design, log.channels, where)
+    torque = logged_torque(design, log.channels, where)
     if "T_load" in log:
         torque = torque - log["T_load"]
     if "omega" not in log and "theta" not in log:
@@ -105,10 +113,10 @@ def find_plateaus(design: Design, log: Log) -> tuple[Plateau, ...]:
     found = []
     for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         level = float(reference[start])
-        if stop - start >= SHORTEST and abs(level) > 1e-6 * top:
+        if stop - start >= policy.SHORTEST_PLATEAU and abs(level) > 1e-6 * top:
             found.append(_average(log, torque, level, start, stop))
     if not found:
-        message = f"{where}no plateau: omega_ref is never constant and nonzero over {SHORTEST} samples"
+        message = f"{where}no plateau: omega_ref is never constant and nonzero over {policy.SHORTEST_PLATEAU} samples"
         raise LogError(message, next_command=NextCommand.IDENTIFY)
     return tuple(found)
 
@@ -126,6 +134,6 @@ def _average(log: Log, torque: Array, level: float, start: int, stop: int) -> Pl
         omega = float((theta[-1] - theta[cut]) / (t[-1] - t[cut]))
     else:
         omega = float(np.mean(speed[cut:]))
-    reached = abs(omega - level) < 0.5 * abs(level)
+    reached = abs(omega - level) < policy.REACHED * abs(level)
     trusted = calm_torque and calm_speed and reached
     return Plateau(level, omega, mean.value, mean.stderr, mean.dof, float(t[0]), float(t[cut]), float(t[-1]), trusted)

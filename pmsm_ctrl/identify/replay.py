@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.errors import DesignError, LogError
-from pmsm_ctrl.identify.problem import Column
+from pmsm_ctrl.identify.notices import CURRENT_LIMIT, REPLAYED_CURRENT
+from pmsm_ctrl.identify.policy import ADDED_CURRENT
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.timebase import uniform, unwrapped
+from pmsm_ctrl.regression.inverse_dynamics import Column
+from pmsm_ctrl.regression.timing import uniform, unwrapped
+from pmsm_ctrl.section import Notice
 from pmsm_ctrl.simulate.parameters import Controller
 from pmsm_ctrl.simulate.run import simulate
 from pmsm_ctrl.simulate.scenarios import Scenario
@@ -24,9 +27,6 @@ from pmsm_ctrl.simulate.scenarios import Scenario
 __all__ = ["Replay", "build_replay", "plant_with"]
 
 Array = NDArray[np.float64]
-
-# A rebuilt addition to the current reference below this share of it is rounding and interpolation, not a signal.
-ADDED_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Replay:
     scenario: Scenario
     t: Array
     divider: int
-    notes: tuple[str, ...] = ()
+    notes: tuple[Notice, ...] = ()
 
     def run(self, plant: Design) -> Log:
         """Return the log that a plant without sensor noise gives, on the time grid of the original.
@@ -189,7 +189,7 @@ def _corners(step: Array) -> tuple[NDArray[np.intp], Array]:
 
 def _added(
     design: Design, controller: Controller, raw: Mapping[str, Array], t: Array
-) -> tuple[Array | None, tuple[str, ...]]:
+) -> tuple[Array | None, tuple[Notice, ...]]:
     """Return what was added to the speed controller's output, A, shape (n,); None where the log does not tell.
 
     Between two samples the controller's integrator grows by its gain times the sum of its errors. The sum of the
@@ -199,7 +199,7 @@ def _added(
         return None, ()
     limited = np.abs(raw["i_q_ref"]) > 0.999 * controller.i_max
     if limited.any():
-        return None, ("the current limit was met: what was fed forward in that log is not known",)
+        return None, (CURRENT_LIMIT(),)
     T_s = design.drive.speed_period
     kept = _ticks(raw["i_q_ref"], max(1, round(T_s / t[1])))
     when, theta, omega = t[kept], unwrapped(raw["theta"])[kept], raw["omega"][kept]
@@ -220,11 +220,10 @@ def _added(
     gain = controller.speed_gain
     integral = controller.speed_integral * gain * (sums[at] - turned)
     added = raw["i_q_ref"][kept] - gain * (wanted[at] - omega) - integral
-    size = float(np.sqrt(np.mean(raw["i_q_ref"] ** 2)))
-    if float(np.sqrt(np.mean(added**2))) < ADDED_SHARE * size:
+    size, rms = (float(np.sqrt(np.mean(values**2))) for values in (raw["i_q_ref"], added))
+    if rms < ADDED_CURRENT * size:
         return np.zeros_like(t), ()
-    note = f"the current reference holds {np.sqrt(np.mean(added**2)):.2g} A rms beside the speed controller: replayed"
-    return added if len(kept) == len(t) else np.interp(t, when, added), (note,)
+    return added if len(kept) == len(t) else np.interp(t, when, added), (REPLAYED_CURRENT(rms=rms),)
 
 
 def _ticks(i_q_ref: Array, every: int) -> NDArray[np.intp]:
@@ -242,7 +241,7 @@ def plant_with(design: Design, columns: Iterable[Column], values: Iterable[float
     changed: dict[int, dict[str, float]] = {}
     inertia = design.J
     for column, value in zip(columns, values, strict=True):
-        inside = float(min(max(value, column.lower), column.upper))
+        inside = column.clipped(value)
         if column.entry >= 0:
             changed.setdefault(column.entry, {})[column.symbol] = inside
         elif inside > design.load.J / design.load.gear**2:

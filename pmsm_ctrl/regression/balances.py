@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.bandwidth import band, punctual
+from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
-from pmsm_ctrl.regression.conditioning import Prepared, Processing, derivative, low_pass, prepare
+from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition
+from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
+from pmsm_ctrl.regression.timing import punctual
 from pmsm_ctrl.regression.weights import (
     EDGE_PERIODS,
     edge_weight,
@@ -28,6 +30,7 @@ from pmsm_ctrl.regression.weights import (
     voltage_weight,
 )
 from pmsm_ctrl.sampling import speed_lag
+from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
 
 __all__ = ["CHANNELS", "MODELLED", "Memo", "Record", "make_record", "with_direction", "with_modelled_torque"]
@@ -91,7 +94,7 @@ class Record:
     duration: float
     coarse: Array
     dry: float = 0.0
-    notes: tuple[str, ...] = ()
+    notes: tuple[Notice, ...] = ()
     age: float | None = None
     late: float | None = None
     memo: Memo = field(default_factory=dict, repr=False)
@@ -191,10 +194,10 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     """
     log.check_evaluable(32)
     asked = processing.cutoff if processing is not None else None
-    log, few = without_coarse_angle(design, log, asked or band(log))
+    log, few = without_coarse_angle(design, log, asked or signal_band(log))
     log = _thinned(_in_time(design, log, age))
-    processing = processing or Processing(standstill=STANDSTILL, cutoff=band(log))
-    prepared = prepare(design, log, processing, as_logged=True)
+    processing = processing or Processing(standstill=STANDSTILL, cutoff=signal_band(log))
+    prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
     signals["t"] = prepared.t - prepared.t[0]
@@ -217,7 +220,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     source = "torque" if "torque" in log else "i_q"
     slow = edge_weight(on_grid(log, prepared, source), prepared, EDGE_PERIODS)
-    sound = punctual(log, prepared, jumps=False)[prepared.keep]
+    sound = punctual(log, prepared.t, prepared.cutoff, jumps=False)[prepared.keep]
     if "theta" in log and not sound.all():
         # a speed that jumps from sample to sample is a lying time stamp or a lost count
         steady = edge_weight(np.gradient(np.unwrap(on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)

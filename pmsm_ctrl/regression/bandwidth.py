@@ -1,35 +1,57 @@
-"""How much of the spectrum a comparison needs, and which samples have a time that can be believed."""
+"""The bandwidth of an evaluation: what a log has to tell against what noise in its motion spoils."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.regression.conditioning import Processing, default_cutoff, prepare
+from pmsm_ctrl.regression.filters import derivative, low_pass
+from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
+from pmsm_ctrl.regression.least_squares import NEGLIGIBLE_BIAS, solve
+from pmsm_ctrl.regression.timing import uniform, unwrapped
 
-__all__ = ["band", "punctual"]
+__all__ = ["regression_problem", "signal_band", "widest_band"]
 
-USUAL = 40.0  # Hz
-# A longer log, s, keeps the usual band: its length makes up for it, and memory stays small.
-LONG = 200.0
+Array = NDArray[np.float64]
+
+# Longest log, s, whose band follows its signal. A longer one keeps the default: it has samples enough, and memory
+# stays small.
+LONGEST = 200.0
+# Share of the drive signal's power above its noise floor that the low-pass has to let through.
 PASSED = 0.95
-LATE = 0.5  # of a period
-JUMP = 12.0  # of the usual change of the speed from sample to sample
+# Low-pass, Hz, of methods that noise in the motion does not bias, and where the shape of an effect is searched: that
+# shows in the first few milliseconds after a reversal.
+UNBIASED, SHAPES = 100.0, 250.0
+# Share of the information on every parameter that a band must hold; a wider one is tried otherwise.
+INFORMATION = 0.97
 
 
-def band(log: Log) -> float:
-    """Return the low-pass for both sides, Hz: the usual one, or more where the drive's torque lives above it.
+def signal_band(log: Log) -> float:
+    """Return the low-pass that a comparison or a diagnosis needs: the default, or more where the drive signal has more.
 
-    Of what the drive signal holds above its noise floor `PASSED` has to get through; the floor is the level of the
-    uppermost quarter of the spectrum.
+    Parameters
+    ----------
+    log : Log
+
+    Returns
+    -------
+    float
+        Hz. `PASSED` of the power of ``torque`` or ``i_q`` above its noise floor lies below two thirds of it; the
+        floor is the level of the uppermost quarter of the spectrum.
     """
     from scipy.signal import welch
 
     source = next((name for name in ("torque", "i_q") if name in log), None)
     rate = (len(log) - 1) / log.duration
-    usual = min(USUAL, rate / 8.0)
-    if source is None or log.duration > LONG:
+    usual = default_cutoff(rate)
+    if source is None or log.duration > LONGEST:
         return usual
     values = log[source]
     frequency, power = welch(values - np.mean(values), rate, nperseg=min(len(values), 2048))
@@ -41,26 +63,109 @@ def band(log: Log) -> float:
     return usual if reach < 0.8 * usual else float(min(max(usual, 1.5 * reach), rate / 8.0))
 
 
-def punctual(log: Log, prepared: Prepared, jumps: bool = True) -> NDArray[np.bool_]:
-    """Return samples, shape (n,), away from time stamps that miss their turn by more than half a period.
+def widest_band(design: Design, log: Log) -> float:
+    """Return the low-pass of a method that noise in the motion does not bias.
 
-    Such a stamp, or the count that went with it, makes the speed jump: where there are any, samples around jumps of
-    the speed are left out as well, unless `jumps` are dealt with elsewhere. Where that would be nearly everywhere,
-    nothing is.
+    Parameters
+    ----------
+    design : Design
+    log : Log
+
+    Returns
+    -------
+    float
+        Hz; wider where the design has an effect whose shape a simulation can fit.
     """
-    from pmsm_ctrl.regression.conditioning import low_pass
+    return float(min(SHAPES, log.rate / 4.0) if _has_shapes(design) else min(UNBIASED, log.rate / 8.0))
 
-    good = np.ones(len(prepared.t), dtype=bool)
-    late = np.flatnonzero(np.abs(np.diff(log.t) - log.period) > LATE * log.period)
-    if len(late) == 0:
-        return good
-    reach = 1.5 / prepared.cutoff
-    spans = [(log.t[k] - reach, log.t[k + 1] + reach) for k in late]
-    if jumps and "theta" in log:
-        speed = np.gradient(np.interp(prepared.t, log.t, np.unwrap(log["theta"])))
-        fast = np.abs(speed - low_pass(speed, prepared.rate, 0.25 * prepared.rate))
-        jumping = np.flatnonzero(fast > JUMP * max(float(np.median(fast)), 1e-300))
-        spans += [(prepared.t[k] - reach, prepared.t[k] + reach) for k in jumping]
-    for first, last in np.searchsorted(prepared.t, np.array(spans)):
-        good[first:last] = False
-    return good if good.mean() > 0.4 else np.ones_like(good)
+
+def _has_shapes(design: Design) -> bool:
+    """Whether an effect has a shape to be searched; the order of a ripple is a whole number and none."""
+    return any(p.symbol != "order" for effect, _ in bound_effects(design) for p in effect.searched)
+
+
+def regression_problem(design: Design, log: Log, processing: Processing) -> Problem:
+    """Build the regression for least squares in the default band, or in a wider one that tells more.
+
+    A wider band is taken only where the default one finds every parameter, lest the drive's answer to noise counts as
+    excitation. The inertia keeps a narrower band of its own where noise of the acceleration would bias it by more than
+    `NEGLIGIBLE_BIAS`: errors in a column shrink its parameter by the share of the column's power that is theirs
+    (W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1).
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    processing : Processing
+        A cutoff given here is taken.
+
+    Returns
+    -------
+    Problem
+
+    Raises
+    ------
+    LogError
+        When a channel is missing or the axis hardly moves.
+    """
+    usual = build_problem(design, log, processing)
+    widest = widest_band(design, log)
+    if processing.cutoff is not None or usual.cutoff >= min(UNBIASED, log.rate / 8.0) or "theta" not in log:
+        return usual
+    if solve(usual).unidentifiable:
+        return usual
+    found = usual
+    for cutoff in sorted({min(UNBIASED, log.rate / 8.0), widest}):
+        inertia = found.inertia_cutoff or found.cutoff
+        try:
+            prepared = prepare(design, log, replace(processing, cutoff=cutoff))
+        except LogError:  # in a wide band a coarse encoder hardly ever moves
+            break
+        if processing.blank and prepared.weight is None:  # or is turned by its noise
+            break
+        wide = build_problem(design, prepared)
+        lacking = dict(zip(found.names, _information(found) < INFORMATION * _information(wide), strict=True))
+        if lacking.pop("J", False) and cutoff <= UNBIASED and _shrinkage(design, log, wide) <= NEGLIGIBLE_BIAS:
+            found = wide
+        elif any(lacking.values()):
+            found = replace(wide, inertia_cutoff=inertia)
+    return found
+
+
+def _information(problem: Problem) -> Array:
+    """Return the information on each parameter, the others unknown, for noise of the same density in every band."""
+    inverse = _inverse_normal(problem)[0]
+    return 1.0 / (np.diag(inverse) * problem.rate)
+
+
+def _inverse_normal(problem: Problem) -> tuple[Array, int]:
+    """Return the inverse of the normal equations, and their number of rows."""
+    x = problem.matrix()[problem.mask]
+    size = np.sqrt(np.mean(x**2, axis=0))
+    size[size == 0.0] = 1.0
+    return np.linalg.pinv((x / size).T @ (x / size)) / np.outer(size, size), len(x)
+
+
+def _shrinkage(design: Design, log: Log, problem: Problem) -> float:
+    """Return the bias of the inertia by noise of the acceleration, at most, in its standard errors.
+
+    The angle's noise is what it holds above a quarter of the log's rate, taken for white. The current's noise turns
+    the shaft as well, against the logged torque; but a current sampled every D-th control period holds in its band the
+    noise of D bands, of which the shaft feels the lowest alone.
+    """
+    fit = solve(problem)
+    if "J" not in fit.values:
+        return float("inf")
+    rate = log.rate
+    theta = unwrapped(uniform(log)[1]["theta"])
+    fast = float(np.var(theta - low_pass(theta, rate, rate / 4.0)))
+    # what white noise of variance 1 leaves of itself in either: the squares of the impulse responses
+    one = np.zeros(2 * round(4.0 * rate / problem.cutoff) + 1)
+    one[len(one) // 2] = 1.0
+    accelerating = low_pass(derivative(derivative(one, 1.0 / rate), 1.0 / rate), rate, problem.cutoff, steep=True)
+    acceleration = fast * float(np.sum(accelerating**2) / np.sum((one - low_pass(one, rate, rate / 4.0)) ** 2))
+    felt = min(rate / design.drive.f_control, 1.0) if design.motor.electrical else 1.0
+    acceleration += felt * float(np.mean(fit.residual[problem.mask] ** 2)) / fit.values["J"] ** 2
+    inverse, rows = _inverse_normal(problem)
+    k = problem.names.index("J")
+    return float(abs(fit.values["J"]) * rows * acceleration * inverse[k, k] / fit.stderr["J"])

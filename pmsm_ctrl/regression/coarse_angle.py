@@ -10,6 +10,8 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers.timebase import growing_steps
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.notices import COARSE_ANGLE, SPEED_FOR_COARSE_ANGLE
+from pmsm_ctrl.section import Notice
 
 __all__ = ["without_coarse_angle"]
 
@@ -17,18 +19,24 @@ __all__ = ["without_coarse_angle"]
 BEARABLE = 0.02
 
 
-def without_coarse_angle(design: Design, log: Log, cutoff: float) -> tuple[Log, tuple[str, ...]]:
+def without_coarse_angle(design: Design, log: Log, cutoff: float) -> tuple[Log, tuple[Notice, ...]]:
     """Leave the angle out where its digits do not suffice for an acceleration and the log has a speed as well.
 
     The error of a step q, even over q and white, has an rms of q / sqrt(12), of which a low-pass at f lets through
     sqrt(2 f / rate). Twice differentiated that is (2 pi f)^2 / sqrt(5) times as much.
 
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    cutoff : float
+        Low-pass of the evaluation, Hz.
+
     Returns
     -------
     log : Log
         Without ``theta`` where it was left out.
-    notes : tuple of str
-        What was found.
+    notes : tuple of Notice
     """
     step = growing_steps(log["theta"]) if "theta" in log else 0.0
     if step == 0.0:
@@ -37,8 +45,8 @@ def without_coarse_angle(design: Design, log: Log, cutoff: float) -> tuple[Log, 
     drive = log["torque"] if "torque" in log else design.K_t_assumed * log["i_q"] if "i_q" in log else np.zeros(1)
     if design.J * alpha <= BEARABLE * float(np.sqrt(np.mean(drive**2))):
         return log, ()
-    found = f"theta was written with few digits, in steps of up to {step:.2g} {log.unit('theta')}"
+    found = {"step": step, "unit": log.unit("theta")}
     if "omega" not in log:
-        return log, (f"{found}: what depends on the acceleration is not to be trusted; write more digits",)
+        return log, (COARSE_ANGLE(**found),)
     channels = {name: values for name, values in log.channels.items() if name != "theta"}
-    return replace(log, channels=channels), (f"{found}: the speed is used in its place; write more digits",)
+    return replace(log, channels=channels), (SPEED_FOR_COARSE_ANGLE(**found),)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.evaluate import column, columns
 from pmsm_ctrl.regression.balances import MODELLED, Memo, Record
-from pmsm_ctrl.regression.conditioning import low_pass
+from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.motion import bristle_direction, load_behind_gap, load_behind_spring, spring_response
 
 __all__ = [

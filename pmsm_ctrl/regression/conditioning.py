@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -20,36 +19,30 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, NextCommand, RequestError
-from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression import notices as words
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
-from pmsm_ctrl.regression.timebase import uniform, unwrapped
-from pmsm_ctrl.units import psi_f_from
+from pmsm_ctrl.regression.filters import derivative, low_pass
+from pmsm_ctrl.regression.signals import logged_torque
+from pmsm_ctrl.regression.timing import uniform, unwrapped
+from pmsm_ctrl.section import Notice
 
-__all__ = [
-    "Prepared",
-    "Processing",
-    "derivative",
-    "drive_torque",
-    "low_pass",
-    "prepare",
-]
+__all__ = ["Prepared", "Processing", "condition", "default_cutoff", "prepare"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-SMALLEST = 1e-15  # SI units; no sensor resolves less
+
+# Least samples of a log that is evaluated.
+FEWEST = 100
+# SI units; no sensor resolves less.
+SMALLEST = 1e-15
+# Default low-pass, Hz: friction and inertia of a servo axis show below it.
+USUAL = 40.0
 # Low-pass of the speed, Hz, from which rests and reversals are found that are to be blanked: a low-pass rounds off the
 # kink that dry friction makes at a reversal, and the rounded speed turns too late.
 KEEN = 250.0
 # Noise turns the axis where there are so many times the reversals that the band of the evaluation has.
 NERVOUS = 1.5
-
-# Central differences over 3 and 9 points (exact to degree 2 and 8): weights of x[k+j] - x[k-j].
-# B. Fornberg, Mathematics of Computation 51 (1988) 699.
-_STENCILS: dict[str, tuple[float, ...]] = {
-    "central": (1 / 2,),
-    "nine_point": (4 / 5, -1 / 5, 4 / 105, -1 / 280),
-}
 
 
 @dataclass(frozen=True)
@@ -136,7 +129,7 @@ class Prepared:
     cutoff: float
     motion: str
     shape: Callable[[Array], Array] = field(repr=False)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Notice, ...] = ()
     weight: Array | None = None
     inertia_cutoff: float | None = None
     acting: Array | None = None
@@ -167,81 +160,8 @@ class Prepared:
         return self.rate / float(self.keep[1] - self.keep[0])
 
 
-def derivative(values: Array, period: float, method: str = "nine_point") -> Array:
-    """Differentiate samples of a uniform grid.
-
-    Parameters
-    ----------
-    values : array, shape (n,)
-    period : float
-        Sampling period, s.
-    method : {"nine_point", "central", "spectral"}
-        Spectral differentiates the sine series of the signal without its chord, mirrored oddly at both ends.
-
-    Returns
-    -------
-    array, shape (n,)
-        The last few samples at either end are of second order only.
-    """
-    if method == "spectral":
-        return _spectral(values, period)
-    if method not in _STENCILS:
-        raise RequestError(f"derivative '{method}': known are nine_point, central, spectral")
-    weights = _STENCILS[method]
-    reach, n = len(weights), len(values)
-    out = np.gradient(values, period)
-    if n > 2 * reach:
-        inner = np.zeros(n - 2 * reach)
-        for j, weight in enumerate(weights, start=1):
-            inner += weight * (values[reach + j : n - reach + j] - values[reach - j : n - reach - j])
-        out[reach : n - reach] = inner / period
-    return out
-
-
-def _spectral(values: Array, period: float) -> Array:
-    n = len(values)
-    slope = (values[-1] - values[0]) / (n - 1)
-    bent = values - (values[0] + slope * np.arange(n))
-    periodic = np.concatenate([bent, -bent[-2:0:-1]])
-    spectrum = np.fft.rfft(periodic)
-    frequency = 2j * np.pi * np.fft.rfftfreq(len(periodic), period)
-    frequency[-1] = 0.0  # the sine at the Nyquist frequency has no derivative on the grid
-    return np.fft.irfft(spectrum * frequency, len(periodic))[:n] + slope / period
-
-
-def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False) -> Array:
-    """Filter forward and backward along the last axis, so that nothing shifts in time.
-
-    Butterworth of fourth order, or where `steep` the Chebyshev filter of eighth order with 0.05 dB ripple
-    that is customary before thinning; run twice, both attenuate twice.
-    """
-    from scipy.signal import sosfilt
-
-    sections, settled = _sections(rate, cutoff, steep)
-    settled = settled.reshape(len(sections), *(1,) * (values.ndim - 1), 2)
-    pad = min(values.shape[-1] - 1, round(3.0 * rate / cutoff))
-    # both ends mirrored in their last value: what scipy's sosfiltfilt does, which asks for the state at rest each time
-    before = 2.0 * values[..., :1] - values[..., pad:0:-1]
-    after = 2.0 * values[..., -1:] - values[..., -2 : -pad - 2 : -1]
-    out = np.concatenate([before, values, after], axis=-1)
-    for _ in range(2):
-        out = sosfilt(sections, out, zi=settled * out[..., :1])[0][..., ::-1]
-    return np.ascontiguousarray(out[..., pad : out.shape[-1] - pad])
-
-
-@lru_cache(maxsize=32)
-def _sections(rate: float, cutoff: float, steep: bool) -> tuple[Array, Array]:
-    """Second-order sections of a low-pass, and their state after a constant one, shape (sections, 2)."""
-    from scipy.signal import butter, cheby1, sosfilt_zi
-
-    design = cheby1(8, 0.05, cutoff, fs=rate, output="sos") if steep else butter(4, cutoff, fs=rate, output="sos")
-    return np.array(design), np.array(sosfilt_zi(design))
-
-
-def prepare(
-    design: Design, log: Log, processing: Processing | None = None, *, as_logged: bool = False
-) -> Prepared:  # fmt: skip
-    """Filter, differentiate and mask a log.
+def prepare(design: Design, log: Log, processing: Processing | None = None, *, as_logged: bool = False) -> Prepared:
+    """Check a log, then filter, differentiate and mask it.
 
     Parameters
     ----------
@@ -249,22 +169,51 @@ def prepare(
         Gives the torque constant and, for an electrical motor, the reluctance torque.
     log : Log
         With ``theta`` or ``omega``, and ``torque`` or ``i_q``; position and torque are preferred.
+    processing : Processing, optional
     as_logged : bool
         Leave in what the design's measurement effects put into the channels, for who models it.
+
+    Returns
+    -------
+    Prepared
+
+    Raises
+    ------
+    LogError
+        When a channel is missing, the log is too short, a number is beyond reason, or the axis never moves.
+    RequestError
+        When the cutoff is not below half the log's rate.
+    """
+    processing = processing or Processing()
+    log.check_evaluable()
+    log, coarse = without_coarse_angle(design, log, _cutoff(processing, log.rate))
+    prepared = condition(design, log, processing, as_logged)
+    return replace(prepared, notes=(*coarse, *prepared.notes))
+
+
+def condition(design: Design, log: Log, processing: Processing, as_logged: bool = False) -> Prepared:
+    """Filter, differentiate and mask a log that was checked and whose angle is fine enough.
+
+    Parameters
+    ----------
+    design, log, processing, as_logged
+        As for `prepare`.
+
+    Returns
+    -------
+    Prepared
 
     Raises
     ------
     LogError
         When a channel is missing, the log is too short, or the axis never moves.
+    RequestError
+        When the cutoff is not below half the log's rate.
     """
-    processing = processing or Processing()
     where = f"{log.provenance.file}: " if log.provenance.file else ""
-    if len(log) < 100:
-        raise LogError(f"{where}{len(log)} samples; identification needs at least 100")
-    log.check_evaluable()
-    log, few = without_coarse_angle(design, log, _cutoff(processing, log.rate))
+    if len(log) < FEWEST:
+        raise LogError(f"{where}{len(log)} samples; at least {FEWEST} were expected")
     t, raw, good, notes = uniform(log)
-    notes = (*few, *notes)
     raw, notes = _without_dead_voltages(raw, notes)
     if not as_logged:
         from pmsm_ctrl.regression.measurement_correction import undone
@@ -281,7 +230,7 @@ def prepare(
     for name in ("i_d", "i_q", "u_d", "u_q", "T_load", "temperature"):
         if name in raw:
             signals[name] = clean(raw[name])
-    signals["torque"] = clean(raw["torque"]) if "torque" in raw else drive_torque(design, signals, where)
+    signals["torque"] = clean(raw["torque"]) if "torque" in raw else logged_torque(design, signals, where)
     _require_motion(signals, where)
     signals["t"] = t - t[0]  # terms that drift count from the begin of the log
     for name in {"i_d", "i_q"} & signals.keys():
@@ -296,8 +245,7 @@ def prepare(
     for k in spikes:
         moving[max(0, k - round(2.0 * rate / cutoff)) : k + round(2.0 * rate / cutoff)] = False
     if len(spikes):
-        share = 100.0 * len(spikes) / len(t)
-        notes = (*notes, f"the torque jumps between samples ({share:.2g} % of them): those moments are left out")
+        notes = (*notes, words.TORQUE_JUMPS(percent=100.0 * len(spikes) / len(t)))
     keep = np.arange(0, len(t), _step(rate, cutoff))
 
     def shape(values: Array) -> Array:
@@ -313,8 +261,13 @@ def prepare(
     return prepared
 
 
+def default_cutoff(rate: float) -> float:
+    """Return the low-pass of an evaluation that is told nothing else, Hz, for a log of this rate, Hz."""
+    return min(USUAL, rate / 8.0)
+
+
 def _cutoff(processing: Processing, rate: float) -> float:
-    return processing.cutoff if processing.cutoff is not None else min(40.0, rate / 8.0)
+    return processing.cutoff if processing.cutoff is not None else default_cutoff(rate)
 
 
 def _step(rate: float, cutoff: float) -> int:
@@ -327,14 +280,16 @@ def _step(rate: float, cutoff: float) -> int:
     return min(allowed, key=lambda k: abs(math.log(k / wanted)), default=1)
 
 
-def _without_dead_voltages(raw: dict[str, Array], notes: tuple[str, ...]) -> tuple[dict[str, Array], tuple[str, ...]]:
+def _without_dead_voltages(
+    raw: dict[str, Array], notes: tuple[Notice, ...]
+) -> tuple[dict[str, Array], tuple[Notice, ...]]:
     """Leave out voltages that the drive did not record, but whose columns it wrote all the same."""
     dead = [name for name in ("u_d", "u_q") if name in raw]
     if not dead or any(float(np.max(np.abs(raw[name]))) >= SMALLEST for name in dead):
         return raw, notes
     return (
         {name: values for name, values in raw.items() if name not in dead},
-        (*notes, f"{' and '.join(dead)} zero throughout: left out"),
+        (*notes, words.DEAD_VOLTAGES(channels=" and ".join(dead))),
     )
 
 
@@ -400,25 +355,6 @@ def _spikes(torque: Array) -> NDArray[np.int64]:
     span = float(np.subtract(*np.quantile(torque, [0.9999, 0.0001])))
     scatter = 1.4826 * float(np.median(step))
     return np.flatnonzero(step > max(0.2 * span, 10.0 * scatter))
-
-
-def drive_torque(design: Design, signals: Mapping[str, Array], where: str = "") -> Array:
-    """Return the torque that currents make, by the torque constant the evaluation assumes, N m (N), shape (n,).
-
-    Raises
-    ------
-    LogError
-        When there is no ``i_q``.
-    """
-    if "i_q" not in signals:
-        message = f"{where}neither torque nor i_q (usable: {', '.join(signals)})"
-        raise LogError(message, next_command=NextCommand.IMPORT)
-    motor, i_q = design.motor, signals["i_q"]
-    if motor.p is None or motor.L_d is None or motor.L_q is None:
-        return design.K_t_assumed * i_q
-    psi_f, i_d = psi_f_from(design.K_t_assumed, motor.p), signals.get("i_d", np.zeros_like(i_q))
-    # the kernel's own Python source works on arrays
-    return torque_em.py_func(motor.p, psi_f, motor.L_d, motor.L_q, i_d, i_q)
 
 
 def _resting(omega: Array, rate: float, cutoff: float, processing: Processing) -> Mask:

@@ -11,6 +11,8 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.effects.evaluate import column
+from pmsm_ctrl.regression.notices import MEASUREMENT_EFFECT_LEFT_IN
+from pmsm_ctrl.section import Notice
 
 __all__ = ["undone"]
 
@@ -19,7 +21,7 @@ Array = NDArray[np.float64]
 CURRENTS = ("i_d", "i_q")
 
 
-def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[str, ...]]:
+def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[Notice, ...]]:
     """Return channels as they would be without the design's measurement effects, and notes on those left in.
 
     A delay is undone exactly, an offset too; a wrong gain or angle to first order, since its term reads the measured
@@ -42,7 +44,7 @@ def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dic
         if effect.structure == "delay":
             out |= _earlier(t, out, values["tau"])
         elif not _subtracted(design, effect, values, t, out):
-            notes.append(f"{effect.id} is left in: the log lacks a channel that would tell how large it is")
+            notes.append(MEASUREMENT_EFFECT_LEFT_IN(effect=effect.id))
     return out, tuple(notes)
 
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.conditioning import Prepared, Processing, low_pass
+from pmsm_ctrl.regression.conditioning import Prepared, Processing
+from pmsm_ctrl.regression.filters import low_pass
 
 __all__ = [
     "EDGE_PERIODS",

@@ -7,48 +7,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.errors import LogError, NextCommand, RequestError
-from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track.notices import EFFECT_LEFT_OUT
 from pmsm_ctrl.track.settings import Settings
-from pmsm_ctrl.units import psi_f_from
 
-__all__ = ["KnownTorque", "Samples", "drive_torque", "located", "noise_from_log", "samples_of"]
+__all__ = ["KnownTorque", "Samples", "located", "noise_from_log", "samples_of"]
 
 Array = NDArray[np.float64]
 AVAILABLE = ("omega", "theta", "direction", "i_d", "i_q", "torque", "t", "p")
-
-
-def drive_torque(design: Design, i_d: ArrayLike, i_q: ArrayLike) -> Array | float:
-    """Return the drive's torque from its currents, with the torque constant that the evaluation assumes.
-
-    Parameters
-    ----------
-    design : Design
-        Motor and assumed torque constant.
-    i_d, i_q : float or array, shape (n,)
-        Currents, A peak.
-
-    Returns
-    -------
-    float or array, shape (n,)
-        Torque, N m. Without inductances or pole pairs the reluctance torque is left out.
-    """
-    motor = design.motor
-    if motor.p is None or motor.L_d is None or motor.L_q is None:
-        return design.K_t_assumed * np.asarray(i_q, dtype=np.float64)
-    psi_f = psi_f_from(design.K_t_assumed, motor.p)
-    # the kernel's own Python source works on arrays as well
-    torque: Array | float = torque_em.py_func(motor.p, psi_f, motor.L_d, motor.L_q, i_d, i_q)
-    return torque
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model, twin
-from pmsm_ctrl.track.inputs import KnownTorque, drive_torque
+from pmsm_ctrl.track.inputs import KnownTorque
 from pmsm_ctrl.track.model import F_C, F_V, OMEGA, SIZE, THETA
 from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
 

@@ -77,9 +77,7 @@ def test_the_papers_table_and_a_wrong_torque_constant(motor: Design) -> None:
 def test_a_constant_load_shows_as_a_difference_between_directions(motor: Design) -> None:
     loaded = motor.with_effect("constant_load", {"T_0": 0.002})
     result = evaluate_sweep(motor, simulate(motor, "sweep", truth=loaded, seed=3))
-    assert result.positive is not None
-    assert result.negative is not None
-    assert result.positive.F_c.value - result.negative.F_c.value == pytest.approx(0.004, rel=0.1)
+    assert result.lines["positive"].F_c.value - result.lines["negative"].F_c.value == pytest.approx(0.004, rel=0.1)
     assert any("F_c differs by direction" in text for text in result.warnings)
 
 

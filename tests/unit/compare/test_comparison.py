@@ -11,7 +11,7 @@ import pytest
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.compare.figures import outline
-from pmsm_ctrl.compare.simulated import free_run
+from pmsm_ctrl.compare.free_run import free_run
 from pmsm_ctrl.compare.stretches import motion_in_words, worst_stretches
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import read_log

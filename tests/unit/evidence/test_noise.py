@@ -8,8 +8,8 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from pmsm_ctrl.evidence.noise import autocorrelation, burg, fit_noise, mean_of, stretches
-from pmsm_ctrl.identify.problem import Column, Problem
-from pmsm_ctrl.identify.regression import solve, t_quantile
+from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
+from pmsm_ctrl.regression.least_squares import solve, t_quantile
 
 
 def ar1(rng: np.random.Generator, n: int, rho: float) -> np.ndarray:

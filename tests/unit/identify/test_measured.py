@@ -51,4 +51,4 @@ def test_output_error_says_that_its_loops_are_not_quite_the_drives(drive: Design
     result = identify(drive, record, method="output_error")
     print(result.summary())
     assert result.estimates["F_c"].value == pytest.approx(20.39, abs=2.0 * result.estimates["F_c"].stderr)
-    assert any("differs from inverse dynamics" in text for text in result.warnings)
+    assert "differs_from_inverse_dynamics" in [notice.code for notice in result.notices]

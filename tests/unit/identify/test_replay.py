@@ -7,9 +7,9 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError, LogError
-from pmsm_ctrl.identify.problem import build_problem
 from pmsm_ctrl.identify.replay import build_replay, plant_with
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.simulate.scenarios import Scenario
 
@@ -58,7 +58,7 @@ def test_a_log_that_begins_while_the_axis_moves(design) -> None:
 def test_what_was_added_to_the_current_is_said(design) -> None:
     motion = scenario("multisine", design, amplitude=0.05, period=1.0)
     replay = build_replay(design, simulate(design, motion, seed=1))
-    assert "beside the speed controller: replayed" in replay.notes[0]
+    assert [note.code for note in replay.notes] == ["replayed_current"]
     added = replay.scenario.inputs(np.arange(1000) / 1000.0 + 2.0)[:, 3]
     assert rms(added) == pytest.approx(0.05, rel=0.02)
 
@@ -95,7 +95,7 @@ def test_without_reference_loops_or_motor(design) -> None:
 def test_a_current_at_its_limit_is_said(design) -> None:
     weak = design.replace(drive={"i_max": 0.05})
     log = simulate(weak, scenario("sweep", design, dwell=0.2, speed_step=50.0))
-    assert any("current limit" in note for note in build_replay(weak, log).notes)
+    assert [note.code for note in build_replay(weak, log).notes] == ["current_limit"]
 
 
 def test_values_become_a_plant(design) -> None:

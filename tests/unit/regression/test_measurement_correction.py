@@ -58,7 +58,8 @@ def test_what_cannot_be_undone_is_said(design: Design) -> None:
     channels = {"omega": np.ones(4), "torque": np.ones(4)}
     now, notes = undone(design.with_effect("current_offset", {"o_alpha": 1.0, "o_beta": 0.0}), t, channels)
     assert now["torque"] == pytest.approx(channels["torque"])
-    assert notes == ("current_offset is left in: the log lacks a channel that would tell how large it is",)
+    assert [note.code for note in notes] == ["measurement_effect_left_in"]
+    assert notes[0].text.startswith("current_offset is not corrected")
 
 
 @pytest.mark.parametrize("effect", KNOWN)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pmsm_ctrl.regression.conditioning import derivative, low_pass
+from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
 
 J = 1.0 / 200.0  # inertia over the level of friction, s^2

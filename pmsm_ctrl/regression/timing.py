@@ -1,4 +1,4 @@
-"""One uniform time grid for a log: stamps that jitter, holes, and angles that wrap."""
+"""When the samples of a log were taken, and how surely: jitter, gaps, late time stamps, angles that wrap."""
 
 from __future__ import annotations
 
@@ -9,27 +9,45 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression import notices as words
+from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.section import Notice
 
-__all__ = ["uniform", "unwrapped"]
+__all__ = ["punctual", "uniform", "unwrapped"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+# A time stamp that is off by more than this share of a period is late.
+LATE = 0.5
+# A speed that changes by so many times its usual change from one sample to the next jumps.
+JUMP = 12.0
 
-def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[str, ...]]:
+
+def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]]:
     """Bring a log to one uniform time grid.
 
     Where time stamps jitter by more than a thousandth of a period, the channels are resampled with a cubic spline,
     unless the motion is smoother with the samples taken at equal steps: then a clock took them, and only the stamps
     are late. A hole of more than five periods is bridged and marked.
 
+    Parameters
+    ----------
+    log : Log
+
     Returns
     -------
     t : array, shape (n,)
+        s.
     channels : dict of str to array, shape (n,)
     good : bool array, shape (n,)
         False inside a hole.
-    notes : tuple of str
+    notes : tuple of Notice
+
+    Raises
+    ------
+    LogError
+        When a gap is too long to be bridged.
     """
     t, step, period = log.t, np.diff(log.t), log.period
     channels = {name: values for name, values in log.channels.items() if name != "t"}
@@ -46,26 +64,19 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[str, ...]]:
             "cut the log there"
         )
     period = float(np.mean(step[~holes]))
-    jitter = (
-        f"time stamps jitter by up to {100 * float(np.max(np.abs(step[~holes] - period))) / period:.1f} % of a period"
-    )
+    jitter = 100.0 * float(np.max(np.abs(step[~holes] - period))) / period
     if "theta" in channels:
         channels["theta"] = unwrapped(channels["theta"])
     if not holes.any() and (even := _clocked(t, channels)) is not None:
-        return (
-            even,
-            channels,
-            np.ones(len(t), dtype=bool),
-            (f"{jitter}, and the motion does not: taken at equal steps",),
-        )
+        return even, channels, np.ones(len(t), dtype=bool), (words.EQUAL_STEPS(jitter=jitter),)
     grid = t[0] + period * np.arange(int((t[-1] - t[0]) / period * (1 + 1e-12)) + 1)
     resampled = {name: CubicSpline(t, values)(grid) for name, values in channels.items()}
     good = np.ones(len(grid), dtype=bool)
     for k in np.flatnonzero(holes):
         good[(grid > t[k]) & (grid < t[k + 1])] = False
-    notes = [f"{jitter}: resampled at {1 / period:.6g} Hz"]
+    notes = [words.RESAMPLED(jitter=jitter, rate=1.0 / period)]
     if holes.any():
-        notes.append(f"{int(holes.sum())} gap(s) in time, {step[holes].sum():.3g} s in all, left out")
+        notes.append(words.GAPS(count=int(holes.sum()), seconds=float(step[holes].sum())))
     return grid, resampled, good, tuple(notes)
 
 
@@ -93,3 +104,40 @@ def unwrapped(theta: Array) -> Array:
     if np.ptp(theta) <= 2 * np.pi * (1 + 1e-6) and float(np.max(np.abs(np.diff(theta)))) > 1.5 * np.pi:
         return np.unwrap(theta)
     return theta
+
+
+def punctual(log: Log, t: Array, cutoff: float, jumps: bool = True) -> Mask:
+    """Return samples away from time stamps that are off by more than half a period.
+
+    Such a stamp, or the count that went with it, makes the speed jump: where there are any, samples around jumps of
+    the speed are left out as well. Where that would be nearly everywhere, nothing is left out.
+
+    Parameters
+    ----------
+    log : Log
+    t : array, shape (n,)
+        Uniform time, s.
+    cutoff : float
+        Low-pass of the evaluation, Hz: one and a half of its periods are left out on either side.
+    jumps : bool
+        Whether jumps of the speed count.
+
+    Returns
+    -------
+    bool array, shape (n,)
+    """
+    good = np.ones(len(t), dtype=bool)
+    late = np.flatnonzero(np.abs(np.diff(log.t) - log.period) > LATE * log.period)
+    if len(late) == 0:
+        return good
+    reach = 1.5 / cutoff
+    spans = [(log.t[k] - reach, log.t[k + 1] + reach) for k in late]
+    if jumps and "theta" in log:
+        rate = (len(t) - 1) / float(t[-1] - t[0])
+        speed = np.gradient(np.interp(t, log.t, np.unwrap(log["theta"])))
+        fast = np.abs(speed - low_pass(speed, rate, 0.25 * rate))
+        jumping = np.flatnonzero(fast > JUMP * max(float(np.median(fast)), 1e-300))
+        spans += [(t[k] - reach, t[k] + reach) for k in jumping]
+    for first, last in np.searchsorted(t, np.array(spans)):
+        good[first:last] = False
+    return good if good.mean() > 0.4 else np.ones_like(good)

@@ -9,7 +9,7 @@ import pytest
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.compare.coordinates import _with_play
-from pmsm_ctrl.compare.where import Where, where
+from pmsm_ctrl.compare.dependence import Where, where
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.evidence.blocks import bench, noise_of
 from pmsm_ctrl.evidence.tests import holm

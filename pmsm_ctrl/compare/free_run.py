@@ -18,8 +18,8 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
-from pmsm_ctrl.identify.problem import term_signals
 from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.regression.signals import term_signals
 
 __all__ = ["FreeRun", "free_run"]
 
@@ -87,7 +87,7 @@ def free_run(design: Design, prepared: Prepared, window: float = WINDOW) -> Free
         return None
     terms, notes = _terms(design, prepared)
     drive = _averaged(prepared, every)
-    everything = term_signals(design, prepared)
+    everything = term_signals(design, prepared.signals)
     signals = {name: values for name, values in everything.items() if isinstance(values, np.ndarray)}
     fixed = {name: values for name, values in everything.items() if not isinstance(values, np.ndarray)}
     starts = np.arange(count) * steps
@@ -120,7 +120,7 @@ def _averaged(prepared: Prepared, every: int) -> Array:
 
 def _terms(design: Design, prepared: Prepared) -> tuple[list[tuple[Effect, dict[str, float]]], tuple[str, ...]]:
     """The torque terms that can take part, and notes on those that cannot."""
-    known, terms, notes = term_signals(design, prepared), [], []
+    known, terms, notes = term_signals(design, prepared.signals), [], []
     for effect, parameters in bound_effects(design):
         if effect.enters != "torque" or not effect.active(parameters):
             continue

@@ -1,0 +1,118 @@
+"""The words of the identification's notices."""
+
+from __future__ import annotations
+
+from pmsm_ctrl.regression.least_squares import Cause, Combination, Unidentifiable
+from pmsm_ctrl.section import Notice, Template
+
+__all__ = [
+    "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT", "FEW_DEGREES_OF_FREEDOM",
+    "ILL_CONDITIONED", "INERTIA_OFF", "MISFIT", "NEGATIVE", "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION",
+    "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS", "not_identifiable",
+]  # fmt: skip
+
+# -- of any method
+BOUND = Template(
+    "parameter_at_bound",
+    "{name} = {value:.4g} +- {stderr:.2g} {unit} is beyond its bound {bound:g}; the design takes the bound",
+)
+ILL_CONDITIONED = Template(
+    "ill_conditioned", "condition number {condition:.3g}: some columns are nearly alike on this motion"
+)
+FEW_DEGREES_OF_FREEDOM = Template(
+    "few_degrees_of_freedom",
+    "only {dof:.1f} effective degrees of freedom: the standard errors are themselves uncertain by {percent:.0f} %; a "
+    "longer log is needed",
+)
+INERTIA_OFF = Template(
+    "inertia_off",
+    "J is {percent:+.0f} % off the design, beyond its tolerance of {tolerance:.0f} %: check the torque constant, the "
+    "units and the load",
+)
+
+# -- of the methods that simulate
+CURRENT_LIMIT = Template(
+    "current_limit", "the current limit was met: the feedforward in that log is not known and not replayed"
+)
+REPLAYED_CURRENT = Template(
+    "replayed_current",
+    "the current reference holds {rms:.2g} A rms beside the speed controller's output; it is replayed",
+)
+NOT_CONVERGED = Template("not_converged", "{method}: not converged after {rounds} rounds{names}")
+WRONG_LOOPS = Template(
+    "wrong_loops",
+    "the residual of the simulated drive is {ratio:.2g} times that of inverse dynamics: its loops or references are "
+    "not quite those of the log, and the numbers may be off by more than their errors",
+)
+DIFFERS = Template(
+    "differs_from_inverse_dynamics",
+    "differs from inverse dynamics, in standard errors: {names}; either the loops and references of the simulation are "
+    "not quite those of the log, or noise in the motion biases inverse dynamics: method iv tells",
+)
+BIAS_UNTESTED = Template(
+    "bias_untested", "least squares cannot be tested for bias: no parameter is identifiable by both methods"
+)
+NOT_BIASED = Template(
+    "not_biased", "least squares is not biased by more than half a standard error (p = {p:.2g} for no bias)"
+)
+BIASED = Template("biased", "least squares is biased on this log: {names}")
+
+# -- of the speed sweep
+UNSETTLED = Template(
+    "unsettled_plateaus", "{left_out} of {count} plateaus did not settle and are left out ({speeds} {unit})"
+)
+MISFIT = Template(
+    "misfit",
+    "the points scatter {ratio:.1f} times more about the line than their own errors allow: a straight line is not the "
+    "whole friction",
+)
+NEGATIVE = Template("negative_friction", "{symbol} = {value:.3g} {unit} is negative; the design takes 0")
+ONE_DIRECTION = Template("one_direction", "only one direction: a constant load is indistinguishable from F_c")
+DIRECTION_DEPENDENT = Template(
+    "direction_dependent", "{symbol} differs by direction: {positive:.4g} and {negative:.4g} {unit}"
+)
+
+_CAUSES = {
+    Cause.NOT_EXCITED: "its term is zero throughout the log",
+    Cause.COLLINEAR: "not separable from {partners} on this motion",
+    Cause.UNCERTAIN: "uncertain by +- {half_width:.2g} {unit}, more than its expected size of {limit:.2g} {unit}",
+    Cause.NO_ACCELERATION: "the torque of the acceleration, {torque:.2g} {unit} rms, is below the residual of "
+    "{residual:.2g} {unit}",
+    Cause.EFFECT_ABSENT: "its effect may be absent: the interval of {sizes} includes zero",
+}
+# Causes that another motion can remedy.
+_NEEDS = (Cause.NOT_EXCITED, Cause.COLLINEAR, Cause.NO_ACCELERATION)
+
+
+def not_identifiable(lost: Unidentifiable, needs: str) -> Notice:
+    """Return why a parameter gets no number.
+
+    Parameters
+    ----------
+    lost : Unidentifiable
+    needs : str
+        What excitation shows the parameter; empty where that is not known.
+
+    Returns
+    -------
+    Notice
+        Its code is that of the cause.
+    """
+    names = {key: ", ".join(value) for key, value in lost.detail.items() if isinstance(value, tuple)}
+    text = _CAUSES[lost.cause].format(**{**lost.detail, **names})
+    if needs and lost.cause in _NEEDS:
+        text += f"; it needs {needs}"
+    if lost.known is not None:
+        text += f"; known is {_sum(lost.known)}"
+    if lost.held:
+        text += "; held at the design's value"
+    return Notice(lost.cause.value, text, lost.detail)
+
+
+def _sum(known: Combination) -> str:
+    terms = [f"{'-' if w < 0 else '+'} {_factor(abs(w))}{name}" for name, w in known.weights.items()]
+    return f"{' '.join(terms).removeprefix('+ ')} = {known.value:.4g} +- {known.stderr:.2g} {known.unit}"
+
+
+def _factor(value: float) -> str:
+    return "" if f"{value:.3g}" == "1" else f"{value:.3g} "

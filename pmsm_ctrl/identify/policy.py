@@ -1,0 +1,59 @@
+"""Thresholds of the identification: value, unit and reason."""
+
+from __future__ import annotations
+
+__all__: list[str] = []
+
+# -- doubts about an estimate ------------------------------------------------------------------------------------
+
+# Condition number of the columns, scaled to unit length, above which some of them are nearly alike.
+ILL_CONDITIONED = 100.0
+# Effective degrees of freedom below which a standard error is itself uncertain by more than 16 %.
+FEW_DEGREES_OF_FREEDOM = 20.0
+# Tolerance of the inertia, as a share, where the design gives none: load and coupling are rarely known better.
+INERTIA_TOLERANCE = 0.15
+
+# -- replay of the log's experiment ------------------------------------------------------------------------------
+
+# A current beside the speed controller's output below this share of the reference current is rounding.
+ADDED_CURRENT = 0.02
+
+# -- instrumental variables --------------------------------------------------------------------------------------
+
+# Most simulations; five are enough from 40 % off.
+IV_ROUNDS = 10
+# They end when no parameter moves by more than this share of its standard error.
+IV_CONVERGED = 0.01
+
+# -- output error ------------------------------------------------------------------------------------------------
+
+# Most evaluations of the simulated torque in one fit.
+FIT_ROUNDS = 30
+# Differences are taken over this share of a parameter: smaller ones drown in the steps of the simulation.
+DIFFERENCE = 2e-3
+# Over what makes this share of the torque, for a linear parameter that is zero.
+FIRST_DIFFERENCE = 0.01
+# A parameter that changes the torque by less than this share when it is doubled has no effect.
+NO_EFFECT = 1e-6
+# Least torque of the acceleration, as a share of the residual: below it the inertia hangs on a handful of moments.
+LEAST_ACCELERATION = 0.1
+# Residual, in multiples of the torque, of a plant that could not be simulated.
+UNSTABLE = 100.0
+# Residual of the simulation over that of inverse dynamics from which on loops or references are not those of the log.
+WRONG_LOOPS = 1.5
+# Standard errors by which two methods may differ that share most of their noise.
+DIFFERENT = 5.0
+
+# -- speed sweep -------------------------------------------------------------------------------------------------
+
+# Least samples of a plateau: fewer leave nothing to average after settling.
+SHORTEST_PLATEAU = 40
+# A plateau has settled when its halves agree within so many standard errors, or within this share of the level.
+HALVES, LEVEL = 4.0, 1e-4
+# The axis follows a reference when its mean speed is within this share of it.
+REACHED = 0.5
+# A line misfits when the scatter about it is improbable, so many times what the plateaus allow, and more than this
+# share of the torque: a noise-free simulation misses it by parts in a million.
+MISFIT_P, MISFIT_RATIO, MISFIT_SHARE = 1e-3, 1.5, 1e-3
+# Directions differ at this confidence, and by more than this share of the mean.
+DIRECTION_CONFIDENCE, DIRECTION_SHARE = 0.999, 0.01

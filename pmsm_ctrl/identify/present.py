@@ -1,0 +1,145 @@
+"""What identification, speed sweep and the paper's table have to say, from the results alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pmsm_ctrl.identify.identification import Identification
+from pmsm_ctrl.identify.paper import PaperRow, PaperTable
+from pmsm_ctrl.identify.staircase import SweepResult
+from pmsm_ctrl.rendering.numbers import number, percent
+from pmsm_ctrl.result import Estimate
+from pmsm_ctrl.section import Picture, Section, Table, present
+from pmsm_ctrl.units import drives
+
+__all__: list[str] = []
+
+METHODS = {
+    "regression": "Inverse-dynamics least squares",
+    "iv": "Inverse dynamics by instrumental variables",
+    "output_error": "Simulation of the drive with its sampled controller, fitted to the torque",
+}
+
+
+@present.register
+def _(result: Identification) -> Section:
+    quantity = drives(result.design.motion)
+    asked = len(result.estimates) + len(result.unidentifiable)
+    verdict = (
+        f"{METHODS[result.method]}: {len(result.estimates)} of {asked} parameters identified; the residual is "
+        f"{percent(result.relative_error)} of the {quantity}."
+    )
+    blocks = [verdict, *result.notices, *(f"Note: {note.text}." for note in result.remarks)]
+    if result.estimates:
+        rows = tuple(
+            (name, *_figures(e, result.intervals[name]), number(e.nominal or 0.0, 5))
+            for name, e in result.estimates.items()
+        )
+        blocks.append(Table((*_HEADER, "design"), rows, "Identified parameters"))
+    if result.unidentifiable:
+        lost = tuple((name, why.text, why.code) for name, why in result.unidentifiable.items())
+        blocks.append(Table(("parameter", "not identifiable, because", "code"), lost))
+    if result.bias is not None and result.bias.bias:
+        blocks.append(_bias_table(result))
+    caption = "The residual below should look like noise; a pattern in it is a missing effect."
+    return Section(
+        f"Identification of {result.design.name} from {Path(result.log_name).name}",
+        (*blocks, Picture(lambda: _residual_figure(result), caption), _fit_sentence(result, quantity)),
+    )
+
+
+_HEADER = ("parameter", "value", "standard error", "unit", "95 % interval")
+
+
+def _figures(estimate: Estimate, interval: tuple[float, float]) -> tuple[str, ...]:
+    low, high = interval
+    return number(estimate.value, 5), number(estimate.stderr, 2), estimate.unit, f"{low:.5g} to {high:.5g}"
+
+
+def _fit_sentence(result: Identification, quantity: str) -> str:
+    problem, fit = result.problem, result.fit
+    inertia = f", the inertia from {problem.inertia_cutoff:.3g} Hz" if problem.inertia_cutoff is not None else ""
+    return (
+        f"Residual {number(result.rms, 3)} {problem.unit} rms, {percent(result.relative_error)} of the {quantity}: "
+        f"{int(problem.mask.sum())} samples at {problem.rate:.4g} Hz, low-pass {problem.cutoff:.3g} Hz{inertia}. "
+        f"Condition number {number(fit.condition, 3)}; residual correlation of order {fit.noise.order}, allowed for in "
+        f"the standard errors; {fit.dof:.0f} effective degrees of freedom."
+    )
+
+
+def _bias_table(result: Identification) -> Table:
+    assert result.bias is not None
+    test = result.bias
+    header = ("parameter", "least squares less instruments", "standard error", "in errors of least squares", "verdict")
+    rows = tuple(
+        (n, f"{d:+.3g}", f"{test.stderr[n]:.2g}", f"{test.shares[n]:+.2f}", "biased" if n in test.biased else "")
+        for n, d in test.bias.items()
+    )
+    return Table(header, rows, "Bias of least squares")
+
+
+def _residual_figure(result: Identification):  # type: ignore[no-untyped-def]
+    from pmsm_ctrl.identify.figures import measured_against_predicted
+
+    p = result.shown
+    predicted = p.torque - result.unexplained
+    return measured_against_predicted(p.t, p.torque, predicted, p.mask, drives(result.design.motion), p.unit)
+
+
+@present.register
+def _(result: SweepResult) -> Section:
+    rows = tuple(
+        (name.replace("_", " "), symbol, *_figures(getattr(line, symbol), line.interval(symbol)))
+        for name, line in result.lines.items()
+        for symbol in ("F_c", "F_v")
+    )
+
+    def figure():  # type: ignore[no-untyped-def]
+        from pmsm_ctrl.identify.figures import friction_over_speed
+
+        return friction_over_speed(result)
+
+    return Section(
+        f"Speed sweep of {result.design.name}",
+        (
+            f"Averaged torque at {len(result.levels)} settled speeds from {len(result.plateaus)} plateaus; the "
+            f"model-to-measurement error of the line is {result.rms_percent:.2f} % rms.",
+            *result.notices,
+            Table(("fit", *_HEADER), rows, "Friction from the settled speeds"),
+            Picture(figure, "Points on the line and a residual without a pattern: F_c and F_v are the whole friction."),
+        ),
+    )
+
+
+@present.register
+def _(result: PaperTable) -> Section:
+    hypothesis = (
+        f"A torque constant of {result.K_t_wrong:g} instead of {result.K_t:g} N m/A in the evaluation alone would "
+        f"shift both by {100 * (result.K_t_wrong / result.K_t - 1):+.1f} %, close to the paper's -3.0 and -3.3 %: a "
+        "hypothesis, the paper does not say."
+    )
+    evaluated = (f"here, K_t {result.K_t:.4g}", f"here, K_t {result.K_t_wrong:.4g}")
+    rows = tuple(
+        (r.case, r.symbol, r.unit, f"{r.injected:.4g}", *(_deviating(r, v) for v in (r.paper, r.ours, r.wrong_K_t)))
+        for r in result.rows
+    )
+
+    def figure():  # type: ignore[no-untyped-def]
+        from pmsm_ctrl.identify.figures import friction_over_speed
+
+        return friction_over_speed(result.sweeps[0])
+
+    return Section(
+        "The reference paper's table",
+        (
+            *result.notices,
+            Table(("case", "parameter", "unit", "injected", "paper", *evaluated), rows),
+            hypothesis,
+            Picture(figure, "The first case: averaged torque against speed."),
+        ),
+    )
+
+
+def _deviating(row: PaperRow, value: float | None) -> str:
+    deviation = row.deviation(value)
+    return "-" if value is None or deviation is None else f"{value:.4g} ({deviation:+.2f} %)"

@@ -1,0 +1,273 @@
+"""The inverse-dynamics regression of one log: the torque balance, and a column for each of its parameters.
+
+``T_em - T_load = J alpha + sum of effect terms``, every column through the same zero-phase filter. Source of the
+method: M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Syst. Technol. 21 (2013) 428.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.effects.evaluate import columns
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
+from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.notices import NO_REGRESSION
+from pmsm_ctrl.regression.signals import missing_signals, term_signals
+from pmsm_ctrl.section import Notice
+from pmsm_ctrl.units import axis_unit
+
+__all__ = ["Column", "Problem", "build_problem"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One parameter of the regression.
+
+    Attributes
+    ----------
+    name : str
+        The parameter's symbol, with ``#2`` and so on for further instances of an effect.
+    values : array, shape (m,)
+        Filtered term per unit of the parameter.
+    unit : str
+        Unit of the parameter on this kind of axis.
+    nominal, lower, upper : float
+        The design's value and the effect's bounds.
+    effect : str
+        Id of the effect; empty for the inertia.
+    entry : int
+        Position among the design's effects; -1 where it is none of them.
+    symbol : str
+        The parameter's symbol.
+    """
+
+    name: str
+    values: Array
+    unit: str
+    nominal: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    effect: str = ""
+    entry: int = -1
+    symbol: str = ""
+
+    @property
+    def is_inertia(self) -> bool:
+        """Whether this is the axis' own inertia, and no parameter of an effect."""
+        return self.entry < 0 and self.symbol == "J"
+
+    def clipped(self, value: float) -> float:
+        """Return the value, moved inside the bounds of the parameter."""
+        return float(min(max(value, self.lower), self.upper))
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Target and columns on the thinned grid of one log.
+
+    Attributes
+    ----------
+    target : array, shape (m,)
+        Filtered drive torque less load torque less the terms without linear parameters, N m (N).
+    columns : tuple of Column
+    mask : bool array, shape (m,)
+        Samples that take part.
+    t, omega, torque : array, shape (m,)
+        Time in s, and filtered speed and drive torque, nothing blanked.
+    unit : str
+        Of the target.
+    rate, cutoff : float
+        Of the thinned grid and of the low-pass, Hz.
+    notes : tuple of Notice
+    inertia_cutoff : float or None
+        As in `Processing`.
+    """
+
+    target: Array
+    columns: tuple[Column, ...]
+    mask: Mask
+    t: Array
+    omega: Array
+    torque: Array
+    unit: str
+    rate: float
+    cutoff: float
+    notes: tuple[Notice, ...] = ()
+    inertia_cutoff: float | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(column.name for column in self.columns)
+
+    @property
+    def nominal(self) -> Array:
+        """What the design's own values explain of the target, shape (m,), without any fit."""
+        return self.matrix() @ np.array([column.nominal for column in self.columns])
+
+    @property
+    def inertia(self) -> int | None:
+        """Number of the inertia's column; None where the inertia is held."""
+        return next((k for k, column in enumerate(self.columns) if column.is_inertia), None)
+
+    def matrix(self) -> Array:
+        """Return the columns side by side, shape (m, number of columns)."""
+        return np.column_stack([column.values for column in self.columns])
+
+    def instruments(self) -> Array | None:
+        """Return the columns with the acceleration in its narrower band, shape (m, columns), where it has one."""
+        k = self.inertia
+        if self.inertia_cutoff is None or self.inertia_cutoff >= self.cutoff or k is None:
+            return None
+        z = self.matrix()
+        z[:, k] = low_pass(z[:, k], self.rate, self.inertia_cutoff, steep=True)
+        return z
+
+
+@dataclass(frozen=True, eq=False)
+class _Term:
+    """A torque effect of the design over one log, at the log's rate: ``sum(parameters * parts) + rest``."""
+
+    index: int
+    effect: Effect
+    parameters: Mapping[str, float]
+    parts: Mapping[str, Array]
+    rest: Array
+
+    @property
+    def reads_torque(self) -> bool:
+        return "torque" in self.effect.signals
+
+
+def build_problem(
+    design: Design, log: Log | Prepared, processing: Processing | None = None, inertia: bool = True
+) -> Problem:
+    """Build the regression of a design's torque effects on a log.
+
+    Nonlinear parameters are held at the design's values.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log or Prepared
+    processing : Processing, optional
+        Filter, derivative and mask of a log that is not prepared yet.
+    inertia : bool
+        Whether the inertia is a column; otherwise ``J alpha`` with the design's J is subtracted from the target.
+
+    Returns
+    -------
+    Problem
+
+    Raises
+    ------
+    LogError
+        When a channel is missing that a term reads, or the axis hardly moves.
+    DesignError
+        When the design names an unknown effect.
+    """
+    prepared = log if isinstance(log, Prepared) else prepare(design, log, processing)
+    torque = prepared.signals["torque"] if prepared.acting is None else prepared.acting
+    terms, left_out = _terms(design, prepared, torque)
+    if prepared.acting is None and any(term.reads_torque for term in terms):
+        terms, _ = _terms(design, prepared, _acting_torque(design, prepared, terms))
+    target = prepared.column(prepared.signals["torque"])
+    if "T_load" in prepared.signals:
+        target -= prepared.column(prepared.signals["T_load"])
+    acceleration = prepared.column(prepared.alpha)
+    made: list[Column] = []
+    if inertia:
+        unit = axis_unit("kg m^2", prepared.motion)
+        made.append(Column("J", acceleration, unit, design.J, lower=0.0, symbol="J"))
+    else:
+        target -= design.J * acceleration
+    for term in terms:
+        target -= prepared.column(term.rest)
+        for symbol, values in term.parts.items():
+            twins = sum(column.symbol == symbol for column in made)
+            known = term.effect.parameter(symbol)
+            unit, nominal = axis_unit(known.unit, prepared.motion), term.parameters[symbol]
+            name = f"{symbol}#{twins + 1}" if twins else symbol
+            filtered = prepared.column(values)
+            made.append(
+                Column(name, filtered, unit, nominal, known.lower, known.upper, term.effect.id, term.index, symbol)
+            )
+    return Problem(
+        target=target,
+        columns=tuple(made),
+        mask=prepared.mask,
+        t=prepared.t[prepared.keep],
+        omega=prepared.smooth(prepared.signals["omega"]),
+        torque=prepared.smooth(prepared.signals["torque"]),
+        unit=axis_unit("N m", prepared.motion),
+        rate=prepared.thinned_rate,
+        cutoff=prepared.cutoff,
+        inertia_cutoff=prepared.inertia_cutoff,
+        notes=(*prepared.notes, *left_out),
+    )
+
+
+def _terms(design: Design, prepared: Prepared, torque: Array) -> tuple[list[_Term], list[Notice]]:
+    """Evaluate the torque effects of the design that are plain terms; the others are named in notices.
+
+    Measurement effects were corrected by `prepare`, and no voltage is balanced here.
+    """
+    known = term_signals(design, {**prepared.signals, "torque": torque})
+    terms, left_out = [], []
+    for index, (effect, parameters) in enumerate(bound_effects(design)):
+        if effect.enters != "torque":
+            continue
+        if effect.structure != "term":
+            left_out.append(NO_REGRESSION(effect=effect.id))
+            continue
+        if missing := missing_signals(effect, known):
+            raise LogError(f"effect '{effect.id}' needs {missing}, which the log or the design does not have")
+        terms.append(_Term(index, effect, parameters, *columns(effect, known, parameters)))
+    return terms, left_out
+
+
+def _acting_torque(design: Design, prepared: Prepared, terms: list[_Term]) -> Array:
+    """Return the drive torque that the motion takes, shape (n,), for terms that are a share of it.
+
+    The measured torque holds its own noise, and in a regression it would explain itself: friction by load with a share
+    of one, and no inertia. So the other parameters are fitted first, those terms as the design has them, and then again
+    with what that gives.
+    """
+    measured = prepared.signals["torque"]
+    load = prepared.signals.get("T_load", np.zeros_like(measured))
+    for again in (True, False):
+        free = [prepared.alpha, *_free(terms)]
+        fixed = load + sum(_fixed(term) for term in terms)
+        rows = np.column_stack([prepared.column(part) for part in free])[prepared.mask]
+        size = np.linalg.norm(rows, axis=0)
+        size[size == 0.0] = 1.0
+        target = prepared.column(measured - fixed)[prepared.mask]
+        values = np.linalg.lstsq(rows / size, target, rcond=1e-9)[0] / size
+        acting = fixed + sum(value * part for value, part in zip(values.tolist(), free, strict=True))
+        if again:
+            terms, _ = _terms(design, prepared, acting)
+    return acting
+
+
+def _free(terms: list[_Term]) -> Iterator[Array]:
+    for term in terms:
+        if not term.reads_torque:
+            yield from term.parts.values()
+
+
+def _fixed(term: _Term) -> Array:
+    if not term.reads_torque:
+        return term.rest
+    return term.rest + sum(term.parameters[symbol] * part for symbol, part in term.parts.items())

@@ -1,0 +1,294 @@
+"""Solving the inverse-dynamics regression: estimates, honest standard errors, and what cannot be identified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.evidence.noise import NoiseModel, degrees_of_freedom, fit_noise
+from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
+
+__all__ = ["Cause", "Combination", "Fit", "Unidentifiable", "solve", "t_quantile"]
+
+Array = NDArray[np.float64]
+
+# A column of which less than this share is independent of the others cannot be told from them: measured speeds
+# and accelerations are not exact to much better than 1 %.
+INDEPENDENT_SHARE = 0.01
+# An instrument this much smaller than the column it stands for says that the column is noise.
+WEAK_INSTRUMENT = 1e-3
+# Bias, in standard errors, that is not worth a word: half of one takes the coverage of a 95 % interval to 92 %, and
+# the feedback biases least squares by a little on every log.
+NEGLIGIBLE_BIAS = 0.5
+
+
+class Cause(Enum):
+    """Why a parameter gets no number."""
+
+    NOT_EXCITED = "not_excited"
+    COLLINEAR = "collinear"
+    UNCERTAIN = "uncertain"
+    NO_ACCELERATION = "no_acceleration"
+    EFFECT_ABSENT = "effect_absent"
+
+
+@dataclass(frozen=True)
+class Combination:
+    """What is known of parameters that cannot be told apart: their weighted sum.
+
+    Attributes
+    ----------
+    weights : dict of column name to float
+    value, stderr : float
+    unit : str
+    """
+
+    weights: Mapping[str, float]
+    value: float
+    stderr: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Unidentifiable:
+    """A parameter that the log does not show.
+
+    Attributes
+    ----------
+    cause : Cause
+    effect : str
+        Id of its effect; empty for the inertia.
+    detail : dict of str to value
+        What the cause is known from.
+    known : Combination or None
+        Of it and the parameters it cannot be told from.
+    held : bool
+        Whether the others were estimated with the design's value in its place.
+    """
+
+    cause: Cause
+    effect: str = ""
+    detail: Mapping[str, Any] = field(default_factory=dict)
+    known: Combination | None = None
+    held: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Least squares of a problem.
+
+    Attributes
+    ----------
+    values, stderr : dict of column name to float
+        Identifiable columns only.
+    unidentifiable : dict of column name to Unidentifiable
+        The others.
+    coefficients : array, shape (columns,)
+        Of all columns, those without a number of their own included.
+    residual : array, shape (m,)
+        Target less prediction, on the whole thinned grid, masked samples included.
+    condition : float
+        Condition number of the columns scaled to unit length.
+    dof : float
+        Effective degrees of freedom of the residual, its correlation allowed for.
+    noise : NoiseModel
+    spread : float
+        Variance of the noise, in the target's unit squared.
+    weights : array, shape (columns, samples of the mask)
+        The estimates are these times the target.
+    """
+
+    values: Mapping[str, float]
+    stderr: Mapping[str, float]
+    unidentifiable: Mapping[str, Unidentifiable]
+    coefficients: Array
+    residual: Array
+    condition: float
+    dof: float
+    noise: NoiseModel
+    spread: float
+    weights: Array
+
+    def interval(self, name: str, coverage: float = 0.95) -> tuple[float, float]:
+        """Return the two-sided interval of one value by Student's t."""
+        half = t_quantile(coverage, self.dof) * self.stderr[name]
+        return self.values[name] - half, self.values[name] + half
+
+
+def t_quantile(coverage: float, dof: float) -> float:
+    """Return the half-width of a two-sided interval in standard errors.
+
+    Parameters
+    ----------
+    coverage : float
+        0 to 1.
+    dof : float
+        Degrees of freedom of Student's t; infinite for the normal distribution.
+    """
+    from scipy.special import ndtri, stdtrit
+
+    upper = 0.5 + coverage / 2.0
+    return float(stdtrit(dof, upper)) if np.isfinite(dof) else float(ndtri(upper))
+
+
+def solve(problem: Problem, instruments: Array | None = None, ratio: float | None = 1.0) -> Fit:
+    """Solve by least squares, or by instrumental variables, with standard errors that allow for correlated residuals.
+
+    Columns that no data can tell apart stay in the fit as a group, so that the others are not biased by their
+    absence; only their own values are withheld.
+
+    Parameters
+    ----------
+    problem : Problem
+    instruments : array, shape (m, columns), optional
+        The problem's columns as they would be without the log's noise. Every column of the problem is then replaced
+        by what the instruments explain of it (two-stage least squares: ``(Z'X)^-1 Z'y``).
+    ratio : float or None
+        The inertia gets no number when its torque is less than this multiple of the residual: without instruments,
+        so little acceleration may be the loops' answer to noise, and the inertia found from it falls short. None: no
+        such limit.
+
+    Returns
+    -------
+    Fit
+    """
+    mask = problem.mask
+    x, y = problem.matrix(), problem.target
+    instruments = problem.instruments() if instruments is None else instruments
+    scale = np.sqrt(np.mean(x[mask] ** 2, axis=0))
+    scale[scale == 0.0] = 1.0
+    explained = x[mask] if instruments is None else _projected(x[mask], instruments[mask])
+    u, s, vt = np.linalg.svd(explained / scale, full_matrices=False)
+    kept = s > 1e-9 * s[0] if s.size else np.zeros(0, dtype=bool)
+    inverse = vt[kept].T / s[kept]  # (columns, rank): scaled pseudo-inverse is inverse @ u'
+    beta = inverse @ (u[:, kept].T @ y[mask])
+    residual = y - (x / scale) @ beta
+    basis = np.zeros((len(y), int(kept.sum())))
+    basis[mask] = u[:, kept]
+    noise = fit_noise(residual, mask, basis=basis)
+    meat = basis.T @ noise.toeplitz(basis)  # U'RU, exact across gaps
+    free = max(float(mask.sum()) - float(np.trace(meat)), 1.0)  # tr(M R)
+    spread = float(residual[mask] @ residual[mask]) / free
+    covariance = spread * inverse @ meat @ inverse.T / np.outer(scale, scale)
+    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    dof = degrees_of_freedom(noise, free, int(mask.sum()))
+    beta = beta / scale
+    lost = _inseparable(problem.columns, explained, beta, covariance)
+    lost |= _uncertain(problem, beta, stderr * t_quantile(0.95, dof), lost)
+    if ratio is not None:
+        lost |= _hardly_accelerating(problem, float(np.sqrt(np.mean(residual[mask] ** 2))), ratio, lost)
+    good = [k for k, name in enumerate(problem.names) if name not in lost]
+    return Fit(
+        values={problem.names[k]: float(beta[k]) for k in good},
+        stderr={problem.names[k]: float(stderr[k]) for k in good},
+        unidentifiable=lost,
+        coefficients=beta,
+        residual=residual,
+        condition=float(s[0] / s[-1]) if s.size and s[-1] > 0 else float("inf"),
+        dof=dof,
+        noise=noise,
+        spread=spread,
+        weights=inverse @ u[:, kept].T / scale[:, None],
+    )
+
+
+def _projected(x: Array, z: Array) -> Array:
+    """Return what instruments z, shape (n, k), explain of the columns x, shape (n, m).
+
+    A column of which its own instrument moves less than `WEAK_INSTRUMENT` is noise, and explained by nothing.
+    """
+    size = np.sqrt(np.mean(z**2, axis=0))
+    enough = size > WEAK_INSTRUMENT * np.sqrt(np.mean(x**2, axis=0))
+    alive = z[:, enough] / size[enough]
+    u, s, _ = np.linalg.svd(alive, full_matrices=False)
+    basis = u[:, s > 1e-6 * s[0]] if s.size else u
+    return np.where(enough, basis @ (basis.T @ x), 0.0)
+
+
+def _inseparable(columns: tuple[Column, ...], x: Array, beta: Array, covariance: Array) -> dict[str, Unidentifiable]:
+    """Return the columns, values of shape (n, columns), that the motion does not excite, or not apart from others."""
+    size = np.sqrt(np.mean(x**2, axis=0))
+    lost: dict[str, Unidentifiable] = {}
+    alive = [k for k in range(len(columns)) if size[k] > 0.0]
+    for k, column in enumerate(columns):
+        if size[k] == 0.0:
+            lost[column.name] = Unidentifiable(Cause.NOT_EXCITED, column.effect)
+    scaled = x[:, alive] / size[alive]
+    alike: dict[int, tuple[str, ...]] = {}
+    for position, k in enumerate(alive):
+        others = np.delete(scaled, position, axis=1)
+        if others.shape[1] == 0:
+            continue
+        weights = np.linalg.lstsq(others, scaled[:, position], rcond=1e-9)[0]
+        share = float(np.sqrt(np.mean((scaled[:, position] - others @ weights) ** 2)))
+        if share < INDEPENDENT_SHARE:
+            alike[k] = tuple(columns[j].name for j in np.delete(alive, position)[np.abs(weights) > 0.05])
+    sums = _combinations(columns, x, beta, covariance, list(alike))
+    for k, partners in alike.items():
+        name = columns[k].name
+        lost[name] = Unidentifiable(Cause.COLLINEAR, columns[k].effect, {"partners": partners}, sums.get(name))
+    return {column.name: lost[column.name] for column in columns if column.name in lost}
+
+
+def _combinations(
+    columns: tuple[Column, ...], x: Array, beta: Array, covariance: Array, left: list[int]
+) -> dict[str, Combination]:
+    """Return the weighted sum of each group of columns that are alike, where it is known."""
+    size = np.sqrt(np.mean(x**2, axis=0))
+    found: dict[str, Combination] = {}
+    while left:
+        first = left[0]
+        cosine = x.T @ x[:, first] / (len(x) * np.where(size > 0.0, size, 1.0) * size[first])
+        group = [k for k in left if abs(cosine[k]) > 1.0 - INDEPENDENT_SHARE**2]
+        left = [k for k in left if k not in group]
+        if len(group) < 2:
+            continue
+        weights = np.zeros(len(columns))
+        weights[group] = np.sign(cosine[group]) * size[group] / size[first]
+        value, stderr = float(weights @ beta), float(np.sqrt(abs(weights @ covariance @ weights)))
+        if stderr > abs(value):
+            continue
+        named = {columns[k].name: float(weights[k]) for k in sorted(group)}
+        found |= dict.fromkeys(named, Combination(named, value, stderr, columns[first].unit))
+    return found
+
+
+def _uncertain(
+    problem: Problem, values: Array, half_width: Array, known: Mapping[str, Unidentifiable]
+) -> dict[str, Unidentifiable]:
+    """Return the columns known less well than before.
+
+    Their intervals reach beyond the design's value, or, where that is zero, beyond the value that would explain the
+    whole torque by itself.
+    """
+    mask = problem.mask
+    force = float(np.sqrt(np.mean(problem.target[mask] ** 2)))
+    lost = {}
+    for column, value, half in zip(problem.columns, values.tolist(), half_width.tolist(), strict=True):
+        if column.name in known:
+            continue
+        size = float(np.sqrt(np.mean(column.values[mask] ** 2)))
+        limit = abs(column.nominal) or force / size
+        if half > max(limit, abs(value)):
+            detail = {"half_width": half, "limit": limit, "unit": column.unit}
+            lost[column.name] = Unidentifiable(Cause.UNCERTAIN, column.effect, detail)
+    return lost
+
+
+def _hardly_accelerating(
+    problem: Problem, residual: float, ratio: float, known: Mapping[str, Unidentifiable]
+) -> dict[str, Unidentifiable]:
+    """Return the inertia where the torque of the acceleration is less than `ratio` times the residual, rms."""
+    for column in problem.columns:
+        if not column.is_inertia or column.name in known:
+            continue
+        torque = abs(column.nominal) * float(np.std(column.values[problem.mask]))
+        if torque < ratio * residual:
+            detail = {"torque": torque, "residual": residual, "unit": problem.unit}
+            return {column.name: Unidentifiable(Cause.NO_ACCELERATION, detail=detail)}
+    return {}
