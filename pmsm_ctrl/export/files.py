@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from pmsm_ctrl.export.blocks import Block, Value
 from pmsm_ctrl.export.trees import constant, kinds
-from pmsm_ctrl.export.writers import CWriter, Flavour, StWriter, real
+from pmsm_ctrl.export.writers import ST, C, Flavour, Writer, real
 
 __all__ = ["br_library", "c_header", "c_source", "st_block", "tcpou"]
 
@@ -44,7 +44,7 @@ def c_header(block: Block) -> str:
 def c_source(block: Block, *, with_header: bool = False) -> str:
     """Return the source; with the header's text in it, if it is to stand alone."""
     memory = [*block.arrays, *(v.name for v in block.outputs)] if block.arrays else []
-    writer = CWriter({text: f"self->{text}" for text in memory})
+    writer = Writer(C, {text: f"self->{text}" for text in memory})
     whole = [f"{c.name} = {int(c.number)}" for c in block.constants if c.kind == "integer"]
     lines = [c_header(block)] if with_header else [f"/* {block.title}. {_MADE} C99. */", f'#include "{block.name}.h"']
     lines += ["#include <math.h>", ""]
@@ -164,7 +164,7 @@ def _declaration(block: Block, flavour: Flavour) -> list[str]:
 
 
 def _body(block: Block, flavour: Flavour) -> list[str]:
-    writer = StWriter(_literals(block) if flavour == "br" else {}, flavour)
+    writer = Writer(ST[flavour], _literals(block) if flavour == "br" else {})
     lines = []
     if _has_start(block, flavour):
         test = "restart OR NOT (ready)" if block.arrays else "NOT (ready)"

@@ -290,7 +290,8 @@ class Flattener:
     def _callee(self, call: ast.Call, frame: _Frame) -> Callable[..., Any]:
         if not isinstance(call.func, ast.Name) or call.keywords or call.func.id not in frame.scope:
             raise RequestError(f"'{ast.unparse(call)}' cannot be exported")
-        return frame.scope[call.func.id]
+        callee: Callable[..., Any] = frame.scope[call.func.id]
+        return callee
 
     def _one_expression(self, call: ast.Call, frame: _Frame) -> bool:
         body = body_of(self._callee(call, frame))[0].body

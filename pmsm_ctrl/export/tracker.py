@@ -16,7 +16,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export.blocks import Block, Value, identifier
 from pmsm_ctrl.export.compensator import Terms
 from pmsm_ctrl.export.program import Flattener, body_of
-from pmsm_ctrl.export.trees import Statements, assign, base, constant, expressions, name, read
+from pmsm_ctrl.export.trees import Statements, base, constant, expressions, name, read
 from pmsm_ctrl.export.writers import symbols_of
 from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.track import model
@@ -91,10 +91,10 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
     fixed["settings", model.FROM_ANGLE] = constant(s[model.FROM_ANGLE])
     reserved = [v.name for v in (*inputs, *outputs, *constants)] + [long for long, _ in _ARRAYS.values()]
     scope = {**vars(model), **body_of(run)[1], "torque_em": torque_em, **terms.scope}
-    flat = Flattener(reserved, _symbols(), fixed).program(
-        body, scope, _given(settings, inputs, terms, motor), {value.name for value in outputs}
-    )
-    first = tuple(_start(design, settings, s))
+    given = _given(settings, inputs, terms, motor)
+    flat = Flattener(reserved, _symbols(), fixed).program(body, scope, given, {value.name for value in outputs})
+    begin = ast.parse("\n".join(_start(design, settings, s))).body
+    first = Flattener(reserved, _symbols()).program(begin, scope, given, ()).statements
     used = set(symbols_of([*flat.statements, *first])).union(*(read(e) for e in expressions(list(flat.statements))))
     return Block(
         identifier(design.name), "tracker", f"Friction tracker of {design.name}, extended Kalman filter",
@@ -238,30 +238,16 @@ def _unlogged(statements: Statements) -> Statements:
     return out
 
 
-def _start(design: Design, settings: Settings, s: NDArray[np.float64]) -> Statements:
-    """Return the statements that set the memory before the first sample."""
-    i, j = name("start_i"), name("start_j")
-
-    def element(array: str, *index: ast.expr) -> ast.expr:
-        return ast.Subscript(name(array), ast.Tuple(list(index)))
-
-    def loop(counter: ast.expr, size: int, inner: Statements) -> ast.stmt:
-        return ast.For(counter, ast.Tuple([constant(0), constant(size - 1)]), inner, [])
-
-    zero = constant(0.0)
-    rows = [
-        loop(j, model.SIZE, [assign(element("covariance", i, j), zero)]),
-        *(assign(element(a, i), zero) for a in ("jacobian", "measured_row", "kalman_gain", "work_u", "work_v")),
+def _start(design: Design, settings: Settings, s: NDArray[np.float64]) -> list[str]:
+    """Return the lines that set the memory before the first sample."""
+    lines = [f"for start_i in range({model.SIZE}):", f"    for start_j in range({model.SIZE}):"]
+    lines += [
+        "        P[start_i, start_j] = 0.0",
+        *(f"    {array}[start_i] = 0.0" for array in ("a", "h", "K", "u", "v")),
     ]
-    out = [loop(i, model.SIZE, rows), loop(i, model.MEMORY, [assign(element("memory", i), zero)])]
-    states = [constant(k, f"STATE_{text}") for k, text in enumerate(_STATES)]
-    for at, value, variance in zip(states, start(design), np.diag(covariance(s, settings)), strict=True):
-        out.append(assign(element("state", at), constant(float(value))))
-        out.append(assign(element("covariance", at, at), constant(float(variance))))
-    out.append(
-        assign(element("memory", constant(model.T_LAST, "MEMORY_T_LAST")), constant(float(memory()[model.T_LAST])))
-    )
-    for first in (model.DRIFT, model.PRIOR):
-        for k in range(first, first + model.SIZE):
-            out.append(assign(element("settings", constant(k)), constant(float(s[k]))))
-    return out
+    lines += [f"for start_i in range({model.MEMORY}):", "    m[start_i] = 0.0"]
+    for name_of, value, variance in zip(_STATES, start(design), np.diag(covariance(s, settings)), strict=True):
+        lines += [f"x[{name_of}] = {float(value)!r}", f"P[{name_of}, {name_of}] = {float(variance)!r}"]
+    lines.append(f"m[T_LAST] = {float(memory()[model.T_LAST])!r}")
+    drifting = (k for first in (model.DRIFT, model.PRIOR) for k in range(first, first + model.SIZE))
+    return [*lines, *(f"s[{k}] = {float(s[k])!r}" for k in drifting)]

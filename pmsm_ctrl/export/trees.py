@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+import operator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 __all__ = [
@@ -14,13 +15,9 @@ __all__ = [
 Statements = list[ast.stmt]
 
 INTRINSIC = ("abs", "min", "max", "sqrt", "sin", "cos", "exp", "isfinite")
-_COMPUTED = {
-    ast.Add: lambda a, b: a + b,
-    ast.Sub: lambda a, b: a - b,
-    ast.Mult: lambda a, b: a * b,
-    ast.Eq: lambda a, b: a == b,
-    ast.NotEq: lambda a, b: a != b,
-}
+_COMPUTED: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Eq: operator.eq, ast.NotEq: operator.ne,
+}  # fmt: skip
 
 
 # -- making ---------------------------------------------------------------------------------------------------------
