@@ -20,7 +20,16 @@ import numba
 
 from pmsm_ctrl.kernels.cache import SoundCache
 
-__all__ = ["OPTIONS", "cache_folder", "compiled_sources", "inlined", "kernel", "soundly_cached", "source_hash"]
+__all__ = [
+    "OPTIONS",
+    "cache_folder",
+    "compiled_sources",
+    "inlined",
+    "kernel",
+    "soundly_cached",
+    "source_hash",
+    "uncontracted",
+]
 
 # Contraction only: it gives the fused multiply-add (1.6 x) and keeps NaN, infinity and signed zero exact.
 OPTIONS: dict[str, Any] = {
@@ -34,7 +43,7 @@ _INLINED = {**OPTIONS, "forceinline": True, "no_cpython_wrapper": True}
 
 
 # What compiles; a test holds it against every use of numba in the package.
-_COMPILES = re.compile(rb"@(?:kernel|inlined)\b|\bnjit\(")
+_COMPILES = re.compile(rb"@(?:kernel|inlined|uncontracted)\b|\bnjit\(")
 
 
 def compiled_sources() -> list[Path]:
@@ -78,6 +87,15 @@ def kernel(function: Callable[..., Any]) -> Any:
     What was typed at a prompt has no file, and so no place in the cache: it is compiled anew in every process.
     """
     return soundly_cached(numba.njit(**{**OPTIONS, "cache": _on_file(function)})(function))
+
+
+def uncontracted(function: Callable[..., Any]) -> Any:
+    """Compile without fused multiply-add: the same bits as a library in C that was built for every processor.
+
+    For filters that stand in the place of scipy's, and cost the same without.
+    """
+    options = {**OPTIONS, "fastmath": False, "cache": _on_file(function)}
+    return soundly_cached(numba.njit(**options)(function))
 
 
 def inlined(function: Callable[..., Any]) -> Any:

@@ -267,10 +267,8 @@ def _thinned(log: Log) -> Log:
     channels = {"t": log.t[::factor]}
     for name, values in log.channels.items():
         if name != "t":
-            channels[name] = low_pass(
-                np.unwrap(values) if name == "theta" else values, log.rate, 0.4 * log.rate / factor
-            )
-            channels[name] = channels[name][::factor]
+            whole = np.unwrap(values) if name == "theta" else values
+            channels[name] = low_pass(whole, log.rate, 0.4 * log.rate / factor, step=factor)
     return replace(log, channels=channels, segments=())
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -128,7 +128,6 @@ class Prepared:
     rate: float
     cutoff: float
     motion: str
-    shape: Callable[[Array], Array] = field(repr=False)
     notes: tuple[Notice, ...] = ()
     weight: Array | None = None
     inertia_cutoff: float | None = None
@@ -140,7 +139,7 @@ class Prepared:
 
     def smooth(self, values: Array) -> Array:
         """Filter signals over the log's own grid, shape (..., n), and thin them to shape (..., m)."""
-        return self.shape(values)[..., self.keep]
+        return low_pass(values, self.rate, self.cutoff, steep=True, step=int(self.keep[1] - self.keep[0]))
 
     @property
     def mask(self) -> Mask:
@@ -248,12 +247,9 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
         notes = (*notes, words.TORQUE_JUMPS(percent=100.0 * len(spikes) / len(t)))
     keep = np.arange(0, len(t), _step(rate, cutoff))
 
-    def shape(values: Array) -> Array:
-        return low_pass(values, rate, cutoff, steep=True)
-
     weight = np.where(rest, 0.0, 1.0) if processing.blank else None
     prepared = Prepared(
-        t, signals, alpha, moving, keep, rate, cutoff, log.motion, shape, notes, weight, processing.inertia_cutoff
+        t, signals, alpha, moving, keep, rate, cutoff, log.motion, notes, weight, processing.inertia_cutoff
     )
     if int(prepared.mask.sum()) < 20:
         usable = int((moving & ~rest).sum()) / rate

@@ -35,7 +35,7 @@ LEVELS = [
     {"cli"},
     {"__main__"},
 ]
-SIBLINGS = {("log", "design"), ("tune", "simulate")}
+SIBLINGS = {("log", "design"), ("tune", "simulate"), ("evidence", "kernels")}
 ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "section", "rendering", "importers"}
 
 ONLY_IN = {"control": "tune", "filterpy": "track"}

@@ -1,0 +1,163 @@
+"""Compiled filters over many columns at once: zero-phase low-pass with thinning, and whitening by short filters.
+
+A recursive filter waits for its own last output, so that one column alone leaves most of the processor idle. Columns
+side by side in memory are filtered in the same instructions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.kernels import kernel, uncontracted
+
+__all__ = ["LANES", "coloured_back", "whitened", "zero_phase"]
+
+Array = NDArray[np.float64]
+
+LANES = 16  # columns side by side: two cache lines
+
+
+@uncontracted
+def _recursive(rows: Array, sections: Array, settled: Array, backward: bool) -> None:
+    """Run second-order sections over rows of shape (n, lanes), in place, from rest at the first value.
+
+    Direct form II transposed: bit for bit what scipy's ``sosfilt`` does.
+    """
+    n, lanes = rows.shape
+    count = sections.shape[0]
+    state = np.empty((count, 2, lanes))
+    first = n - 1 if backward else 0
+    for s in range(count):
+        for c in range(lanes):
+            state[s, 0, c] = settled[s, 0] * rows[first, c]
+            state[s, 1, c] = settled[s, 1] * rows[first, c]
+    for k in range(n):
+        i = n - 1 - k if backward else k
+        for s in range(count):
+            b0, b1, b2 = sections[s, 0], sections[s, 1], sections[s, 2]
+            a1, a2 = sections[s, 4], sections[s, 5]
+            for c in range(lanes):
+                x = rows[i, c]
+                y = b0 * x + state[s, 0, c]
+                state[s, 0, c] = b1 * x - a1 * y + state[s, 1, c]
+                state[s, 1, c] = b2 * x - a2 * y
+                rows[i, c] = y
+
+
+@uncontracted
+def _four_sections(rows: Array, sections: Array, settled: Array, backward: bool) -> None:
+    """Do what `_recursive` does for one column and at most four sections, whose state stays in registers."""
+    a = np.zeros((4, 6))
+    a[:, 0] = 1.0  # a section that passes everything
+    rest = np.zeros((4, 2))
+    for s in range(sections.shape[0]):
+        a[s] = sections[s]
+        rest[s] = settled[s]
+    n = rows.shape[0]
+    x = rows[n - 1 if backward else 0, 0]
+    p0, p1, p2, p3 = rest[0, 0] * x, rest[1, 0] * x, rest[2, 0] * x, rest[3, 0] * x
+    q0, q1, q2, q3 = rest[0, 1] * x, rest[1, 1] * x, rest[2, 1] * x, rest[3, 1] * x
+    for k in range(n):
+        i = n - 1 - k if backward else k
+        x = rows[i, 0]
+        y = a[0, 0] * x + p0
+        p0 = a[0, 1] * x - a[0, 4] * y + q0
+        q0 = a[0, 2] * x - a[0, 5] * y
+        x = a[1, 0] * y + p1
+        p1 = a[1, 1] * y - a[1, 4] * x + q1
+        q1 = a[1, 2] * y - a[1, 5] * x
+        y = a[2, 0] * x + p2
+        p2 = a[2, 1] * x - a[2, 4] * y + q2
+        q2 = a[2, 2] * x - a[2, 5] * y
+        x = a[3, 0] * y + p3
+        p3 = a[3, 1] * y - a[3, 4] * x + q3
+        q3 = a[3, 2] * y - a[3, 5] * x
+        rows[i, 0] = x
+
+
+@uncontracted
+def zero_phase(values: Array, sections: Array, settled: Array, pad: int, step: int, out: Array) -> None:
+    """Filter forward and backward, both ends mirrored in their last value, and keep every `step`-th sample.
+
+    Parameters
+    ----------
+    values : array, shape (k, n)
+    sections : array, shape (sections, 6)
+        Second-order sections.
+    settled : array, shape (sections, 2)
+        Their state after a constant one.
+    pad : int
+        Samples by which both ends are continued, below n.
+    step : int
+    out : array, shape (k, ceil(n / step))
+        Filled.
+    """
+    columns, n = values.shape
+    sweeps = (columns + LANES - 1) // LANES
+    for sweep in range(sweeps):
+        start = sweep * columns // sweeps
+        lanes = (sweep + 1) * columns // sweeps - start
+        rows = np.empty((n + 2 * pad, lanes))
+        for c in range(lanes):
+            first, last = values[start + c, 0], values[start + c, n - 1]
+            for i in range(pad):
+                rows[i, c] = 2.0 * first - values[start + c, pad - i]
+                rows[pad + n + i, c] = 2.0 * last - values[start + c, n - 2 - i]
+            for i in range(n):
+                rows[pad + i, c] = values[start + c, i]
+        if lanes == 1 and len(sections) <= 4:
+            _four_sections(rows, sections, settled, False)
+            _four_sections(rows[pad:], sections, settled, True)
+        else:
+            _recursive(rows, sections, settled, False)
+            _recursive(rows[pad:], sections, settled, True)
+        for c in range(lanes):
+            for j in range(out.shape[1]):
+                out[start + c, j] = rows[pad + j * step, c]
+
+
+@kernel
+def whitened(values: Array, position: NDArray[np.int64], filters: Array, out: Array) -> None:
+    """Apply to every sample the filter of as many predecessors as it has in its stretch.
+
+    Parameters
+    ----------
+    values, out : array, shape (k, n)
+    position : int array, shape (n,)
+        Number of samples before each one in its own stretch.
+    filters : array, shape (order + 1, order + 1)
+        Row o holds the coefficients of lags 0 to o.
+    """
+    order = filters.shape[0] - 1
+    columns, n = values.shape
+    for c in range(columns):
+        for i in range(n):
+            out[c, i] = filters[order, 0] * values[c, i]
+        for lag in range(1, order + 1):
+            weight = filters[order, lag]
+            for i in range(lag, n):
+                out[c, i] += weight * values[c, i - lag]
+        for i in range(n):
+            known = position[i]
+            if known < order:
+                total = 0.0
+                for lag in range(known + 1):
+                    total += filters[known, lag] * values[c, i - lag]
+                out[c, i] = total
+
+
+@kernel
+def coloured_back(values: Array, position: NDArray[np.int64], filters: Array, out: Array) -> None:
+    """Solve with the transposed matrix of `whitened`: ``W' out = values``; arguments as there."""
+    order = filters.shape[0] - 1
+    columns, n = values.shape
+    for c in range(columns):
+        for i in range(n):
+            out[c, i] = values[c, i]
+        for i in range(n - 1, -1, -1):
+            known = min(position[i], order)
+            x = out[c, i] / filters[known, 0]
+            out[c, i] = x
+            for lag in range(1, known + 1):
+                out[c, i - lag] -= filters[known, lag] * x
