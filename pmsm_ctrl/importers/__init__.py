@@ -8,16 +8,16 @@ pickle is read. What had to be guessed stands in ``log.provenance.notes``; what 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError, PmsmCtrlError, RequestError
+from pmsm_ctrl.errors import LogError, PmsmCtrlError
 from pmsm_ctrl.files import sha256
 from pmsm_ctrl.importers import present as _present  # noqa: F401  (registers the report's section)
-from pmsm_ctrl.importers.build import channels_of, pieces_of
+from pmsm_ctrl.importers.build import channels_of
 from pmsm_ctrl.importers.clock import with_clock
 from pmsm_ctrl.importers.mapping import Assignment, assign
 from pmsm_ctrl.importers.plausibility import check
@@ -25,7 +25,7 @@ from pmsm_ctrl.importers.report import ImportReport, describe
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.log import Log, Provenance
 
-__all__ = ["ImportReport", "check", "describe", "open_table", "read_all", "read_log", "read_pieces"]
+__all__ = ["ImportReport", "check", "describe", "open_table", "read_all", "read_log"]
 
 _REFUSED = {
     b"PK\x03\x04": "a zip archive or Excel workbook; save the sheet as CSV",
@@ -80,39 +80,6 @@ def read_all(
     provenance = Provenance(file, digest.result(), table.format, (*table.notes, *assignment.notes, *notes))
     log = Log(channels, motion=assignment.motion, provenance=provenance)
     return replace(log, provenance=replace(provenance, notices=check(log, design))), table, assignment
-
-
-def read_pieces(
-    path: str | os.PathLike[str],
-    design: Design | None = None,
-    mapping: Mapping[str, str] | None = None,
-    rows: int = 1_000_000,
-) -> Iterator[Log]:
-    """Read a log in pieces of at most `rows` samples, for a file larger than memory.
-
-    A text file is read as the pieces are asked for; other formats are read whole and cut. An angle that wraps is
-    left as it is, and the plausibility of each piece is checked on its own.
-
-    Raises
-    ------
-    LogError
-        As `read_log`; pieces before the bad place have been given by then.
-    RequestError
-        When `rows` is below 1.
-    """
-    if rows < 1:
-        raise RequestError(f"pieces of {rows} rows; at least 1 was expected")
-    target, file = _existing(path)
-    table, spelled = with_clock(open_table(target, design), design, mapping)
-    if table.blocks is None:
-        whole = read_log(path, design, mapping)
-        yield from (whole.slice(start, start + rows) for start in range(0, len(whole), rows))
-        return
-    assignment = assign(table, design, spelled)
-    provenance = Provenance(file, "", table.format, (*table.notes, *assignment.notes))
-    for channels in pieces_of(table, assignment, rows):
-        log = Log(channels, motion=assignment.motion, provenance=provenance)
-        yield replace(log, provenance=replace(provenance, notices=check(log, design)))
 
 
 def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Table:

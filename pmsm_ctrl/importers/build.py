@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.mapping import Assignment, Source
 from pmsm_ctrl.importers.table import Array, Table
 
-__all__ = ["channels_of", "pieces_of"]
+__all__ = ["channels_of"]
 
 
 def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array], tuple[str, ...]]:
@@ -32,43 +31,18 @@ def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array],
     notes: list[str] = []
     for group, index in times.items():
         gain = _time_gain(table, assignment, index)
-        rasters[group] = check_time(table, index, loaded[index], gain)
+        rasters[group] = _check_time(table, index, loaded[index], gain)
     channels: dict[int, dict[str, Array]] = {group: {} for group in times}
     for source in sources:
         if source.channel == "t":
             continue
         group = table.columns[source.column].group
-        channels[group][source.channel] = convert(table, source, loaded[source.column])
+        channels[group][source.channel] = _convert(table, source, loaded[source.column])
     result, resampled = on_one_raster(rasters, channels, table.file)
     unwrapped = _unwrap(result) if assignment.motion == "rotary" else []
     for values in result.values():
         values.setflags(write=False)  # a log shares what nobody can write to and copies the rest
     return result, (*notes, *resampled, *unwrapped)
-
-
-def pieces_of(table: Table, assignment: Assignment, rows: int) -> Iterator[dict[str, Array]]:
-    """Yield SI channels of at most `rows` samples each, in order, of a table that can be read in blocks.
-
-    Raises
-    ------
-    LogError
-        As `channels_of`, also where time does not increase from one piece to the next.
-    """
-    assert table.blocks is not None
-    sources = assignment.sources
-    time = next(source for source in sources if source.channel == "t")
-    first, last = 0, -math.inf
-    for block in table.blocks([source.column for source in sources]):
-        for start in range(0, block[0].size, rows):
-            values = dict(zip(sources, (column[start : start + rows] for column in block), strict=True))
-            t = check_time(table, time.column, values[time], time.gain, first)
-            if t[0] <= last:
-                place = table.locate(time.column, first)
-                raise LogError(f"{table.file}: {place}: time does not increase ({t[0]:.9g} s after {last:.9g} s)")
-            yield {s.channel: t if s is time else convert(table, s, values[s], first) for s in sources}
-            first, last = first + t.size, float(t[-1])
-    if first == 0:
-        raise LogError(f"{table.file}: no rows of numbers; at least one was expected")
 
 
 def _time_columns(table: Table, assignment: Assignment) -> dict[int, int]:
@@ -105,8 +79,8 @@ def _time_gain(table: Table, assignment: Assignment, index: int) -> float:
     return factor
 
 
-def convert(table: Table, source: Source, values: Array, first: int = 0) -> Array:
-    """Return SI values; one that is not finite is an error with its place. `first` counts the rows before."""
+def _convert(table: Table, source: Source, values: Array) -> Array:
+    """Return SI values; one that is not finite is an error with its place."""
     if not math.isfinite(source.gain) or source.gain == 0.0:
         what = f"channel '{source.channel}': factor {source.gain}"
         raise LogError(f"{table.file}: {what}; a finite number other than 0 was expected")
@@ -116,13 +90,11 @@ def convert(table: Table, source: Source, values: Array, first: int = 0) -> Arra
     if not finite.all():
         row = int(np.argmin(finite))
         found = "empty or not a number" if np.isnan(values[row]) else f"{values[row]:g}"
-        raise LogError(
-            f"{table.file}: {table.locate(source.column, first + row)}: {found}; a finite number was expected"
-        )
+        raise LogError(f"{table.file}: {table.locate(source.column, row)}: {found}; a finite number was expected")
     return result
 
 
-def check_time(table: Table, index: int, values: Array, gain: float, first: int = 0) -> Array:
+def _check_time(table: Table, index: int, values: Array, gain: float) -> Array:
     """Return time in s; time that is not finite or does not increase is an error with its place."""
     if values.size == 0:
         raise LogError(f"{table.file}: no rows of numbers; at least one was expected")
@@ -130,12 +102,12 @@ def check_time(table: Table, index: int, values: Array, gain: float, first: int 
     finite = np.isfinite(t)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise LogError(f"{table.file}: {table.locate(index, first + row)}: {values[row]:g} found; a time was expected")
+        raise LogError(f"{table.file}: {table.locate(index, row)}: {values[row]:g} found; a time was expected")
     step = np.diff(t)
     if t.size > 1 and not (step > 0).all():
         row = int(np.argmin(step > 0)) + 1
         what = "the same time stamp twice" if step[row - 1] == 0 else "time runs backwards"
-        place = table.locate(index, first + row)
+        place = table.locate(index, row)
         raise LogError(f"{table.file}: {place}: {what} ({values[row]:.9g} after {values[row - 1]:.9g})")
     return t
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -43,20 +43,16 @@ def with_clock(
     clock = Column(name="Time", unit="s", header=f"every {match[1]} {match[2]}", group=table.columns[0].group)
 
     def load(indices: Sequence[int]) -> list[Array]:
-        return _filled(indices, table.load([i for i in indices if i != last] or [0]), last, period, 0)
-
-    def blocks(indices: Sequence[int]) -> Iterator[list[Array]]:
-        assert table.blocks is not None
-        first = 0
-        for block in table.blocks([i for i in indices if i != last] or [0]):
-            yield _filled(indices, block, last, period, first)
-            first += block[0].size
+        values = table.load([i for i in indices if i != last] or [0])
+        loaded = iter(values)
+        # multiplied, not added up: the error of the period must not grow with the row
+        clock: Array = np.arange(values[0].size, dtype=np.float64) * period
+        return [clock if i == last else next(loaded) for i in indices]
 
     timed = replace(
         table,
         columns=(*table.columns, clock),
         load=load,
-        blocks=blocks if table.blocks is not None else None,
         locate=lambda column, row: f"row {row + 1}" if column == last else table.locate(column, row),
     )
     return timed, {**(mapping or {}), "t": f"#{last + 1}"}
@@ -68,11 +64,3 @@ def _seconds(number: str, unit: str) -> tuple[float, str]:
         return float(number.replace(",", ".")) * factor, si
     except ValueError:
         return math.nan, si
-
-
-def _filled(indices: Sequence[int], values: list[Array], last: int, period: float, first: int) -> list[Array]:
-    """Put the clock among the loaded columns."""
-    loaded = iter(values)
-    # multiplied, not added up: the error of the period must not grow with the row
-    clock: Array = np.arange(first, first + values[0].size, dtype=np.float64) * period
-    return [clock if i == last else next(loaded) for i in indices]

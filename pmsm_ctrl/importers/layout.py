@@ -34,11 +34,9 @@ __all__ = [
     "place_header",
     "separator_name",
     "split_line",
-    "text_note",
 ]
 
 SAMPLE = 1 << 18  # bytes that are looked at
-TEXT_LEFT_OUT = "text columns left out"
 MAX_LINE = 1 << 24  # bytes; what is longer is no table
 SEPARATORS = (";", "\t", ",", "|", " ")
 _NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$|\s*[+-]?(nan|inf|infinity)\s*$", re.IGNORECASE)
@@ -268,7 +266,6 @@ def place_header(lines: list[str], separator: str, encoding: str, file: str) -> 
     _refuse_text_above(rows, first, above, file)
     header, units, _ = above
     notes = [] if header else ["no header line found; columns are #1, #2, ..."]
-    notes += text_note(header, text_columns)
     unused = sum(1 for line in lines[:first] if line.strip()) - bool(header) - bool(units)
     if unused:
         notes.append(f"{unused} line{'s' if unused > 1 else ''} above the numbers not used")
@@ -285,12 +282,6 @@ def place_header(lines: list[str], separator: str, encoding: str, file: str) -> 
         False,
         tuple(notes),
     )
-
-
-def text_note(header: Sequence[str], columns: Sequence[int]) -> list[str]:
-    """Return the note on columns that hold words; none where there are none."""
-    names = (f"'{header[i]}'" if i < len(header) else f"#{i + 1}" for i in columns)
-    return [f"{TEXT_LEFT_OUT}: {', '.join(names)}"] if columns else []
 
 
 def _text_columns(rows: list[list[str]], width: int) -> tuple[int, ...]:

@@ -19,7 +19,7 @@ from pmsm_ctrl.importers.layout import Layout, pieces, split_line
 from pmsm_ctrl.importers.stamps import dated
 from pmsm_ctrl.importers.table import Array, one_line
 
-__all__ = ["line_of_row", "parse_numpy", "parse_pyarrow", "parse_rows", "read_columns", "row_blocks"]
+__all__ = ["line_of_row", "parse_numpy", "parse_pyarrow", "parse_rows", "read_columns"]
 
 NUMPY_FROM = 1 << 16  # bytes; below, the twin is as quick
 PYARROW_FROM = 1 << 23  # bytes; below, loading pyarrow takes longer than parsing
@@ -38,7 +38,7 @@ def read_columns(path: str | Path, file: str, layout: Layout, columns: Sequence[
         return []
     rows, capacity = 0, _estimated_rows(path, layout)
     out = [np.empty(capacity) for _ in columns]
-    for block in row_blocks(path, file, layout, columns):
+    for block in _row_blocks(path, file, layout, columns):
         stop = rows + block[0].size
         if stop > capacity:
             capacity = max(stop, capacity * 3 // 2)
@@ -63,8 +63,8 @@ def _estimated_rows(path: str | Path, layout: Layout) -> int:
     return int(1.05 * size / max(2.0 * layout.width, length)) + 16
 
 
-def row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[int]) -> Iterator[list[Array]]:
-    """Yield the rows in blocks, one array per column, so that a file may be larger than memory."""
+def _row_blocks(path: str | Path, file: str, layout: Layout, columns: Sequence[int]) -> Iterator[list[Array]]:
+    """Yield the rows in blocks, one array per column."""
     for c in columns:
         if c in layout.text_columns:
             message = f"{file}: column {c + 1} ('{one_line(layout.header[c][:60])}') holds text; numbers were expected"

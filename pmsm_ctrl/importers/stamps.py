@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.layout import TEXT_LEFT_OUT, Form, Layout, Stamps, split_line, text_note
+from pmsm_ctrl.importers.layout import Form, Layout, Stamps, split_line
 from pmsm_ctrl.importers.names import guess_channel, split_header
 from pmsm_ctrl.importers.table import one_line
 
@@ -184,11 +184,9 @@ def _stamped(layout: Layout, column: int, form: Form, rows: list[list[str]]) -> 
     begin = begin.split("T")[1] if form.name == OF_DAY else begin.replace("T", " ")
     header = layout.header[column] if column < len(layout.header) else f"#{column + 1}"
     left = tuple(c for c in layout.text_columns if c != column)
-    notes = [note for note in layout.notes if not note.startswith(TEXT_LEFT_OUT)]
-    notes += text_note(layout.header, left)
-    notes.append(f"t from '{one_line(header)}', read as {form.name}, counted from its first row, {begin}")
+    note = f"t from '{one_line(header)}', read as {form.name}, counted from its first row, {begin}"
     date = rows[0][column].split()[0] if form.name == _EITHER else ""
-    return replace(layout, text_columns=left, notes=tuple(notes), stamps=Stamps(column, form, origin, date))
+    return replace(layout, text_columns=left, notes=(*layout.notes, note), stamps=Stamps(column, form, origin, date))
 
 
 def dated(

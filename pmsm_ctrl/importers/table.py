@@ -6,7 +6,7 @@ of bytes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -78,8 +78,6 @@ class Table:
         Takes (column index, sample) and returns the place in words a reader of the file understands.
     facts : dict
         What was understood of the layout (separator, decimal mark, encoding, ...), for the import report.
-    blocks : callable, optional
-        Like `load`, but yields the rows in blocks; only where all columns share one time base.
     """
 
     file: str
@@ -89,7 +87,6 @@ class Table:
     locate: Callable[[int, int], str]
     notes: tuple[str, ...] = ()
     facts: dict[str, str] = field(default_factory=dict)
-    blocks: Callable[[Sequence[int]], Iterator[list[Array]]] | None = None
 
     @property
     def groups(self) -> tuple[int, ...]:

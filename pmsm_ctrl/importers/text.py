@@ -12,7 +12,7 @@ import numpy as np
 from pmsm_ctrl.importers import twincat
 from pmsm_ctrl.importers.layout import Layout, opening, place_header, separator_name
 from pmsm_ctrl.importers.names import guess_channel, split_header
-from pmsm_ctrl.importers.numbers import line_of_row, read_columns, row_blocks
+from pmsm_ctrl.importers.numbers import line_of_row, read_columns
 from pmsm_ctrl.importers.stamps import with_stamps
 from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.log import CHANNELS
@@ -78,7 +78,7 @@ def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], k
         "decimal mark": mark,
         "first row of numbers": f"line {layout.first_line}",
     }
-    notes = list(layout.notes)
+    notes = [*layout.notes, *_text_note(layout.header, layout.text_columns)]
     if kind != "canonical CSV":
         notes.insert(0, f"read as {layout.encoding} text, separator {facts['separator']}, decimal {mark}")
 
@@ -90,8 +90,13 @@ def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], k
             return read_columns(path, file, layout, indices)
         return _load_ragged(path, file, layout, columns, indices)
 
-    blocks = None if layout.ragged else lambda indices: row_blocks(path, file, layout, indices)
-    return Table(file, kind, columns, load, locate, tuple(notes), facts, blocks)
+    return Table(file, kind, columns, load, locate, tuple(notes), facts)
+
+
+def _text_note(header: Sequence[str], columns: Sequence[int]) -> list[str]:
+    """Return the note on columns that hold words; none where there are none."""
+    names = (f"'{header[i]}'" if i < len(header) else f"#{i + 1}" for i in columns)
+    return [f"text columns left out: {', '.join(names)}"] if columns else []
 
 
 def _load_ragged(

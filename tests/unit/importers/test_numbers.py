@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pmsm_ctrl.errors import LogError, RequestError
-from pmsm_ctrl.importers import numbers, read_log, read_pieces
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers import numbers, read_log
 from pmsm_ctrl.importers.layout import Layout
 from pmsm_ctrl.importers.numbers import parse_numpy, parse_pyarrow, parse_rows
 
@@ -100,29 +100,3 @@ def test_blank_lines_and_line_ends_across_pieces(tmp_path: Path) -> None:
     path.write_bytes(("t [s],theta [rad],i_q [A]\r\n" + "".join(lines) + "7,7,7").encode())
     with pytest.raises(LogError, match=r"line 4042, column 1 .*time runs backwards"):
         read_log(path)
-
-
-@pytest.mark.usefixtures("small_limits")
-def test_pieces_of_a_file_add_up_to_the_whole(tmp_path: Path, rng: np.random.Generator) -> None:
-    lines = [f"{k * 1e-3!r},{rng.normal()!r},{k}" for k in range(3000)]
-    path = tmp_path / "log.csv"
-    path.write_text("t [s],theta [rad],i_q [A]\n" + "\n".join(lines) + "\n")
-    whole = read_log(path)
-    parts = list(read_pieces(path, rows=70))
-    assert max(len(part) for part in parts) == 70
-    assert len(parts) > 40
-    for name in whole:
-        assert np.concatenate([part[name] for part in parts]).tobytes() == whole[name].tobytes()
-    lines[2000] = "0.5,1,2"
-    path.write_text("t [s],theta [rad],i_q [A]\n" + "\n".join(lines) + "\n")
-    with pytest.raises(LogError, match=r"line 2002, column 1 .*time"):
-        list(read_pieces(path, rows=70))
-    with pytest.raises(RequestError, match="at least 1"):
-        list(read_pieces(path, rows=0))
-
-
-def test_pieces_of_other_formats(measured, designs: Path) -> None:
-    from pmsm_ctrl.design import Design
-
-    parts = list(read_pieces(measured("emps/DATA_EMPS.mat"), Design.read(designs / "emps.toml"), rows=10000))
-    assert [len(part) for part in parts] == [10000, 10000, 4841]

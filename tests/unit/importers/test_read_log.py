@@ -10,7 +10,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers import read_log, read_pieces
+from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 
 GOOD = "t [s],theta [rad],i_q [A]\n0,0,1\n0.001,0.1,2\n0.002,0.2,3\n0.003,0.3,2\n"
@@ -264,8 +264,6 @@ def test_a_file_without_time_gets_a_clock(tmp_path: Path, spec: str) -> None:
     log = read_log(write(tmp_path, text), mapping={"t": spec})
     np.testing.assert_allclose(log.t, 0.000125 * np.arange(50), rtol=1e-15)
     assert log["i_q"][4] == 1.0
-    parts = list(read_pieces(tmp_path / "log.csv", mapping={"t": spec}, rows=7))
-    assert np.concatenate([part.t for part in parts]).tobytes() == log.t.tobytes()
 
 
 @pytest.mark.parametrize(

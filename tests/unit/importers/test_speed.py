@@ -1,9 +1,7 @@
-"""Ten million rows in under ten seconds, and pieces that need little memory."""
+"""Ten million rows in under ten seconds."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -40,19 +38,3 @@ def test_ten_million_rows(large: Path) -> None:
     # Work, not the clock: other programs on the machine must not decide. With two free processors the clock
     # shows less than this sum over the threads.
     assert used < 10.0
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the peak memory from Linux")
-def test_pieces_stay_small(large: Path) -> None:
-    # VmHWM and not ru_maxrss: the latter is handed down from the parent process
-    code = (
-        "import re, sys; from pmsm_ctrl.importers import read_pieces\n"
-        "n = sum(len(part) for part in read_pieces(sys.argv[1], rows=200_000))\n"
-        "print(n, re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1])"
-    )
-    run = subprocess.run([sys.executable, "-c", code, str(large)], capture_output=True, text=True, check=True)
-    rows, kilobytes = map(int, run.stdout.split())
-    print(f"peak {kilobytes / 1e3:.0f} MB for a file of {large.stat().st_size / 1e6:.0f} MB")
-    assert rows == ROWS
-    assert kilobytes < 400_000

@@ -10,7 +10,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers import describe, numbers, read_log, read_pieces
+from pmsm_ctrl.importers import describe, numbers, read_log
 
 START = datetime(2024, 5, 17, 23, 59, 58, 250_000)
 STEP = timedelta(milliseconds=12.5)
@@ -72,7 +72,6 @@ def test_every_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, 
     (note,) = (note for note in log.provenance.notes if "counted from its first row" in note)
     assert f"t from 'Timestamp', read as {form}" in note
     assert "23:59:58.25" in note or "21:59:58.25" in note  # a zone is turned into UTC
-    assert np.concatenate([part.t for part in read_pieces(path, rows=37)]).tolist() == log.t.tolist()
     assert log["i_q"].tolist() == list(range(300))
 
 
