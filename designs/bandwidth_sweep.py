@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from pmsm_ctrl import Design, simulate, tune
 from pmsm_ctrl.simulate import scenario
+from pmsm_ctrl.tune import Specification
 
 design = Design.read(Path(__file__).with_name("seed_motor.toml"))
 F_c = 0.8 * design.parameters("coulomb")["F_c"]
@@ -25,7 +26,8 @@ def compensated(t):
 
 rows = []
 for bandwidth in (20.0, 30.0, 45.0, 60.0, 80.0):
-    tuning = tune(design, speed="bandwidth", speed_bandwidth=bandwidth, phase_margin=60.0, prove=False)
+    wanted = Specification(speed="bandwidth", speed_bandwidth=bandwidth, phase_margin=60.0)
+    tuning = tune(design, wanted, prove=False)
     log = simulate(tuning.design, replace(slow, references=compensated), keep_truth=True)
     error = np.sqrt(np.mean((log["omega_ref"] - log["omega_true"]) ** 2))
     margins = tuning.margins["speed"]

@@ -152,7 +152,7 @@ def tune(
 ) -> None:
     """Tune the loops from the datasheet. Status 1 when a margin falls short."""
     from pmsm_ctrl.errors import RequestError
-    from pmsm_ctrl.tune import UnstableLoopError, assess
+    from pmsm_ctrl.tune import Specification, UnstableLoopError, assess
     from pmsm_ctrl.tune import tune as run_tuning
 
     if keep and (robust or current_bandwidth is not None or speed_bandwidth is not None):
@@ -163,11 +163,11 @@ def tune(
             if keep:
                 result = assess(believed, prove=prove, seed=seed)
             else:
-                result = run_tuning(
-                    believed, current=current, speed=speed, current_bandwidth=current_bandwidth,
-                    speed_bandwidth=speed_bandwidth, phase_margin=phase_margin, robust=robust, prove=prove, seed=seed,
-                    progress=progress,
+                wanted = Specification(
+                    current=current, speed=speed, current_bandwidth=current_bandwidth, speed_bandwidth=speed_bandwidth,
+                    phase_margin=phase_margin, robust=robust,
                 )  # fmt: skip
+                result = run_tuning(believed, wanted, prove=prove, seed=seed, progress=progress)
     except UnstableLoopError as error:
         if report is not None:  # the loop's Nyquist plot tells more than the line on stderr
             write_report(report, error.section())

@@ -1,6 +1,6 @@
-"""Control design with python-control: from datasheet to defended margins, proved on the sampled drive.
+"""Control design with python-control: from datasheet to margins, checked on the sampled drive.
 
-python-control takes more than a second to import, so nothing here is loaded before it is asked for.
+python-control takes more than a second to import, so what needs it is loaded on first use.
 """
 
 from __future__ import annotations
@@ -8,23 +8,26 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from pmsm_ctrl.tune import present as _present  # noqa: F401 - registers the results
+from pmsm_ctrl.tune.requirements import Requirements, Specification
+from pmsm_ctrl.tune.result import Tuning, UnstableLoopError
+
 if TYPE_CHECKING:
     from pmsm_ctrl.tune.linearise import Linearisation, OperatingPoint, linearise
     from pmsm_ctrl.tune.margins import Margins, margins
     from pmsm_ctrl.tune.optimise import optimise
     from pmsm_ctrl.tune.proof import Proof, prove
-    from pmsm_ctrl.tune.tuning import Tuning, UnstableLoopError, assess, tune
+    from pmsm_ctrl.tune.tuning import assess, tune
 
 __all__ = [
-    "Linearisation", "Margins", "OperatingPoint", "Proof", "Tuning", "UnstableLoopError", "assess", "linearise",
-    "margins", "optimise", "prove", "tune",
+    "Linearisation", "Margins", "OperatingPoint", "Proof", "Requirements", "Specification", "Tuning",
+    "UnstableLoopError", "assess", "linearise", "margins", "optimise", "prove", "tune",
 ]  # fmt: skip
 
 _HOME = {
-    "Linearisation": "linearise", "OperatingPoint": "linearise", "linearise": "linearise",
-    "Margins": "margins", "margins": "margins", "optimise": "optimise",
-    "Proof": "proof", "prove": "proof", "Tuning": "tuning", "tune": "tuning",
-    "UnstableLoopError": "tuning", "assess": "tuning",
+    "Linearisation": "linearise", "OperatingPoint": "linearise", "linearise": "linearise", "Margins": "margins",
+    "margins": "margins", "optimise": "optimise", "Proof": "proof", "prove": "proof", "assess": "tuning",
+    "tune": "tuning",
 }  # fmt: skip
 
 

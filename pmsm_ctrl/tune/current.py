@@ -17,40 +17,70 @@ from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.delays import delays
 from pmsm_ctrl.tune.margins import response
+from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.sampled import current_loop
 
 __all__ = [
-    "METHODS", "highest_bandwidth", "modulus_optimum", "pi_for_margin", "pole_cancellation", "tune_current",
+    "METHODS", "check_bandwidth", "check_method", "highest_bandwidth", "modulus_optimum", "phase_limit",
+    "pi_for_margin", "pole_cancellation", "tune_current",
 ]  # fmt: skip
 
 METHODS = ("modulus_optimum", "pole_cancellation", "bandwidth")
-LEAST_LAG = math.radians(3.0)  # the least lag of the PI at crossover: T_n of about 19 / omega_c
+LEAST_LAG = math.radians(3.0)  # smallest lag of the PI at crossover: T_n of about 19 / omega_c
 
 
 def pole_cancellation(R: float, L: float, bandwidth: float) -> tuple[float, float]:
-    """K_p in V/A and T_n in s for a closed loop alpha / (s + alpha), alpha = 2 pi `bandwidth` (Hz)."""
+    """Return the PI whose closed loop is alpha / (s + alpha) with alpha = 2 pi `bandwidth`.
+
+    Parameters
+    ----------
+    R, L : float
+        Winding, Ohm and H.
+    bandwidth : float
+        Hz.
+
+    Returns
+    -------
+    K_p, T_n : float
+        V/A and s.
+    """
     return 2.0 * math.pi * bandwidth * L, L / R
 
 
 def modulus_optimum(R: float, L: float, T_sigma: float) -> tuple[float, float]:
-    """K_p in V/A and T_n in s for the small time constant T_sigma in s: damping 1/sqrt(2), 4.3 % overshoot."""
+    """Return the PI of the modulus optimum: damping 1/sqrt(2), 4.3 % overshoot.
+
+    Parameters
+    ----------
+    R, L : float
+        Winding, Ohm and H.
+    T_sigma : float
+        Sum of the small time constants, s.
+
+    Returns
+    -------
+    K_p, T_n : float
+        V/A and s.
+    """
     return L / (2.0 * T_sigma), L / R
 
 
 def pi_for_margin(plant: Any, crossover: float, phase_margin: float) -> tuple[float, float]:
-    """Gain and reset time of the discrete PI that crosses at a frequency with a phase margin, in closed form.
+    """Return the discrete PI that crosses at a frequency with a phase margin, in closed form.
 
     Parameters
     ----------
     plant : control.StateSpace
-        Discrete plant that the PI sees.
-    crossover : Hz
-    phase_margin : deg
+        Discrete plant that the PI acts on.
+    crossover : float
+        Hz.
+    phase_margin : float
+        deg.
 
     Returns
     -------
-    K_p, T_n
-        T_n in s, NaN where the plant's own lag leaves no room for an integrator.
+    K_p, T_n : float
+        T_n in s; both NaN where no PI has this phase there.
     """
     T = plant.dt
     w = 2.0 * math.pi * crossover
@@ -67,7 +97,21 @@ def pi_for_margin(plant: Any, crossover: float, phase_margin: float) -> tuple[fl
 
 
 def phase_limit(plant: Any, phase_margin: float, least_lag: float = LEAST_LAG) -> float:
-    """Highest crossover in Hz at which the plant's phase leaves this margin (deg) and the least lag of a PI."""
+    """Return the highest crossover at which the plant's phase leaves a margin and the smallest lag of a PI.
+
+    Parameters
+    ----------
+    plant : control.StateSpace
+    phase_margin : float
+        deg.
+    least_lag : float
+        rad.
+
+    Returns
+    -------
+    float
+        Hz; NaN where no frequency does.
+    """
     T = plant.dt
     omega = np.geomspace(1e-4, 0.999, 4000) * math.pi / T
     phase = np.unwrap(np.angle(response(plant, omega)))
@@ -82,66 +126,68 @@ def phase_limit(plant: Any, phase_margin: float, least_lag: float = LEAST_LAG) -
 
 
 def highest_bandwidth(design: Design, phase_margin: float = 45.0) -> float:
-    """Highest crossover of the current loop in Hz that the sampling and the delay allow at this margin (deg)."""
+    """Return the highest crossover of the current loop that sampling and delay allow.
+
+    Parameters
+    ----------
+    design : Design
+    phase_margin : float
+        To be kept, deg.
+
+    Returns
+    -------
+    float
+        Hz.
+    """
     return min(phase_limit(_winding(design, axis), phase_margin) for axis in ("d", "q"))
 
 
-def _winding(design: Design, axis: str, truth: Design | None = None) -> Any:
+def _winding(design: Design, axis: str) -> Any:
     """The plant of one axis: the loop with a unit gain and no integrator."""
-    return current_loop(design, CurrentLoop(K_p=1.0, T_n=1e9, K_p_d=1.0, T_n_d=1e9), axis, truth)
+    return current_loop(design, CurrentLoop(K_p=1.0, T_n=1e9, K_p_d=1.0, T_n_d=1e9), axis)
 
 
-def tune_current(
-    design: Design,
-    method: str = "modulus_optimum",
-    *,
-    bandwidth: float | None = None,
-    phase_margin: float = 60.0,
-) -> CurrentLoop:
+def tune_current(design: Design, specification: Specification | None = None) -> CurrentLoop:
     """Return the current controllers of both axes.
 
     Parameters
     ----------
     design : Design
-    method : {"modulus_optimum", "pole_cancellation", "bandwidth"}
-        "bandwidth" meets crossover *and* phase margin on the sampled loop; the others cancel the winding's pole.
-    bandwidth : Hz, optional
-        Crossover of the loop; required by "bandwidth". Left out, pole cancellation takes the highest one that has
-        this phase margin.
-    phase_margin : deg
-        Used by "bandwidth", and as the least margin that "pole_cancellation" is granted.
+    specification : Specification, optional
+        `current`, `current_bandwidth` and `phase_margin` are used.
+
+    Returns
+    -------
+    CurrentLoop
 
     Raises
     ------
     RequestError
         For an unknown method, or a bandwidth that the delay does not allow: the message gives the highest one.
     """
+    wanted = specification or Specification()
+    method, asked, phase_margin = wanted.current, wanted.current_bandwidth, wanted.phase_margin
     m = Plant.of(design)
-    if method not in METHODS:
+    check_method("current loop", method, METHODS)
+    if not 5.0 <= phase_margin <= 85.0:
         raise RequestError(
-            f"current loop: unknown method '{method}'{nearest(method, METHODS)} (known: {', '.join(METHODS)})"
+            f"current loop: phase margin of {phase_margin:g} deg asked for; between 5 and 85 deg is possible"
         )
-    _check_margin("current loop", phase_margin)
     budget = delays(design, CurrentLoop(K_p=1.0, T_n=1.0))
     if method == "modulus_optimum":
-        if bandwidth is not None:
+        if asked is not None:
             raise RequestError(
                 "current loop: the modulus optimum fixes the bandwidth by the delay; leave `current_bandwidth` out, "
                 "or take the method 'pole_cancellation' or 'bandwidth'"
             )
-        gains = [modulus_optimum(m.R, L, budget.current) for L in (m.L_q, m.L_d)]
-        return _loop(gains)
+        return _loop([modulus_optimum(m.R, L, budget.current) for L in (m.L_q, m.L_d)])
     limit = highest_bandwidth(design, phase_margin)
-    if method == "bandwidth" and bandwidth is None:
-        raise RequestError(
-            f"current loop: the method 'bandwidth' needs a bandwidth in Hz (up to {limit:.4g} Hz is possible)"
-        )
-    if bandwidth is not None:
-        check_bandwidth("current loop", bandwidth, limit, phase_margin, budget.explain_current())
-    f = bandwidth if bandwidth is not None else limit
+    if asked is not None or method == "bandwidth":
+        asked = check_bandwidth("current loop", asked, limit, phase_margin, budget.explain_current())
     if method == "pole_cancellation":
-        return _loop([pole_cancellation(m.R, L, f) for L in (m.L_q, m.L_d)])
-    return _loop([pi_for_margin(_winding(design, axis), f, phase_margin) for axis in ("q", "d")])
+        return _loop([pole_cancellation(m.R, L, limit if asked is None else asked) for L in (m.L_q, m.L_d)])
+    assert asked is not None
+    return _loop([pi_for_margin(_winding(design, axis), asked, phase_margin) for axis in ("q", "d")])
 
 
 def _loop(gains: list[tuple[float, float]]) -> CurrentLoop:
@@ -151,25 +197,58 @@ def _loop(gains: list[tuple[float, float]]) -> CurrentLoop:
     return CurrentLoop(K_p=K_p, T_n=T_n, K_p_d=K_d, T_n_d=T_d)
 
 
-def _check_margin(loop: str, phase_margin: float) -> None:
-    if not 5.0 <= phase_margin <= 85.0:
-        raise RequestError(f"{loop}: phase margin of {phase_margin:g} deg asked for; between 5 and 85 deg is possible")
+def check_method(loop: str, method: str, known: tuple[str, ...]) -> None:
+    """Refuse a method that does not exist.
+
+    Parameters
+    ----------
+    loop : str
+        Name of the loop, for the message.
+    method : str
+    known : tuple of str
+
+    Raises
+    ------
+    RequestError
+        Naming the known methods.
+    """
+    if method not in known:
+        raise RequestError(f"{loop}: unknown method '{method}'{nearest(method, known)} (known: {', '.join(known)})")
 
 
-def check_bandwidth(loop: str, bandwidth: float, limit: float, phase_margin: float, why: str) -> None:
-    """Refuse a bandwidth that the delays do not allow, and say which one they do.
+def check_bandwidth(loop: str, bandwidth: float | None, limit: float, phase_margin: float, why: str) -> float:
+    """Return a bandwidth that the delays allow.
+
+    Parameters
+    ----------
+    loop : str
+        Name of the loop, for the message.
+    bandwidth, limit : float
+        Asked for and possible, Hz.
+    phase_margin : float
+        deg.
+    why : str
+        Where the delay comes from.
+
+    Returns
+    -------
+    float
+        The bandwidth asked for.
 
     Raises
     ------
     RequestError
         Naming the highest possible bandwidth and where the delay comes from.
     """
+    if bandwidth is None:
+        raise RequestError(f"{loop}: the method 'bandwidth' needs a bandwidth in Hz (up to {limit:.4g} Hz is possible)")
     if not (math.isfinite(bandwidth) and bandwidth > 0.0):
         raise RequestError(f"{loop}: bandwidth of {bandwidth:g} Hz asked for; a positive number was expected")
     if math.isnan(limit):
-        raise RequestError(f"{loop}: no bandwidth at all has {phase_margin:g} deg of phase margin with {why}")
+        raise RequestError(f"{loop}: no bandwidth has {phase_margin:g} deg of phase margin with {why}")
     if bandwidth > limit:
         raise RequestError(
             f"{loop}: {bandwidth:g} Hz asked for, but with {why} the highest bandwidth that keeps "
             f"{phase_margin:g} deg of phase margin is {limit:.4g} Hz"
         )
+    return bandwidth

@@ -1,4 +1,4 @@
-"""The drive's delays by name, and what the usual approximations of them cost."""
+"""The drive's delays by name, and the error of the usual approximations of them."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.margins import Margins, margins
 from pmsm_ctrl.tune.sampled import current_loop
 
-__all__ = ["DelayModel", "Delays", "compare_delay_models", "delays"]
+__all__ = ["Delays", "compare_delay_models", "delays"]
 
 
 @dataclass(frozen=True)
 class Delays:
-    """Small time constants of the cascade in s, by where they come from.
+    """Small time constants of the cascade by origin, s.
 
-    `computation` and `holding` delay the current loop; to the speed loop that whole loop is `current_loop`
-    (the reciprocal of its crossover), to which its own sampling and its measurement add.
+    `computation` and `holding` delay the current loop. To the speed loop the closed current loop is one lag,
+    `current_loop` (the reciprocal of its crossover); sampling and measurement of the speed add to it.
     """
 
     computation: float
@@ -43,14 +43,14 @@ class Delays:
         return self.current_loop + self.speed_holding + self.difference_quotient + self.speed_filter
 
     def explain_current(self) -> str:
-        """Say in words where the delay of the current loop comes from."""
+        """Return where the delay of the current loop comes from, in words."""
         return (
             f"{self.current * 1e6:.4g} us of delay ({self.computation * 1e6:.4g} us computation, "
             f"{self.holding * 1e6:.4g} us holding)"
         )
 
     def explain_speed(self) -> str:
-        """Say in words where the delay of the speed loop comes from."""
+        """Return where the small time constants of the speed loop come from, in words."""
         return (
             f"{self.speed * 1e3:.4g} ms of small time constants (current loop {self.current_loop * 1e3:.3g} ms, "
             f"speed filter {self.speed_filter * 1e3:.3g} ms, difference quotient "
@@ -59,9 +59,17 @@ class Delays:
 
 
 def delays(design: Design, current: CurrentLoop) -> Delays:
-    """Return the delays of a design with this current loop.
+    """Return the delays of a design with a current loop.
 
-    The filter counts with the delay that its discrete form has at low frequency.
+    Parameters
+    ----------
+    design : Design
+    current : CurrentLoop
+
+    Returns
+    -------
+    Delays
+        The filter counts with the delay that its discrete form has at low frequency.
     """
     m = Plant.of(design)
     T_s = design.drive.speed_period
@@ -77,36 +85,34 @@ def delays(design: Design, current: CurrentLoop) -> Delays:
     )
 
 
-@dataclass(frozen=True)
-class DelayModel:
-    """One way to write the delay of the current loop, and the margins that it promises."""
-
-    name: str
-    margins: Margins
-
-
 def compare_delay_models(
     design: Design, current: CurrentLoop, orders: tuple[int, ...] = (1, 2, 3)
-) -> tuple[DelayModel, ...]:
-    """Margins of the current loop by the exact sampled delay, the exact continuous delay, and Pade.
+) -> dict[str, Margins]:
+    """Return the margins of the current loop with its delay sampled, continuous, left out, and by Pade.
 
-    The sampled one is what runs; the others are what a design in s assumes. The difference is the error of that
-    assumption, and grows with the share of the crossover in the sampling frequency.
+    The sampled loop is what runs, the others are what a design in s assumes; their error grows with the crossover.
+
+    Parameters
+    ----------
+    design : Design
+    current : CurrentLoop
+    orders : tuple of int
+        Orders of the Pade approximations.
+
+    Returns
+    -------
+    dict of str to Margins
+        By the name of the model.
     """
     m = Plant.of(design)
     tau = (m.delay + 0.5) * m.period
     omega = np.geomspace(1e-3, 1.0, 1000) * math.pi / m.period
     s = 1j * omega
-    plain = current.K_p * (1.0 + 1.0 / (current.T_n * s)) / (m.L_q * s + m.R)
-    controller = ct.tf([current.K_p * current.T_n, current.K_p], [current.T_n, 0.0])
-    winding = ct.tf([1.0], [m.L_q, m.R])
-    models = [
-        DelayModel("sampled, exact (as it runs)", margins(current_loop(design, current))),
-        DelayModel("continuous, exact delay", margins(ct.frd(plain * np.exp(-s * tau), omega))),
-        DelayModel("continuous, no delay", margins(controller * winding, omega, brief=True)),
-    ]
-    for order in orders:
-        numerator, denominator = ct.pade(tau, order)
-        loop = controller * winding * ct.tf(numerator, denominator)
-        models.append(DelayModel(f"continuous, Pade of order {order}", margins(loop, omega, brief=True)))
-    return tuple(models)
+    plain = ct.tf([current.K_p * current.T_n, current.K_p], [current.T_n, 0.0]) * ct.tf([1.0], [m.L_q, m.R])
+    exact = current.K_p * (1.0 + 1.0 / (current.T_n * s)) / (m.L_q * s + m.R) * np.exp(-s * tau)
+    return {
+        "sampled, exact (as it runs)": margins(current_loop(design, current)),
+        "continuous, exact delay": margins(ct.frd(exact, omega)),
+        "continuous, no delay": margins(plain, omega),
+        **{f"continuous, Pade of order {n}": margins(plain * ct.tf(*ct.pade(tau, n)), omega) for n in orders},
+    }

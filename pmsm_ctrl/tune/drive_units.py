@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from pmsm_ctrl.design import Design, Loops
+from pmsm_ctrl.design import Design
 
 __all__ = ["NOTE", "drive_units"]
 
@@ -21,11 +21,27 @@ NOTE = (
 )
 
 
-def drive_units(design: Design, loops: Loops) -> dict[str, dict[str, float]]:
-    """Return the gains by manufacturer, each key with the parameter's name and unit.
+def drive_units(design: Design) -> dict[str, dict[str, float]]:
+    """Return the gains of a design in the units of drives.
 
     Position gains are at the motor shaft; behind a gear the number in 1/s is the same at both ends.
+
+    Parameters
+    ----------
+    design : Design
+        With its loops set.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        By manufacturer, then by the parameter's name and unit.
+
+    Raises
+    ------
+    DesignError
+        When the design has no loops.
     """
+    loops = design.require_loops()
     current, speed, position = loops.current, loops.speed, loops.position
     rms = 1.0 / math.sqrt(2.0)
     torque_gain = speed.K_p * design.K_t_assumed  # N m/(rad/s)

@@ -1,7 +1,7 @@
 """The nonlinear drive as a python-control system, its operating points, and its linearisation there.
 
 The equations are read from `pmsm_ctrl.kernels.balance` and from the effects' own terms; nothing is restated.
-Dry friction has no derivative at rest, so two cases are told apart: a *sliding* shaft feels the slope of the
+Dry friction has no derivative at rest, so two cases are distinguished: a *sliding* shaft sees the slope of the
 friction curve, a *stuck* one does not move at all and its acceleration row is zero.
 """
 
@@ -17,23 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import bound_effects, catalogue_of
+from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.kernels import balance
 from pmsm_ctrl.simulate.parameters import Plant
 
 __all__ = [
-    "INPUTS", "STATES", "Linearisation", "OperatingPoint", "SecondMass", "drive_system", "linearise",
-    "opposing_torque", "rigid", "second_mass",
+    "INPUTS", "STATES", "Linearisation", "OperatingPoint", "drive_system", "linearise", "operating_point", "rigid",
+    "second_mass",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
+Derivative = Callable[[Array, Array], Array]
 
 STATES = ("i_d", "i_q", "omega", "theta")
 INPUTS = ("u_d", "u_q", "T_load")
-
-# Effects that put a second mass behind the shaft, the one whose constants count first.
-TWO_MASS = ("compliance", "backlash")
+STEPS = (1e-4, 1e-4, 1e-4, 1e-5)  # of the central differences, by state; relative for a speed above 1 rad/s
 
 _voltage_d = balance.voltage_d.py_func
 _voltage_q = balance.voltage_q.py_func
@@ -46,11 +45,13 @@ class OperatingPoint:
 
     Attributes
     ----------
-    speed, load : rad/s and N m
-    i_d, i_q, u_d, u_q : A and V, the currents and voltages that hold this point
+    speed, load : float
+        rad/s and N m.
+    i_d, i_q, u_d, u_q : float
+        Currents and voltages that hold this point, A and V.
     case : {"sliding", "stuck"}
     friction_slope : float
-        Derivative of the opposing torque with respect to speed in N m s/rad; 0 when stuck.
+        Derivative of the opposing torque with respect to speed, N m s/rad; 0 when stuck.
     """
 
     speed: float
@@ -71,65 +72,60 @@ class Linearisation:
     ----------
     point : OperatingPoint
     A, B : array, shape (n, n) and (n, 3)
-        Analytic Jacobian; states `STATES` (and ``omega_load``, ``twist`` for two masses), inputs `INPUTS`.
-    numerical : control.StateSpace or None
-        What `control.linearize` finds from the nonlinear equations; None for a stuck shaft, where they have
-        no derivative.
-    states : names of the states
-    rigid_A, rigid_B : the same with the load rigidly coupled, which is what `numerical` is compared with
+        Jacobian; states `STATES` (and ``omega_load``, ``twist`` for two masses), inputs `INPUTS`.
+    states : tuple of str
+        Names of the n states.
     """
 
     point: OperatingPoint
     A: Array
     B: Array
-    numerical: Any
-    states: tuple[str, ...]
-    rigid_A: Array
-    rigid_B: Array
+    states: tuple[str, ...] = STATES
 
     @property
     def system(self) -> Any:
-        """The analytic model as a control.StateSpace; its outputs are its states."""
+        """The model as a control.StateSpace; its outputs are its states."""
         n = len(self.states)
         return ct.ss(
             self.A, self.B, np.eye(n), np.zeros((n, 3)), states=self.states, inputs=INPUTS, outputs=self.states
         )
 
-    @property
-    def deviation(self) -> float:
-        """Largest difference between the analytic and the numerical matrices, relative to their largest entry."""
-        if self.numerical is None:
-            return math.nan
-        a = np.abs(self.numerical.A - self.rigid_A).max() / np.abs(self.rigid_A).max()
-        b = np.abs(self.numerical.B - self.rigid_B).max() / np.abs(self.rigid_B).max()
-        return float(max(a, b))
 
-
-def opposing_torque(design: Design) -> Callable[..., float]:
+def _opposing_torque(design: Design) -> Callable[..., float]:
     """Return the sum of the design's torque effects as ``f(omega, theta, direction, i_d, i_q)`` in N m.
 
-    Effects that bring states of their own (a second mass, bristles) are left out.
+    Effects with states of their own (a second mass, bristles) are left out.
     """
-    machine = Plant.of(design)
-    bound = [
-        (effect, values)
-        for effect, values in bound_effects(design)
-        if effect.enters == "torque" and effect.structure == "term"
-    ]
+    m = Plant.of(design)
+    bound = [(e, values) for e, values in bound_effects(design) if e.enters == "torque" and e.structure == "term"]
 
     def total(omega: float, theta: float, direction: float, i_d: float, i_q: float) -> float:
-        torque = _torque_em(machine.p, machine.psi_f, machine.L_d, machine.L_q, i_d, i_q)
         signals = {
-            "omega": omega, "theta": theta, "direction": direction, "i_d": i_d, "i_q": i_q, "torque": torque,
-            "t": 0.0, "p": float(machine.p), "di_d": 0.0, "di_q": 0.0,
+            "omega": omega, "theta": theta, "direction": direction, "i_d": i_d, "i_q": i_q,
+            "torque": _torque_em(m.p, m.psi_f, m.L_d, m.L_q, i_d, i_q),
+            "t": 0.0, "p": float(m.p), "di_d": 0.0, "di_q": 0.0,
         }  # fmt: skip
-        out = 0.0
-        for effect, values in bound:
-            known = signals | values
-            out += float(effect.py_term(*(known[name] for name in effect.arguments)))
-        return out
+        return sum(
+            float(effect.py_term(*((signals | values)[name] for name in effect.arguments))) for effect, values in bound
+        )
 
     return total
+
+
+def _derivative(design: Design, direction: float) -> Derivative:
+    """Return the derivative of the states as a function of states and inputs."""
+    m = Plant.of(design)
+    opposing = _opposing_torque(design)
+
+    def derivative(x: Array, u: Array) -> Array:
+        i_d, i_q, omega, theta = (float(v) for v in x)
+        # The balances are solved for the derivative by evaluating them with a derivative of zero.
+        di_d = (u[0] - _voltage_d(m.R, m.L_d, m.L_q, m.p, i_d, i_q, 0.0, omega)) / m.L_d
+        di_q = (u[1] - _voltage_q(m.R, m.L_d, m.L_q, m.p, m.psi_f, i_d, i_q, 0.0, omega)) / m.L_q
+        torque = _torque_em(m.p, m.psi_f, m.L_d, m.L_q, i_d, i_q)
+        return np.array([di_d, di_q, (torque - opposing(omega, theta, direction, i_d, i_q) - u[2]) / m.J, omega])
+
+    return derivative
 
 
 def drive_system(design: Design, *, direction: float = 1.0) -> Any:
@@ -152,16 +148,10 @@ def drive_system(design: Design, *, direction: float = 1.0) -> Any:
         When the motor's electrical data are not known.
     """
     m = Plant.of(design)
-    opposing = opposing_torque(design)
+    derivative = _derivative(design, direction)
 
     def update(t: float, x: Array, u: Array, params: dict[str, float]) -> Array:
-        i_d, i_q, omega, theta = (float(v) for v in x)
-        # The balances are solved for the derivative by evaluating them with a derivative of zero.
-        di_d = (u[0] - _voltage_d(m.R, m.L_d, m.L_q, m.p, i_d, i_q, 0.0, omega)) / m.L_d
-        di_q = (u[1] - _voltage_q(m.R, m.L_d, m.L_q, m.p, m.psi_f, i_d, i_q, 0.0, omega)) / m.L_q
-        torque = _torque_em(m.p, m.psi_f, m.L_d, m.L_q, i_d, i_q)
-        domega = (torque - opposing(omega, theta, direction, i_d, i_q) - u[2]) / m.J
-        return np.array([di_d, di_q, domega, omega])
+        return derivative(x, u)
 
     def output(t: float, x: Array, u: Array, params: dict[str, float]) -> Array:
         return np.append(x, _torque_em(m.p, m.psi_f, m.L_d, m.L_q, float(x[0]), float(x[1])))
@@ -171,11 +161,10 @@ def drive_system(design: Design, *, direction: float = 1.0) -> Any:
 
 def _holding_current(design: Design, opposing: Callable[..., float], speed: float, load: float) -> float:
     """Return the i_q in A that balances load and friction at constant speed (i_d = 0)."""
-    direction = math.copysign(1.0, speed) if speed else 0.0
     i_q = 0.0
     # Friction may depend on the torque itself; the fixed point contracts because that share is well below one.
     for _ in range(50):
-        new = (load + opposing(speed, 0.0, direction, 0.0, i_q)) / design.K_t
+        new = (load + opposing(speed, 0.0, _direction(speed), 0.0, i_q)) / design.K_t
         if abs(new - i_q) <= 1e-13 * max(1.0, abs(new)):
             return new
         i_q = new
@@ -185,8 +174,22 @@ def _holding_current(design: Design, opposing: Callable[..., float], speed: floa
     )
 
 
+def _direction(speed: float) -> float:
+    return math.copysign(1.0, speed) if speed else 0.0
+
+
 def operating_point(design: Design, speed: float = 0.0, load: float = 0.0) -> OperatingPoint:
-    """Return the operating point at constant speed (rad/s) under a load (N m) with i_d = 0.
+    """Return the operating point at constant speed under a load with i_d = 0.
+
+    Parameters
+    ----------
+    design : Design
+    speed, load : float
+        rad/s and N m.
+
+    Returns
+    -------
+    OperatingPoint
 
     Raises
     ------
@@ -194,7 +197,7 @@ def operating_point(design: Design, speed: float = 0.0, load: float = 0.0) -> Op
         When the point needs more current or voltage than the drive has; the message says which and how much.
     """
     m = Plant.of(design)
-    opposing = opposing_torque(design)
+    opposing = _opposing_torque(design)
     stuck = speed == 0.0 and any(e.dry for e, _ in bound_effects(design))
     i_q = _holding_current(design, opposing, speed, load)
     u_d = _voltage_d(m.R, m.L_d, m.L_q, m.p, 0.0, i_q, 0.0, speed)
@@ -210,33 +213,28 @@ def operating_point(design: Design, speed: float = 0.0, load: float = 0.0) -> Op
             f"operating point {speed:g} rad/s, {load:g} N m: needs {math.hypot(u_d, u_q):.4g} V, but a dc link of "
             f"{m.u_dc:g} V gives at most {limit:.4g} V (peak, phase)"
         )
-    direction = math.copysign(1.0, speed) if speed else 0.0
-    slope = 0.0 if stuck else _slopes(opposing, speed, 0.0, direction, i_q)[0]
+    slope = 0.0
+    if not stuck:
+        h, direction = STEPS[2] * max(1.0, abs(speed)), _direction(speed)
+        slope = (opposing(speed + h, 0.0, direction, 0.0, i_q) - opposing(speed - h, 0.0, direction, 0.0, i_q)) / (
+            2.0 * h
+        )
     return OperatingPoint(speed, load, 0.0, i_q, u_d, u_q, "stuck" if stuck else "sliding", slope)
 
 
-def _slopes(
-    opposing: Callable[..., float], omega: float, theta: float, direction: float, i_q: float
-) -> tuple[float, float, float, float]:
-    """Central differences of the opposing torque: with respect to omega, theta, i_d and i_q."""
-
-    def slope(h: float, index: int) -> float:
-        up, down = [omega, theta, 0.0, i_q], [omega, theta, 0.0, i_q]
-        up[index] += h
-        down[index] -= h
-        return (
-            opposing(up[0], up[1], direction, up[2], up[3]) - opposing(down[0], down[1], direction, down[2], down[3])
-        ) / (2.0 * h)
-
-    h_omega = 1e-4 * max(1.0, abs(omega))
-    return slope(h_omega, 0), slope(1e-5, 1), slope(1e-4, 2), slope(1e-4, 3)
-
-
 def linearise(design: Design, speed: float = 0.0, load: float = 0.0) -> Linearisation:
-    """Linearise the drive at constant speed (rad/s) and load (N m), i_d = 0, theta = 0.
+    """Linearise the drive at constant speed and load, with i_d = 0 and theta = 0.
 
-    The matrices are the analytic Jacobian; `Linearisation.numerical` holds what `control.linearize` finds
-    from the nonlinear system, and `deviation` how far the two are apart.
+    Parameters
+    ----------
+    design : Design
+    speed, load : float
+        rad/s and N m.
+
+    Returns
+    -------
+    Linearisation
+        By central differences of the nonlinear equations, which are exact for all but the effects' own terms.
 
     Raises
     ------
@@ -245,32 +243,15 @@ def linearise(design: Design, speed: float = 0.0, load: float = 0.0) -> Linearis
     RequestError
         When the operating point needs more current or voltage than the drive has.
     """
-    m = Plant.of(design)
     point = operating_point(design, speed, load)
-    opposing = opposing_torque(design)
-    direction = math.copysign(1.0, speed) if speed else 0.0
-    k_t = 1.5 * m.p * m.psi_f
-    A = np.zeros((4, 4))
-    # Derivatives of the voltage balances (balance.voltage_d, voltage_q) divided by the inductance.
-    A[0, :3] = -m.R / m.L_d, m.p * speed * m.L_q / m.L_d, m.p * m.L_q * point.i_q / m.L_d
-    A[1, :3] = -m.p * speed * m.L_d / m.L_q, -m.R / m.L_q, -m.p * (m.L_d * point.i_d + m.psi_f) / m.L_q
-    B = np.zeros((4, 3))
-    B[0, 0], B[1, 1] = 1.0 / m.L_d, 1.0 / m.L_q
-    if point.case == "sliding":
-        d_omega, d_theta, d_id, d_iq = _slopes(opposing, speed, 0.0, direction, point.i_q)
-        reluctance = 1.5 * m.p * (m.L_d - m.L_q)
-        A[2] = (reluctance * point.i_q - d_id) / m.J, (k_t + reluctance * point.i_d - d_iq) / m.J, -d_omega / m.J, 0.0
-        A[2, 3] = -d_theta / m.J
-        A[3, 2] = 1.0
-        B[2, 2] = -1.0 / m.J
-    numerical = None
-    if point.case == "sliding":
-        system = drive_system(design, direction=direction)
-        x = np.array([point.i_d, point.i_q, speed, 0.0])
-        numerical = ct.linearize(system, x, np.array([point.u_d, point.u_q, load]), eps=1e-6)
-    rigid_A, rigid_B = A, B
-    A, B, states = _with_second_mass(design, A, B, point.case == "stuck")
-    return Linearisation(point, A, B, numerical, states, rigid_A, rigid_B)
+    derivative = _derivative(design, _direction(speed))
+    x, u = np.array([point.i_d, point.i_q, speed, 0.0]), np.array([point.u_d, point.u_q, load])
+    steps = np.diag(np.array(STEPS) * [1.0, 1.0, max(1.0, abs(speed)), 1.0])
+    A = np.column_stack([(derivative(x + h, u) - derivative(x - h, u)) / (2.0 * h.sum()) for h in steps])
+    B = np.column_stack([0.5 * (derivative(x, u + h) - derivative(x, u - h)) for h in np.eye(3)])
+    if point.case == "stuck":
+        A[2:], B[2:] = 0.0, 0.0
+    return _with_second_mass(design, Linearisation(point, A, B))
 
 
 @dataclass(frozen=True)
@@ -283,23 +264,28 @@ class SecondMass:
 
 
 def second_mass(design: Design) -> SecondMass | None:
-    """Return the second mass of a design, or None for a rigid axis.
+    """Return the second mass of a design.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    SecondMass or None
+        None for a rigid axis.
 
     Raises
     ------
     RequestError
         When the load's inertia is not smaller than the total.
     """
-    where = f"{design.source}: " if design.source else ""
-    effects = catalogue_of(design)
-    found = {e.id: effects[e.id].values(e, where) for e in design.effects if e.id in TWO_MASS}
-    for name in TWO_MASS:
-        values = found.get(name)
-        if values is None or values["J_load"] == 0.0:
+    for effect, values in bound_effects(design):
+        if effect.structure != "transmission" or values["J_load"] == 0.0:
             continue
         if not values["J_load"] < design.J:
             raise RequestError(
-                f"{name}: J_load = {values['J_load']:g} kg m^2 should be smaller than the total inertia "
+                f"{effect.id}: J_load = {values['J_load']:g} kg m^2 should be smaller than the total inertia "
                 f"{design.J:g} kg m^2, of which it is a part"
             )
         return SecondMass(values["J_load"], values["k"], values["d"])
@@ -307,26 +293,36 @@ def second_mass(design: Design) -> SecondMass | None:
 
 
 def rigid(design: Design) -> Design:
-    """Return the design with its load rigidly coupled."""
-    for name in TWO_MASS:
-        design = design.without_effect(name)
+    """Return a design with its load rigidly coupled.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    Design
+        Without the effects that put a second mass behind the shaft.
+    """
+    for effect, _ in bound_effects(design):
+        if effect.structure == "transmission":
+            design = design.without_effect(effect.id)
     return design
 
 
-def _with_second_mass(design: Design, A: Array, B: Array, stuck: bool) -> tuple[Array, Array, tuple[str, ...]]:
+def _with_second_mass(design: Design, model: Linearisation) -> Linearisation:
     """Add the load behind a spring and a damper: friction stays at the motor, the external load moves behind."""
     mass = second_mass(design)
     if mass is None:
-        return A, B, STATES
-    J = design.J
-    J_m = J - mass.J_load
-    big_A, big_B = np.zeros((6, 6)), np.zeros((6, 3))
-    big_A[:4, :4], big_B[:4] = A, B
-    big_A[2] *= J / J_m
-    big_B[2, 2], big_B[4, 2] = 0.0, -1.0 / mass.J_load
+        return model
+    J_m = design.J - mass.J_load
+    A, B = np.zeros((6, 6)), np.zeros((6, 3))
+    A[:4, :4], B[:4] = model.A, model.B
+    A[2] *= design.J / J_m
+    B[2, 2], B[4, 2] = 0.0, -1.0 / mass.J_load
     # twist = theta - theta_load
-    if not stuck:
-        big_A[2, 2:] += np.array([-mass.d / J_m, 0.0, mass.d / J_m, -mass.k / J_m])
-    big_A[4, 2:] = np.array([mass.d, 0.0, -mass.d, mass.k]) / mass.J_load
-    big_A[5, 2], big_A[5, 4] = 1.0, -1.0
-    return big_A, big_B, (*STATES, "omega_load", "twist")
+    if model.point.case == "sliding":
+        A[2, 2:] += np.array([-mass.d / J_m, 0.0, mass.d / J_m, -mass.k / J_m])
+    A[4, 2:] = np.array([mass.d, 0.0, -mass.d, mass.k]) / mass.J_load
+    A[5, 2], A[5, 4] = 1.0, -1.0
+    return Linearisation(model.point, A, B, (*STATES, "omega_load", "twist"))

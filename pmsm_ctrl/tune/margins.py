@@ -1,7 +1,7 @@
-"""Margins of a loop, of a model or measured: one table either way.
+"""Stability margins of a loop, modelled or measured.
 
-The margins are python-control's own (`stability_margins`, `disk_margins`); a measured frequency response goes
-through the same functions as an FRD.
+Gain, phase and delay margins come from `control.stability_margins`; the disk margin follows from its definition for one
+loop. A measured frequency response goes through the same function as an FRD.
 """
 
 from __future__ import annotations
@@ -20,27 +20,33 @@ __all__ = ["Margins", "first_crossing", "margins", "response"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-REACH = 16  # points on either side of a crossing: what one bends of a cubic spline falls to a quarter with each
+REACH = 16  # points on either side of a crossing: one point's effect on a cubic spline falls to a quarter with each
 
 
 @dataclass(frozen=True)
 class Margins:
-    """What a loop tolerates, and how fast it is.
+    """Stability margins and speed of a loop.
 
     Attributes
     ----------
     stable : bool or None
-        Whether the closed loop is stable; None for a measured response, which alone cannot tell.
+        Whether the closed loop is stable; None for a measured response, from which this cannot be told.
     gain_margin, gain_reduction : float
-        Factors by which the gain may rise, or fall to, before the loop oscillates; inf and 0 where nothing does.
-    phase_margin : deg
-    delay_margin : s
+        Factors to which the gain may rise, or fall, before the closed loop oscillates; inf and 0 without a limit.
+    phase_margin : float
+        Smallest over all crossings of abs(L) = 1, deg.
+    delay_margin : float
+        Smallest over all crossings of abs(L) = 1, s.
     disk_margin : float
         Balanced disk margin alpha (Seiler, Packard, Gahinet 2020): gain and phase vary together inside a disk.
-    sensitivity_peak, complementary_peak : largest abs(S) and abs(T)
-    crossover, phase_crossover, bandwidth : Hz
-        The first abs(L) = 1; phase -180 deg; closed loop at -3 dB. A resonance may cross again further up: the
-        phase and delay margins are the worst of all crossings.
+    sensitivity_peak, complementary_peak : float
+        Largest abs(S) and abs(T).
+    crossover : float
+        Lowest frequency with abs(L) = 1, Hz. A resonance may cross again further up.
+    phase_crossover : float
+        Frequency of the gain margin: phase -180 deg, Hz.
+    bandwidth : float
+        -3 dB frequency of the closed loop, Hz.
     """
 
     stable: bool | None
@@ -61,7 +67,12 @@ class Margins:
         return 20.0 * math.log10(self.gain_margin) if self.gain_margin > 0.0 else -math.inf
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures by name, units in the name."""
+        """Return the margins by name, units in the name.
+
+        Returns
+        -------
+        dict of str to float or bool
+        """
         return {
             "stable": self.stable, "gain_margin_db": self.gain_margin_db, "gain_reduction": self.gain_reduction,
             "phase_margin_deg": self.phase_margin, "delay_margin_s": self.delay_margin,
@@ -72,35 +83,49 @@ class Margins:
 
 
 def response(system: Any, omega: Array) -> Complex:
-    """Frequency response of a SISO system or FRD at omega in rad/s, shape (n,)."""
+    """Return the frequency response of a SISO system.
+
+    Parameters
+    ----------
+    system : control.StateSpace, TransferFunction or FRD
+        An FRD returns its own points.
+    omega : array, shape (n,)
+        Angular frequencies, rad/s.
+
+    Returns
+    -------
+    array of complex, shape (n,)
+    """
     if isinstance(system, ct.FrequencyResponseData):
         return np.asarray(system.complex).reshape(-1)
     period = system.dt
     at = np.exp(1j * omega * period) if period else 1j * omega
     if isinstance(system, ct.StateSpace) and system.nstates:
-        # all frequencies in one call: python-control solves them one by one
+        # All frequencies in one call: python-control solves them one by one.
         pencil = at[:, None, None] * np.eye(system.nstates) - system.A
         inner = system.C @ np.linalg.solve(pencil, np.broadcast_to(system.B, (len(at), *system.B.shape)))
         return np.asarray(inner[:, 0, 0] + system.D[0, 0], dtype=np.complex128)
     return np.asarray(system(at, squeeze=True), dtype=np.complex128).reshape(-1)
 
 
-def margins(loop: Any, omega: Array | None = None, *, brief: bool = False) -> Margins:
-    """Return the margins of an open loop (negative feedback is understood).
+def margins(loop: Any, omega: Array | None = None) -> Margins:
+    """Return the margins of an open loop under negative feedback.
 
     Parameters
     ----------
     loop : control.StateSpace, TransferFunction or FRD
         The open loop, continuous or discrete. A pure delay is given as an FRD.
-    omega : array, optional
-        Frequencies in rad/s; for an FRD its own are used.
-    brief : bool
-        Take the disk margin from its definition for one loop instead of from `control.disk_margins`, which
-        computes it frequency by frequency; the same number, found faster, for scans over many plants.
+    omega : array, shape (n,), optional
+        Angular frequencies, rad/s; by default 2000 up to the Nyquist frequency. An FRD uses its own.
 
     Returns
     -------
     Margins
+
+    Raises
+    ------
+    ValueError
+        When a continuous loop is given without frequencies.
     """
     measured = isinstance(loop, ct.FrequencyResponseData)
     if measured:
@@ -111,36 +136,31 @@ def margins(loop: Any, omega: Array | None = None, *, brief: bool = False) -> Ma
         omega = frequencies(loop.dt)
     L = response(loop, omega)
     near = _near_crossings(L)
-    data = ct.frd(L[near], omega[near])
-    gain, phase, _, w_phase, w_gain, _ = ct.stability_margins(data, returnall=True)
+    gain, phase, _, w_phase, w_gain, _ = ct.stability_margins(ct.frd(L[near], omega[near]), returnall=True)
     gain, phase = np.asarray(gain, float), np.asarray(phase, float)
-    # A phase margin is counted to the nearer side; crossings far above are kept, they count as well.
-    phase = (phase + 180.0) % 360.0 - 180.0
-    up, down = gain[gain > 1.0], gain[gain < 1.0]
-    S, T = 1.0 / (1.0 + L), L / (1.0 + L)
-    worst = int(np.argmin(np.abs(phase))) if phase.size else -1
+    phase = (phase + 180.0) % 360.0 - 180.0  # a phase margin is counted to the nearer side
     lag = np.where(phase >= 0.0, phase, phase + 360.0)
+    up, down = gain > 1.0, gain < 1.0
+    S, T = 1.0 / (1.0 + L), L / (1.0 + L)
     return Margins(
         stable=None if measured else _stable(loop),
-        gain_margin=float(up.min()) if up.size else math.inf,
-        gain_reduction=float(down.max()) if down.size else 0.0,
-        phase_margin=float(phase[worst]) if phase.size else math.inf,
+        gain_margin=float(gain[up].min()) if up.any() else math.inf,
+        gain_reduction=float(gain[down].max()) if down.any() else 0.0,
+        phase_margin=float(phase[np.argmin(np.abs(phase))]) if phase.size else math.inf,
         delay_margin=float((np.radians(lag) / w_gain).min()) if phase.size else math.inf,
-        disk_margin=_disk_margin(loop, S, T, omega, measured or brief),
+        disk_margin=float(1.0 / np.abs(0.5 * (S - T)).max()),
         sensitivity_peak=float(np.abs(S).max()),
         complementary_peak=float(np.abs(T).max()),
         crossover=float(np.min(w_gain)) / (2.0 * math.pi) if phase.size else math.nan,
-        phase_crossover=float(w_phase[int(np.argmin(np.where(gain > 1.0, gain, math.inf)))]) / (2.0 * math.pi)
-        if up.size
-        else math.nan,
+        phase_crossover=float(w_phase[up][np.argmin(gain[up])]) / (2.0 * math.pi) if up.any() else math.nan,
         bandwidth=first_crossing(omega, np.abs(T), math.sqrt(0.5)) / (2.0 * math.pi),
     )
 
 
 def _near_crossings(L: Complex) -> NDArray[np.intp]:
-    """Places around which abs(L) crosses 1 or the phase -180 deg, or the first few where nothing does.
+    """Return the places around which abs(L) crosses 1 or the phase -180 deg, or the first few without a crossing.
 
-    `control.stability_margins` evaluates its spline point by point; so far from a crossing no point bends it there.
+    `control.stability_margins` evaluates its spline point by point; points further away do not change a crossing.
     """
     near = np.arange(len(L)) < 2 * REACH
     for crossing in (np.abs(L) - 1.0, np.angle(-L)):
@@ -151,22 +171,23 @@ def _near_crossings(L: Complex) -> NDArray[np.intp]:
 
 def _stable(loop: Any) -> bool:
     poles = ct.feedback(ct.ss(loop), 1).poles()
-    if loop.dt:
-        return bool(np.all(np.abs(poles) < 1.0))
-    return bool(np.all(poles.real < 0.0))
-
-
-def _disk_margin(loop: Any, S: Complex, T: Complex, omega: Array, direct: bool) -> float:
-    if direct:
-        # control.disk_margins takes no FRD; for one loop it is the largest disk around (S - T)/2 by definition.
-        return float(1.0 / np.abs(0.5 * (S - T)).max())
-    return float(ct.disk_margins(ct.ss(loop), omega)[0])
+    return bool(np.all(np.abs(poles) < 1.0) if loop.dt else np.all(poles.real < 0.0))
 
 
 def first_crossing(omega: Array, magnitude: Array, level: float) -> float:
-    """Frequency at which a magnitude first falls below a level, interpolated on logarithmic axes; NaN if never.
+    """Return the frequency at which a magnitude first falls below a level, interpolated on logarithmic axes.
 
-    `control.bandwidth` does the same for a model but searches beyond the Nyquist frequency and takes no FRD.
+    `control.bandwidth` does the same for a model, but searches beyond the Nyquist frequency and takes no FRD.
+
+    Parameters
+    ----------
+    omega, magnitude : array, shape (n,)
+    level : float
+
+    Returns
+    -------
+    float
+        In the unit of `omega`; NaN where it never falls below.
     """
     below = np.flatnonzero((magnitude[1:] < level) & (magnitude[:-1] >= level))
     if not below.size:

@@ -1,4 +1,4 @@
-"""What the sensors' noise costs: ripple of the current from encoder steps and from current measurement."""
+"""Effect of sensor noise: current ripple from encoder quantisation and from the current measurement."""
 
 from __future__ import annotations
 
@@ -16,14 +16,22 @@ __all__ = ["Noise", "h2_norm", "noise"]
 
 
 def h2_norm(system: Any) -> float:
-    """Return the factor from the rms of white noise at the input of a stable sampled system to its output's rms.
+    """Return the H2 norm of a stable sampled system: rms at the output over rms of white noise at the input.
 
-    By `control.dlyap`. `control.system_norm` does the same but gives up (infinity) where states that the noise
-    does not reach make the covariance singular, as the pending voltages of the other axis do here.
+    By `control.dlyap`. `control.system_norm` returns infinity here, because states that the noise does not reach
+    (the pending voltages of the other axis) make the covariance singular.
+
+    Parameters
+    ----------
+    system : control.StateSpace
+
+    Returns
+    -------
+    float
     """
     from scipy.linalg import matrix_balance
 
-    # Balanced first: between a ship's shaft and its currents lie so many decades that rounding would decide.
+    # Balanced first: states of a large machine differ by so many decades that rounding would dominate.
     balanced, scale = matrix_balance(system.A, permute=False)
     entering, leaving = np.linalg.solve(scale, system.B), system.C @ scale
     covariance = ct.dlyap(balanced, entering @ entering.T)
@@ -36,12 +44,18 @@ class Noise:
 
     Attributes
     ----------
-    encoder_gain : A/rad, from white angle noise to the current reference (H2 norm)
-    encoder_ripple : A rms of i_q_ref, for quantisation as white noise of step/sqrt(12)
-    speed_ripple : rad/s rms of the *measured* speed for the same
-    current_gain : from measured to true current (H2 norm)
-    current_ripple : A rms of the true current, from the noise of the current measurement
-    torque_ripple : N m rms, both together
+    encoder_gain : float
+        From white angle noise to the current reference (H2 norm), A/rad.
+    encoder_ripple : float
+        Of i_q_ref, for quantisation as white noise of step/sqrt(12), A rms.
+    speed_ripple : float
+        Of the *measured* speed for the same, rad/s rms.
+    current_gain : float
+        From measured to true current (H2 norm).
+    current_ripple : float
+        Of the true current, from the noise of the current measurement, A rms.
+    torque_ripple : float
+        From both, N m rms.
     """
 
     encoder_gain: float
@@ -57,6 +71,14 @@ def noise(cascade: Cascade) -> Noise:
 
     Quantisation is white while the angle crosses many steps per sample or crosses them irregularly; on a slow
     or stationary shaft it is not, and the ripple is a limit cycle of one step instead.
+
+    Parameters
+    ----------
+    cascade : Cascade
+
+    Returns
+    -------
+    Noise
     """
     design = cascade.design
     counts = design.sensor.encoder_counts

@@ -17,21 +17,25 @@ from pmsm_ctrl.tune.requirements import Requirements
 from pmsm_ctrl.tune.sampled import Cascade
 from pmsm_ctrl.tune.speed import open_loop
 
-__all__ = ["Optimum", "optimise"]
+__all__ = ["Optimum", "optimise", "reversal"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """The best speed gains found, beside those the search started from.
+    """The best speed gains found, and those the search started from.
 
     Attributes
     ----------
-    design : Design with the gains set
-    cost, cost_before : the mean of abs(speed error) in rad/s over the test motion
-    margins : of the optimised speed loop
-    simulations : how many were run
+    design : Design
+        With the gains set.
+    cost, cost_before : float
+        Mean absolute speed error over the test motion, rad/s.
+    margins : Margins
+        Of the optimised speed loop.
+    simulations : int
+        How many were run.
     """
 
     design: Design
@@ -41,19 +45,30 @@ class Optimum:
     simulations: int
 
 
-def reversal(*, speed: float, load: float, duration: float) -> Scenario:
-    """A slow reversal through standstill and a load step at rest: what friction makes hard.
+def reversal(design: Design, speed: float, duration: float = 0.6) -> Scenario:
+    """Return a slow reversal through standstill and a load step at rest, where friction matters most.
 
-    Triangle between -`speed` and `speed` (rad/s) for two thirds of `duration` (s), then rest with `load` (N m).
+    A triangle for two thirds of the time, then rest, with a quarter of the drive's largest torque as load.
+
+    Parameters
+    ----------
+    design : Design
+    speed : float
+        Amplitude of the triangle, rad/s.
+    duration : float
+        s.
+
+    Returns
+    -------
+    Scenario
     """
     third = duration / 3.0
+    load = 0.25 * design.K_t * min(design.drive.i_max, 1e3)
 
     def inputs(t: Array) -> dict[str, Array]:
-        phase = (t / third) % 2.0
-        triangle = speed * (1.0 - 2.0 * np.abs(phase - 1.0))
-        moving = t < 2.0 * third
+        triangle = speed * (1.0 - 2.0 * np.abs((t / third) % 2.0 - 1.0))
         return {
-            "omega_ref": np.asarray(np.where(moving, triangle, 0.0), dtype=np.float64),
+            "omega_ref": np.asarray(np.where(t < 2.0 * third, triangle, 0.0), dtype=np.float64),
             "T_load": np.asarray(load * (t >= 2.5 * third), dtype=np.float64),
         }
 
@@ -62,10 +77,8 @@ def reversal(*, speed: float, load: float, duration: float) -> Scenario:
 
 def optimise(
     design: Design,
+    motion: Scenario,
     *,
-    speed: float,
-    load: float | None = None,
-    duration: float = 0.6,
     requirements: Requirements | None = None,
     iterations: int = 40,
     progress: Callable[[float], None] | None = None,
@@ -76,15 +89,14 @@ def optimise(
     ----------
     design : Design
         With its loops set (by `tune`): the start of the search.
-    speed : rad/s
-        Amplitude of the slow reversal.
-    load : N m, optional
-        Load step; by default a quarter of the drive's largest torque.
-    duration : s
+    motion : Scenario
+        Over which the speed error is averaged, such as `reversal`.
     requirements : Requirements, optional
-        Gains that miss them are not considered, whatever they would save.
+        Gains that miss them are rejected.
     iterations : int
-        Simulations granted to the Nelder-Mead search.
+        Largest number of simulations of the Nelder-Mead search.
+    progress : function, optional
+        Called with the share done, 0 to 1.
 
     Returns
     -------
@@ -100,10 +112,8 @@ def optimise(
     from scipy.optimize import minimize
 
     loops, requirements = design.require_loops(), requirements or Requirements()
-    load = 0.25 * design.K_t * min(design.drive.i_max, 1e3) if load is None else load
-    motion = reversal(speed=speed, load=load, duration=duration)
-    cascade = Cascade.of(design, loops.current, at=max(speed, 1e-3))
-    runs = 0
+    cascade = Cascade.of(design, loops.current, at=max(abs(motion.omega_0), 1e-3))
+    runs, start = 0, math.inf
 
     def gains(x: Array) -> SpeedLoop:
         K_p, T_n = loops.speed.K_p * math.exp(x[0]), loops.speed.T_n * math.exp(x[1])
@@ -115,31 +125,33 @@ def optimise(
         if progress is not None:
             progress(min(1.0, runs / iterations))
         candidate = gains(x)
-        shortfall = requirements.shortfall(margins(open_loop(cascade, candidate), brief=True))
+        shortfall = requirements.shortfall(margins(open_loop(cascade, candidate)))
         if shortfall > 0.0:
-            # A wall with a slope leads the search back; its height is the start's own cost.
+            # A sloping penalty leads the search back; its height is the cost of the start.
             return start * (1.5 + min(shortfall, 10.0)) if runs > 1 else math.inf
         return _error(design, candidate, motion)
 
-    start = math.inf
     start = cost(np.zeros(2))
     if not math.isfinite(start):
-        raise RequestError("the gains to start from miss the requirements; tune them first, or grant other ones")
+        raise RequestError("the gains to start from miss the requirements; tune them first, or lower the requirements")
     found = minimize(
         cost, np.zeros(2), method="Nelder-Mead",
         options={"maxfev": iterations, "initial_simplex": [[0.0, 0.0], [0.2, 0.0], [0.0, -0.3]], "xatol": 0.01},
     )  # fmt: skip
     best = gains(found.x if found.fun < start else np.zeros(2))
-    tuned = design.model_copy(update={"loops": loops.model_copy(update={"speed": best})})
-    return Optimum(tuned, float(min(found.fun, start)), float(start), margins(open_loop(cascade, best)), runs)
+    return Optimum(
+        _with_speed_loop(design, best), float(min(found.fun, start)), start, margins(open_loop(cascade, best)), runs
+    )
+
+
+def _with_speed_loop(design: Design, gains: SpeedLoop) -> Design:
+    return design.model_copy(update={"loops": design.require_loops().model_copy(update={"speed": gains})})
 
 
 def _error(design: Design, candidate: SpeedLoop, motion: Scenario) -> float:
     """Mean absolute speed error on the simulated drive, rad/s; infinite when the simulation diverges."""
-    assert design.loops is not None
-    tried = design.model_copy(update={"loops": design.loops.model_copy(update={"speed": candidate})})
     try:
-        log = simulate(tried, motion, keep_truth=True)
+        log = simulate(_with_speed_loop(design, candidate), motion, keep_truth=True)
     except SimulationError:
         return math.inf
     return float(np.abs(log["omega_ref"] - log["omega_true"]).mean())

@@ -1,48 +1,145 @@
-"""What a loop has to keep to be called defended."""
+"""What is asked of the loops: how they are tuned, and the margins they must keep."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
 
-from pmsm_ctrl.tune.margins import Margins
+if TYPE_CHECKING:
+    from pmsm_ctrl.tune.margins import Margins
 
-__all__ = ["Requirements"]
+__all__ = ["Criterion", "Missed", "Requirements", "Specification"]
+
+
+class Criterion(StrEnum):
+    """What a loop can fail."""
+
+    STABILITY = "stability"
+    PHASE_MARGIN = "phase_margin"
+    GAIN_MARGIN = "gain_margin"
+    SENSITIVITY_PEAK = "sensitivity_peak"
+
+
+@dataclass(frozen=True)
+class Missed:
+    """A requirement that a loop misses: the criterion, the number found and the limit; as text, the three in words."""
+
+    criterion: Criterion
+    found: float = math.nan
+    limit: float = math.nan
+
+    def __str__(self) -> str:
+        match self.criterion:
+            case Criterion.STABILITY:
+                return "unstable"
+            case Criterion.PHASE_MARGIN:
+                return f"phase margin {self.found:.1f} deg < {self.limit:g} deg"
+            case Criterion.GAIN_MARGIN:
+                return f"gain margin {self.found:.1f} dB < {self.limit:g} dB"
+        return f"sensitivity peak {self.found:.2f} > {self.limit:g}"
 
 
 @dataclass(frozen=True)
 class Requirements:
-    """Least margins, nominal or at the worst corner of the tolerances.
+    """Smallest margins accepted, nominally and at the worst corner of the tolerances.
 
     Attributes
     ----------
-    phase_margin : deg
-    gain_margin_db : dB
-    sensitivity_peak : largest abs(S) granted; 2 is 6 dB, a distance of 0.5 from the critical point
+    phase_margin : float
+        deg.
+    gain_margin_db : float
+        dB.
+    sensitivity_peak : float
+        Largest abs(S) accepted; 2 is 6 dB, a distance of 0.5 from the critical point.
     """
 
     phase_margin: float = 30.0
     gain_margin_db: float = 6.0
     sensitivity_peak: float = 2.0
 
-    def missed(self, found: Margins) -> tuple[str, ...]:
-        """Return what a loop misses, in words; empty when it keeps everything."""
+    def missed(self, found: Margins) -> tuple[Missed, ...]:
+        """Return the requirements that a loop misses.
+
+        Parameters
+        ----------
+        found : Margins
+
+        Returns
+        -------
+        tuple of Missed
+            Empty when all are met.
+        """
         if found.stable is False:
-            return ("unstable",)
+            return (Missed(Criterion.STABILITY),)
         out = []
         if found.phase_margin < self.phase_margin:
-            out.append(f"phase margin {found.phase_margin:.1f} deg < {self.phase_margin:g} deg")
+            out.append(Missed(Criterion.PHASE_MARGIN, found.phase_margin, self.phase_margin))
         if found.gain_margin_db < self.gain_margin_db:
-            out.append(f"gain margin {found.gain_margin_db:.1f} dB < {self.gain_margin_db:g} dB")
+            out.append(Missed(Criterion.GAIN_MARGIN, found.gain_margin_db, self.gain_margin_db))
         if found.sensitivity_peak > self.sensitivity_peak:
-            out.append(f"sensitivity peak {found.sensitivity_peak:.2f} > {self.sensitivity_peak:g}")
+            out.append(Missed(Criterion.SENSITIVITY_PEAK, found.sensitivity_peak, self.sensitivity_peak))
         return tuple(out)
 
     def shortfall(self, found: Margins) -> float:
-        """How far a loop is from its worst requirement: positive when one is missed; for ranking."""
+        """Return the distance of a loop from its worst requirement, for ranking.
+
+        Parameters
+        ----------
+        found : Margins
+
+        Returns
+        -------
+        float
+            As a share of the default requirement; positive when one is missed, infinite for an unstable loop.
+        """
         if found.stable is False:
-            return float("inf")
+            return math.inf
         return max(
             (self.phase_margin - found.phase_margin) / 30.0,
             (self.gain_margin_db - found.gain_margin_db) / 6.0,
             found.sensitivity_peak / self.sensitivity_peak - 1.0,
         )
+
+
+@dataclass(frozen=True)
+class Specification:
+    """How the loops are tuned.
+
+    Attributes
+    ----------
+    current : {"modulus_optimum", "pole_cancellation", "bandwidth"}
+        Method of the current loop. "bandwidth" meets crossover and phase margin; the others cancel the winding's pole.
+    speed : {"symmetrical_optimum", "pole_placement", "bandwidth"}
+        Method of the speed loop. "bandwidth" meets crossover and phase margin on the sampled loop.
+    current_bandwidth : float, optional
+        Crossover, Hz; required by "bandwidth". By default pole cancellation takes the highest with `phase_margin`.
+    speed_bandwidth : float, optional
+        Crossover for "bandwidth" (required), natural frequency for "pole_placement", Hz.
+    phase_margin : float
+        For "bandwidth", and the smallest accepted for "pole_cancellation" and "pole_placement" (there 45 at most), deg.
+    damping : float
+        For "pole_placement".
+    a : float
+        For "symmetrical_optimum": 2 is the textbook's (37 deg of phase margin), 1 + sqrt(2) has 45 deg.
+    position_gain : float, optional
+        K_v, 1/s; by default the largest without resonance.
+    robust : bool
+        Reduce the bandwidths until the worst corner of ``motor.tolerance`` meets the requirements.
+    at : float, optional
+        Speed of the operating point, rad/s; by default a tenth of the no-load speed.
+    requirements : Requirements
+    """
+
+    current: str = "modulus_optimum"
+    speed: str = "symmetrical_optimum"
+    current_bandwidth: float | None = None
+    speed_bandwidth: float | None = None
+    phase_margin: float = 60.0
+    damping: float = 0.8
+    a: float = 1.0 + math.sqrt(2.0)
+    position_gain: float | None = None
+    robust: bool = False
+    at: float | None = None
+    requirements: Requirements = field(default_factory=Requirements)

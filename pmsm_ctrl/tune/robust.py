@@ -1,32 +1,34 @@
 """Margins at the corners of the datasheet's tolerances, the worst one named, and gains that keep it.
 
-At a corner every parameter is at one end of its tolerance. The controller keeps believing the datasheet.
+At a corner every parameter is at one end of its tolerance. The controller keeps assuming the datasheet.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pmsm_ctrl.design import CurrentLoop, Design, SpeedLoop
+from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.tune.linearise import TWO_MASS
 from pmsm_ctrl.tune.margins import Margins, margins
-from pmsm_ctrl.tune.requirements import Requirements
+from pmsm_ctrl.tune.requirements import Missed, Requirements
 from pmsm_ctrl.tune.sampled import Cascade, current_loop, frequencies
 from pmsm_ctrl.tune.speed import open_loop
 
 __all__ = ["Corner", "Robustness", "corners", "robust_gains", "robustness", "varied"]
 
 VARIED = ("J", "psi_f", "R", "L_q")
+INSIDE = 4  # random points inside the tolerances, judged as a check that the worst point is a corner
+RATIO, STEPS = 1.1, 40  # of the search for slower gains
 
 
 @dataclass(frozen=True)
 class Corner:
-    """One combination of parameters and the margins there."""
+    """One combination of parameters, as relative deviations, and the margins there."""
 
     deviations: Mapping[str, float]
     current: Margins
@@ -34,7 +36,7 @@ class Corner:
 
     @property
     def name(self) -> str:
-        """The corner in words: ``J -15 %, psi_f +7 %``."""
+        """The deviations: ``J -15 %, psi_f +7 %``."""
         return ", ".join(f"{symbol} {100.0 * d:+.3g} %" for symbol, d in self.deviations.items()) or "nominal"
 
 
@@ -45,148 +47,186 @@ class Robustness:
     Attributes
     ----------
     nominal : Corner
-    worst_current, worst_speed : Corner with the least margins, by the requirement that is closest to being missed
-    corners : how many were judged, with random points inside as a check that the worst is a corner
-    missed : what the worst corner misses; empty when everything is kept
-    slowed : by which factor the speed loop was slowed down to keep it (1 = not at all)
+    worst_current, worst_speed : Corner
+        With the smallest margins of the loop, by the requirement that is closest to being missed.
+    corners : int
+        How many points were judged.
+    requirements : Requirements
+    slowed : float
+        Factor by which the speed loop was slowed down to keep them; 1 when it was not.
     """
 
     nominal: Corner
     worst_current: Corner
     worst_speed: Corner
     corners: int
-    missed: tuple[str, ...]
+    requirements: Requirements
     slowed: float = 1.0
+
+    @property
+    def missed(self) -> tuple[tuple[str, Corner, Missed], ...]:
+        """Loop, corner and requirement for each that is missed."""
+        return tuple(
+            (loop, corner, item)
+            for loop, corner, found in (
+                ("current", self.worst_current, self.worst_current.current),
+                ("speed", self.worst_speed, self.worst_speed.speed),
+            )
+            for item in self.requirements.missed(found)
+        )
 
 
 def varied(design: Design, deviations: Mapping[str, float]) -> Design:
-    """Return the plant with relative deviations of `J` (all inertias), `psi_f`, `R` and `L_q` (`L_d` alike)."""
+    """Return the plant with other parameters.
+
+    Parameters
+    ----------
+    design : Design
+    deviations : mapping of str to float
+        Relative, of `J` (all inertias), `psi_f`, `R` and `L_q` (`L_d` alike).
+
+    Returns
+    -------
+    Design
+    """
     factor = {symbol: 1.0 + value for symbol, value in deviations.items()}
-    motor: dict[str, float] = {}
-    for symbol in ("J", "psi_f", "R", "L_q"):
-        if symbol in factor:
-            motor[symbol] = getattr(design.motor, symbol) * factor[symbol]
+    motor: dict[str, float] = {symbol: getattr(design.motor, symbol) * factor[symbol] for symbol in factor}
     if "L_q" in factor and design.motor.L_d is not None:
         motor["L_d"] = design.motor.L_d * factor["L_q"]
     f = factor.get("J", 1.0)
     changed = design.replace(motor=motor, load={"J": design.load.J * f, "gear": design.load.gear})
-    for name in TWO_MASS:
-        spring = design.parameters(name)
-        if "J_load" in spring:
-            changed = changed.with_effect(name, spring | {"J_load": spring["J_load"] * f})
+    for effect, values in bound_effects(design):
+        if effect.structure == "transmission":
+            changed = changed.with_effect(effect.id, dict(values) | {"J_load": values["J_load"] * f})
     return changed
 
 
 def corners(design: Design) -> list[dict[str, float]]:
-    """Return the deviations at every corner of the motor's tolerances."""
+    """Return the corners of the motor's tolerances.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    list of dict of str to float
+        Relative deviations by symbol.
+    """
     spans = {symbol: design.motor.tolerance.get(symbol, 0.0) for symbol in VARIED}
     spans = {symbol: tolerance for symbol, tolerance in spans.items() if tolerance > 0.0}
     signs = itertools.product((-1.0, 1.0), repeat=len(spans))
     return [dict(zip(spans, (s * t for s, t in zip(sign, spans.values(), strict=True)), strict=True)) for sign in signs]
 
 
-def _judge(
-    design: Design,
-    deviations: Mapping[str, float],
-    current: CurrentLoop,
-    speed: SpeedLoop,
-    at: float,
-    seen: dict[tuple[float, ...], Margins],
-) -> Corner:
-    truth = varied(design, deviations) if deviations else design
-    cascade = Cascade.of(design, current, truth=truth, at=at)
-    # The current loop knows only the winding: corners that share it share its margins.
-    winding = tuple(deviations.get(symbol, 0.0) for symbol in ("R", "L_q"))
-    if winding not in seen:
-        loop = current_loop(design, current, truth=truth)
-        seen[winding] = margins(loop, frequencies(loop.dt, 1e-3, 500), brief=True)
-    grid = frequencies(cascade.period, 1e-3, 600)
-    return Corner(deviations, seen[winding], margins(open_loop(cascade, speed), grid, brief=True))
+@dataclass(frozen=True, eq=False)
+class _Judge:
+    """Margins of one pair of controllers on plants with other parameters."""
+
+    design: Design
+    current: CurrentLoop
+    speed: SpeedLoop
+    requirements: Requirements
+    at: float
+    seen: dict[tuple[float, ...], Margins] = field(default_factory=dict)
+
+    def corner(self, deviations: Mapping[str, float]) -> Corner:
+        truth = varied(self.design, deviations) if deviations else self.design
+        cascade = Cascade.of(self.design, self.current, truth=truth, at=self.at)
+        # The current loop depends on the winding alone: corners that share it share its margins.
+        winding = tuple(deviations.get(symbol, 0.0) for symbol in ("R", "L_q"))
+        if winding not in self.seen:
+            loop = current_loop(self.design, self.current, truth=truth)
+            self.seen[winding] = margins(loop, frequencies(loop.dt, 1e-3, 500))
+        grid = frequencies(cascade.period, 1e-3, 600)
+        return Corner(deviations, self.seen[winding], margins(open_loop(cascade, self.speed), grid))
+
+    def worst(self, points: Iterable[Mapping[str, float]]) -> Robustness:
+        judged = [self.corner(deviations) for deviations in points]
+        by_current = max(judged, key=lambda c: self.requirements.shortfall(c.current))
+        by_speed = max(judged, key=lambda c: self.requirements.shortfall(c.speed))
+        return Robustness(judged[0], by_current, by_speed, len(judged), self.requirements)
 
 
 def robustness(
-    design: Design,
-    current: CurrentLoop,
-    speed: SpeedLoop,
-    *,
-    requirements: Requirements | None = None,
-    at: float = 1e-3,
-    inside: int = 4,
-    seed: int = 0,
+    design: Design, *, requirements: Requirements | None = None, at: float = 1e-3, inside: int = INSIDE, seed: int = 0
 ) -> Robustness:
-    """Judge the gains over the tolerances of the motor's parameters.
+    """Judge the gains of a design over the tolerances of the motor's parameters.
 
     Parameters
     ----------
     design : Design
-        Its ``motor.tolerance`` is used.
-    current, speed : the gains
+        Its loops and ``motor.tolerance`` are used.
     requirements : Requirements, optional
-    at : speed in rad/s at which the plant is linearised
-    inside : random points inside the tolerances, judged as well
+    at : float
+        Speed at which the plant is linearised, rad/s.
+    inside : int
+        Random points inside the tolerances, judged as well.
+    seed : int
+        Of the random points.
+
+    Returns
+    -------
+    Robustness
     """
-    requirements = requirements or Requirements()
+    loops = design.require_loops()
+    judge = _Judge(design, loops.current, loops.speed, requirements or Requirements(), at)
     all_corners = corners(design)
     rng = np.random.default_rng(seed)
     points = [{s: float(v * rng.uniform(-1.0, 1.0)) for s, v in all_corners[-1].items()} for _ in range(inside)]
-    seen: dict[tuple[float, ...], Margins] = {}
-    nominal = _judge(design, {}, current, speed, at, seen)
-    judged = [_judge(design, deviations, current, speed, at, seen) for deviations in (*all_corners, *points)]
-    by_current = max(judged, key=lambda c: requirements.shortfall(c.current))
-    by_speed = max(judged, key=lambda c: requirements.shortfall(c.speed))
-    missed = [f"current loop at {by_current.name}: {m}" for m in requirements.missed(by_current.current)]
-    missed += [f"speed loop at {by_speed.name}: {m}" for m in requirements.missed(by_speed.speed)]
-    return Robustness(nominal, by_current, by_speed, len(judged), tuple(missed))
+    return replace(judge.worst([*all_corners, *points]), nominal=judge.corner({}))
 
 
 def robust_gains(
     design: Design,
     current: CurrentLoop,
     make: Callable[[float, CurrentLoop], SpeedLoop],
-    *,
-    requirements: Requirements | None = None,
-    at: float = 1e-3,
-    ratio: float = 1.1,
-    steps: int = 40,
-) -> tuple[CurrentLoop, SpeedLoop, Robustness]:
-    """Slow both loops down until the worst corner keeps the requirements.
+    requirements: Requirements,
+    at: float,
+) -> tuple[CurrentLoop, SpeedLoop, float]:
+    """Slow both loops down until the worst corner meets the requirements.
 
     Parameters
     ----------
-    current : the nominal current controllers; their gains are divided by the factor needed
-    make : function of a factor >= 1, by which the speed loop is slower than asked, and of the current controllers
+    design : Design
+    current : CurrentLoop
+        Nominal; its gains are divided by the factor needed.
+    make : callable
+        Returns the speed loop for a factor >= 1, by which it is slower than asked, and the current controllers.
+    requirements : Requirements
+    at : float
+        Speed at which the plant is linearised, rad/s.
+
+    Returns
+    -------
+    current : CurrentLoop
+    speed : SpeedLoop
+    slowed : float
+        The factor for the speed loop.
 
     Raises
     ------
     RequestError
         When the slowest loops still miss something at some corner; the message names it.
     """
-    requirements = requirements or Requirements()
     factor = 1.0
-    # The corner that was worst is looked at alone until it is kept; then all of them once more.
-    suspects: list[Mapping[str, float]] = [*corners(design)]
-    every = len(suspects)
-    for _ in range(steps):
+    # The corner that was worst is judged alone until it meets the requirements; then all of them once more.
+    every: list[Mapping[str, float]] = [*corners(design)]
+    suspects = every
+    for _ in range(STEPS):
         speed = make(factor, current)
-        seen: dict[tuple[float, ...], Margins] = {}
-        judged = [_judge(design, deviations, current, speed, at, seen) for deviations in suspects]
-        by_current = max(judged, key=lambda c: requirements.shortfall(c.current))
-        by_speed = max(judged, key=lambda c: requirements.shortfall(c.speed))
-        slow_current = bool(requirements.missed(by_current.current))
-        slow_speed = bool(requirements.missed(by_speed.speed))
-        if not slow_current and not slow_speed:
-            if len(suspects) == every:
-                found = robustness(design, current, speed, requirements=requirements, at=at)
-                return current, speed, replace(found, slowed=factor)
-            suspects = [*corners(design)]
+        found = _Judge(design, current, speed, requirements, at).worst(suspects)
+        slow = {loop for loop, *_ in found.missed}
+        if not slow:
+            if suspects is every:
+                return current, speed, factor
+            suspects = every
             continue
-        suspects = [by_current.deviations, by_speed.deviations]
-        if slow_current:
-            current = current.model_copy(
-                update={"K_p": current.K_p / ratio, "K_p_d": current.K_p_d / ratio if current.K_p_d else None}
-            )
-        if slow_speed:
-            factor *= ratio
-    missed = [f"current loop at {by_current.name}: {m}" for m in requirements.missed(by_current.current)]
-    missed += [f"speed loop at {by_speed.name}: {m}" for m in requirements.missed(by_speed.speed)]
-    raise RequestError(f"no gains keep the margins over the tolerances: {(missed or ['search not finished'])[0]}")
+        suspects = [found.worst_current.deviations, found.worst_speed.deviations]
+        if "current" in slow:
+            K_p_d = current.K_p_d / RATIO if current.K_p_d else None
+            current = current.model_copy(update={"K_p": current.K_p / RATIO, "K_p_d": K_p_d})
+        if "speed" in slow:
+            factor *= RATIO
+    words = [f"{loop} loop at {corner.name}: {item}" for loop, corner, item in found.missed]
+    raise RequestError(f"no gains keep the margins over the tolerances: {(words or ['search not finished'])[0]}")

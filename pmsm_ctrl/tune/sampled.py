@@ -1,17 +1,18 @@
 """The loops exactly as they run: linear plant between the ticks, controller and delay at the ticks.
 
 One pass of the cascade over a speed period is a linear map. It is written here in the order in which the drive
-computes it (`pmsm_ctrl.kernels.drive_template`) and turned into matrices by sending the unit vectors through it,
-so what is analysed is the discrete controller with its real delays, not a continuous stand-in for it.
+computes it (`pmsm_ctrl.kernels.drive_template`) and turned into matrices by applying it to the unit vectors, so that
+the discrete controller with its real delays is analysed, not a continuous approximation.
 
-Left out, being of second order: quantisation, limits, and the turning of the held voltage within one period.
+Second-order effects are left out: quantisation, limits, and the rotation of the held voltage within one period.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, Literal
 
 import control as ct
 import numpy as np
@@ -26,28 +27,65 @@ __all__ = ["FAINT", "Biquad", "Cascade", "current_loop", "frequencies", "pi", "s
 
 Array = NDArray[np.float64]
 
-FAINT = 1.0 / 6.0  # share of a held reference below which its images excite too little to measure by
+FAINT = 1.0 / 6.0  # share of a held reference below which its images are too weak for a measurement
 
 INPUTS = ("omega_ref", "theta_ref", "i_q_add", "T_load", "angle_noise", "i_q_ref")
 OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load")
 
 
 def pi(K_p: float, T_n: float, period: float) -> Any:
-    """Return K_p (1 + (T/T_n) / (z - 1)), the PI as it runs: forward Euler, integrator added before its update."""
+    """Return K_p (1 + (T/T_n) / (z - 1)), the PI as it runs: forward Euler, integrator added before its update.
+
+    Parameters
+    ----------
+    K_p : float
+    T_n, period : float
+        s.
+
+    Returns
+    -------
+    control.TransferFunction
+    """
     return ct.tf([K_p, K_p * (period / T_n - 1.0)], [1.0, -1.0], period)
 
 
 def frequencies(period: float, low: float = 1e-4, points: int = 2000) -> Array:
-    """Return angular frequencies from `low` to just under the Nyquist frequency, as shares of it, in rad/s."""
+    """Return angular frequencies up to just below the Nyquist frequency, evenly spaced on a logarithmic axis.
+
+    Parameters
+    ----------
+    period : float
+        Sampling period, s.
+    low : float
+        First frequency as a share of the Nyquist frequency.
+    points : int
+
+    Returns
+    -------
+    array, shape (points,)
+        rad/s.
+    """
     nyquist = math.pi / period
     return np.geomspace(low * nyquist, 0.9995 * nyquist, points)
 
 
 def current_loop(design: Design, loop: CurrentLoop, axis: str = "q", truth: Design | None = None) -> Any:
-    """Return the open current loop of one axis in z, shape 1x1 (control.StateSpace).
+    """Return the open current loop of one axis in z.
 
     R-L plant under the held voltage (exact), the computation delay in whole periods, and the discrete PI.
-    Decoupling is taken as ideal; `truth` is the plant where it differs from the design.
+    Decoupling is taken as ideal.
+
+    Parameters
+    ----------
+    design : Design
+    loop : CurrentLoop
+    axis : {"q", "d"}
+    truth : Design, optional
+        The plant where it differs from the design.
+
+    Returns
+    -------
+    control.StateSpace, shape 1 x 1
     """
     m = Plant.of(truth or design)
     L = m.L_q if axis == "q" else m.L_d
@@ -61,12 +99,12 @@ def current_loop(design: Design, loop: CurrentLoop, axis: str = "q", truth: Desi
 
 @dataclass(frozen=True)
 class Biquad:
-    """A notch or a low-pass behind the speed controller, bilinear with its frequency kept.
+    """A notch or a low-pass behind the speed controller, bilinear with its frequency preserved.
 
     ``(s^2 + 2 numerator w s + w^2) / (s^2 + 2 denominator w s + w^2)``; a low-pass has the constant numerator.
     """
 
-    kind: str
+    kind: Literal["notch", "low_pass"]
     frequency: float  # Hz
     damping_numerator: float
     damping_denominator: float
@@ -80,7 +118,17 @@ class Biquad:
         return ct.tf([1.0, 2.0 * self.damping_numerator * w, w * w], denominator)
 
     def sampled(self, period: float) -> Any:
-        """Return the filter in z."""
+        """Return the filter in z.
+
+        Parameters
+        ----------
+        period : float
+            s.
+
+        Returns
+        -------
+        control.TransferFunction
+        """
         w = 2.0 * math.pi * self.frequency
         return ct.c2d(self.continuous(), period, "bilinear", prewarp_frequency=w)
 
@@ -92,11 +140,15 @@ class Cascade:
     Attributes
     ----------
     design : Design
-        What the controller believes; its `loops` are not read.
+        What the controller assumes; its `loops` are not read.
     truth : Design
         The plant.
-    model : Linearisation of the plant
-    current, speed, position : the gains; a speed loop of None leaves `i_q_ref` as an input.
+    model : Linearisation
+        Of the plant.
+    current : CurrentLoop
+    speed : SpeedLoop or None
+        Without a speed loop `i_q_ref` is an input.
+    position : PositionLoop or None
     """
 
     design: Design
@@ -117,12 +169,40 @@ class Cascade:
         truth: Design | None = None,
         at: float = 0.0,
     ) -> Cascade:
-        """Linearise the plant at the speed `at` (rad/s) and build the cascade around it."""
+        """Linearise the plant at a speed and build the cascade around it.
+
+        Parameters
+        ----------
+        design : Design
+        current : CurrentLoop
+        speed : SpeedLoop, optional
+        position : PositionLoop, optional
+            Ignored when its gain is 0.
+        truth : Design, optional
+            The plant, `design` if left out.
+        at : float
+            rad/s.
+
+        Returns
+        -------
+        Cascade
+        """
         plant = truth or design
-        return cls(design, plant, linearise(plant, at), current, speed, position)
+        controlled = position if position is not None and position.K_v > 0.0 else None
+        return cls(design, plant, linearise(plant, at), current, speed, controlled)
 
     def with_gains(self, **changed: Any) -> Cascade:
-        """Return a copy with other gains."""
+        """Return a copy with other gains.
+
+        Parameters
+        ----------
+        **changed : CurrentLoop, SpeedLoop, PositionLoop or None
+            By `current`, `speed` and `position`.
+
+        Returns
+        -------
+        Cascade
+        """
         return replace(self, **changed)
 
     @property
@@ -131,10 +211,19 @@ class Cascade:
         return self.design.drive.speed_period
 
     def system(self, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Any:
-        """Return the cascade from some of `INPUTS` to some of `OUTPUTS` as a control.StateSpace at `period`.
+        """Return the cascade from some of `INPUTS` to some of `OUTPUTS`.
 
-        Outputs are those at the tick, before the period that the map carries through. The absolute angle is a
-        state only where it is fed back or asked for; otherwise it would be an integrator that nothing sees.
+        Outputs are those at the tick, before the period that the map covers. The absolute angle is a state only
+        where it is fed back or asked for; otherwise it would be an unobservable integrator.
+
+        Parameters
+        ----------
+        inputs, outputs : tuple of str
+
+        Returns
+        -------
+        control.StateSpace
+            Sampled at `period`.
         """
         angle = self.position is not None or "theta" in outputs
         n, m = self._size(), len(INPUTS)
@@ -156,6 +245,7 @@ class Cascade:
         # plant; theta; pending u_d, u_q; I_d, I_q; travel; omega_hat; last angle noise; I_s; filtered reference
         return self._first + 10
 
+    @cached_property
     def _discrete(self) -> tuple[Array, Array]:
         T = 1.0 / self.design.drive.f_control
         n = len(self.model.states)
@@ -163,7 +253,18 @@ class Cascade:
         return np.asarray(zoh.A), np.asarray(zoh.B)
 
     def current_step(self, duration: float) -> Array:
-        """Return i_q at the control periods after a unit step of `i_q_ref`, the shaft free and the EMF fed forward."""
+        """Return i_q after a unit step of `i_q_ref`, the shaft free and the EMF fed forward.
+
+        Parameters
+        ----------
+        duration : float
+            s.
+
+        Returns
+        -------
+        array, shape (n,)
+            One value a control period.
+        """
         bare = replace(self, speed=None, position=None)
         state = np.zeros((bare._size(), 1))
         trace: list[Array] = []
@@ -174,11 +275,20 @@ class Cascade:
         return np.concatenate(trace)
 
     def current_response(self, omega: Array) -> Any:
-        """Open current loop (control.FRD) with the shaft free, as a measurement sees it: current over error.
+        """Return the open current loop with the shaft free, as a measurement determines it: current over error.
 
-        The reference is held for a speed period, the current is looked at in every control period; both are
-        compared at the same frequency, beyond the speed loop's own Nyquist frequency as well. Frequencies
-        (rad/s) that the held reference hardly contains are left out, as they are from a measurement.
+        The reference is held for a speed period, the current is sampled in every control period; both are compared
+        at the same frequency, also beyond the Nyquist frequency of the speed loop.
+
+        Parameters
+        ----------
+        omega : array, shape (n,)
+            rad/s.
+
+        Returns
+        -------
+        control.FRD
+            At those frequencies that the held reference contains with a share above `FAINT`.
         """
         bare = replace(self, speed=None, position=None)
         n = bare._size()
@@ -196,7 +306,7 @@ class Cascade:
         return ct.frd((current / (reference - current))[seen], omega[seen])
 
     def _kept(self, angle: bool) -> Array:
-        """Mask of the states that the map needs; the others would be integrators that nothing sees."""
+        """Mask of the states that the map needs; the others would be unobservable integrators."""
         keep = np.ones(self._size(), bool)
         keep[3] = False  # the travel within a period is carried by its own state
         keep[self._first] = angle
@@ -206,7 +316,7 @@ class Cascade:
     def _period(self, state: Array, inputs: Array, trace: list[Array] | None = None) -> tuple[Array, Array]:
         """Carry states (rows) through one speed period; every operation here is linear in them."""
         n = self._first
-        T, T_s = 1.0 / self.design.drive.f_control, self.period
+        T_s = self.period
         x, theta, held = state[:n].copy(), state[n], state[n + 1 : n + 3]
         I_d, I_q, travel, omega_hat, last_noise, I_s, filtered = state[n + 3 :]
         omega_ref, theta_ref, i_q_add, T_load, noise, i_q_ref = inputs
@@ -216,38 +326,29 @@ class Cascade:
         theta = theta + travel
         # Position and speed controllers.
         if self.speed is not None:
-            in_position = self.position is not None and self.position.K_v > 0.0
-            share = self.position.velocity_feedforward if self.position is not None and in_position else 1.0
+            share = self.position.velocity_feedforward if self.position is not None else 1.0
             filtered = filtered + smoothing(T_s, self.speed.reference_filter) * (share * omega_ref - filtered)
             wanted = filtered
-            if self.position is not None and in_position:
+            if self.position is not None:
                 wanted = wanted + self.position.K_v * (theta_ref - theta - noise)
             e = wanted - omega_hat
             i_q_ref = self.speed.K_p * e + I_s + i_q_add
             I_s = I_s + T_s / self.speed.T_n * self.speed.K_p * e
         out = np.array([omega_hat, x[2], x[1], theta, i_q_ref, x[4] if n > 4 else x[2]])
-        # Current controllers and plant, tick by tick.
+        # Current controllers and plant, one control period at a time.
         x[3] = 0.0
-        x, held, I_d, I_q = self._ticks(x, held, I_d, I_q, omega_hat, i_q_ref, T_load, T, trace)
+        x, held, I_d, I_q = self._ticks((x, held, I_d, I_q), omega_hat, i_q_ref, T_load, trace)
         travel = x[3]
         return np.vstack([x, theta, held, I_d, I_q, travel, omega_hat, noise, I_s, filtered]), out
 
     def _ticks(
-        self,
-        x: Array,
-        held: Array,
-        I_d: Array,
-        I_q: Array,
-        omega_hat: Array,
-        i_q_ref: Array,
-        T_load: Array,
-        T: float,
-        trace: list[Array] | None = None,
-    ) -> tuple[Array, Array, Array, Array]:
+        self, start: tuple[Array, ...], omega_hat: Array, i_q_ref: Array, T_load: Array, trace: list[Array] | None
+    ) -> tuple[Array, ...]:
         """Carry plant and current controllers through the control periods of one speed period."""
-        Phi, Gamma = self._discrete()
+        x, held, I_d, I_q = start
+        Phi, Gamma = self._discrete
         design, point, loop = self.design, self.model.point, self.current
-        m = Plant.of(design)
+        m, T = Plant.of(design), 1.0 / design.drive.f_control
         psi = design.K_t_assumed / (1.5 * m.p)
         L_d, L_q = design.assumed.L_d or m.L_d, design.assumed.L_q or m.L_q
         K_d, T_d = loop.K_p_d or loop.K_p, loop.T_n_d or loop.T_n
@@ -261,12 +362,22 @@ class Cascade:
             I_d = I_d + T / T_d * K_d * e_d
             I_q = I_q + T / loop.T_n * loop.K_p * e_q
             command = np.vstack([u_d, u_q])
-            # Without a computation delay nothing is pending: what is not used must not linger as a state.
+            # Without a computation delay no voltage is pending; an unused state must stay zero.
             acting, held = (held, command) if m.delay else (command, np.zeros_like(held))
             x = Phi @ x + Gamma[:, :2] @ acting + np.outer(Gamma[:, 2], T_load)
         return x, held, I_d, I_q
 
 
 def speed_plant(cascade: Cascade) -> Any:
-    """Return what the speed controller sees: from `i_q_ref` to the measured speed, sampled at the speed period."""
+    """Return the plant of the speed controller: from `i_q_ref` to the measured speed.
+
+    Parameters
+    ----------
+    cascade : Cascade
+
+    Returns
+    -------
+    control.StateSpace
+        Sampled at the speed period.
+    """
     return cascade.with_gains(speed=None, position=None).system(("i_q_ref",), ("omega_hat",))

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.tune.current import highest_bandwidth, tune_current
 from pmsm_ctrl.tune.margins import margins
+from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.sampled import Cascade, current_loop
 from pmsm_ctrl.tune.speed import open_loop, tune_speed
 
@@ -42,12 +43,12 @@ def machines(draw) -> Design:
 @given(machines())
 def test_classical_gains_are_stable_with_the_margins_they_are_known_for(design):
     loop = tune_current(design)
-    inner = margins(current_loop(design, loop), brief=True)
+    inner = margins(current_loop(design, loop))
     assert inner.stable
     # 90 deg less 1/2 rad of delay at the crossover 1/(2 T_sigma), less what sampling adds without a delay.
     assert 52.0 < inner.phase_margin < 66.0
     cascade = Cascade.of(design, loop, at=1.0)
-    found = margins(open_loop(cascade, tune_speed(design, loop, cascade=cascade)), brief=True)
+    found = margins(open_loop(cascade, tune_speed(cascade)))
     assert found.stable
     assert found.phase_margin > 38.0
     assert found.gain_margin_db > 6.0
@@ -57,8 +58,8 @@ def test_classical_gains_are_stable_with_the_margins_they_are_known_for(design):
 @given(machines(), st.floats(0.2, 0.9), st.floats(35.0, 70.0))
 def test_a_bandwidth_with_margin_is_met_exactly_wherever_it_is_granted(design, share, phase_margin):
     asked = share * highest_bandwidth(design, phase_margin)
-    loop = tune_current(design, "bandwidth", bandwidth=asked, phase_margin=phase_margin)
-    found = margins(current_loop(design, loop), brief=True)
+    loop = tune_current(design, Specification(current="bandwidth", current_bandwidth=asked, phase_margin=phase_margin))
+    found = margins(current_loop(design, loop))
     assert found.crossover == pytest.approx(asked, rel=2e-3)
     assert found.phase_margin == pytest.approx(phase_margin, abs=0.2)
 
@@ -69,7 +70,7 @@ def test_gains_scale_with_the_machine(design, factor):
     # Twice the inertia, twice the gain, the same reset time; impedance scales the current gain alone.
     loop = tune_current(design)
     heavy = design.replace(motor={"J": factor * design.motor.J})
-    light_gains, heavy_gains = tune_speed(design, loop), tune_speed(heavy, loop)
+    light_gains, heavy_gains = (tune_speed(Cascade.of(each, loop, at=1e-3)) for each in (design, heavy))
     assert heavy_gains.K_p == pytest.approx(factor * light_gains.K_p, rel=1e-9)
     assert heavy_gains.T_n == light_gains.T_n
     m = design.motor

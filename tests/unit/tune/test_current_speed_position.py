@@ -8,11 +8,12 @@ import control as ct
 import numpy as np
 import pytest
 
-from pmsm_ctrl.design import CurrentLoop, Design, SpeedLoop
+from pmsm_ctrl.design import Design, SpeedLoop
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune import current, position, speed
 from pmsm_ctrl.tune.delays import delays
 from pmsm_ctrl.tune.margins import margins, response
+from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.sampled import Cascade, current_loop
 
 MACHINES = ("seed_motor", "small_servo", "servo_2kw")
@@ -30,7 +31,7 @@ def seed_motor(designs) -> Design:
 
 def test_current_loop_by_bandwidth_meets_crossover_and_margin(design):
     asked = 0.03 * design.drive.f_control
-    loop = current.tune_current(design, "bandwidth", bandwidth=asked, phase_margin=65.0)
+    loop = current.tune_current(design, by_bandwidth("current", asked, 65.0))
     for axis in ("d", "q"):
         found = margins(current_loop(design, loop, axis))
         assert found.crossover == pytest.approx(asked, rel=1e-4)
@@ -52,15 +53,15 @@ def test_unequal_axes_get_their_own_gains(designs):
 
 
 def test_pole_cancellation_defaults_to_the_margin_asked_for(design):
-    loop = current.tune_current(design, "pole_cancellation", phase_margin=60.0)
+    loop = current.tune_current(design, Specification(current="pole_cancellation", phase_margin=60.0))
     assert margins(current_loop(design, loop)).phase_margin == pytest.approx(60.0, abs=4.0)
 
 
 def test_the_highest_current_bandwidth_is_where_phase_runs_out(seed_motor):
     limit = current.highest_bandwidth(seed_motor, 45.0)
     with pytest.raises(RequestError, match=rf"93\.75 us of delay .* 45 deg of phase margin is {limit:.4g} Hz"):
-        current.tune_current(seed_motor, "bandwidth", bandwidth=limit * 1.01, phase_margin=45.0)
-    loop = current.tune_current(seed_motor, "bandwidth", bandwidth=limit * 0.99, phase_margin=45.0)
+        current.tune_current(seed_motor, by_bandwidth("current", limit * 1.01, 45.0))
+    loop = current.tune_current(seed_motor, by_bandwidth("current", limit * 0.99, 45.0))
     assert margins(current_loop(seed_motor, loop)).phase_margin == pytest.approx(45.0, abs=0.01)
     # Integrator and delay alone: 90 - 45 deg less 3 deg of PI at w * 1.5 T, so a little above 42/360/(1.5 T).
     assert limit == pytest.approx(42.0 / 360.0 / (1.5 / 16000.0), rel=0.08)
@@ -69,29 +70,32 @@ def test_the_highest_current_bandwidth_is_where_phase_runs_out(seed_motor):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "modulus"}, "unknown method 'modulus'; did you mean 'modulus_optimum'"),
-        ({"method": "bandwidth"}, r"needs a bandwidth in Hz \(up to"),
-        ({"bandwidth": 300.0}, "fixes the bandwidth by the delay"),
-        ({"method": "bandwidth", "bandwidth": -1.0}, "a positive number was expected"),
-        ({"method": "bandwidth", "bandwidth": math.nan}, "a positive number was expected"),
-        ({"method": "bandwidth", "bandwidth": 100.0, "phase_margin": 95.0}, "between 5 and 85 deg"),
+        ({"current": "modulus"}, "unknown method 'modulus'; did you mean 'modulus_optimum'"),
+        ({"current": "bandwidth"}, r"needs a bandwidth in Hz \(up to"),
+        ({"current_bandwidth": 300.0}, "fixes the bandwidth by the delay"),
+        ({"current": "bandwidth", "current_bandwidth": -1.0}, "a positive number was expected"),
+        ({"current": "bandwidth", "current_bandwidth": math.nan}, "a positive number was expected"),
+        ({"current": "bandwidth", "current_bandwidth": 100.0, "phase_margin": 95.0}, "between 5 and 85 deg"),
     ],
 )
 def test_bad_current_requests_get_an_answer(seed_motor, options, message):
     with pytest.raises(RequestError, match=message):
-        current.tune_current(seed_motor, **options)
+        current.tune_current(seed_motor, Specification(**options))
 
 
-def tuned(design: Design, at: float = 30.0) -> tuple[CurrentLoop, Cascade]:
-    loop = current.tune_current(design)
-    return loop, Cascade.of(design, loop, at=at)
+def by_bandwidth(loop: str, asked: float, phase_margin: float = 60.0) -> Specification:
+    return Specification(phase_margin=phase_margin, **{loop: "bandwidth", f"{loop}_bandwidth": asked})
+
+
+def tuned(design: Design, at: float = 30.0) -> Cascade:
+    return Cascade.of(design, current.tune_current(design), at=at)
 
 
 @pytest.mark.parametrize("phase_margin", [40.0, 55.0, 65.0])
 def test_speed_loop_by_bandwidth_meets_crossover_and_margin(design, phase_margin):
-    loop, cascade = tuned(design)
+    cascade = tuned(design)
     asked = 0.6 * speed.highest_bandwidth(cascade, phase_margin)
-    gains = speed.tune_speed(design, loop, "bandwidth", cascade=cascade, bandwidth=asked, phase_margin=phase_margin)
+    gains = speed.tune_speed(cascade, by_bandwidth("speed", asked, phase_margin))
     found = margins(speed.open_loop(cascade, gains))
     assert found.crossover == pytest.approx(asked, rel=1e-4)
     assert found.phase_margin == pytest.approx(phase_margin, abs=0.02)
@@ -100,18 +104,18 @@ def test_speed_loop_by_bandwidth_meets_crossover_and_margin(design, phase_margin
 
 @pytest.mark.parametrize("a", [2.0, 1.0 + math.sqrt(2.0), 3.0, 4.0])
 def test_symmetrical_optimum_keeps_its_phase_margin_on_the_sampled_loop(design, a):
-    loop, cascade = tuned(design)
-    gains = speed.tune_speed(design, loop, a=a, cascade=cascade)
+    cascade = tuned(design)
+    gains = speed.tune_speed(cascade, Specification(a=a))
     found = margins(speed.open_loop(cascade, gains))
     # The rule lumps all delays into one lag: a few degrees of truth are lost at the fast end.
     assert found.phase_margin == pytest.approx(math.degrees(math.atan((a * a - 1.0) / (2.0 * a))), abs=2.5)
-    assert found.crossover == pytest.approx(1.0 / (2.0 * math.pi * a * delays(design, loop).speed), rel=0.12)
+    assert found.crossover == pytest.approx(1.0 / (2.0 * math.pi * a * delays(design, cascade.current).speed), rel=0.12)
 
 
 def test_pole_placement_places_the_dominant_poles(seed_motor):
-    loop, cascade = tuned(seed_motor)
+    cascade = tuned(seed_motor)
     slow, damping = 6.0, 0.8
-    gains = speed.tune_speed(seed_motor, loop, "pole_placement", cascade=cascade, bandwidth=slow, damping=damping)
+    gains = speed.tune_speed(cascade, Specification(speed="pole_placement", speed_bandwidth=slow, damping=damping))
     poles = cascade.with_gains(speed=gains).system(("omega_ref",), ("omega",)).poles()
     wanted = 2.0 * math.pi * slow * (-damping + 1j * math.sqrt(1.0 - damping**2))
     found = np.log(poles[np.abs(poles) > 0.0].astype(complex)) / cascade.period
@@ -120,10 +124,10 @@ def test_pole_placement_places_the_dominant_poles(seed_motor):
 
 
 def test_a_speed_bandwidth_above_the_delays_says_what_is_possible_and_why(seed_motor):
-    loop, cascade = tuned(seed_motor)
+    cascade = tuned(seed_motor)
     limit = speed.highest_bandwidth(cascade, 60.0)
     with pytest.raises(RequestError) as caught:
-        speed.tune_speed(seed_motor, loop, "bandwidth", cascade=cascade, bandwidth=500.0)
+        speed.tune_speed(cascade, by_bandwidth("speed", 500.0))
     text = str(caught.value)
     assert f"60 deg of phase margin is {limit:.4g} Hz" in text
     assert "speed filter 0.385 ms" in text
@@ -133,22 +137,22 @@ def test_a_speed_bandwidth_above_the_delays_says_what_is_possible_and_why(seed_m
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "optimum"}, "unknown method 'optimum'"),
-        ({"method": "bandwidth"}, "needs a bandwidth in Hz"),
-        ({"bandwidth": 400.0}, r"would need a = 0\.48.*at most 161\.2 Hz"),
-        ({"method": "pole_placement", "bandwidth": 400.0}, "highest bandwidth"),
-        ({"method": "pole_placement", "bandwidth": 0.05}, "friction alone damps more"),
+        ({"speed": "optimum"}, "unknown method 'optimum'"),
+        ({"speed": "bandwidth"}, "needs a bandwidth in Hz"),
+        ({"speed_bandwidth": 400.0}, r"would need a = 0\.48.*at most 161\.2 Hz"),
+        ({"speed": "pole_placement", "speed_bandwidth": 400.0}, "highest bandwidth"),
+        ({"speed": "pole_placement", "speed_bandwidth": 0.05}, "friction alone damps more"),
     ],
 )
 def test_bad_speed_requests_get_an_answer(seed_motor, options, message):
-    loop, cascade = tuned(seed_motor)
+    cascade = tuned(seed_motor)
     with pytest.raises(RequestError, match=message):
-        speed.tune_speed(seed_motor, loop, cascade=cascade, **options)
+        speed.tune_speed(cascade, Specification(**options))
 
 
 def test_position_gain_has_no_resonance_and_no_overshoot(design):
-    loop, cascade = tuned(design)
-    cascade = cascade.with_gains(speed=speed.tune_speed(design, loop, cascade=cascade))
+    cascade = tuned(design)
+    cascade = cascade.with_gains(speed=speed.tune_speed(cascade))
     place = position.tune_position(cascade)
     found = margins(position.open_loop(cascade, place.K_v))
     assert found.complementary_peak <= 1.0101
@@ -160,8 +164,8 @@ def test_position_gain_has_no_resonance_and_no_overshoot(design):
 
 
 def test_a_position_gain_that_is_unstable_is_refused(seed_motor):
-    loop, cascade = tuned(seed_motor)
-    cascade = cascade.with_gains(speed=speed.tune_speed(seed_motor, loop, cascade=cascade))
+    cascade = tuned(seed_motor)
+    cascade = cascade.with_gains(speed=speed.tune_speed(cascade))
     with pytest.raises(RequestError, match=r"unstable with K_v = 5000 1/s .* without resonance is 1\d\d"):
         position.tune_position(cascade, gain=5000.0)
     with pytest.raises(RequestError, match="a positive number was expected"):
@@ -169,7 +173,7 @@ def test_a_position_gain_that_is_unstable_is_refused(seed_motor):
 
 
 def test_stiffness_at_low_frequency_is_that_of_the_gains(seed_motor):
-    loop, cascade = tuned(seed_motor)
+    cascade = tuned(seed_motor)
     gains = SpeedLoop(K_p=0.03, T_n=0.02)
     cascade = cascade.with_gains(speed=gains)
     cascade = cascade.with_gains(position=position.tune_position(cascade, gain=50.0))

@@ -15,14 +15,16 @@ import pytest
 from pmsm_ctrl.design import CurrentLoop, Design, Loops, PositionLoop, SpeedLoop
 from pmsm_ctrl.effects import Effect, Parameter, kernel
 from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.section import Picture, Table
 from pmsm_ctrl.tune.margins import margins, response
 from pmsm_ctrl.tune.noise import h2_norm, noise
-from pmsm_ctrl.tune.requirements import Requirements
+from pmsm_ctrl.tune.requirements import Criterion, Requirements, Specification
 from pmsm_ctrl.tune.resonance import resonance_frequencies
+from pmsm_ctrl.tune.result import Tuning, UnstableLoopError
 from pmsm_ctrl.tune.robust import corners, robustness, varied
 from pmsm_ctrl.tune.sampled import Biquad, Cascade
 from pmsm_ctrl.tune.speed import open_loop
-from pmsm_ctrl.tune.tuning import Tuning, UnstableLoopError, assess, tune
+from pmsm_ctrl.tune.tuning import assess, tune
 
 
 @pytest.fixture(scope="module")
@@ -95,8 +97,8 @@ def test_the_worst_corner_is_named_and_no_point_inside_is_worse(tuned):
     assert found.corners == 20
     assert found.worst_speed.name.startswith("J ")
     need = tuned.requirements
-    design, loops = tuned.design, tuned.loops
-    more = robustness(design, loops.current, loops.speed, requirements=need, at=40.0, inside=12, seed=3)
+    design = tuned.design
+    more = robustness(design, requirements=need, at=40.0, inside=12, seed=3)
     assert need.shortfall(more.worst_speed.speed) == pytest.approx(need.shortfall(found.worst_speed.speed), abs=0.01)
     # A winding with less inductance and resistance makes the current loop faster and its margin smaller.
     assert found.worst_current.deviations["L_q"] < 0.0
@@ -106,26 +108,28 @@ def test_the_worst_corner_is_named_and_no_point_inside_is_worse(tuned):
 def test_robust_gains_keep_the_worst_corner(root):
     design = Design.read(root / "seed_motor.toml")
     need = Requirements(phase_margin=48.0, gain_margin_db=8.0, sensitivity_peak=1.8)
-    found = tune(design, robust=True, requirements=need, prove=False)
+    found = tune(design, Specification(robust=True, requirements=need), prove=False)
     assert not found.robustness.missed
     assert found.robustness.slowed > 1.0
     assert found.robustness.worst_speed.speed.phase_margin >= 48.0
     assert found.robustness.worst_current.current.phase_margin >= 48.0
-    assert "slowed down" in found.methods["speed"]
+    assert found.slowed["speed"] == found.robustness.slowed
+    assert "slowed down" in found.summary()
     with pytest.raises(RequestError, match="no gains keep the margins over the tolerances"):
-        tune(design, robust=True, requirements=Requirements(phase_margin=89.0), prove=False)
+        tune(design, Specification(robust=True, requirements=Requirements(phase_margin=89.0)), prove=False)
 
 
 def test_resonance_frequencies_are_the_textbooks(root):
-    anti, peak, ratio = resonance_frequencies(Design.read(root / "geared_resonant.toml"))
+    design = Design.read(root / "geared_resonant.toml")
+    anti, peak = resonance_frequencies(design)
     assert anti == pytest.approx(math.sqrt(230.0 / 2e-4) / (2 * math.pi))
-    assert peak / anti == pytest.approx(math.sqrt(1.0 + ratio))
+    assert peak / anti == pytest.approx(math.sqrt(1.0 + 2e-4 / (design.J - 2e-4)))
     assert resonance_frequencies(Design.read(root / "seed_motor.toml")) is None
 
 
 def test_a_resonance_gets_a_filter_proposed_with_margins_before_and_after(resonant):
     found = resonant.resonance
-    assert found.before_missed
+    assert resonant.requirements.missed(found.before)
     assert found.slowed
     proposed = found.proposed
     assert proposed is not None
@@ -135,7 +139,8 @@ def test_a_resonance_gets_a_filter_proposed_with_margins_before_and_after(resona
     assert not resonant.requirements.missed(resonant.margins["speed"])
     # The filter keeps the rigid axis' gains, which are faster than what runs without it.
     assert proposed.margins.crossover > 1.2 * resonant.margins["speed"].crossover
-    assert any("a notch at 256 Hz would save it" in w for w in resonant.warnings)
+    slowed = next(notice for notice in resonant.notices if notice.code == "slowed_by_resonance")
+    assert "with a notch at 256 Hz the full bandwidth meets the requirements" in slowed.text
 
 
 def test_a_notch_is_a_notch():
@@ -172,20 +177,20 @@ def test_the_result_goes_back_into_the_design(tuned, tmp_path):
     assert again == tuned.design
     same = assess(again, prove=False)
     assert same.margins["speed"] == tuned.margins["speed"]
-    assert same.methods["speed"] == "as given in the design"
+    assert same.to_dict()["methods"]["speed"] == "as_given"
 
 
 def test_summary_dict_and_section(tuned, resonant):
     for result in (tuned, resonant):
-        text = result.summary()
-        assert text.splitlines()[0].endswith("every margin is kept; not proved on the simulated drive")
-        json.dumps(result.to_dict(), allow_nan=False)
-        section = result.section()
-        assert section.title == "Tuning of the loops"
-        for header, rows in section.tables:
-            assert all(len(row) == len(header) for row in rows)
-    assert len(tuned.section().figures) == 1
-    assert len(resonant.section().figures) == 2
+        text = result.summary(width=1000)
+        assert "loops tuned; all margins are met; not checked in simulation." in text
+        told = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+        assert told["warnings"] == list(result.warnings)
+        blocks = result.section().blocks
+        for table in (block for block in blocks if isinstance(block, Table)):
+            assert all(len(row) == len(table.header) for row in table.rows)
+        assert sum(isinstance(block, Picture) for block in blocks) == 1 + (result is resonant)
+    assert {"slowed_by_resonance", "margin_missed_at_corner"} <= set(resonant.to_dict()["warning_codes"])
     assert "Resonance" in resonant.summary()
     for axis in tuned.plot().axes:
         assert "[" in axis.get_ylabel() or axis.get_ylabel() == ""
@@ -197,7 +202,7 @@ def test_an_unstable_loop_says_which_and_shows_it(root):
     with pytest.raises(UnstableLoopError, match="speed loop: unstable with the gains given") as caught:
         assess(fast, prove=False)
     assert caught.value.loop == "speed"
-    assert caught.value.figure.axes
+    assert caught.value.section().blocks[-1].draw().axes
     hot = design.replace(loops={"current": {"K_p": 1500.0, "T_n": 2.6e-3}})
     with pytest.raises(UnstableLoopError, match="current loop: unstable"):
         assess(hot, prove=False)
@@ -215,11 +220,12 @@ def test_requirements_name_what_is_missed(root):
     cascade = Cascade.of(design, CurrentLoop(K_p=262.0, T_n=2.6e-3), at=40.0)
     found = margins(open_loop(cascade, SpeedLoop(K_p=0.11, T_n=2e-3)))
     missed = Requirements().missed(found)
-    assert any(item.startswith("phase margin") for item in missed)
+    assert Criterion.PHASE_MARGIN in {item.criterion for item in missed}
     assert Requirements().shortfall(found) > 0.0
-    strict = tune(design, requirements=Requirements(phase_margin=70.0), prove=False)
+    strict = tune(design, Specification(requirements=Requirements(phase_margin=70.0)), prove=False)
     assert not strict.defended
-    assert "NOT every margin is kept" in strict.summary()
+    assert "NOT all margins are met" in strict.summary()
+    assert {notice.code for notice in strict.notices} >= {"margin_missed", "margin_missed_at_corner"}
 
 
 @pytest.mark.parametrize(
@@ -230,7 +236,7 @@ def test_requirements_name_what_is_missed(root):
     ],
 )
 def test_every_method_tunes_a_whole_cascade(root, options):
-    found = tune(Design.read(root / "servo_2kw.toml"), prove=False, **options)
+    found = tune(Design.read(root / "servo_2kw.toml"), Specification(**options), prove=False)
     assert all(m.stable is not False for m in found.margins.values())
     assert found.defended
 

@@ -1,0 +1,305 @@
+"""The simulated drive as a test bench: frequency responses by multisine, step responses, current ripple.
+
+A periodic signal with many lines runs for several periods while the shaft turns at constant speed, so that dry
+friction keeps its sign. The mean over whole periods has no leakage; noise and quantisation average out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import Scenario, simulate
+from pmsm_ctrl.tune.sampled import FAINT
+from pmsm_ctrl.tune.steps import Step
+
+__all__ = ["Bench", "Multisine", "multisine"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Control = Literal["position", "speed", "current"]
+LoopName = Literal["current", "speed", "position"]
+StepName = Literal["speed", "load", "position"]
+
+RIPPLE_SAMPLES = 8192  # speed periods over which the ripple is taken, after as many to settle
+
+
+@dataclass(frozen=True, eq=False)
+class Multisine:
+    """One period of the test signal with a peak of one, sampled at the period of the speed loop.
+
+    Attributes
+    ----------
+    samples : array, shape (n,)
+    lines : array of int, shape (m,)
+        The excited lines of its spectrum.
+    period : float
+        Between two samples, s.
+    periods : int
+        How many are averaged, after a first one that is discarded.
+    """
+
+    samples: Array
+    lines: NDArray[np.intp]
+    period: float
+    periods: int
+
+    @property
+    def frequencies(self) -> Array:
+        """Excited frequencies, shape (m,), Hz."""
+        return self.lines / (len(self.samples) * self.period)
+
+    @property
+    def spectrum(self) -> Complex:
+        """Fourier coefficients at the excited lines, shape (m,)."""
+        return np.fft.rfft(self.samples)[self.lines] / len(self.samples)
+
+    @property
+    def duration(self) -> float:
+        """All periods and the discarded one, s."""
+        return (self.periods + 1) * len(self.samples) * self.period
+
+    def at(self, t: Array) -> Array:
+        """Return the signal.
+
+        Parameters
+        ----------
+        t : array, shape (k,)
+            Multiples of the sampling period, s.
+
+        Returns
+        -------
+        array, shape (k,)
+        """
+        return self.samples[np.rint(t / self.period).astype(np.intp) % len(self.samples)]
+
+
+def multisine(period: float, low: float, high: float, *, count: int = 160, periods: int = 8) -> Multisine:
+    """Return a multisine with lines spaced evenly on a logarithmic axis.
+
+    The phases are Schroeder's (M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85), for a low crest factor.
+
+    Parameters
+    ----------
+    period : float
+        Sampling period, s.
+    low, high : float
+        First and last frequency, Hz.
+    count : int
+        Largest number of lines.
+    periods : int
+        To be averaged.
+
+    Returns
+    -------
+    Multisine
+    """
+    n = 1 << max(6, math.ceil(math.log2(1.0 / (low * period))))
+    top = min(high * n * period, 0.47 * n)
+    lines = np.unique(np.rint(np.geomspace(max(1.0, low * n * period), top, count)).astype(np.intp))
+    order = np.arange(len(lines))
+    phases = -math.pi * order * (order - 1) / len(lines)
+    k = np.arange(n)
+    samples = np.zeros(n)
+    for line, phase in zip(lines, phases, strict=True):
+        samples += np.cos(2.0 * math.pi * line * k / n + phase)
+    return Multisine(samples / np.abs(samples).max(), lines, period, periods)
+
+
+def _held(share: Array, divider: int) -> Array:
+    """Content of a reference that is held over `divider` periods, at shares of the rate at which it changes."""
+    turn = np.exp(-2j * math.pi * np.outer(np.arange(divider), share) / divider)
+    return np.asarray(np.abs(turn.mean(axis=0)))
+
+
+def _mean_period(values: Array, n: int, periods: int) -> Array:
+    return np.asarray(values[-n * periods :].reshape(periods, n).mean(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """The simulated drive, turning at constant speed.
+
+    Attributes
+    ----------
+    design : Design
+        What the controller assumes; its loops are set.
+    plant : Design
+        The true drive.
+    speed : float
+        rad/s.
+    seed : int
+        Of the measurement noise.
+    """
+
+    design: Design
+    plant: Design
+    speed: float
+    seed: int = 0
+
+    def measure_loop(self, name: LoopName, signal: Multisine, amplitude: float) -> tuple[Array, Complex]:
+        """Measure an open loop.
+
+        The signal is added behind the speed controller (speed and current loop) or to the reference of the speed loop
+        (position loop).
+
+        Parameters
+        ----------
+        name : {"current", "speed", "position"}
+        signal : Multisine
+        amplitude : float
+            Peak, A or (position loop) rad/s.
+
+        Returns
+        -------
+        frequency : array, shape (m,)
+            Hz.
+        L : array of complex, shape (m,)
+
+        Raises
+        ------
+        RequestError
+            When the current reference reaches its limit, or the shaft reverses.
+        """
+        n, periods, lines = len(signal.samples), signal.periods, signal.lines
+        if name == "current":
+            return self._current_loop(signal, self._excited(signal, "i_q_add", amplitude, 1))
+        divider = self.design.drive.speed_divider
+        if name == "speed":
+            log = self._excited(signal, "i_q_add", amplitude, divider)
+            sent = np.fft.rfft(_mean_period(log["i_q_ref"], n, periods))[lines] / n
+            return signal.frequencies, np.asarray(amplitude * signal.spectrum / sent - 1.0)
+        loops = self.design.require_loops()
+        unfiltered = {"speed": {**loops.speed.model_dump(), "reference_filter": 0.0}}
+        log = replace(self, design=self.design.replace(loops=unfiltered))._excited(
+            signal, "omega_ref", amplitude, divider
+        )
+        angle = (log["theta"] - log["t"] * self.speed)[-n * periods :]
+        # Rounding of the mean speed leaves a slow ramp in the angle; over whole periods it is removed exactly.
+        drift = (angle[-n:].mean() - angle[:n].mean()) / (n * (periods - 1)) if periods > 1 else 0.0
+        angle = angle - drift * np.arange(angle.size)
+        found = np.fft.rfft(_mean_period(angle, n, periods))[lines] / n
+        # The position controller is the number K_v.
+        return signal.frequencies, np.asarray(loops.position.K_v * found / (amplitude * signal.spectrum))
+
+    def _current_loop(self, signal: Multisine, log: Log) -> tuple[Array, Complex]:
+        """Evaluate the current loop also at the images of the reference, which changes at the speed loop's rate."""
+        n, divider = len(signal.samples), self.design.drive.speed_divider
+        total = n * divider
+        images = [signal.lines]
+        for k in range(1, divider // 2 + 1):
+            images += [k * n - signal.lines, k * n + signal.lines]
+        lines = np.unique(np.concatenate(images))
+        lines = lines[(lines > 0) & (lines < total // 2)]
+        lines = lines[_held(lines / n, divider) > FAINT]
+        current, reference = (
+            np.fft.rfft(_mean_period(log[name], total, signal.periods))[lines] / total for name in ("i_q", "i_q_ref")
+        )
+        return lines / (n * signal.period), np.asarray(current / (reference - current))
+
+    def _excited(self, signal: Multisine, channel: str, amplitude: float, log_divider: int) -> Log:
+        """Run with the multisine added to one input; refuse a record that is not linear."""
+
+        def inputs(t: Array) -> dict[str, Array]:
+            out = {"omega_ref": np.full_like(t, self.speed)}
+            out[channel] = out.get(channel, np.zeros_like(t)) + amplitude * signal.at(t)
+            return out
+
+        log = self._run(Scenario("multisine", signal.duration, inputs, omega_0=self.speed), log_divider=log_divider)
+        limit = self.design.drive.i_max
+        if np.abs(log["i_q_ref"]).max() >= limit:
+            raise RequestError(
+                f"multisine: the current reference reaches its limit of {limit:g} A, so the loop is not linear; take a "
+                "smaller amplitude or speed"
+            )
+        if (self.speed * log["omega"]).min() < 0.0:
+            raise RequestError("multisine: the shaft reversed, so dry friction is in the response; raise the speed")
+        return log
+
+    def _run(self, scenario: Scenario, *, keep_truth: bool = False, **sensor: float) -> Log:
+        design, plant = self.design.replace(sensor=sensor), self.plant.replace(sensor=sensor)
+        return simulate(design, scenario, truth=plant, seed=self.seed, keep_truth=keep_truth)
+
+    def current_step(self, i_0: float, size: float, duration: float) -> Step:
+        """Step i_q from its bias, outer loops open.
+
+        Parameters
+        ----------
+        i_0, size : float
+            A.
+        duration : float
+            s.
+
+        Returns
+        -------
+        Step
+        """
+        T_s = self.design.drive.speed_period
+        wait = math.ceil(400.0 / self.design.drive.f_control / T_s) * T_s
+
+        def inputs(t: Array) -> dict[str, Array]:
+            return {"i_q_add": np.asarray(i_0 + size * (t >= wait - 1e-9), dtype=np.float64)}
+
+        # Settling to 2 % cannot be read from a record with 1 % of noise; without noise it is the mean of many.
+        motion = Scenario("current step", wait + duration, inputs, control="current", omega_0=self.speed)
+        after = self._run(motion, log_divider=1, current_noise=0.0).between(wait - 1e-9, wait + duration)
+        return Step.of(after.t - after.t[0], (after["i_q"] - i_0) / size)
+
+    def step(self, name: StepName, size: float, wait: float, duration: float) -> Step:
+        """Step the speed, the position or the load from constant speed, relative to the same run without the step.
+
+        Parameters
+        ----------
+        name : {"speed", "position", "load"}
+        size : float
+            rad/s, rad or N m.
+        wait, duration : float
+            Before and after the step, s.
+
+        Returns
+        -------
+        Step
+        """
+        T_s = self.design.drive.speed_period
+        wait = math.ceil(wait / T_s) * T_s
+        stepped, still = (
+            self._run(
+                _step_scenario(name, self.speed, amount, wait, duration), keep_truth=True,
+                log_divider=self.design.drive.speed_divider,
+            ).between(wait - 0.5 * T_s, wait + duration)
+            for amount in (size, 0.0)
+        )  # fmt: skip
+        channel = "theta_true" if name == "position" else "omega_true"
+        y, t = (stepped[channel] - still[channel]) / size, stepped.t - wait
+        return Step.of_load(t, y) if name == "load" else Step.of(t, y)
+
+    def ripple(self) -> float:
+        """Return the rms of the current reference about its mean at constant speed, A."""
+        motion = _constant(self.speed, 2.0 * RIPPLE_SAMPLES * self.design.drive.speed_period)
+        log = self._run(motion, log_divider=self.design.drive.speed_divider)
+        return float(np.std(log["i_q_ref"][-RIPPLE_SAMPLES:]))
+
+
+def _constant(speed: float, duration: float) -> Scenario:
+    return Scenario("constant speed", duration, lambda t: {"omega_ref": np.full_like(t, speed)}, omega_0=speed)
+
+
+def _step_scenario(name: StepName, speed: float, size: float, wait: float, duration: float) -> Scenario:
+    def inputs(t: Array) -> Mapping[str, Array]:
+        after = t >= wait - 1e-9
+        out = {"omega_ref": np.full_like(t, speed), "theta_ref": speed * t}
+        if name == "load":
+            return {**out, "T_load": np.asarray(size * after, dtype=np.float64)}
+        key = "theta_ref" if name == "position" else "omega_ref"
+        return {**out, key: out[key] + size * after}
+
+    control: Control = "position" if name == "position" else "speed"
+    return Scenario(f"{name} step", wait + duration, inputs, control=control, omega_0=speed)

@@ -1,0 +1,25 @@
+"""The words of the reasons to doubt a tuning."""
+
+from pmsm_ctrl.section import Template
+
+__all__ = ["CHECK", "CORNER", "FILTER", "MARGIN", "POINT", "RIPPLE", "SLOWED"]
+
+MARGIN = Template("margin_missed", "{loop} loop: {missed}")
+CORNER = Template("margin_missed_at_corner", "{loop} loop, worst corner of the tolerances ({corner}): {missed}")
+POINT = Template("margin_missed_at_point", "speed loop at {speed:.3g} rad/s and {load:.3g} N m: {missed}")
+SLOWED = Template(
+    "slowed_by_resonance", "resonance at {resonance:.4g} Hz: the speed loop was slowed down to run without a filter"
+)
+FILTER = Template(
+    SLOWED.code, SLOWED.words + "; with a {kind} at {frequency:.4g} Hz the full bandwidth meets the requirements"
+)
+RIPPLE = Template(
+    "encoder_ripple",
+    "the encoder resolution causes {ripple:.3g} mA rms of current ripple, more than {share:g} % of the current limit; "
+    "filter the speed or reduce the bandwidth",
+)
+CHECK = Template(
+    "check_failed",
+    "check in simulation failed: {subject}, {quantity}: predicted {predicted:.4g} {unit}, simulated {simulated:.4g} "
+    "{unit}, cause not found",
+)

@@ -1,0 +1,235 @@
+"""A tuning as blocks: verdict, doubts, gains, margins, checks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from pmsm_ctrl.rendering.numbers import number
+from pmsm_ctrl.section import Block, Picture, Section, Table, present
+from pmsm_ctrl.tune.drive_units import NOTE
+from pmsm_ctrl.tune.result import Tuning, UnstableLoopError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from pmsm_ctrl.tune.margins import Margins
+    from pmsm_ctrl.tune.proof import Check
+    from pmsm_ctrl.tune.sampled import Biquad
+
+__all__: list[str] = []
+
+FORWARDED = "proportional with feedforward"
+CAUSES = {
+    "sensor_errors": "ideal sensors",
+    "sensor_errors_and_effects": "ideal sensors and none of the nonlinear effects",
+    "plant": "the plant that the design assumes",
+}
+
+
+@present.register
+def _(result: Tuning) -> Section:
+    return Section(
+        f"Tuning of {result.design.name}",
+        (_verdict(result), *result.notices, _gains(result), _margins(result), *_checks(result), _tolerances(result),
+         *_resonance(result), _resistance(result), Picture(lambda: _overview(result), OVERVIEW), *_folded(result)),
+    )  # fmt: skip
+
+
+@present.register
+def _(error: UnstableLoopError) -> Section:
+    caption = "The open loop encloses the critical point: closed, it oscillates with growing amplitude."
+    return Section("An unstable loop", (f"{error}.", Picture(lambda: _unstable(error), caption)))
+
+
+OVERVIEW = (
+    "Open loops, their distance to the critical point, and the predicted step responses (lines) with those of the "
+    "simulated drive (crosses, dashes)."
+)
+
+
+def _overview(result: Tuning) -> Figure:
+    from pmsm_ctrl.tune.figures import overview
+
+    return overview(result)
+
+
+def _unstable(error: UnstableLoopError) -> Figure:
+    from pmsm_ctrl.tune.figures import unstable
+
+    return unstable(error.loop, error.system, error.found)
+
+
+def _filtered(result: Tuning, words: str) -> Figure:
+    from pmsm_ctrl.tune.figures import filtered
+
+    return filtered(result, words)
+
+
+def _number(value: float) -> str:
+    return "unlimited" if math.isinf(value) else number(value)
+
+
+def _verdict(result: Tuning) -> str:
+    done = "loops judged as given" if result.specification is None else "loops tuned"
+    met = "all margins are met" if result.margins_met else "NOT all margins are met"
+    proof = result.proof
+    if proof is None:
+        return f"{result.design.name}: {done}; {met}; not checked in simulation."
+    judged = [check for check in proof.checks if check.outcome != "not_judged"]
+    counts = f"{sum(check.outcome == 'passed' for check in judged)}/{len(judged)} checks passed in simulation"
+    explained = sum(check.outcome == "explained" for check in judged)
+    counts += f" at {number(proof.speed)} rad/s" + (f", {explained} with a known cause" if explained else "")
+    return f"{result.design.name}: {done}; {met}; {counts}."
+
+
+def _method(result: Tuning, loop: str) -> str:
+    asked = result.specification
+    if asked is None:
+        return "as given in the design"
+    if loop == "position":
+        return FORWARDED if asked.position_gain is None else f"{FORWARDED}, gain as asked"
+    words = str(getattr(asked, loop)).replace("_", " ")
+    bandwidth, slowed = getattr(asked, f"{loop}_bandwidth"), result.slowed.get(loop, 1.0)
+    if bandwidth is not None:
+        words += f", {bandwidth:g} Hz asked"
+    return words if slowed == 1.0 else f"{words}, slowed down {slowed:.3g} times to meet the margins"
+
+
+def _gains(result: Tuning) -> Table:
+    def pi(K_p: float, T_n: float, unit: str) -> str:
+        return f"K_p {number(K_p)} {unit}, T_n {number(1e3 * T_n)} ms"
+
+    current, speed, position = result.loops.current, result.loops.speed, result.loops.position
+    methods = {loop: _method(result, loop) for loop in ("current", "speed", "position")}
+    rows = [("current (q)", pi(current.K_p, current.T_n, "V/A"), methods["current"])]
+    if current.K_p_d is not None and current.T_n_d is not None:
+        rows.insert(0, ("current (d)", pi(current.K_p_d, current.T_n_d, "V/A"), methods["current"]))
+    reference = f", reference filter {number(1e3 * speed.reference_filter)} ms"
+    rows.append(("speed", pi(speed.K_p, speed.T_n, "A/(rad/s)") + reference, methods["speed"]))
+    rows.append(("position", f"K_v {number(position.K_v)} 1/s", methods["position"]))
+    return Table(("loop", "gains", "method"), tuple(rows), "Gains")
+
+
+QUANTITIES: tuple[tuple[str, Callable[[Margins], float]], ...] = (
+    ("crossover [Hz]", lambda m: m.crossover),
+    ("bandwidth (-3 dB) [Hz]", lambda m: m.bandwidth),
+    ("phase margin [deg]", lambda m: m.phase_margin),
+    ("gain margin [dB]", lambda m: m.gain_margin_db),
+    ("delay margin [us]", lambda m: 1e6 * m.delay_margin),
+    ("disk margin", lambda m: m.disk_margin),
+    ("sensitivity peak", lambda m: m.sensitivity_peak),
+    ("complementary peak", lambda m: m.complementary_peak),
+)
+BRIEF = tuple(label for label, _ in QUANTITIES if label.startswith(("crossover", "phase", "gain", "sensitivity")))
+
+
+def _brief(found: Margins) -> tuple[str, ...]:
+    if found.stable is False:
+        return _number(found.crossover), "unstable", "unstable", "-"
+    return tuple(_number(get(found)) for label, get in QUANTITIES if label in BRIEF)
+
+
+def _margins(result: Tuning) -> Table:
+    names = list(result.margins)
+    rows = [(label, *(_number(get(result.margins[name])) for name in names)) for label, get in QUANTITIES]
+    highest = (_number(result.highest.get(name, math.nan)) for name in names)
+    rows.append(("highest crossover at 45 deg [Hz]", *highest))
+    return Table(("margin", *names), tuple(rows), "Margins of the discrete loops as they run")
+
+
+def _outcome(check: Check) -> str:
+    if check.explanation is None:
+        return "-" if check.outcome == "not_judged" else str(check.outcome)
+    e = check.explanation
+    cause = CAUSES.get(e.cause, f"no {e.cause}")
+    return (
+        f"{check.outcome}: with {cause} {e.crossover[1]:.4g} Hz and {e.phase_margin[1]:.1f} deg are simulated, "
+        f"{e.crossover[0]:.4g} Hz and {e.phase_margin[0]:.1f} deg predicted"
+    )
+
+
+def _checks(result: Tuning) -> tuple[Table, ...]:
+    if result.proof is None:
+        return ()
+    rows = tuple(
+        (c.subject, c.quantity, c.unit, _number(c.predicted), _number(c.simulated), _outcome(c))
+        for c in result.proof.checks
+    )
+    return (Table(("of", "quantity", "unit", "predicted", "simulated", "outcome"), rows, "Checks in simulation"),)
+
+
+def _tolerances(result: Tuning) -> Table:
+    r = result.robustness
+    rows = [("current", corner.name, *_brief(corner.current)) for corner in (r.nominal, r.worst_current)]
+    rows += [("speed", corner.name, *_brief(corner.speed)) for corner in (r.nominal, r.worst_speed)]
+    return Table(("loop", "corner", *BRIEF), tuple(rows), f"Tolerances ({r.corners} points, the worst shown)")
+
+
+def _filter(item: Biquad) -> str:
+    text = f"{item.kind.replace('_', '-')} {item.frequency:.4g} Hz, damping {item.damping_denominator:.2g}"
+    depth = f", depth {item.damping_numerator / item.damping_denominator:.2g}"
+    return text + (depth if item.kind == "notch" else "")
+
+
+def _resonance(result: Tuning) -> tuple[Block, ...]:
+    r, missed = result.resonance, result.requirements.missed
+    if r is None:
+        return ()
+
+    def row(name: str, found: Margins) -> tuple[str, ...]:
+        return name, *_brief(found), ", ".join(map(str, missed(found))) or "met"
+
+    rows = [row("none, gains of the rigid axis", r.before)]
+    rows += [row(_filter(option.filter), option.margins) for option in r.options]
+    rows.append(row("none, gains of this design", result.margins["speed"]))
+    caption = f"Resonance at {r.resonance:.4g} Hz (antiresonance {r.antiresonance:.4g} Hz): filters at the same gains"
+    table = Table(("filter", *BRIEF, "requirements"), tuple(rows), caption)
+    if not r.options:
+        return (table,)
+    best = r.options[0].filter
+    words = f"with the {best.kind.replace('_', '-')} at {best.frequency:.4g} Hz"
+    seen = "The resonance raises the loop gain where the phase has passed -180 deg; the filter removes the peak."
+    return table, Picture(lambda: _filtered(result, words), seen)
+
+
+def _resistance(result: Tuning) -> Table:
+    s, n, smallest = result.stiffness, result.noise, "smallest dynamic stiffness"
+    rows = (
+        (f"{smallest}, position loop (at {number(s.position_frequency)} Hz)", _number(s.position_dynamic), "N m/rad"),
+        (f"{smallest}, speed loop (at {number(s.speed_frequency)} Hz)", _number(s.speed_dynamic), "N m s/rad"),
+        ("proportional stiffness K_t K_p (K_v + 1/T_n)", _number(s.position_proportional), "N m/rad"),
+        ("static stiffness (integrator)", "unlimited", "N m/rad"),
+        ("noise gain, encoder angle to current", _number(n.encoder_gain), "A/rad"),
+        ("current ripple from encoder quantisation", _number(1e3 * n.encoder_ripple), "mA rms"),
+        ("current ripple from current noise", _number(1e3 * n.current_ripple), "mA rms"),
+        ("torque ripple from both", _number(1e3 * n.torque_ripple), "mN m rms"),
+    )  # fmt: skip
+    return Table(("quantity", "value", "unit"), rows, "Resistance to loads and noise")
+
+
+def _folded(result: Tuning) -> tuple[Block, ...]:
+    at, delays = result.cascade.model.point, result.delays
+    points = []
+    for item in result.points:
+        p, m = item.point, item.margins
+        loop = (_number(m.crossover), _number(m.phase_margin)) if m else ("-", "-")
+        points.append((
+            _number(p.speed), _number(p.load), p.case, _number(p.i_q), _number(p.friction_slope),
+            _number(item.slowest), *loop,
+        ))  # fmt: skip
+    head = (
+        "speed [rad/s]", "load [N m]", "shaft", "i_q [A]", "friction slope [N m s/rad]", "slowest pole [1/s]",
+        "crossover [Hz]", "phase margin [deg]",
+    )  # fmt: skip
+    models = tuple((name, *_brief(found)) for name, found in result.delay_models.items())
+    units = tuple((maker, name, _number(v)) for maker, gains in result.gains.items() for name, v in gains.items())
+    return (
+        f"Linearised at {at.speed:.4g} rad/s, i_q = {at.i_q:.4g} A. Speed loop: {delays.explain_speed()}. "
+        f"Current loop: {delays.explain_current()}. Discretisation: PI by forward Euler, first-order filters exact, the voltage held "
+        "for one control period.",
+        Table(("delay modelled as", *BRIEF), models, "Current loop by the model of its delay", folded=True),
+        Table(head, tuple(points), "Operating points and the speed loop there", folded=True),
+        Table(("drive", "parameter", "value"), units, f"The gains in the units of drives. {NOTE}", folded=True),
+    )
