@@ -6,63 +6,29 @@ same sampling and processing. Whatever is then named is a false alarm, since not
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from pmsm_ctrl.diagnose.result import Calibration, Diagnosis, Verdict
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.log import Log
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
-    from pmsm_ctrl.diagnose.diagnosis import Diagnosis
     from pmsm_ctrl.identify.replay import Replay
 
-__all__ = ["Calibration", "calibrated", "repeated"]
+__all__ = ["calibrated", "replay_of"]
 
-# Share of alarms, in simulations, from which the answer is doubted.
-TRUSTED = 0.05
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """False alarms of the diagnosis at the accepted model, simulated through the log's own experiment.
-
-    Attributes
-    ----------
-    runs : int
-    alarms : tuple of str
-        What was named, or the verdict, one a run that was not ``consistent``.
-    """
-
-    runs: int
-    alarms: tuple[str, ...]
-
-    @property
-    def most(self) -> float:
-        """Upper end of the 95 % interval of the false-alarm rate. Source: Clopper and Pearson, Biometrika 26 (1934)."""
-        from scipy.special import betaincinv
-
-        k = len(self.alarms)
-        return 1.0 if k >= self.runs else float(betaincinv(k + 1, self.runs - k, 0.975 if k else 0.95))
-
-    def sentence(self) -> str:
-        """Say it in words."""
-        text = f"of {self.runs} simulations of the accepted model {len(self.alarms)} raised an alarm"
-        if self.alarms:
-            text += f" ({', '.join(sorted(set(self.alarms)))})"
-        return f"{text}: a false-alarm rate of at most {100.0 * self.most:.0f} % on this motion, at 95 % confidence"
-
-    @property
-    def doubt(self) -> str:
-        """Why not to trust the answer; empty when nothing speaks against it."""
-        if len(self.alarms) <= TRUSTED * self.runs:
-            return ""
-        return f"the diagnosis is not calibrated on this motion: {self.sentence()}"
+QUIET = (Verdict.CONSISTENT, Verdict.NOT_EXCITED)
 
 
-def repeated(model: Design, log: Log) -> Replay:
+def replay_of(model: Design, log: Log) -> Replay:
     """Return the log's experiment, to be run on the model.
+
+    Parameters
+    ----------
+    model : Design
+    log : Log
 
     Raises
     ------
@@ -81,23 +47,30 @@ def repeated(model: Design, log: Log) -> Replay:
 
 
 def calibrated(
-    found: Diagnosis, log: Log, runs: int, candidates: Iterable[str] | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> Calibration:  # fmt: skip
-    """Simulate the accepted model `runs` times with fresh noise and diagnose each.
+    model: Design, log: Log, runs: int, diagnose: Callable[[Log], Diagnosis], progress: Callable[[float], None]
+) -> Calibration:
+    """Simulate the accepted model with fresh noise and diagnose each run.
+
+    Parameters
+    ----------
+    model : Design
+    log : Log
+        Whose experiment is repeated.
+    runs : int
+    diagnose : function
+        Diagnoses one simulated log by the model.
+    progress : function
+        Called with the share done, 0 to 1.
 
     Raises
     ------
     LogError, DesignError
-        As `repeated`.
+        As `replay_of`.
     """
-    from pmsm_ctrl.diagnose.diagnosis import diagnose
     from pmsm_ctrl.regression.signals import logged_torque
     from pmsm_ctrl.simulate.run import simulate
 
-    offered = tuple(candidates) if candidates is not None else None
-    model = found.design
-    replay = repeated(model, log)
+    replay = replay_of(model, log)
     plant = model.replace(sensor={"log_divider": replay.divider})
     alarms = []
     for seed in range(runs):
@@ -105,9 +78,8 @@ def calibrated(
         kept = {name: values for name, values in again.channels.items() if name in log}
         if "torque" in log:
             kept["torque"] = logged_torque(model, again.channels)
-        result = diagnose(model, Log(kept, again.motion), candidates=offered, plan=False)
-        if result.verdict not in ("consistent", "not_excited"):
-            alarms.append(result.steps[0].effect if result.steps else result.verdict)
-        if progress is not None:
-            progress((seed + 1) / runs)
+        found = diagnose(Log(kept, again.motion))
+        if found.verdict not in QUIET:
+            alarms.append(found.steps[0].effect if found.steps else found.verdict.value)
+        progress((seed + 1) / runs)
     return Calibration(runs, tuple(alarms))

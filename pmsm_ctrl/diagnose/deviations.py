@@ -2,105 +2,121 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
-from pmsm_ctrl.diagnose.gates import RELIEF, WINDING, name_of, relief, strain
-from pmsm_ctrl.diagnose.selection import Selection
+from pmsm_ctrl.diagnose.measures import WINDING, relief, strain
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.result import Deviation
+from pmsm_ctrl.diagnose.selection import Selection, name_of
+from pmsm_ctrl.rendering.numbers import with_error
+from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["parameter_deviations", "stood_in"]
+__all__ = ["deviation_notices", "parameter_deviations", "winding_substitutes"]
 
 UNITS = {"J": "kg m^2", "R": "Ohm", "L_d": "H", "L_q": "H", "psi_f": "Wb", "K_t": "N m/A"}
-# The torque constant scales every torque that is identified with it: less is forgiven than on a datasheet.
-TORQUE_CONSTANT = 0.02
 
 
-def parameter_deviations(design: Design, fit: Fitted) -> tuple[tuple[Any, ...], tuple[str, ...]]:
-    """Return the deviations, torque constant first, and hints in words."""
-    from pmsm_ctrl.diagnose.diagnosis import Deviation
+def parameter_deviations(design: Design, fit: Fitted, policy: Policy = POLICY) -> tuple[Deviation, ...]:
+    """Return the deviations: torque constant, then inertia and winding, then the design's own effects.
 
-    values = dict(zip(fit.model.names, fit.plain.values, strict=True))
-    stderr = dict(zip(fit.model.names, fit.plain.stderr, strict=True))
-    motion = fit.record.prepared.motion
-    out, hints = [], []
-    if "psi_f" in values and design.motor.p is not None:
-        factor = 1.5 * design.motor.p
-        estimate, error = factor * values["psi_f"], factor * stderr["psi_f"]
-        nominal = design.K_t_assumed
-        off = estimate / nominal - 1.0
-        flagged = abs(off) > TORQUE_CONSTANT and abs(estimate - nominal) > 4.0 * error
-        note = ""
-        if flagged:
-            note = (
-                f"the torque constant of the evaluation, {nominal:.4g} N m/A, is {100 * -off / (1 + off):+.1f} % off "
-                f"what the voltages say ({estimate:.4g}): J, F_c, F_v and every other torque are off alike"
-            )
-            hints.append(note)
-        out.append(Deviation("K_t", nominal, estimate, error, UNITS["K_t"], flagged, note))
+    Parameters
+    ----------
+    design : Design
+    fit : Fitted
+    policy : Policy
+    """
+    return (*_torque_constant(design, fit, policy), *_machine(design, fit, policy), *_effects(fit))
+
+
+def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
+    if "psi_f" not in fit.model.names or design.motor.p is None:
+        return
+    k, factor = fit.model.names.index("psi_f"), 1.5 * design.motor.p
+    estimate, error, nominal = factor * fit.plain.values[k], factor * fit.plain.stderr[k], design.K_t_assumed
+    sure = abs(estimate - nominal) > policy.sure_errors * error
+    flagged = bool(abs(estimate / nominal - 1.0) > policy.torque_constant and sure)
+    note = f"beyond {100 * policy.torque_constant:.0f} %: it scales every torque" if flagged else ""
+    yield Deviation("K_t", nominal, float(estimate), float(error), UNITS["K_t"], flagged, note)
+
+
+def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
     for name in ("J", "psi_f", "R", "L_d", "L_q"):
-        if name not in values:
+        if name not in fit.model.names:
             continue
+        k = fit.model.names.index(name)
+        value, error = float(fit.plain.values[k]), float(fit.plain.stderr[k])
         nominal = design.J if name == "J" else float(getattr(design.motor, name))
-        tolerance = design.motor.tolerance.get(name, 0.15)
-        beyond = abs(values[name] / nominal - 1.0) * nominal - tolerance * nominal
-        flagged = beyond > 3.0 * stderr[name]
+        tolerance = design.motor.tolerance.get(name, policy.tolerance)
+        flagged = abs(value - nominal) - tolerance * nominal > policy.tolerance_errors * error
         note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else ""
         if flagged and name in WINDING:
-            note += _healers(fit)
-        unit = axis_unit(UNITS[name], motion)
-        out.append(Deviation(name, nominal, float(values[name]), float(stderr[name]), unit, bool(flagged), note))
+            note += _restored_by(fit, policy)
+        unit = axis_unit(UNITS[name], fit.record.prepared.motion)
+        yield Deviation(name, nominal, value, error, unit, flagged, note)
+
+
+def _effects(fit: Fitted) -> Iterator[Deviation]:
     for k, name in enumerate(fit.model.names):
         group = fit.model.group_of(k)
-        if group.effect is None or group.entry < 0 or fit.model.nominal[k] == 0.0:
+        value, error, nominal = (float(x[k]) for x in (fit.plain.values, fit.plain.stderr, fit.model.nominal))
+        if group.effect is None or group.entry < 0 or nominal == 0.0 or not np.isfinite(error):
             continue
-        symbol = name.split("#")[0]
-        p = group.effect.parameter(symbol)
-        value, error, nominal = fit.plain.values[k], fit.plain.stderr[k], fit.model.nominal[k]
-        if np.isfinite(error):
-            out.append(Deviation(name, float(nominal), float(value), float(error), axis_unit(p.unit, motion), False))
-    if fit.record.age is not None:
-        age, error = fit.record.age + values["tau_speed"], stderr["tau_speed"]
-        if abs(age) > max(4.0 * error, 0.1 * fit.record.period):
-            hints.append(
-                f"the logged speed is {1e3 * age:.2g} +- {1e3 * error:.1g} ms older than the torque, which was undone: "
-                "a filter of the drive, or a delay between channels; a log with theta tells which"
-            )
-    return tuple(out), tuple(hints)
+        unit = axis_unit(group.effect.parameter(name.split("#")[0]).unit, fit.record.prepared.motion)
+        yield Deviation(name, nominal, value, error, unit, False)
 
 
-def _healers(fit: Fitted) -> str:
+def _restored_by(fit: Fitted, policy: Policy) -> str:
     """Name the effects that would bring the winding back to its datasheet."""
     ids = [
         trial.candidate.effect.id
         for trial in fit.trials
-        if not (trial.wrong_sign or trial.singular) and relief(fit.plain, trial.plain_direction) > RELIEF
+        if not (trial.wrong_sign or trial.singular) and relief(fit.plain, trial.plain_direction) > policy.relief
     ]
     return f"; {' or '.join(ids)} would bring it back" if ids else ""
 
 
-def stood_in(selection: Selection) -> tuple[str, ...]:
-    """Say which parameter of the winding had stood in for an effect, that a reader can choose."""
-    hints = []
+def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Policy = POLICY) -> Iterator[Notice]:
+    """Yield what follows from a wrong torque constant, and from a speed that is older than the torque.
+
+    Parameters
+    ----------
+    deviations : tuple of Deviation
+    fit : Fitted
+    policy : Policy
+    """
+    for d in deviations:
+        if d.parameter == "K_t" and d.flagged:
+            percent = 100.0 * (d.nominal / d.estimate - 1.0)
+            yield notices.TORQUE_CONSTANT(nominal=d.nominal, percent=percent, estimate=d.estimate)
+    if fit.record.age is None:
+        return
+    k = fit.model.names.index("tau_speed")
+    lag, error = fit.record.age + float(fit.plain.values[k]), float(fit.plain.stderr[k])
+    if abs(lag) > max(policy.sure_errors * error, 0.1 * fit.record.period):
+        yield notices.SPEED_LAG(lag=with_error(1e3 * lag, 1e3 * error))
+
+
+def winding_substitutes(selection: Selection, policy: Policy = POLICY) -> Iterator[Notice]:
+    """Yield which parameter of the winding had stood in for an accepted effect, so that a reader can choose.
+
+    Parameters
+    ----------
+    selection : Selection
+    policy : Policy
+    """
     for step, before, after in zip(selection.steps, selection.fits[:-1], selection.fits[1:], strict=True):
-        if strain(before.plain) - strain(after.plain) <= RELIEF:
+        if strain(before.plain) - strain(after.plain) <= policy.relief:
             continue
-        model = before.model
-        strained = {
-            name: abs(value - nominal) / sigma
-            for name, value, nominal, sigma in zip(
-                model.names, before.plain.values, model.nominal, model.sigma, strict=True
-            )
-            if name in WINDING
-        }
-        name = max(strained, key=lambda n: strained[n])
-        k = model.names.index(name)
-        value, nominal = float(before.plain.values[k]), float(model.nominal[k])
-        hints.append(
-            f"{name_of(step.trial)}: without it {name} would be {value:.3g} {UNITS[name]}, {value / nominal:.2g} times "
-            "its nominal value, and explain nearly as much"
-        )
-    return tuple(hints)
+        model, values = before.model, before.plain.values
+        places = [k for k, name in enumerate(model.names) if name in WINDING]
+        k = max(places, key=lambda k: abs(values[k] - model.nominal[k]) / model.sigma[k])
+        yield notices.WINDING_SUBSTITUTE(
+            effect=name_of(step.trial), parameter=model.names[k], value=values[k], unit=UNITS[model.names[k]],
+            ratio=values[k] / model.nominal[k],
+        )  # fmt: skip

@@ -1,57 +1,83 @@
-"""What this motion cannot show, whatever is missing."""
+"""What a motion cannot show, whatever is missing."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.section import Notice
 
-__all__ = ["hidden_by_motion", "not_excited"]
+__all__ = ["hidden_by_motion", "not_excited", "own_shares"]
 
-# A base column of which less than this share is its own cannot be told from the others.
-OWN_SHARE = 0.02
-# An order counts as visible when it passes the filter for this share of the motion; cogging begins around the 12th.
-VISIBLE_SHARE, COGGING_ORDER = 0.1, 12
+Array = NDArray[np.float64]
 
 
-def not_excited(fit: Fitted) -> str:
-    """Say which friction parameters this motion cannot separate; empty when it separates all."""
-    record = fit.record
-    used = record.weight[0] * record.mask
-    groups = [fit.model.group_of(k) for k in range(len(fit.model.names))]
-    friction = [g.effect is not None and g.effect.id in ("coulomb", "viscous") for g in groups]
-    names = [n for n, rubs in zip(fit.model.names, friction, strict=True) if n == "J" or rubs]
-    rows = fit.model.matrix[0][:, [fit.model.names.index(n) for n in names]] * used[:, None]
-    size = np.linalg.norm(rows, axis=0)
-    dead = [n for n, s in zip(names, size, strict=True) if s == 0.0 and n != "J"]
+def not_excited(fit: Fitted, policy: Policy = POLICY) -> Notice | None:
+    """Return which friction parameters this motion does not excite or cannot separate; None when there are none.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    effects = [fit.model.group_of(k).effect for k in range(len(fit.model.names))]
+    rubs = [effect is not None and effect.id in ("coulomb", "viscous") for effect in effects]
+    places = [k for k, name in enumerate(fit.model.names) if name == "J" or rubs[k]]
+    names = [fit.model.names[k] for k in places]
+    shares = own_shares(fit.model.matrix[0][:, places] * (fit.record.weight[0] * fit.record.mask)[:, None])
+    friction = [(name, share) for name, share in zip(names, shares.tolist(), strict=True) if name != "J"]
+    dead = [name for name, share in friction if np.isnan(share)]
     if dead:
-        return f"{', '.join(dead)} never shows on this motion"
-    rows = rows[:, size > 0.0] / size[size > 0.0]
-    bound = []
-    for k, name in enumerate(n for n, s in zip(names, size, strict=True) if s > 0.0):
+        return notices.NOT_EXCITED(parameters=", ".join(dead))
+    bound = [name for name, share in friction if share < policy.own_share]
+    return notices.NOT_SEPARABLE(parameters=", ".join(bound)) if bound else None
+
+
+def own_shares(columns: Array) -> Array:
+    """Return the share of every column that the others do not explain; NaN for one that is zero.
+
+    Parameters
+    ----------
+    columns : array, shape (m, k)
+
+    Returns
+    -------
+    array, shape (k,)
+    """
+    size = np.linalg.norm(columns, axis=0)
+    out = np.full(len(size), np.nan)
+    there = np.flatnonzero(size > 0.0)
+    rows = columns[:, there] / size[there]
+    for k, place in enumerate(there):
         others = np.delete(rows, k, axis=1)
-        if not others.shape[1]:
-            continue
-        left = rows[:, k] - others @ np.linalg.lstsq(others, rows[:, k], rcond=1e-8)[0]
-        if np.linalg.norm(left) < OWN_SHARE and name != "J":
-            bound.append(name)
-    return f"this motion cannot tell {', '.join(bound)} apart" if bound else ""
+        out[place] = 1.0
+        if others.shape[1]:
+            out[place] = np.linalg.norm(rows[:, k] - others @ np.linalg.lstsq(others, rows[:, k], rcond=1e-8)[0])
+    return out
 
 
-def hidden_by_motion(fit: Fitted, effects: Mapping[str, Effect]) -> dict[str, str]:
-    """Return the effects that this motion can hardly show, and why."""
+def hidden_by_motion(fit: Fitted, effects: Mapping[str, Effect], policy: Policy = POLICY) -> dict[str, Refusal]:
+    """Return the candidates that this motion can hardly show, and why.
+
+    Parameters
+    ----------
+    fit : Fitted
+    effects : dict of id to Effect
+    policy : Policy
+    """
     record = fit.record
     if record.linear or "cogging" not in effects:
         return {}
     speed = np.abs(record.at_grid(record.signals["omega"]))[record.mask]
-    slow = float(np.mean(COGGING_ORDER * speed < 2.0 * np.pi * record.prepared.cutoff))
-    if slow >= VISIBLE_SHARE:
+    slow = float(np.mean(policy.lowest_order * speed < 2.0 * np.pi * record.prepared.cutoff))
+    if slow >= policy.visible_share:
         return {}
-    why = (
-        f"this log cannot show it: only {100 * slow:.0f} % of the motion is slow enough for orders from "
-        f"{COGGING_ORDER}; it needs {effects['cogging'].needs}"
-    )
-    return {"cogging": why}
+    detail = {"percent": 100.0 * slow, "order": policy.lowest_order, "needs": effects["cogging"].needs}
+    return {"cogging": Refusal(Reason.NOT_EXCITED, detail)}

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.fit import fit_design
+from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.selection import Selection
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.regression.balances import make_record
 
@@ -29,59 +29,66 @@ MENU: Mapping[str, Mapping[str, float]] = {
     "reversal": {},
     "warm_up": {"duration": 60.0},
 }
-# Log-likelihood (twice) by which one rival must beat the other before they count as separated.
-SEPARATED = 30.0
 
 
-def next_experiment(
-    design: Design, fitted: Design, selection: Selection, effects: Mapping[str, Effect]
-) -> Mapping[str, Any] | None:
-    """Return the motion whose outcome differs most between an accepted effect and its rival; None without rivals."""
-    pair = _rivals(selection, effects)
+def next_experiment(case: Case, selection: Selection) -> Mapping[str, Any] | None:
+    """Return the motion whose outcome differs most between an accepted effect and its rival; None without rivals.
+
+    Parameters
+    ----------
+    case : Case
+    selection : Selection
+
+    Returns
+    -------
+    dict with ``separates``, ``profile`` (empty where none separates them), ``power`` and ``why``, or None
+    """
+    pairs = [(step.trial.candidate.effect.id, other) for step in selection.steps for other in step.equivalents]
+    pair = next((pair for pair in pairs if pair[1] in case.effects), None)
     if pair is None:
         return None
     first, second = pair
     best, power = "", 0.0
-    if design.motor.electrical and design.loops is not None:
-        for name in MENU:
-            found = separation(design, fitted, name, pair, effects)
-            if found > power:
-                best, power = name, found
-    if power < SEPARATED:
-        need = effects[first].look_alikes.get(second, "no motion of the menu separates them")
-        return {
-            "separates": [first, second], "profile": "", "power": power,
-            "why": f"{need}; {first} needs {effects[first].needs}",
-        }  # fmt: skip
-    why = (
-        f"simulated with {first}, this motion would leave {second} {power:.3g} behind in twice the log-likelihood; "
-        f"{first} needs {effects[first].needs}"
-    )
-    return {"separates": [first, second], "profile": best, "parameters": dict(MENU[best]), "power": power, "why": why}
+    if case.design.motor.electrical and case.design.loops is not None:
+        truth = fitted_design(case.design, selection.fit)
+        found = {name: separation(case, truth, name, pair) for name in MENU}
+        best = max(found, key=lambda name: found[name])
+        power = found[best]
+    needs = f"{first} needs {case.effects[first].needs}"
+    answer = {"separates": [first, second], "profile": "", "power": power}
+    if power < case.policy.separated:
+        reason = case.effects[first].look_alikes.get(second, "no motion of the menu separates them")
+        return answer | {"why": f"{reason}; {needs}"}
+    why = f"simulated with {first}, {second} would fit worse by {power:.3g} in twice the log-likelihood; {needs}"
+    return answer | {"profile": best, "parameters": dict(MENU[best]), "why": why}
 
 
-def _rivals(selection: Selection, effects: Mapping[str, Effect]) -> tuple[str, str] | None:
-    for step in selection.steps:
-        for other in step.equivalents:
-            if other in effects:
-                return step.trial.candidate.effect.id, other
-    return None
+def separation(case: Case, truth: Design, name: str, pair: tuple[str, str]) -> float:
+    """Return by how much the first effect would beat the second on a motion, were the first one true.
 
+    Parameters
+    ----------
+    case : Case
+    truth : Design
+        With the first effect.
+    name : str
+        Of the motion.
+    pair : (str, str)
+        Ids of the effects.
 
-def separation(
-    design: Design, fitted: Design, name: str, pair: tuple[str, str], effects: Mapping[str, Effect],
-) -> float:  # fmt: skip
-    """Return by how much the first effect would beat the second on this motion, were the first one true."""
+    Returns
+    -------
+    float
+        Twice the log-likelihood ratio; 0 where the motion cannot be simulated.
+    """
     from pmsm_ctrl.simulate import simulate
     from pmsm_ctrl.simulate.scenarios import scenario
 
     try:
-        motion = scenario(name, design, **MENU[name])
-        log = simulate(design, motion, truth=fitted, seed=1)
-        others = tuple(e for e in fitted.effects if e.id != pair[0])
-        record = make_record(design, log)
-        offered = {identifier: effects[identifier] for identifier in pair}
-        fit = fit_design(design.replace_effects(others), record, (), offered)
+        log = simulate(case.design, scenario(name, case.design, **MENU[name]), truth=truth, seed=1)
+        believed = case.design.replace_effects(tuple(e for e in truth.effects if e.id != pair[0]))
+        offered = {identifier: case.effects[identifier] for identifier in pair}
+        fit = Case(believed, make_record(case.design, log), offered).fit(())
     except PmsmCtrlError:
         return 0.0
     gains = {t.candidate.effect.id: 0.0 if t.wrong_sign else t.gain for t in fit.trials}

@@ -11,19 +11,17 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.figures import SHADE
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
-from pmsm_ctrl.diagnose.text import step_names
 from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from pmsm_ctrl.diagnose.diagnosis import Diagnosis
     from pmsm_ctrl.diagnose.fit import Fitted
-    from pmsm_ctrl.diagnose.leftover import Leftover
+    from pmsm_ctrl.diagnose.result import Diagnosis, Structure
 
 __all__ = [
-    "Plane", "contributions", "contributions_figure", "ladder_figure", "leftover_figure", "maps_figure", "plane_of",
-    "rms_within", "worst_stretch", "worst_stretch_figure",
+    "Plane", "contributions", "contributions_figure", "ladder_figure", "maps_figure", "plane_of", "rms_within",
+    "structure_figure", "worst_stretch", "worst_stretch_figure",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -35,6 +33,10 @@ CELLS = (24, 18)  # of a map: over speed, and over the other coordinate
 LEAST = 3  # samples in a cell that is drawn
 SPEED_BINS = 24
 NEGLIGIBLE = 1e-3  # of the largest part: a smaller one is not drawn
+
+
+def _names(d: Diagnosis) -> list[str]:
+    return [step.name for step in d.steps]
 
 
 def _linear(d: Diagnosis) -> bool:
@@ -61,7 +63,7 @@ def ladder_figure(d: Diagnosis) -> Figure:
     from matplotlib.figure import Figure
 
     channels = list(d.errors["base"])
-    rungs = ["design\nas given", "parameters\nrefitted", *(f"+ {name}" for name in step_names(d))]
+    rungs = ["design\nas given", "parameters\nrefitted", *(f"+ {name}" for name in _names(d))]
     figure = Figure(figsize=(9.0, 3.6 if len(channels) == 1 else 2.6 * len(channels) + 0.8), layout="constrained")
     panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, channel in zip(panels, channels, strict=True):
@@ -164,7 +166,7 @@ def maps_figure(d: Diagnosis) -> Figure:
 
     plane = plane_of(d)
     fits = list(d.selection.fits)
-    titles = ["before", *(f"with {name}" for name in step_names(d)[: len(fits) - 1])]
+    titles = ["before", *(f"with {name}" for name in _names(d)[: len(fits) - 1])]
     if len(fits) > MOST_MAPS:  # the first ones and the last
         fits, titles = [*fits[: MOST_MAPS - 1], fits[-1]], [*titles[: MOST_MAPS - 1], f"... {titles[len(fits) - 1]}"]
     used = fits[0].record.mask
@@ -312,25 +314,25 @@ def contributions_figure(d: Diagnosis) -> Figure:
     return figure
 
 
-# ---- what is left ---------------------------------------------------------------------------------------------------
+# ---- structure of the residual ------------------------------------------------------------------------------------
 
 
-def leftover_figure(d: Diagnosis, left: Leftover) -> Figure:
-    """Draw the residual that nothing explains over its coordinate: the smooth curve that stands in, or means."""
+def structure_figure(d: Diagnosis, found: Structure) -> Figure:
+    """Draw the residual that nothing explains over its coordinate: a smooth curve, or means."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.5, 3.6), layout="constrained")
     axes = figure.subplots()
-    x, forward, backward = left.curve
-    what, mark = ("mean", ".") if left.resembles else ("smooth curve, a stopgap", "")
-    unit = d.record.unit(left.channel)
+    x, forward, backward = found.curve
+    what, mark = ("mean", ".") if found.resembles else ("smooth curve", "")
+    unit = d.record.unit(found.channel)
     axes.plot(x, forward, color=VERMILION, marker=mark, linewidth=1.5, label=f"{what}, moving forward")
     axes.plot(x, backward, color=BLUE, marker=mark, linewidth=1.5, linestyle="--", label="moving backward")
     axes.axhline(0.0, color=BLACK, linewidth=0.5)
-    axes.set_xlabel(f"{left.coordinate} [{left.unit}]" if left.unit else left.coordinate)
-    axes.set_ylabel(f"{_balance(d, left.channel)} residual [{unit}]")
-    title = f"What only resembles {left.resembles}" if left.resembles else "What nothing in the catalogue explains"
-    axes.set_title(f"{title}: {100 * left.share:.0f} % of what is left")
+    axes.set_xlabel(f"{found.coordinate} [{found.unit}]" if found.unit else found.coordinate)
+    axes.set_ylabel(f"{_balance(d, found.channel)} residual [{unit}]")
+    title = f"Resembles {found.resembles}" if found.resembles else "Explained by no effect of the catalogue"
+    axes.set_title(f"{title}: {100 * found.share:.0f} % of the residual")
     axes.legend(fontsize="small")
     axes.grid(alpha=0.3)
     return figure

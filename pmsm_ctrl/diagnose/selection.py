@@ -1,191 +1,241 @@
-"""Forward selection with gates: effects are accepted one at a time, everything refitted and rewhitened each time."""
+"""Forward selection: the best candidate that passes every criterion, before and after the refit with it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
-from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.diagnose.fit import Accepted, Fitted, errors, fit_design, predicted_elsewhere
-from pmsm_ctrl.diagnose.gates import BLOCK_ERRORS, LEAST_ERRORS, gates, name_of, objection
+from pmsm_ctrl.diagnose import criteria
+from pmsm_ctrl.diagnose.candidates import REPEATED, Candidate
+from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.criteria import CrossValidation
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted
+from pmsm_ctrl.diagnose.measures import (
+    contribution,
+    cross_validated,
+    plain_errors,
+    strain,
+    weighted_errors,
+)
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refine import refine
-from pmsm_ctrl.diagnose.search import Evidence, Trial, try_group
-from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.diagnose.refusal import Refusal
+from pmsm_ctrl.diagnose.search import Trial, physical_bounds, try_group
 from pmsm_ctrl.evidence.tests import holm
-from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import effect_group
 
-__all__ = ["Selection", "Step", "fitted_before", "holdout_error", "select", "tied"]
+__all__ = ["Evidence", "Found", "Selection", "Step", "best", "equivalents", "name_of"]
 
-MOST_STEPS = 8
+
+@dataclass(frozen=True)
+class Evidence:
+    """The numbers with which a candidate passed.
+
+    Attributes
+    ----------
+    gain : float
+        Fall of the sum of squares, in units of the noise.
+    p_value, p_holm : float
+        Of the F-test, the searched shapes paid for; and corrected for the number of candidates.
+    size : float
+        Contribution over the rms of the balance.
+    """
+
+    gain: float
+    p_value: float
+    p_holm: float
+    size: float
+    cross_validation: CrossValidation
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One accepted effect: the trial that won, its evidence and the rivals it cannot be told from."""
+    """One accepted effect: its trial, its evidence, and the candidates that it cannot be told from."""
 
     trial: Trial
     evidence: Evidence
     equivalents: tuple[str, ...]
-    before: Fitted
-    after: Fitted | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Outcome of one round.
+
+    Attributes
+    ----------
+    step, fit : Step and Fitted, or None
+        The accepted effect, and everything fitted again with it.
+    refused : dict of name to Refusal
+        Candidates that were better, or all of them where none was accepted.
+    """
+
+    step: Step | None
+    fit: Fitted | None
+    refused: Mapping[str, Refusal]
+
+    @property
+    def accepted(self) -> bool:
+        """Whether an effect was found."""
+        return self.step is not None
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The whole way: fits before and after every step, and why the rest was refused."""
+    """The whole way: the fits before and after every step, and why the remaining candidates were refused."""
 
     fits: tuple[Fitted, ...]
-    steps: tuple[Step, ...]
-    accepted: tuple[Accepted, ...]
-    refused: Mapping[str, str] = field(default_factory=dict)
+    steps: tuple[Step, ...] = ()
+    refused: Mapping[str, Refusal] = field(default_factory=dict)
+
+    @property
+    def fit(self) -> Fitted:
+        """The last fit."""
+        return self.fits[-1]
+
+    @property
+    def accepted(self) -> tuple[Accepted, ...]:
+        """The effects, with the nonlinear parameters of the last fit."""
+        return self.fit.accepted
+
+    def plus(self, found: Found) -> Selection:
+        """Return the selection after one more round.
+
+        Parameters
+        ----------
+        found : Found
+        """
+        if found.step is None or found.fit is None:
+            return replace(self, refused=found.refused)
+        return Selection((*self.fits, found.fit), (*self.steps, found.step), found.refused)
 
 
-def select(
-    design: Design,
-    record: Record,
-    effects: Mapping[str, Effect],
-    holdout: Record | None = None,
-    progress: Callable[[float], None] | None = None,
-    order: tuple[str, ...] = (),
-    known: Iterable[Fitted] = (),
-) -> Selection:
-    """Accept effects until nothing passes the gates.
+def name_of(trial: Trial) -> str:
+    """Return the effect, with its order where an axis can have several.
 
-    With `order` the first ones are these, or none at all when one of them does not pass. What is `known` of the same
-    design, record and candidates is not fitted again.
+    Parameters
+    ----------
+    trial : Trial
     """
-    accepted: tuple[Accepted, ...] = ()
-    known = tuple(known)
-    fit = fitted_before(known, accepted) or fit_design(design, record, accepted, effects)
-    fits, steps = [fit], []
-    refused: dict[str, str] = {}
-    for number in range(MOST_STEPS):
-        refused = {}
-        only = order[number] if number < len(order) else ""
-        # what an effect taken in is not exactly is left in every block, and can look like a small one
-        least = BLOCK_ERRORS if accepted else LEAST_ERRORS
-        won = _winner(fit, refused, least, only)
-        while won is not None:
-            trial, evidence = won
-            new = (*accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid))
-            new = _reshaped(design, record, new, effects)
-            after = fitted_before(known, new) or fit_design(design, record, new, effects)
-            # what is to come next may be what brings a parameter back inside its bounds
-            why = "" if number + 1 < len(order) else objection(after, fit, trial.candidate.effect)
-            why = why or _holdout_objection(design, holdout, accepted, new, fit, after, effects)
-            if not why:
-                break
-            refused[name_of(trial)] = why
-            won = _winner(fit, refused, least, only)
-        if won is None:
-            if only:
-                return Selection((fits[0],), (), (), refused)
-            break
-        steps.append(Step(trial, evidence, _equivalents(fit, trial), fit, after))
-        accepted, fit = new, after
-        fits.append(fit)
-        if progress is not None:
-            progress(min(0.9, 0.2 + 0.7 * (number + 1) / MOST_STEPS))
-    return Selection(tuple(fits), tuple(steps), accepted, refused)
+    order = trial.group.shape.get("order")
+    effect = trial.candidate.effect.id
+    return f"{effect} {order:g}" if effect in REPEATED and order else effect
 
 
-def fitted_before(known: Iterable[Fitted], accepted: tuple[Accepted, ...]) -> Fitted | None:
-    """Return the fit with these effects, in this order and of these shapes; None where there is none yet."""
-    asked = [(one.effect.id, one.shape) for one in accepted]
-    return next((fit for fit in known if [(one.effect.id, one.shape) for one in fit.accepted] == asked), None)
+def best(case: Case, fit: Fitted, start: tuple[str, ...] = ()) -> Found:
+    """Return the first candidate, in the order of what they explain, that passes every criterion.
 
-
-def _reshaped(
-    design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
-) -> tuple[Accepted, ...]:  # fmt: skip
-    """Refine the nonlinear parameters of the effects taken earlier, now that another one is in.
-
-    Those of a spring just taken as well: it was judged without what is noise.
+    Parameters
+    ----------
+    case : Case
+    fit : Fitted
+        With the effects accepted so far, and every candidate tried on its residual.
+    start : tuple of str
+        Ids that the selection begins with: no other one is looked at before these are in.
     """
-    out = list(accepted)
-    for k, one in enumerate(accepted):
-        spring = one.effect.structure == "transmission" and "gap" not in one.shape
-        if k == len(accepted) - 1 and not spring:
-            continue
-        if len(one.grid) < 2 or set(one.shape) <= {"order"} or one.effect.structure == "bristle":
-            continue
-        others = (*out[:k], *out[k + 1 :])
-        fit = fit_design(design, record, others, {})
-        candidate = Candidate(one.effect, (*one.grid, one.shape), len(one.grid))
-        trial = try_group(fit.plain, fit.weights, candidate, effect_group(fit.record, one.effect, one.shape))
-        best = refine(fit.record, fit.plain, fit.weights, trial)
-        if not best.wrong_sign:
-            out[k] = Accepted(one.effect, best.group.shape, one.grid)
-    return tuple(out)
-
-
-def _winner(fit: Fitted, refused: dict[str, str], least: float, only: str = "") -> tuple[Trial, Evidence] | None:
-    """Return the best candidate that passes every gate, writing down why the ones before it do not."""
-    p_holm = dict(zip(map(id, fit.trials), holm([t.p_value for t in fit.trials]), strict=True))
-    for trial in fit.trials:
+    number = len(fit.accepted)
+    only = start[number] if number < len(start) else ""
+    refused: dict[str, Refusal] = {}
+    for trial, p_holm in zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True):
         name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
-        why, evidence = gates(fit, trial, p_holm[id(trial)], least)
-        if evidence is not None and not why:
-            return trial, evidence
-        refused[name] = why
-    return None
-
-
-def _equivalents(fit: Fitted, trial: Trial) -> tuple[str, ...]:
-    """Effects whose best explanation of the same rows is nearly as good and nearly the same."""
-    own = trial.direction
-    size = float(own @ own)
-    found = []
-    for other in fit.trials:
-        if (
-            other is trial
-            or other.wrong_sign
-            or other.singular
-            or other.candidate.effect.id == trial.candidate.effect.id
-        ):
+        judged = _judge_trial(fit, trial, p_holm, case.policy)
+        if isinstance(judged, Refusal):
+            refused[name] = judged
             continue
-        # what the rival leaves of what this one explains
-        along = float(own @ other.direction)
-        left = size - along**2 / max(float(other.direction @ other.direction), 1e-300)
-        if left < tied(size):
-            found.append(other.candidate.effect.id)
-    ids = [*found]
-    for effect in trial.candidate.effect.look_alikes:
-        singular = next(
-            (t for t in fit.trials if t.candidate.effect.id == effect and t.singular and not t.candidate.free), None
-        )
-        if singular is not None and effect not in ids:
-            ids.append(effect)
-    return tuple(ids)
+        after = case.fit(_with(case, fit, trial))
+        # an effect that is still to come may be what brings a parameter back inside its bounds
+        refusal = None if number + 1 < len(start) else _judge_refit(fit, after, trial, case.policy)
+        refusal = refusal or _judge_holdout(case, fit, after)
+        if refusal is None:
+            return Found(Step(trial, judged, equivalents(trial, fit.trials, case.policy)), after, refused)
+        refused[name] = refusal
+    return Found(None, None, refused)
 
 
-def tied(gain: float) -> float:
-    """By how much two explanations of so large a gain may differ and still be the same to this log."""
-    return max(20.0, 0.01 * gain)
+def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Refusal | Evidence:
+    """Return what a candidate's columns tell, the cheapest criterion first."""
+    refusal = criteria.signs(not trial.singular, not trial.wrong_sign) or criteria.significance(p_holm, policy)
+    if refusal is not None:
+        return refusal
+    share = contribution(fit, trial)
+    refusal = criteria.size(share, trial.plain_gain / fit.plain.chi2, policy)
+    if refusal is not None:
+        return refusal
+    found, whole, relief = cross_validated(fit, trial)
+    refusal = criteria.cross_validation(found, whole, relief, not fit.accepted, policy)
+    return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, found)
 
 
-def _holdout_objection(
-    design: Design, holdout: Record | None, old: tuple[Accepted, ...], new: tuple[Accepted, ...],
-    before: Fitted, after: Fitted, effects: Mapping[str, Effect],
-) -> str:  # fmt: skip
-    if holdout is None:
-        return ""
-    first = holdout_error(design, holdout, old, before, effects)
-    second = holdout_error(design, holdout, new, after, effects)
-    worse = {name: (first[name][0], second[name][0]) for name in first}
-    if sum(b / a for a, b in worse.values() if a > 0) / len(worse) < 1.0:
-        return ""
-    return "makes the held-out record worse"
+def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
+    """Return what speaks against an effect once everything was fitted again with it."""
+    weighted = weighted_errors(before), weighted_errors(after)
+    plain = plain_errors(before), plain_errors(after)
+    noise = dict(zip(after.record.channels, after.weights.sigma, strict=True))
+    refusal = criteria.no_balance_worse(weighted[0], weighted[1], noise, policy)
+    if refusal is None and trial.candidate.effect.enters == "voltage":
+        old, new = ({name: rms for name, rms in found.items() if name != "torque"} for found in plain)
+        refusal = criteria.no_voltage_worse(old, new, policy)
+    if refusal is not None:
+        return refusal
+    pairs = [(old[name], new[name]) for old, new in (weighted, plain) for name in new]
+    model = after.model
+    values = zip(after.plain.values.tolist(), after.plain.stderr.tolist(), strict=True)
+    known = dict(zip(model.names, after.plain.values.tolist(), strict=True))
+    bounds = physical_bounds((g.effect for g in model.groups if g.effect), known)
+    return criteria.error_lowered(pairs, strain(before.plain) - strain(after.plain), policy) or criteria.inside_bounds(
+        dict(zip(model.names, values, strict=True)), bounds, policy
+    )
 
 
-def holdout_error(
-    design: Design, holdout: Record, accepted: tuple[Accepted, ...], fit: Fitted, effects: Mapping[str, Effect],
-) -> dict[str, tuple[float, float]]:  # fmt: skip
-    """Return rms error and its share per balance on another record, with the parameters of the fit."""
-    record, predicted = predicted_elsewhere(design, holdout, accepted, fit, effects)
-    common = [name for name in record.channels if name in fit.record.channels]
-    return errors(record, record.target - predicted, common)
+def _judge_holdout(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
+    if case.holdout is None:
+        return None
+    old, new = ({name: rms for name, (rms, _) in case.holdout_errors(fit).items()} for fit in (before, after))
+    return criteria.holdout(old, new)
+
+
+def _with(case: Case, fit: Fitted, trial: Trial) -> tuple[Accepted, ...]:
+    """Return the accepted effects and a new one, the nonlinear parameters of the earlier ones refined beside it.
+
+    Those of a spring just accepted as well: it was judged without what is noise.
+    """
+    out = [*fit.accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid)]
+    for k, one in enumerate(out):
+        spring = one.effect.structure == "transmission" and "gap" not in one.shape
+        if k == len(out) - 1 and not spring:
+            continue
+        if len(one.grid) < 2 or set(one.shape) <= {"order"} or one.effect.structure == "bristle":
+            continue
+        rest = case.without_candidates((*out[:k], *out[k + 1 :]))
+        candidate = Candidate(one.effect, (*one.grid, one.shape), len(one.grid))
+        trial = try_group(rest.plain, rest.weights, candidate, effect_group(rest.record, one.effect, one.shape))
+        refined = refine(rest.record, rest.plain, rest.weights, trial)
+        if not refined.wrong_sign:
+            out[k] = Accepted(one.effect, refined.group.shape, one.grid)
+    return tuple(out)
+
+
+def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) -> tuple[str, ...]:
+    """Return the effects whose best explanation of the same rows is nearly as good and nearly the same.
+
+    Parameters
+    ----------
+    trial : Trial
+        The accepted one.
+    trials : iterable of Trial
+        All of the round.
+    policy : Policy
+    """
+    effect, along = trial.candidate.effect, trial.direction
+    size = float(along @ along)
+    found, singular = [], []
+    for other in trials:
+        rival = other.candidate.effect.id
+        if other.singular:
+            singular += [rival] if not other.candidate.free else []
+        elif other is not trial and not other.wrong_sign and rival != effect.id:
+            shared = float(along @ other.direction) ** 2 / max(float(other.direction @ other.direction), 1e-300)
+            if size - shared < policy.tie(size):
+                found.append(rival)
+    return (*found, *(one for one in effect.look_alikes if one in singular and one not in found))

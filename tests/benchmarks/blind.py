@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import Diagnosis, diagnose
+from pmsm_ctrl.diagnose import POLICY, Diagnosis, Policy, diagnose
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.log import Log
@@ -131,12 +131,12 @@ def log_of(design: Design, truth: Design, case: Case) -> Log:
     return simulate(design, motion(case.motion, design, case.seed), truth=truth, seed=case.seed)
 
 
-def run(case: Case) -> Diagnosis:
+def run(case: Case, policy: Policy = POLICY) -> Diagnosis:
     """Simulate and diagnose one case."""
     design, truth = truth_of(Design.read(DESIGN), case)
     log = log_of(design, truth, case)
     offered = [i for i in CATALOGUE if not (case.left_out and i in case.hidden)]
-    return diagnose(design, log, candidates=offered, plan=False)
+    return diagnose(design, log, candidates=offered, plan=False, policy=policy)
 
 
 def named(result: Diagnosis) -> str:

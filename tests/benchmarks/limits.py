@@ -19,8 +19,7 @@ from multiprocessing import get_context
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import diagnose
-from pmsm_ctrl.diagnose.gates import SIGNIFICANCE
+from pmsm_ctrl.diagnose import POLICY, diagnose
 from pmsm_ctrl.diagnose.search import least_shown
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
@@ -41,7 +40,7 @@ def bound(case: Case) -> float:
     values = MIDDLE[effect.id]
     group = effect_group(fit.record, effect, design_shape(effect, values))
     proportion = np.array([values[s] for s in group.symbols])
-    return float(least_shown(fit.solved, fit.whitener, group, SIGNIFICANCE / len(CATALOGUE), proportion)[0])
+    return float(least_shown(fit.solved, fit.whitener, group, POLICY.significance / len(CATALOGUE), proportion)[0])
 
 
 def found(effect: str, motion: str, seeds: int, strength: float) -> bool:

@@ -16,8 +16,7 @@ import numba
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import Diagnosis, diagnose
-from pmsm_ctrl.diagnose.text import VERDICTS
+from pmsm_ctrl.diagnose import Diagnosis, Verdict, diagnose
 from pmsm_ctrl.log import Log
 from tests.benchmarks.motions import MACHINES, limited, machine, rounded
 from tests.benchmarks.sizes import SIZES, sized
@@ -262,7 +261,7 @@ def judge(
         for (effect, seed, kind, _), (good, named) in zip(cases, every, strict=True):
             hits += good and effect != "none"
             alarms += not good and effect == "none"
-            wrong += not good and effect != "none" and named not in VERDICTS
+            wrong += not good and effect != "none" and named not in set(Verdict)
             rows.setdefault(effect, []).append(f"{'' if good else '(!) '}{named}")
             if not good:
                 print(f"  {effect}, seed {seed}{f', {kind}' if kind else ''}: {named}", flush=True)

@@ -7,7 +7,8 @@ from scipy.stats import binomtest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
-from pmsm_ctrl.diagnose.calibration import Calibration
+from pmsm_ctrl.diagnose.notices import of_calibration
+from pmsm_ctrl.diagnose.result import Calibration
 from pmsm_ctrl.errors import DesignError, LogError, RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
@@ -33,15 +34,17 @@ def test_accepted_model_raises_no_alarm(designs) -> None:
     assert [step.effect for step in found.steps] == ["stribeck"]
     assert found.calibration == Calibration(3, ())
     assert found.to_dict()["calibration"] == {"runs": 3, "alarms": []}
-    assert "of 3 simulations of the accepted model 0 raised an alarm" in found.summary()
-    assert not any("not calibrated" in text for text in found.warnings)
+    assert "0 false alarms in 3 simulations of the accepted model" in found.summary(width=1000)
+    assert "not_calibrated" not in found.to_dict()["warning_codes"]
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
 
 def test_many_alarms_are_a_reason_to_doubt() -> None:
-    assert Calibration(20, ("delay",)).doubt == ""
-    assert "not calibrated on this motion: of 20 simulations" in Calibration(20, ("delay", "delay")).doubt
+    assert of_calibration(Calibration(20, ("delay",))) == ()
+    (notice,) = of_calibration(Calibration(20, ("delay", "delay")))
+    assert notice.code == "not_calibrated"
+    assert "2 false alarms in 20 simulations" in notice.text
 
 
 def test_what_cannot_be_simulated_is_said_in_one_line(designs) -> None:

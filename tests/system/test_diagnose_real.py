@@ -9,6 +9,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
+from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
@@ -67,9 +68,10 @@ def test_laas_acceleration_log_cannot_show_cogging(measured, laas: Design) -> No
     log = read_log(measured("laas_mn4004/acc_current.txt"), design=laas)
     found = diagnose(laas, log)
     assert "cogging" not in {step.effect for step in found.steps}
-    why = next(row.why_not for row in found.ranking if row.effect == "cogging")
-    assert "cannot show it" in why
-    assert any("cogging" in text and "cannot show it" in text for text in found.warnings)
+    why = next(row.refusal for row in found.ranking if row.effect == "cogging")
+    assert why is not None
+    assert why.reason is Reason.NOT_EXCITED
+    assert any("cogging: not excited" in text for text in found.warnings)
     # the authors' fit of the same file: 1.93e-4 dv/dt + 0.084 sgn(v) + 1.15e-4 v, in ampere
     values = {d.parameter: d.estimate / laas.K_t for d in found.parameter_deviations}
     assert values["J"] == pytest.approx(1.93e-4, rel=0.03)

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -23,7 +24,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.report import Headline, render
 from pmsm_ctrl.result import Section
-from pmsm_ctrl.section import Notice
+from pmsm_ctrl.section import Notice, Picture, Table
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 
@@ -233,20 +234,29 @@ def hidden_cogging() -> Diagnosis:
 
 def test_diagnosis_report_shows_the_way_down(hidden_cogging: Diagnosis) -> None:
     section = hidden_cogging.section()
-    captions = [caption for _, caption in section.figures]
+    captions = [block.caption for block in section.blocks if isinstance(block, Picture)]
     for word in ("error falls from", "Mean residual over speed and position", "fails worst", "contributes over speed"):
         assert any(word in caption for caption in captions), word
-    ladder = {row[0]: row[1:] for header, rows in section.tables if header[0] == "rung" for row in rows}
-    assert list(ladder) == ["design as given", "parameters refitted", "+ cogging 24", "noise floor"]
-    assert all("torque" in cell for cell in ladder["+ cogging 24"]), "log and held-out record"
+    errors = next(block for block in section.blocks if isinstance(block, Table))
+    assert errors.header == ("model", "torque", "u_d", "u_q", "held-out torque", "held-out u_d", "held-out u_q")
+    falling = {row[0]: row[1:] for row in errors.rows}
+    assert list(falling) == ["design as given", "parameters refitted", "+ cogging 24", "noise floor"]
+    assert all(cell.endswith("%") for cell in falling["+ cogging 24"]), "log and held-out record"
+    assert section.blocks[0] == "1 missing effect: Cogging torque."
     text = render("Diagnosis", [section])
     Page(text)
     assert len(text) < 1_500_000
 
 
+def figures(section: Any) -> list[Any]:
+    if hasattr(section, "blocks"):
+        return [block.draw() for block in section.blocks if isinstance(block, Picture)]
+    return [figure for figure, _ in section.figures]
+
+
 def test_every_figure_has_units_on_its_axes(hidden_cogging: Diagnosis) -> None:
     results = [hidden_cogging, compare(axis(), axis_log())]
-    for made in (figure for result in results for figure, _ in result.section().figures):
+    for made in (figure for result in results for figure in figures(result.section())):
         labels = [made.get_supxlabel(), made.get_supylabel()]
         for panel in made.axes:
             shown = [panel.get_xlabel(), panel.get_ylabel()]
@@ -280,8 +290,8 @@ def test_residual_maps_fade(hidden_cogging: Diagnosis) -> None:
 def test_clean_diagnosis_has_a_report_too(designs: Path) -> None:
     design = Design.read(designs / "seed_motor.toml")
     found = diagnose(design, simulate(design, "triangle", seed=1))
-    captions = [caption for _, caption in found.section().figures]
-    assert any("No effect was taken in" in caption for caption in captions)
+    captions = [block.caption for block in found.section().blocks if isinstance(block, Picture)]
+    assert any("No effect was accepted" in caption for caption in captions)
 
 
 no_browser = pytest.mark.skipif(

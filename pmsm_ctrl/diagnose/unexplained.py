@@ -1,77 +1,59 @@
-"""What nothing in the catalogue explains: does the residual still depend on a coordinate, on blocks left out?
+"""Structure that no effect of the catalogue explains: does the residual depend on a coordinate, by cross-validation?
 
-Or else, does an effect that was refused explain far more of it than noise would let it? Or is little left only because
-the winding took it up, with a value that no motor of that datasheet has?
+Or else, does a refused effect explain far more of it than noise would? Or is little left only because the winding took
+it up, with a value that no motor of that datasheet has?
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.dependence import Dependence, where
+from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
-from pmsm_ctrl.diagnose.gates import ABSURD, MATERIAL, UNSTEADY, name_of
-from pmsm_ctrl.diagnose.selection import Selection
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.refusal import Reason
+from pmsm_ctrl.diagnose.result import Structure
+from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
+from pmsm_ctrl.rendering.numbers import with_prefix
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["Leftover", "leftover", "resembled", "stands_in"]
+__all__ = ["dependence", "impossible_winding", "resemblance", "unexplained"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# What the aliased edges of the torque do to a sample of so little weight no curve has to explain.
-SOUND = 0.5
-# Least share of what is left that is worth a word: with the edges left out, less than `compare` asks for.
-WORTH = 0.015
-# Share of what is left that a refused effect must explain, and how surely, for something to be missing all the same.
-# On 30 clean logs of two simulators no refused effect went beyond 0.3 % and 1e-8; aliased edges may make it 3 %.
-GLARING, CERTAIN = 0.03, 1e-12
-# A winding taken for another one: standard errors that it must be off its datasheet, and the least tolerance of that,
-# because copper that is hot, or measured between two phases, is one and a half times or twice the design's.
-UNDOUBTED, DATASHEET = 4.0, 0.15
-# What is left around reversals over what is left elsewhere, rms, from which on it is said to sit there.
-TURNING = 1.5
+FEWEST_SAMPLES = 100  # of a balance that is judged
 FEWEST = 4  # samples whose mean is drawn
 # What a voltage acts like that a parameter of the winding takes up, and the parameter's unit.
 LIKENESS = {"R": ("a resistance", "Ohm"), "L_d": ("an inductance", "H"), "L_q": ("an inductance", "H")}
 
 
-@dataclass(frozen=True, eq=False)
-class Leftover:
-    """A dependence that is left, fitted by a smooth curve as a stopgap.
+def unexplained(selection: Selection, policy: Policy = POLICY) -> Structure | None:
+    """Return the structure of the final residual that no effect explains; None where it is not significant.
 
-    Attributes
+    Parameters
     ----------
-    coordinate, unit : str
-    channel : str
-        The balance it shows in.
-    share : float
-        Part of the residual's mean square that the curve explains, on blocks of time left out; or else the effect
-        that it resembles.
-    curve : (array, array, array)
-        Coordinate, and fitted residual moving forward and backward, SI units; means where nothing was fitted.
-    resembles : str
-        The effect, or the part of the winding, that it resembles without being it; empty where a curve was fitted.
+    selection : Selection
+    policy : Policy
     """
-
-    coordinate: str
-    unit: str
-    channel: str
-    share: float
-    p_value: float
-    text: str
-    curve: tuple[Array, Array, Array]
-    resembles: str = ""
+    fit = selection.fit
+    return dependence(fit, policy) or resemblance(selection, policy) or impossible_winding(fit, policy)
 
 
-def leftover(fit: Fitted) -> Leftover | None:
-    """Return the coordinate that what is left depends on most; None when it depends on none."""
+def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
+    """Return the coordinate that the residual depends on most; None when it depends on none.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
     record, plain = fit.record, fit.plain
     predicted = plain.predicted()
     J = float(plain.values[plain.model.names.index("J")])
@@ -79,95 +61,106 @@ def leftover(fit: Fitted) -> Leftover | None:
     acceleration = plain.model.matrix[0][:, plain.model.names.index("J")]
     # the noise of the angle stands in the acceleration and in the residual alike
     skipped = ("acceleration",) if noise_share(record, acceleration) > MOST_NOISE else ()
-    found: list[tuple[Dependence, str, str]] = []
+    found: list[tuple[Dependence, str]] = []
     for row, name in enumerate(record.channels):
-        sound = record.mask & (record.weight[row] > SOUND)
-        if int(sound.sum()) < 100:
+        sound = record.mask & (record.weight[row] > policy.sound_weight)
+        if int(sound.sum()) < FEWEST_SAMPLES:
             continue
         level = float(np.sqrt(np.mean(record.target[row][sound] ** 2)))
         # a small voltage is known no better than the whole: a frame askew by 4 mrad mixes so much of it in
         whole = float(np.sqrt(np.mean(record.target[1:, sound] ** 2) * 2.0)) if name != "torque" else level
-        what = where(
+        least = max(policy.size * whole, record.coarse[row]) / max(level, 1e-300)
+        curves = where(
             record.prepared, record.target[row], predicted[row], sound, record.unit(name), predicted[0], J,
-            per_ampere, WORTH, max(MATERIAL * whole, record.coarse[row]) / max(level, 1e-300), skipped,
+            per_ampere, policy.structure_share, least, skipped,
         )  # fmt: skip
-        if what.named:
-            found.append((what.named[0], name, what.sentence()))
+        if curves.named:
+            found.append((curves.named[0], name))
     if not found:
         return None
-    one, name, sentence = max(found, key=lambda f: f[0].added)
-    balance = record.drive if name == "torque" else name
-    text = f"{sentence.replace('of what is left', f'of what is left of the {balance} balance', 1)}; no effect of the "
-    text += "catalogue explains it"
-    return Leftover(one.name, one.unit, name, one.added, one.p_value, text, (one.x, one.forward, one.backward))
+    one, name = max(found, key=lambda f: f[0].added)
+    notice = notices.DEPENDENCE(
+        percent=100.0 * one.added, balance=_balance(record, name), coordinate=one.name,
+        peak=with_prefix(one.peak, record.unit(name)), place="" if one.coordinate == "direction" else f" {one.largest}",
+    )  # fmt: skip
+    return Structure(one.name, one.unit, name, one.added, one.p_value, (one.x, one.forward, one.backward), notice)
 
 
-def resembled(selection: Selection) -> Leftover | None:
-    """Return what is left where a refused effect explains far too much of it for noise; None where none does.
+def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | None:
+    """Return the structure that a refused effect explains far too much of for noise; None where there is none.
 
     The effect itself was refused for a reason: it is not what is missing, but something like it is.
+
+    Parameters
+    ----------
+    selection : Selection
+    policy : Policy
     """
-    fit = selection.fits[-1]
+    fit = selection.fit
     total = fit.solved.chi2
     glaring = [
-        t
-        for t in fit.trials
-        if t.gain > GLARING * total and t.p_value < CERTAIN
-        and selection.refused.get(name_of(t), "").startswith(UNSTEADY)
+        (trial, refusal)
+        for trial in fit.trials
+        if trial.gain > policy.resembled_share * total and trial.p_value < policy.resembled_p
+        and (refusal := selection.refused.get(name_of(trial))) and refusal.reason is Reason.NOT_CONFIRMED
     ]  # fmt: skip
     if not glaring:
         return None
-    best = max(glaring, key=lambda t: t.gain)
+    best, refusal = max(glaring, key=lambda pair: pair[0].gain)
     name, share = name_of(best), best.gain / total
     record = fit.record
     row = _where_it_enters(fit, best.plain_direction)
     ratio, curve = _around_reversals(fit, row)
-    where_it_is, coordinate, unit = "", "time since the reversal", "s"
-    if ratio > TURNING:
-        where_it_is = f" and {ratio:.2g} times as large around reversals as elsewhere"
+    place, coordinate, unit = "", "time since the reversal", "s"
+    if ratio > policy.around_reversals:
+        place = f" and {ratio:.2g} times as large around reversals as elsewhere"
     else:
         coordinate, unit = "acceleration", axis_unit("rad/s^2", record.prepared.motion)
         curve = _over(record.at_grid(record.signals["alpha"]), record, fit.residual[row])
-    text = (
-        f"what is left is not noise{where_it_is}: {name} would explain {100 * share:.0f} % of it, but "
-        f"{selection.refused[name]}; no effect of the catalogue explains it"
+    channel = record.channels[row]
+    notice = notices.RESEMBLANCE(
+        balance=_balance(record, channel), place=place, effect=name, percent=100.0 * share, refusal=refusal
     )
-    return Leftover(coordinate, unit, record.channels[row], share, best.p_value, text, curve, name)
+    return Structure(coordinate, unit, channel, share, best.p_value, curve, notice, name)
 
 
-def stands_in(fit: Fitted) -> Leftover | None:
+def impossible_winding(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     """Return the voltage that a parameter of the winding takes up far beyond its datasheet; None where none does.
 
     A dead time left out is as well a resistance of four times the datasheet's: nothing is left then, and yet no motor
     of that datasheet explains the log.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
     """
     plain, record = fit.plain, fit.record
     names = [name for name in LIKENESS if name in plain.model.names]
     places = np.array([plain.model.names.index(name) for name in names], dtype=np.intp)
     off = (plain.values - plain.model.nominal)[places]
-    tolerance = np.maximum(plain.model.sigma, DATASHEET * plain.model.nominal)[places]
+    tolerance = np.maximum(plain.model.sigma, policy.tolerance * plain.model.nominal)[places]
     far = (off / tolerance) ** 2
     surely = np.abs(off) / plain.stderr[places]
-    far[surely < UNDOUBTED] = 0.0
-    if not np.any(far > ABSURD):
+    far[surely < policy.sure_errors] = 0.0
+    if not np.any(far > policy.absurd):
         return None
     best = int(np.argmax(far))
     name, k = names[best], int(places[best])
     taken = plain.model.matrix[:, :, k] * off[best]
-    rows = range(1, len(record.channels))
-    row = max(rows, key=lambda r: float(np.sum(taken[r][record.mask] ** 2)))
+    row = max(range(1, len(record.channels)), key=lambda r: float(np.sum(taken[r][record.mask] ** 2)))
     with_it = fit.residual[row] + taken[row]
     share = 1.0 - float(np.mean(fit.residual[row][record.mask] ** 2) / np.mean(with_it[record.mask] ** 2))
     like, unit = LIKENESS[name]
     value, nominal = float(plain.values[k]), float(plain.model.nominal[k])
-    text = (
-        f"{name} would have to be {value:.3g} {unit}, {value / nominal:.2g} times its nominal value: the winding is "
-        f"another one, or a voltage that acts like {like} is missing; no effect of the catalogue explains it"
-    )
-    over = record.at_grid(record.signals["i_d" if name == "L_d" else "i_q"])
-    curve = _over(over, record, with_it)
+    notice = notices.WINDING_IMPOSSIBLE(parameter=name, value=value, unit=unit, ratio=value / nominal, like=like)
+    curve = _over(record.at_grid(record.signals["i_d" if name == "L_d" else "i_q"]), record, with_it)
     p = math.erfc(float(surely[best]) / math.sqrt(2.0))
-    return Leftover("current", "A", record.channels[row], max(share, 0.0), p, text, curve, like)
+    return Structure("current", "A", record.channels[row], max(share, 0.0), p, curve, notice, like)
+
+
+def _balance(record: Record, channel: str) -> str:
+    return record.drive if channel == "torque" else channel
 
 
 def _where_it_enters(fit: Fitted, direction: Array) -> int:

@@ -1,0 +1,205 @@
+"""What an effect has to pass, before and after everything is fitted again with it: pure functions of numbers.
+
+Each returns a `Refusal`, or None where the effect passes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
+
+__all__ = [
+    "CrossValidation",
+    "cross_validation",
+    "error_lowered",
+    "holdout",
+    "inside_bounds",
+    "no_balance_worse",
+    "no_voltage_worse",
+    "significance",
+    "signs",
+    "size",
+]
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Gain on blocks of time that were left out of the fit.
+
+    Attributes
+    ----------
+    gain, stderr : float
+        Mean fall of a block's sum of squares, in units of the noise, and its standard error.
+    blocks : int
+    p_rank : float
+        Wilcoxon's one-sided p-value of the blocks' gains: it sees effects that show in a few short stretches.
+    """
+
+    gain: float
+    stderr: float
+    blocks: int
+    p_rank: float
+
+
+def signs(independent: bool, physical: bool) -> Refusal | None:
+    """Check that an effect has columns of its own, with parameters that physics allows.
+
+    Parameters
+    ----------
+    independent : bool
+        Whether the effect's columns differ from the model's on this log.
+    physical : bool
+        Whether its parameters lie inside their bounds.
+    """
+    if not independent:
+        return Refusal(Reason.NOT_INDEPENDENT)
+    return None if physical else Refusal(Reason.PARAMETER_AT_BOUND)
+
+
+def significance(p_holm: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check the p-value of the F-test.
+
+    Parameters
+    ----------
+    p_holm : float
+        Corrected for all candidates and for the shapes searched.
+    policy : Policy
+    """
+    return Refusal(Reason.NOT_SIGNIFICANT, {"p": p_holm}) if p_holm > policy.significance else None
+
+
+def size(share: float, explained: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect is worth a name.
+
+    Parameters
+    ----------
+    share : float
+        Its contribution over the rms of the balance, where it is largest.
+    explained : float
+        Share of the residual's sum of squares that it explains.
+    policy : Policy
+    """
+    least = policy.small_size if explained > policy.explained else policy.size
+    return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share}) if share < least else None
+
+
+def cross_validation(
+    found: CrossValidation, whole: float, relief: float, first: bool, policy: Policy = POLICY
+) -> Refusal | None:
+    """Check that the gain is confirmed on blocks that were left out.
+
+    Parameters
+    ----------
+    found : CrossValidation
+    whole : float
+        Gain of the whole log that the log's own rows bring, in units of the noise.
+    relief : float
+        Gain that the winding brings by returning to its datasheet, in squares of its tolerances.
+    first : bool
+        Whether this is the first effect. What an accepted effect does not describe exactly is left in every block and
+        can look like a small effect, so that later ones need the full number of standard errors.
+    policy : Policy
+    """
+    expected = policy.expected_share * float(np.sqrt(max(whole, 0.0)))
+    least = policy.least_block_errors if first else policy.block_errors
+    asked = min(max(expected, least), policy.block_errors)
+    sure = found.gain > asked * found.stderr or found.p_rank < 0.5 * policy.significance or relief > policy.absurd
+    if sure and found.gain > 0.0:
+        return None
+    return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
+
+
+def no_balance_worse(
+    before: Mapping[str, float], after: Mapping[str, float], noise: Mapping[str, float], policy: Policy = POLICY
+) -> Refusal | None:
+    """Check that no balance gets worse, unless for much less than another one gains.
+
+    A winding that was bent to stand in for the effect may have served one balance better than the truth does.
+
+    Parameters
+    ----------
+    before, after : dict of balance to float
+        Rms error as the fit weighs it.
+    noise : dict of balance to float
+        Rms noise, in the same units.
+    policy : Policy
+    """
+    change = {name: (after[name] ** 2 - before[name] ** 2) / noise[name] ** 2 for name in after}
+    return _worse(before, after, change, policy.worse, policy.traded)
+
+
+def no_voltage_worse(
+    before: Mapping[str, float], after: Mapping[str, float], policy: Policy = POLICY
+) -> Refusal | None:
+    """Check the same of the voltages alone, all samples alike, as an effect on the voltages acts on all of them.
+
+    Parameters
+    ----------
+    before, after : dict of balance to float
+        Rms error, V.
+    policy : Policy
+    """
+    change = {name: after[name] ** 2 - before[name] ** 2 for name in after}
+    return _worse(before, after, change, policy.worse_voltage, policy.traded)
+
+
+def _worse(
+    before: Mapping[str, float], after: Mapping[str, float], change: Mapping[str, float], ratio: float, traded: float
+) -> Refusal | None:
+    for name, more in change.items():
+        if after[name] > ratio * before[name] and more > -traded * min(change.values()):
+            return Refusal(Reason.BALANCE_WORSE, {"balance": name})
+    return None
+
+
+def error_lowered(pairs: Iterable[tuple[float, float]], relief: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check that the error of some balance falls, or that the winding returns to its datasheet.
+
+    Parameters
+    ----------
+    pairs : (before, after) of floats
+        Rms errors, weighted and not.
+    relief : float
+        Fall of the winding's distance from its datasheet, in squares of its tolerances.
+    policy : Policy
+    """
+    if relief > policy.relief or any(after <= policy.lowered * before for before, after in pairs):
+        return None
+    return Refusal(Reason.ERROR_NOT_LOWERED)
+
+
+def inside_bounds(
+    values: Mapping[str, tuple[float, float]], bounds: Mapping[str, tuple[float, float]], policy: Policy = POLICY
+) -> Refusal | None:
+    """Check that the final parameters of every effect of the model are physically possible.
+
+    Parameters
+    ----------
+    values : dict of parameter to (value, stderr)
+        A second parameter of the same symbol is called ``symbol#2``.
+    bounds : dict of symbol to (lower, upper)
+    policy : Policy
+    """
+    for name, (value, stderr) in values.items():
+        low, high = bounds.get(name.split("#")[0], (-np.inf, np.inf))
+        slack = policy.bound_errors * stderr
+        if not low - slack <= value <= high + slack:
+            return Refusal(Reason.MODEL_OUT_OF_BOUNDS, {"parameter": name, "value": value})
+    return None
+
+
+def holdout(before: Mapping[str, float], after: Mapping[str, float]) -> Refusal | None:
+    """Check that the error on another record falls, in the mean over the balances.
+
+    Parameters
+    ----------
+    before, after : dict of balance to float
+        Rms error on the held-out record.
+    """
+    ratio = sum(after[name] / before[name] for name in before if before[name] > 0.0) / len(before)
+    return Refusal(Reason.HOLDOUT_WORSE) if ratio >= 1.0 else None

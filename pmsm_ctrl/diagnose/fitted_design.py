@@ -1,0 +1,100 @@
+"""The design as the diagnosis leaves it: refitted friction, and the accepted effects with their parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.candidates import REPEATED
+from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.result import Estimate
+from pmsm_ctrl.units import axis_unit
+
+__all__ = ["fitted_design", "fitted_parameters"]
+
+
+def fitted_design(design: Design, fit: Fitted) -> Design:
+    """Return the design with refitted friction and the accepted effects; the winding stays the datasheet's.
+
+    Parameters
+    ----------
+    design : Design
+    fit : Fitted
+    """
+    entries = list(design.effects)
+    for position, group in enumerate(fit.model.groups):
+        if group.entry < 0 or group.effect is None:
+            continue
+        columns = fit.model.columns_of(position)
+        entry = entries[group.entry]
+        found, stderr = dict(entry.parameters), dict(entry.stderr)
+        if group.effect.structure == "term":
+            for symbol, value, error in zip(
+                group.symbols, fit.plain.values[columns], fit.plain.stderr[columns], strict=True
+            ):
+                p = group.effect.parameter(symbol)
+                if np.isfinite(error):
+                    found[symbol] = float(min(max(value, p.lower), p.upper))
+                    stderr[symbol] = float(error)
+        entries[group.entry] = entry.model_copy(update={"parameters": found, "stderr": stderr})
+    out = design.replace_effects(tuple(entries))
+    J = dict(zip(fit.model.names, fit.plain.values, strict=True))["J"]
+    if design.load.J / design.load.gear**2 < J:
+        out = out.with_parameters(J=float(J))
+    for number, one in enumerate(fit.accepted):
+        parameters = fitted_parameters(fit, number)
+        values = {symbol: e.value for symbol, e in parameters.items()}
+        stderr = {symbol: e.stderr for symbol, e in parameters.items() if np.isfinite(e.stderr)}
+        add = out.add_effect if one.effect.id in REPEATED else out.with_effect
+        out = add(one.effect.id, values, stderr)
+    return out
+
+
+def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
+    """Return the parameters of the accepted effect at this position, in the effect's own symbols.
+
+    Parameters
+    ----------
+    fit : Fitted
+    number : int
+        Position among the accepted effects.
+    """
+    one = fit.accepted[number]
+    found = dict(one.shape)
+    stderr: dict[str, float] = {}
+    position = _position(fit, number)
+    if position is not None:
+        columns = fit.model.columns_of(position)
+        symbols = fit.model.groups[position].symbols
+        found |= dict(zip(symbols, fit.plain.values[columns].tolist(), strict=True))
+        stderr = dict(zip(symbols, fit.plain.stderr[columns].tolist(), strict=True))
+    values = own_symbols(one.effect, found)
+    motion = fit.record.prepared.motion
+    return {
+        p.symbol: Estimate(values[p.symbol], axis_unit(p.unit, motion), stderr.get(p.symbol, float("nan")))
+        for p in one.effect.parameters
+        if p.symbol in values
+    }
+
+
+def own_symbols(effect: Effect, found: Mapping[str, float]) -> dict[str, float]:
+    """Translate what the columns use into the effect's own parameters, inside their bounds."""
+    values = dict(found)
+    if effect.structure == "transmission":
+        J_load, w, zeta = values["J_load"], values.pop("w_a"), values.pop("zeta")
+        values["k"], values["d"] = J_load * w * w, 2.0 * zeta * w * J_load
+    values.pop("level", None)
+    return {
+        p.symbol: float(min(max(values[p.symbol], p.lower), p.upper)) for p in effect.parameters if p.symbol in values
+    }
+
+
+def _position(fit: Fitted, number: int) -> int | None:
+    """Where the accepted effect stands among the model's groups."""
+    if fit.accepted[number].effect.structure == "bristle":
+        return None
+    wired = [k for k, a in enumerate(fit.accepted) if a.effect.structure != "bristle"]
+    return len(fit.model.groups) - len(wired) + wired.index(number)

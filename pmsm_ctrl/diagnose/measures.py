@@ -1,0 +1,92 @@
+"""The numbers that the criteria judge, taken from fits and trials."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.diagnose.criteria import CrossValidation
+from pmsm_ctrl.diagnose.fit import Fitted, errors
+from pmsm_ctrl.diagnose.search import Trial, blocked_gain
+from pmsm_ctrl.regression.model import Model, Solved
+
+__all__ = [
+    "WINDING",
+    "contribution",
+    "cross_validated",
+    "gain_of_rows",
+    "plain_errors",
+    "relief",
+    "strain",
+    "weighted_errors",
+]
+
+Array = NDArray[np.float64]
+
+WINDING = ("R", "L_d", "L_q", "psi_f")
+
+
+def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, float]:
+    """Return the cross-validation of a trial, its gain on the log's rows, and the relief of the winding.
+
+    All with the weights of the estimate or prewhitened, whichever was judged the more significant.
+    """
+    solved, whitener = (fit.plain, fit.weights) if trial.slow else (fit.solved, fit.whitener)
+    direction = trial.plain_direction if trial.slow else trial.direction
+    gain, stderr, blocks, p_rank = blocked_gain(
+        fit.record, solved, whitener, trial.group, direction, fit.whitener.memory
+    )
+    found = CrossValidation(gain, stderr, blocks, p_rank)
+    return found, gain_of_rows(solved, direction), relief(solved, direction)
+
+
+def gain_of_rows(solved: Solved, direction: Array) -> float:
+    """What of a gain the rows of the log bring; the rest is parameters that come back towards their nominal values."""
+    rest, part = solved.rest[: solved.rows], direction[: solved.rows]
+    return max(float(part @ (2.0 * rest - part)), 0.0)
+
+
+def relief(solved: Solved, direction: Array) -> float:
+    """What of a gain the winding brings by returning to its datasheet."""
+    rest, part = solved.rest[solved.rows :], direction[solved.rows :]
+    return float(np.sum((part * (2.0 * rest - part))[_winding(solved.model)]))
+
+
+def strain(solved: Solved) -> float:
+    """How far the winding left its datasheet, as a sum of squares in its tolerances."""
+    return float(np.sum(solved.rest[solved.rows :][_winding(solved.model)] ** 2))
+
+
+def _winding(model: Model) -> NDArray[np.bool_]:
+    """Which of the rows of priors are the winding's."""
+    return np.array([name in WINDING for name in np.array(model.names)[np.isfinite(model.sigma)]], dtype=bool)
+
+
+def contribution(fit: Fitted, trial: Trial) -> float:
+    """Size of what only this effect explains against the balance, on the tenth of the samples where it is largest.
+
+    Zero where the steps of the channel are as large.
+    """
+    best = 0.0
+    for row in range(len(fit.record.channels)):
+        part = np.abs(trial.plain_direction[: fit.plain.rows][fit.whitener.channel == row]) * fit.whitener.sigma[row]
+        if not np.any(part):
+            continue
+        count = max(10, len(part) // 10)
+        largest = np.partition(part, -count)[-count:]
+        level = np.sqrt(np.mean((fit.record.target[row] * fit.record.weight[row])[fit.record.mask] ** 2))
+        size = float(np.sqrt(np.mean(largest**2)))
+        if size > fit.record.coarse[row]:
+            best = max(best, size / max(level, 1e-300))
+    return best
+
+
+def weighted_errors(fit: Fitted) -> dict[str, float]:
+    """Rms residual per balance; samples that the log's rate could not follow count as little as they did in the fit."""
+    rows = (fit.residual * fit.record.weight)[:, fit.record.mask]
+    return dict(zip(fit.record.channels, np.sqrt(np.mean(rows**2, axis=1)).tolist(), strict=True))
+
+
+def plain_errors(fit: Fitted) -> dict[str, float]:
+    """Rms residual per balance, all moving samples alike."""
+    return {name: rms for name, (rms, _) in errors(fit.record, fit.residual).items()}

@@ -1,0 +1,115 @@
+"""The words of the diagnosis' warnings, each with its code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.result import Calibration
+from pmsm_ctrl.section import Notice, Template
+
+__all__ = [
+    "BEYOND_BAND",
+    "DEPENDENCE",
+    "EFFECT_NOT_EXCITED",
+    "FRICTION_CHANGED",
+    "NOT_CALIBRATED",
+    "NOT_EXCITED",
+    "NOT_SEPARABLE",
+    "OTHER_ANGLE",
+    "RESEMBLANCE",
+    "SPEED_LAG",
+    "TORQUE_CONSTANT",
+    "WINDING_IMPOSSIBLE",
+    "WINDING_SUBSTITUTE",
+    "calibration_text",
+    "of_calibration",
+    "of_log",
+]
+
+NOT_EXCITED = Template("not_excited", "{parameters} not excited by this motion")
+NOT_SEPARABLE = Template("not_separable", "{parameters} not separable on this motion")
+EFFECT_NOT_EXCITED = Template("effect_not_excited", "{effect}: {why}")
+TORQUE_CONSTANT = Template(
+    "torque_constant",
+    "the torque constant of the evaluation, {nominal:.4g} N m/A, is {percent:+.1f} % off the one that the voltages "
+    "show ({estimate:.4g} N m/A): J, F_c, F_v and every other torque are off by the same factor",
+)
+SPEED_LAG = Template(
+    "speed_lag",
+    "the logged speed lags the torque by {lag} ms (corrected): a filter of the drive, or a delay between channels; a "
+    "log with theta tells which",
+)
+WINDING_SUBSTITUTE = Template(
+    "winding_substitute",
+    "{effect}: without it {parameter} would be {value:.3g} {unit}, {ratio:.2g} times its nominal value, and explain "
+    "nearly as much",
+)
+OTHER_ANGLE = Template(
+    "other_angle",
+    "{effect}: the voltages do not follow the wrong angle, so the drive commutates by another one; a design cannot "
+    "describe that, and simulating it turns the drive's frame as well",
+)
+BEYOND_BAND = Template(
+    "resonance_beyond_band",
+    "{effect}: the load resonates at {resonance:.0f} Hz, above the band of this log ({band:.0f} Hz): J_load^2 / k is "
+    "identified, the two separately are not",
+)
+DEPENDENCE = Template(
+    "residual_dependence",
+    "{percent:.0f} % of the residual of the {balance} balance depends on {coordinate}, up to {peak}{place}; no effect "
+    "of the catalogue explains it",
+)
+RESEMBLANCE = Template(
+    "residual_resembles_effect",
+    "the residual of the {balance} balance is not noise{place}: {effect} would explain {percent:.0f} % of it, but is "
+    "{refusal}; no effect of the catalogue explains it",
+)
+WINDING_IMPOSSIBLE = Template(
+    "winding_impossible",
+    "{parameter} would have to be {value:.3g} {unit}, {ratio:.2g} times its nominal value: the winding is another one, "
+    "or a voltage that acts like {like} is missing; no effect of the catalogue explains it",
+)
+FRICTION_CHANGED = Template(
+    "friction_changed",
+    "friction is well above the design's, {amounts}: it increased, or an effect that is not a candidate looks like it",
+)
+NOT_CALIBRATED = Template("not_calibrated", "too many false alarms on this motion: {calibration}")
+
+
+def of_log(notes: Iterable[Notice | str]) -> tuple[Notice, ...]:
+    """Return what was said of a log while it was conditioned, as notices.
+
+    Parameters
+    ----------
+    notes : iterable of Notice or str
+    """
+    return tuple(note if isinstance(note, Notice) else Notice("log_conditioning", note) for note in notes)
+
+
+def calibration_text(found: Calibration) -> str:
+    """Return the false-alarm rate in words.
+
+    Parameters
+    ----------
+    found : Calibration
+    """
+    count, named = len(found.alarms), ", ".join(sorted(set(found.alarms)))
+    return (
+        f"{count} false alarm{'' if count == 1 else 's'} in {found.runs} simulations of the accepted model"
+        f"{f' ({named})' if named else ''}; false-alarm rate on this motion at most {100.0 * found.most:.0f} % "
+        "(95 % confidence)"
+    )
+
+
+def of_calibration(found: Calibration, policy: Policy = POLICY) -> tuple[Notice, ...]:
+    """Return a warning where too many false alarms were raised.
+
+    Parameters
+    ----------
+    found : Calibration
+    policy : Policy
+    """
+    if len(found.alarms) <= policy.alarms * found.runs:
+        return ()
+    return (NOT_CALIBRATED(calibration=calibration_text(found)),)

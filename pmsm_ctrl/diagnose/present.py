@@ -1,0 +1,153 @@
+"""The diagnosis in words, tables and figures, from the result alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from pmsm_ctrl.diagnose.notices import calibration_text
+from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
+from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
+from pmsm_ctrl.section import Block, Picture, Section, Table, present
+
+__all__ = ["verdict_text"]
+
+VERDICTS = {
+    Verdict.CONSISTENT: "no missing effect: the design explains this log",
+    Verdict.UNEXPLAINED: "significant structure in the residual that no effect of the catalogue explains",
+    Verdict.NOT_EXCITED: "no answer: this motion does not excite the friction",
+    Verdict.IMPLAUSIBLE: "no answer: log and design do not belong together",
+    Verdict.INCONCLUSIVE: "no answer: this log does not decide",
+}
+
+
+def verdict_text(d: Diagnosis) -> str:
+    """Return the verdict in words, such as "1 missing effect: Stribeck friction".
+
+    Parameters
+    ----------
+    d : Diagnosis
+    """
+    if d.verdict is not Verdict.EFFECTS_MISSING:
+        return VERDICTS[d.verdict]
+    titles = ", ".join(step.title for step in d.steps)
+    return f"{len(d.steps)} missing effect{'' if len(d.steps) == 1 else 's'}: {titles}"
+
+
+@present.register
+def _(result: Diagnosis) -> Section:
+    d = result
+    verdict = verdict_text(d)
+    blocks: list[Block] = [f"{verdict[0].upper()}{verdict[1:]}.", *d.notices, _errors(d)]
+    if d.steps:
+        blocks.append(_found(d))
+    if any(v.flagged for v in d.parameter_deviations):
+        blocks.append(_deviations(d, flagged=True))
+    if d.calibration is not None:
+        blocks.append(f"Calibration: {calibration_text(d.calibration)}.")
+    if d.next_experiment:
+        blocks.append(f"Next experiment: {d.next_experiment['profile'] or 'none'}. {d.next_experiment['why']}.")
+    blocks += [*_pictures(d), _candidates(d)]
+    if d.parameter_deviations:
+        blocks.append(_deviations(d, flagged=False))
+    return Section(f"Diagnosis of {d.design.name} from {Path(d.log_name).name}", tuple(blocks))
+
+
+def _errors(d: Diagnosis) -> Table:
+    """The falling error, model by model."""
+    channels = list(d.errors["base"])
+    other = [c for c in channels if d.steps and c in d.steps[0].holdout_before]
+    first = d.steps[0].holdout_before if d.steps else {}
+    rows: list[tuple[str, Errors, Errors]] = [
+        ("design as given", d.errors["nominal"], {}), ("parameters refitted", d.errors["base"], first),
+        *((f"+ {step.name}", step.error_after, step.holdout_after) for step in d.steps),
+        ("noise floor", d.errors["noise_floor"], {}),
+    ]  # fmt: skip
+    return Table(
+        ("model", *channels, *(f"held-out {c}" for c in other)),
+        tuple((name, *_relative(own, channels), *_relative(held, other)) for name, own, held in rows),
+        "Relative rms error of each balance",
+    )
+
+
+def _relative(errors: Errors, channels: list[str]) -> list[str]:
+    return [percent(errors[c]["relative"]) if c in errors else "" for c in channels]
+
+
+def _found(d: Diagnosis) -> Table:
+    rows = []
+    for step in d.steps:
+        e = step.evidence
+        gain = with_error(e["block_gain"], e["block_stderr"]) if e["blocks"] else "-"
+        rows.append((step.name, _parameters(step), probability(e["p_holm"]), gain, ", ".join(step.equivalents) or "-"))
+    head = ("missing effect", "parameters", "p (Holm)", "cross-validation gain", "not distinguishable from")
+    return Table(head, tuple(rows), "Missing effects")
+
+
+def _parameters(step: DiagnosisStep) -> str:
+    return ", ".join(f"{s} = {with_error(e.value, e.stderr, e.unit)}" for s, e in step.parameters.items())
+
+
+def _deviations(d: Diagnosis, *, flagged: bool) -> Table:
+    """The design's own parameters: those outside their tolerance, or all, folded."""
+    rows = [
+        (v.parameter, number(v.nominal, 5), with_error(v.estimate, v.stderr), v.unit, v.note or "-")
+        for v in d.parameter_deviations
+        if v.flagged or not flagged
+    ]
+    caption = "Parameters outside their tolerance" if flagged else "Parameters of the design"
+    return Table(("parameter", "design", "estimate", "unit", "remark"), tuple(rows), caption, folded=not flagged)
+
+
+def _candidates(d: Diagnosis) -> Table:
+    rows = tuple(
+        (r.effect, percent(r.explained, 1), probability(r.p_value), _why_not(r)) for r in d.ranking if not r.accepted
+    )
+    return Table(("candidate", "explains", "p", "why not"), rows, "Candidates that were not accepted", folded=True)
+
+
+def _why_not(r: Ranked) -> str:
+    if not r.shown_from:
+        return r.why_not
+    if any(math.isinf(e.value) for e in r.shown_from.values()):
+        return f"{r.why_not}; not detectable on this log"
+    alone = len(r.shown_from) == 1
+    amounts = [("" if alone else f"{s} ") + with_prefix(e.value, e.unit) for s, e in r.shown_from.items()]
+    return f"{r.why_not}; detectable here above {', '.join(amounts)}"
+
+
+def _pictures(d: Diagnosis) -> Iterator[Picture]:
+    """Yield every figure with the sentence that says what to see."""
+    from pmsm_ctrl.diagnose import figures
+
+    kind, unit = d.record.drive, d.record.unit("torque")
+    before, after, floor = (100 * d.errors[r]["torque"]["relative"] for r in ("base", "final", "noise_floor"))
+    ladder = f"No effect was accepted: {after:.2f} % of the {kind} is left, the noise floor is {floor:.2f} %."
+    maps = "A pattern that no effect explains." if d.left is not None else "No pattern is left."
+    if d.steps:
+        names = ", then ".join(step.name for step in d.steps)
+        ladder = (
+            f"Every step is an accepted effect ({names}): the error falls from {before:.2f} to {after:.2f} % of the "
+            f"{kind}; the noise floor is {floor:.2f} %."
+        )
+        maps = "A pattern is a missing effect; it fades with every accepted effect."
+    yield Picture(partial(figures.ladder_figure, d), ladder)
+    text = f"Mean residual over speed and {figures.plane_of(d).name}, in one colour scale; grey: no samples. {maps}"
+    yield Picture(partial(figures.maps_figure, d), text)
+    stretch = figures.worst_stretch(d)
+    if stretch is not None:
+        text = f"The stretch in which the refitted design fails worst ({stretch.doing})."
+        if d.steps:
+            old, new = (figures.rms_within(fit, stretch) for fit in (d.selection.fits[0], d.selection.fit))
+            text += f" With the accepted effects the residual there falls from {old:.3g} to {new:.3g} {unit} rms."
+        yield Picture(partial(figures.worst_stretch_figure, d, stretch), text)
+    yield Picture(
+        partial(figures.contributions_figure, d),
+        "What every part of the final model contributes over speed. Left, means stacked: their sum is the predicted "
+        f"{kind} (line), to be compared with the measured one (dots). Right, the rms of each part.",
+    )
+    if d.structure is not None:
+        text = d.structure.notice.text
+        yield Picture(partial(figures.structure_figure, d, d.structure), f"{text[0].upper()}{text[1:]}.")

@@ -1,0 +1,64 @@
+"""Why a candidate is not accepted: a reason for programs, and its words in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+__all__ = ["NEVER_SEEN", "Reason", "Refusal"]
+
+
+class Reason(StrEnum):
+    """Why a candidate is not accepted; the value stands in the JSON as ``why_not_code``."""
+
+    NOT_INDEPENDENT = "not_independent"
+    PARAMETER_AT_BOUND = "parameter_at_bound"
+    NOT_SIGNIFICANT = "not_significant"
+    TOO_SMALL = "too_small"
+    NOT_CONFIRMED = "not_confirmed"
+    BALANCE_WORSE = "balance_worse"
+    ERROR_NOT_LOWERED = "error_not_lowered"
+    MODEL_OUT_OF_BOUNDS = "model_out_of_bounds"
+    HOLDOUT_WORSE = "holdout_worse"
+    NOT_NEEDED = "not_needed"
+    NOT_EXCITED = "not_excited"
+    UNAVAILABLE = "unavailable"
+
+
+# What the log does not show: here the table says from which amount on it would.
+NEVER_SEEN = frozenset({Reason.NOT_SIGNIFICANT, Reason.PARAMETER_AT_BOUND})
+
+WORDS: Mapping[Reason, str] = {
+    Reason.NOT_INDEPENDENT: "not distinguishable from the model on this log",
+    Reason.PARAMETER_AT_BOUND: "rejected: parameter at its bound",
+    Reason.NOT_SIGNIFICANT: "not significant (p = {p:.2g}, Holm)",
+    Reason.TOO_SMALL: "significant but too small: {percent:.2g} % of the balance where it acts",
+    Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain:.3g} +- {stderr:.2g})",
+    Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
+    Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
+    Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",
+    Reason.HOLDOUT_WORSE: "rejected: increases the error on the held-out record",
+    Reason.NOT_NEEDED: "not needed by the final model",
+    Reason.NOT_EXCITED: "not excited: {percent:.0f} % of the motion is slow enough for order {order}; needs {needs}",
+    Reason.UNAVAILABLE: "not available: {why}",
+}
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why a candidate is not accepted, with the numbers behind it.
+
+    Attributes
+    ----------
+    reason : Reason
+    detail : mapping of str to value
+        What the sentence is made from.
+    """
+
+    reason: Reason
+    detail: Mapping[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return WORDS[self.reason].format(**self.detail)

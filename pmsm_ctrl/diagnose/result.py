@@ -1,0 +1,255 @@
+"""The answer of a diagnosis: frozen values, no words and no figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.refusal import Refusal
+from pmsm_ctrl.diagnose.selection import Selection
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.result import Estimate, Result, jsonable
+from pmsm_ctrl.section import Notice
+
+__all__ = ["Calibration", "Deviation", "Diagnosis", "DiagnosisStep", "Errors", "Ranked", "Structure", "Verdict"]
+
+Array = NDArray[np.float64]
+Errors = Mapping[str, Mapping[str, Any]]  # balance -> rms, unit, relative
+
+
+class Verdict(StrEnum):
+    """The answer in one word; the value stands in the JSON."""
+
+    CONSISTENT = "consistent"
+    EFFECTS_MISSING = "effects_missing"
+    UNEXPLAINED = "unexplained"
+    NOT_EXCITED = "not_excited"
+    IMPLAUSIBLE = "implausible"
+    INCONCLUSIVE = "inconclusive"
+
+
+@dataclass(frozen=True)
+class DiagnosisStep:
+    """One accepted effect.
+
+    Attributes
+    ----------
+    effect, title : str
+    equivalents : tuple of str
+        Ids of the effects that this log cannot tell from it.
+    parameters : dict of symbol to Estimate
+    error_before, error_after, holdout_before, holdout_after : dict of balance to rms, unit and relative error
+        The held-out ones are empty without a held-out record.
+    evidence : dict
+        Gains and p-values.
+    """
+
+    effect: str
+    title: str
+    equivalents: tuple[str, ...]
+    parameters: Mapping[str, Estimate]
+    error_before: Errors
+    error_after: Errors
+    holdout_before: Errors
+    holdout_after: Errors
+    evidence: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """The id, with the order where the effect has one."""
+        order = self.parameters.get("order")
+        return self.effect if order is None else f"{self.effect} {order.value:g}"
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One candidate of the last round: what it would explain, and why it was not accepted.
+
+    Attributes
+    ----------
+    effect : str
+    explained : float
+        Share of the design's sum of squares.
+    p_value : float
+    refusal : Refusal or None
+        None for an accepted effect.
+    shown_from : dict of symbol to Estimate
+        Amounts, each alone, from which on this log would show an effect that it does not show: those that a test that
+        knows its shape finds in half of all logs. Infinite where no amount inside its bounds is enough; empty where
+        the log shows the effect, or cannot evaluate it.
+    """
+
+    effect: str
+    explained: float
+    p_value: float
+    refusal: Refusal | None = None
+    shown_from: Mapping[str, Estimate] = field(default_factory=dict)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the effect was accepted."""
+        return self.refusal is None
+
+    @property
+    def why_not(self) -> str:
+        """Why not, in words; empty for an accepted effect."""
+        return "" if self.refusal is None else str(self.refusal)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values fit for JSON."""
+        return {
+            "effect": self.effect, "explained": self.explained, "p_value": self.p_value, "accepted": self.accepted,
+            "why_not": self.why_not, "why_not_code": "" if self.refusal is None else self.refusal.reason.value,
+            "shown_from": self.shown_from,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A base parameter, estimated inside its tolerance.
+
+    Attributes
+    ----------
+    flagged : bool
+        Whether it is significantly outside.
+    note : str
+        Why it is flagged.
+    """
+
+    parameter: str
+    nominal: float
+    estimate: float
+    stderr: float
+    unit: str
+    flagged: bool
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """A dependence of the residual that no effect of the catalogue explains.
+
+    Attributes
+    ----------
+    coordinate, unit : str
+    channel : str
+        The balance it shows in.
+    share : float
+        Part of the residual's mean square that a smooth curve explains, by cross-validation; or else the effect that
+        it resembles.
+    curve : (array, array, array)
+        Coordinate, and fitted residual moving forward and backward, SI units; means where nothing was fitted.
+    notice : Notice
+    resembles : str
+        The effect, or the part of the winding, that it resembles without being it; empty where a curve was fitted.
+    """
+
+    coordinate: str
+    unit: str
+    channel: str
+    share: float
+    p_value: float
+    curve: tuple[Array, Array, Array]
+    notice: Notice
+    resembles: str = ""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """False alarms of the diagnosis at the accepted model, simulated through the log's own experiment.
+
+    Attributes
+    ----------
+    runs : int
+    alarms : tuple of str
+        What was named, or the verdict, one a run that was not ``consistent``.
+    """
+
+    runs: int
+    alarms: tuple[str, ...]
+
+    @property
+    def most(self) -> float:
+        """Upper end of the 95 % interval of the false-alarm rate. Source: Clopper and Pearson, Biometrika 26 (1934)."""
+        from scipy.special import betaincinv
+
+        k = len(self.alarms)
+        return 1.0 if k >= self.runs else float(betaincinv(k + 1, self.runs - k, 0.975 if k else 0.95))
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis(Result):
+    """Which effects a log says are missing from a design.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    design : Design
+        With the accepted effects, their parameters and standard errors, and the base parameters refitted.
+    errors : dict of {"nominal", "base", "final", "noise_floor"} to balance to rms, unit, relative
+    steps : tuple of DiagnosisStep
+        In the order of acceptance.
+    ranking : tuple of Ranked
+        Accepted effects, then the candidates of the last round, best first.
+    parameter_deviations : tuple of Deviation
+    next_experiment : dict or None
+        The motion that would separate an accepted effect from one that this log cannot tell from it.
+    notices : tuple of Notice
+        Reasons to doubt the answer.
+    left : Notice or None
+        What no effect of the catalogue explains; one of the notices.
+    structure : Structure or None
+        The same as a curve, where it has one.
+    record : Record
+    selection : Selection
+        The fits before and after every step.
+    calibration : Calibration or None
+        False alarms at the accepted model, simulated; None where that was not asked for.
+    log_name, holdout_name : str
+        The latter is empty without a held-out record.
+    """
+
+    verdict: Verdict
+    design: Design
+    errors: Mapping[str, Errors]
+    steps: tuple[DiagnosisStep, ...]
+    ranking: tuple[Ranked, ...]
+    parameter_deviations: tuple[Deviation, ...]
+    next_experiment: Mapping[str, Any] | None
+    notices: tuple[Notice, ...]
+    left: Notice | None
+    structure: Structure | None = field(repr=False)
+    record: Record = field(repr=False)
+    selection: Selection = field(repr=False)
+    calibration: Calibration | None = None
+    log_name: str = "the given log"
+    holdout_name: str = ""
+
+    @property
+    def unexplained(self) -> str:
+        """What no effect of the catalogue explains, in words; empty when there is nothing."""
+        return self.left.text if self.left is not None else ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the schema ``pmsm-ctrl/diagnosis/1``."""
+        return jsonable({
+            "schema": "pmsm-ctrl/diagnosis/1",
+            "verdict": self.verdict.value,
+            "log": self.log_name,
+            "holdout": self.holdout_name or None,
+            "errors": self.errors,
+            "steps": [vars(step) for step in self.steps],
+            "ranking": [row.to_dict() for row in self.ranking],
+            "parameter_deviations": [vars(d) for d in self.parameter_deviations],
+            "next_experiment": self.next_experiment,
+            "unexplained": self.unexplained,
+            "unexplained_code": self.left.code if self.left is not None else "",
+            "calibration": vars(self.calibration) if self.calibration is not None else None,
+            **self.doubts(),
+        })  # fmt: skip

@@ -1,0 +1,167 @@
+"""Replacing accepted effects: one that was accepted early may only have stood in for two that belong together.
+
+Accepted one at a time, the most flexible effect comes first: a friction that falls with speed and with time looks like
+a Stribeck curve with a wide bend, until one of the two is in. So each accepted effect is taken out again, and where
+another one now explains more, or as much with less freedom, the selection is repeated with that one in its place. A
+transmission is tried with and without a gap. And where one effect was accepted alone, those that explained nearly as
+much are fitted as well: columns tell less than everything refitted.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pmsm_ctrl.diagnose.candidates import REPEATED
+from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.refusal import Reason
+from pmsm_ctrl.diagnose.search import Trial
+from pmsm_ctrl.diagnose.selection import Selection
+
+__all__ = ["Rest", "better", "rival_ids", "swap"]
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What a selection leaves, each with the price of its parameters (Schwarz), in units of the noise.
+
+    Attributes
+    ----------
+    plain, white : float
+        Sum of squares of the residual as the estimate weighs it, and prewhitened as the design's own residual is.
+    gain : float
+        Fall of the plain sum of squares from the design, without the price.
+    effects : Counter of id
+    """
+
+    plain: float
+    white: float
+    gain: float
+    effects: Counter[str]
+
+
+def swap(case: Case, found: Selection, select: Callable[[Case, tuple[str, ...]], Selection]) -> Selection:
+    """Return the selection with the effects exchanged that another one can replace, and ties declared equivalent.
+
+    Parameters
+    ----------
+    case : Case
+    found : Selection
+    select : function
+        Repeats the forward selection, beginning with these effects.
+    """
+    chosen, rest = found, _rest(found)
+    tried: dict[tuple[str, ...], tuple[Selection, Rest]] = {}
+    for start in _starts(case, found):
+        if start in tried:
+            continue
+        other = select(case, start)
+        tried[start] = other, _rest(other)
+        if other.accepted and better(tried[start][1], rest, case.policy):
+            chosen, rest = tried[start]
+    return _with_equals(chosen, rest, [_rest(found), *(left for _, left in tried.values())], case.policy)
+
+
+def better(other: Rest, present: Rest, policy: Policy = POLICY) -> bool:
+    """Whether a selection leaves less; where that is a tie, whether it leaves less of what prewhitening brings out.
+
+    One that has all effects of the other, and more that were not confirmed when they came last, must leave much less.
+
+    Parameters
+    ----------
+    other, present : Rest
+    policy : Policy
+    """
+    less = present.plain - other.plain
+    tie = policy.tie(max(other.gain, present.gain))
+    if present.effects < other.effects:
+        return less > max(tie, policy.explained * present.plain)
+    return less > 0.0 if abs(less) > tie else other.white < present.white
+
+
+def rival_ids(found: Rest, other: Rest, policy: Policy = POLICY) -> tuple[str, str] | None:
+    """Return the one effect that differs and what stands in its place, where both explain the log equally well.
+
+    Parameters
+    ----------
+    found, other : Rest
+    policy : Policy
+    """
+    ours, theirs = (list(a.elements()) for a in (found.effects - other.effects, other.effects - found.effects))
+    tie = policy.tie(found.gain)
+    if len(ours) != 1 or len(theirs) != 1 or other.plain > found.plain + tie or other.white > found.white + tie:
+        return None
+    return ours[0], theirs[0]
+
+
+def _with_equals(found: Selection, rest: Rest, others: list[Rest], policy: Policy) -> Selection:
+    steps = list(found.steps)
+    for pair in filter(None, (rival_ids(rest, other, policy) for other in others)):
+        for k, step in enumerate(steps):
+            if step.trial.candidate.effect.id == pair[0] and pair[1] not in step.equivalents:
+                steps[k] = replace(step, equivalents=(*step.equivalents, pair[1]))
+    return replace(found, steps=tuple(steps))
+
+
+def _starts(case: Case, found: Selection) -> Iterator[tuple[str, ...]]:
+    """Ids of the effects to begin with instead of those of the selection, the strongest first."""
+    present = {one.effect.id for one in found.accepted}
+    blocked = [name for name, why in found.refused.items() if why.reason is Reason.MODEL_OUT_OF_BOUNDS]
+    waiting = [
+        Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid)
+        for trial in found.fit.trials
+        if trial.candidate.effect.id in blocked and not trial.wrong_sign
+    ]
+    if len(found.accepted) == 1:
+        yield from _rivals(found, case.policy)
+    alone = {trial.candidate.effect.id: trial.plain_gain for trial in found.fits[0].trials}
+    for k, one in enumerate(found.accepted):
+        if one.effect.structure == "transmission":
+            for rival in case.effects.values():
+                if rival.structure == "transmission" and rival.id != one.effect.id:
+                    yield tuple(rival.id if j == k else a.effect.id for j, a in enumerate(found.accepted[: k + 1]))
+            continue
+        if one.effect.id in REPEATED or len(found.accepted) + len(waiting) < 2:
+            continue
+        others = (*found.accepted[:k], *found.accepted[k + 1 :], *waiting)
+        trials = case.fit(others).trials
+        instead = trials[0].candidate.effect.id if trials and not trials[0].wrong_sign else one.effect.id
+        if instead in present or instead in REPEATED:
+            continue
+        ids = [other.effect.id for other in others] + [instead]
+        yield tuple(sorted(ids, key=lambda name: -alone.get(name, 0.0)))
+
+
+def _rivals(found: Selection, policy: Policy) -> Iterator[tuple[str, ...]]:
+    """Ids of effects that might have been accepted in the place of a single one."""
+    first = found.steps[0].trial
+    close = [t for t in found.fits[0].trials if not (t.wrong_sign or t.singular or t.at_bound)]
+    close = [t for t in close if t.candidate.effect.id not in REPEATED and _share(t, first) > policy.rival_share]
+    for trial in sorted(close, key=lambda t: -_share(t, first))[: policy.most_rivals + 1]:
+        if trial.candidate.effect.id != first.candidate.effect.id:
+            yield (trial.candidate.effect.id,)
+
+
+def _share(trial: Trial, first: Trial) -> float:
+    """What a trial explains of what the first one does, whichever way it explains more."""
+    return max(trial.plain_gain / max(first.plain_gain, 1e-300), trial.gain / max(first.gain, 1e-300))
+
+
+def _rest(found: Selection) -> Rest:
+    first, last = found.fits[0], found.fit
+    columns = len(last.model.names) - len(first.model.names) + sum(len(one.shape) for one in found.accepted)
+    price = columns * float(np.log(max(int(last.record.mask.sum()), 2)))
+    white = first.whitener(last.record.target - last.solved.predicted())
+    before, after = _squares(first, first), _squares(last, first)
+    effects = Counter(one.effect.id for one in found.accepted)
+    return Rest(after + price, float(white @ white) + price, before - after, effects)
+
+
+def _squares(fit: Fitted, first: Fitted) -> float:
+    sizes = np.array(first.weights.sigma)[:, None]
+    return float(np.sum(((fit.residual * fit.record.weight * fit.record.mask) / sizes) ** 2))
