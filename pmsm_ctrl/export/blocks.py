@@ -1,4 +1,4 @@
-"""What is exported, before it has a language: inputs, outputs, memory, constants and the flat program."""
+"""A function block before it is printed in a language: inputs, outputs, memory, constants and the flat program."""
 
 from __future__ import annotations
 
@@ -16,7 +16,17 @@ __all__ = ["Block", "Value", "identifier", "loop_gains"]
 
 @dataclass(frozen=True)
 class Value:
-    """An input, an output or a constant: its name, what it is (with its unit), and a constant's number."""
+    """An input, an output or a constant.
+
+    Attributes
+    ----------
+    name : str
+    meaning : str
+        What it is, with its unit.
+    number : float
+        The value of a constant.
+    kind : {"real", "integer", "flag"}
+    """
 
     name: str
     meaning: str
@@ -33,14 +43,22 @@ class Block:
 
     Attributes
     ----------
-    axis, part : the design's name as an identifier, and "compensation" or "tracker"
-    title : one line of what it does
-    inputs, outputs, constants : what it reads, gives and is set to
-    arrays : name -> shape; memory from call to call
-    start : statements that set the memory before the first call
-    program : what every call does
-    gains : the loops' gains, which go along as constants for whoever sets up the drive
-    linear : the axis moves along a line, so that every torque is a force; the meanings are told in its units
+    axis : str
+        The design's name as an identifier.
+    part : {"compensation", "tracker"}
+    title : str
+        One line of what it does.
+    inputs, outputs, constants : tuple of Value
+    program : Program
+        What every call does.
+    arrays : mapping of name to shape
+        Memory from call to call.
+    start : tuple of ast.stmt
+        Statements that set the memory before the first call.
+    gains : tuple of Value
+        The loops' gains, as constants for whoever sets up the drive.
+    linear : bool
+        Whether the axis is linear: every torque is a force, and the meanings are given in its units.
     """
 
     axis: str
@@ -75,14 +93,14 @@ class Block:
 
 
 def identifier(text: str) -> str:
-    """Return a name that C and IEC 61131-3 both take: letters, digits, single underscores, no digit first."""
+    """Return an identifier of C and IEC 61131-3: ASCII letters, digits, single underscores, no digit first."""
     parts = "".join(c if c.isascii() and c.isalnum() else " " for c in text).split()
     found = "_".join(parts)
     return found if found and not found[0].isdigit() else f"axis_{found}".rstrip("_")
 
 
 def loop_gains(design: Design) -> tuple[Value, ...]:
-    """Return the loops' gains."""
+    """Return the loops' gains as constants."""
     if design.loops is None:
         return ()
     current, speed, position = design.loops.current, design.loops.speed, design.loops.position

@@ -1,4 +1,4 @@
-"""export: a design's loop gains, friction compensator and friction tracker as source for a PLC or a drive."""
+"""export: a design's loop gains, friction compensator and friction tracker as source code for a PLC or a drive."""
 
 from __future__ import annotations
 
@@ -25,23 +25,28 @@ def export(
 ) -> str:
     """Return the design's gains and compensator, or its friction tracker, as one source text.
 
-    The compensator gives the current to add to the speed controller's output, exactly as the simulation does:
-    gain times the torque of the compensated effects over K_t, the sign smoothed over the design's width. Where the
-    design's compensation is adaptive, F_c and F_v are inputs, to be wired to the tracker's outputs. The tracker is
-    the extended Kalman filter of `pmsm_ctrl.track`, with a fixed number of operations.
+    The compensator returns the current to add to the speed controller's output, as in the simulation: gain times the
+    torque of the compensated effects over K_t, with the sign of the speed smoothed over the design's width. Where the
+    design's compensation is adaptive, F_c and F_v are inputs for the tracker's outputs. The tracker is the extended
+    Kalman filter of `pmsm_ctrl.track`, with a fixed number of operations.
 
     Parameters
     ----------
     design : Design
         Its ``[compensation]`` says what is compensated; a gain of 0 is exported as 1.
     language : {"c", "st"}
-        C99 without dependencies but math.h, or a Structured Text function block (LREAL).
+        C99 with math.h alone, or a Structured Text function block (LREAL).
     part : {"compensation", "tracker"}
+        What to export.
     flavour : {"iec", "br", "beckhoff"}
-        For Structured Text: as the standard has it, for Automation Studio, for TwinCAT 3. B&R's declarations stand
-        in a file of their own: see `export_files`.
+        For Structured Text: the standard, Automation Studio, TwinCAT 3. B&R needs several files: see `export_files`.
     settings : pmsm_ctrl.track.Settings, optional
-        Of the tracker.
+        Settings of the tracker.
+
+    Returns
+    -------
+    str
+        The source text.
 
     Raises
     ------
@@ -60,10 +65,28 @@ def export(
 def export_files(
     design: Design, language: str, *, flavour: str = "iec", settings: Settings | None = None
 ) -> dict[str, str]:
-    """Return every file of the export: name -> text. Compensator, tracker, and the tables that drives accept.
+    """Return every file of the export: compensator, tracker, and the tables that drives accept.
 
-    Parameters and errors as for `export`. A design whose noise or effects rule the tracker out gets a file that says so
-    in its place, unless `settings` ask for the tracker.
+    Parameters
+    ----------
+    design : Design
+        As for `export`.
+    language : {"c", "st"}
+    flavour : {"iec", "br", "beckhoff"}
+    settings : pmsm_ctrl.track.Settings, optional
+        Settings of the tracker. Without them, a design that a tracker cannot work with gets a file with the reason
+        in its place.
+
+    Returns
+    -------
+    dict of str to str
+        File names to texts.
+
+    Raises
+    ------
+    RequestError
+        For another language or flavour, an effect that a drive cannot evaluate, or settings for a tracker that
+        cannot work.
     """
     from pmsm_ctrl.export.tables import table_files
 
@@ -85,7 +108,6 @@ def export_files(
     else:
         files = {f"FB_{b.name}.st": st_block(b) for b in blocks}
     if missing:
-        # the rest is of use without it, but nobody should look for it in vain
         files[f"{blocks[0].axis}_tracker_not_exported.txt"] = f"{missing}\n"
     return files | table_files(design)
 

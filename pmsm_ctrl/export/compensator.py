@@ -1,4 +1,4 @@
-"""The friction compensator as a block: the believed effects' own terms, as the simulated drive evaluates them."""
+"""The friction compensator as a block: the terms of the compensated effects, as the simulated drive evaluates them."""
 
 from __future__ import annotations
 
@@ -21,12 +21,20 @@ _SPEEDS = {
     "adaptive": "speed of the motion's reference, rad/s",
     "commanded": "commanded speed: the reference's and what the position controller adds, rad/s",
 }
-# what the tracker finds while the axis runs, and an adaptive compensation therefore reads
+# estimates of the tracker, inputs of an adaptive compensation
 _TRACKED = {"coulomb": ("F_c", "N m"), "viscous": ("F_v", "N m s/rad")}
 
 
 class Terms:
-    """Calls of effects' terms for a program's text, with their parameters as named constants."""
+    """Calls of effects' terms for a program's text, with their parameters as named constants.
+
+    Parameters
+    ----------
+    effects : list of (Effect, dict of str to float)
+        The effects and their parameters.
+    inputs : dict of str to str, optional
+        Effect to the parameter that is an input of the block, not a constant.
+    """
 
     def __init__(self, effects: list[tuple[Effect, dict[str, float]]], inputs: dict[str, str] | None = None) -> None:
         self.scope: dict[str, object] = {}
@@ -66,6 +74,15 @@ class Terms:
 
 def compensator(design: Design) -> Block:
     """Return the compensator of a design.
+
+    Parameters
+    ----------
+    design : Design
+        Its ``[compensation]`` names the effects.
+
+    Returns
+    -------
+    Block
 
     Raises
     ------
@@ -120,13 +137,7 @@ def _direction(width: float) -> list[str]:
 
 
 def _compensated(design: Design) -> list[tuple[Effect, dict[str, float]]]:
-    """Return what is compensated.
-
-    Raises
-    ------
-    RequestError
-        For an effect that a drive cannot evaluate from its own signals: leaving it out would go unnoticed.
-    """
+    """Return the compensated effects; refuse one that a drive cannot evaluate: leaving it out would go unnoticed."""
     chosen = []
     for effect, values in bound_effects(design):
         if effect.id not in design.compensation.effects or not effect.active(values):

@@ -1,8 +1,8 @@
-"""Flatten compiled Python functions into one program that a PLC or a drive can run, with nothing written twice.
+"""Flatten compiled Python functions into one program for a PLC or a drive.
 
-The kernels that the package itself runs are the source. Every call is replaced by the callee's statements, early
-returns become branches, and what is left are assignments, branches and loops of fixed length on scalars and arrays:
-Python's own syntax tree, which `pmsm_ctrl.export.writers` prints as C or Structured Text.
+The source is the package's own kernels. Every call is replaced by the callee's statements, early returns become
+branches, and the result consists of assignments, branches and loops of fixed length on scalars and arrays: Python's
+syntax tree, which `pmsm_ctrl.export.writers` prints as C or Structured Text.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Program:
 
 @dataclass(eq=False)
 class _Frame:
-    """One call: what its arguments stand for, and where its names are looked up."""
+    """One call: the expressions of its arguments, and the scope of its names."""
 
     function: str
     given: dict[str, ast.expr]
@@ -59,7 +59,13 @@ class _Frame:
 
 
 def body_of(function: Any) -> tuple[ast.FunctionDef, Mapping[str, Any]]:
-    """Return the tree of a function, compiled or not, without its docstring, and the names it sees."""
+    """Return the tree of a function, compiled or not, without its docstring, and its global names.
+
+    Raises
+    ------
+    RequestError
+        When the object is not a function with source.
+    """
     source = getattr(function, "py_func", function)
     tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
     if not isinstance(tree, ast.FunctionDef):
@@ -71,13 +77,16 @@ def body_of(function: Any) -> tuple[ast.FunctionDef, Mapping[str, Any]]:
 
 
 class Flattener:
-    """Replaces calls by what they do.
+    """Replaces calls by the statements of the callees.
 
     Parameters
     ----------
-    reserved : names of inputs, outputs and arrays, which keep their names
-    symbols : names of the sources' constants -> what they are called in the program; others become plain numbers
-    fixed : (array, index) -> constant; elements that are known when the program is written
+    reserved : iterable of str
+        Inputs, outputs and arrays, which keep their names.
+    symbols : mapping of str to str, optional
+        Constants of the source to their names in the program; others become plain numbers.
+    fixed : mapping of (array, index) to ast.Constant, optional
+        Elements that are constant in the program.
     """
 
     def __init__(
@@ -132,7 +141,7 @@ class Flattener:
         if statement.orelse and leaves(statement.orelse):
             return branch(test, self._block([*statement.body, *rest], frame, targets),
                        self._block(statement.orelse, frame, targets))  # fmt: skip
-        # only some of its ways return: a flag says whether what follows is still to be done
+        # only some branches return: a flag tells whether the rest still runs
         flag = self._fresh(frame.function, "going")
         going = [*(targets or []), flag]
         out: Statements = [assign(flag, constant(True))]
@@ -145,7 +154,7 @@ class Flattener:
             return
         value = statement.value
         elements: list[ast.expr] = list(value.elts) if isinstance(value, ast.Tuple) else [value] if value else []
-        # a flag stands behind the results while only some ways return
+        # flags of unfinished branches follow the results
         flags = targets[len(elements) :]
         if len(elements) == 1 and isinstance(elements[0], ast.Call) and len(targets) - len(flags) != 1:
             raise RequestError(f"{frame.function}: a call that returns several values cannot be returned on")
@@ -184,7 +193,7 @@ class Flattener:
             out.append(assign(self._expression(other, frame, out), targets[0]))
 
     def _assign_all(self, targets: list[ast.expr], values: list[ast.expr], frame: _Frame, out: Statements) -> None:
-        """Assign side by side: what a value reads must not have been overwritten by the target before it."""
+        """Assign several targets at once: a value that reads an earlier target is held in a variable first."""
         if len(targets) != len(values):
             raise RequestError(f"{frame.function}: {len(values)} values for {len(targets)} names")
         for k, value in enumerate(values):
@@ -211,7 +220,7 @@ class Flattener:
     # -- expressions --------------------------------------------------------------------------------------------
 
     def _expression(self, node: ast.expr, frame: _Frame, out: Statements) -> ast.expr:
-        """Return the node in the program's names; what it needs done before is appended to `out`."""
+        """Return the node in the program's names; statements that must run before it are appended to `out`."""
         text = ast.unparse(node) if isinstance(node, ast.Subscript | ast.Attribute) else ""
         if text in frame.given:
             return frame.given[text]
@@ -246,7 +255,7 @@ class Flattener:
         value = frame.scope.get(text)
         if isinstance(value, int | float) and math.isfinite(value):
             return constant(value, self.symbols.get(text, ""))
-        raise RequestError(f"{frame.function or 'program'}: '{text}' is not known when the program is written")
+        raise RequestError(f"{frame.function or 'program'}: '{text}' is not a constant of the program")
 
     def _element(self, node: ast.Subscript, frame: _Frame, out: Statements) -> ast.expr:
         array = self._expression(node.value, frame, out)
@@ -267,7 +276,7 @@ class Flattener:
         return chosen
 
     def _settled(self, node: ast.expr, frame: _Frame) -> ast.expr:
-        """Return the side of a conditional expression that is known to be taken, if it is."""
+        """Return the taken side of a conditional expression whose condition is constant."""
         while isinstance(node, ast.IfExp):
             test = self._expression(node.test, frame, [])
             if not isinstance(test, ast.Constant):
@@ -276,7 +285,7 @@ class Flattener:
         return node
 
     def _choose(self, target: ast.expr, node: ast.IfExp, frame: _Frame, out: Statements) -> None:
-        """Turn a conditional expression into a branch: a PLC's SEL would evaluate both sides."""
+        """Turn a conditional expression into a branch; a PLC's SEL would evaluate both sides."""
         test = self._expression(node.test, frame, out)
         sides = []
         for part in (node.body, node.orelse):
@@ -339,7 +348,7 @@ class Flattener:
     # -- names --------------------------------------------------------------------------------------------------
 
     def _local(self, function: str, text: str) -> ast.Name:
-        """Return the program's name of a function's variable: not told apart by case, and no doubled underscore."""
+        """Return the program's name of a function's variable: unique without regard to case, no doubled underscore."""
         wanted = "_".join(part for part in f"{function}_{text}".split("_") if part)[:LONGEST]
         key, candidate, number = (function, text), wanted, 1
         while self._names.setdefault(candidate.lower(), key) != key:
@@ -348,6 +357,6 @@ class Flattener:
         return name(candidate)
 
     def _fresh(self, function: str, text: str) -> ast.Name:
-        """Return a variable of its own for every place that asks for one."""
+        """Return a new variable."""
         self._count += 1
         return self._local(function or "step", f"{text}_{self._count}")

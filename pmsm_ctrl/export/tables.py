@@ -1,4 +1,4 @@
-"""What drives accept as data: friction over commanded speed, cogging as order, amplitude and phase or over the angle.
+"""Tables that drives accept: friction over commanded speed, cogging as order, amplitude and phase or over the angle.
 
 Every torque here is the one that opposes the motion: a drive adds it to what its controller asks for.
 """
@@ -22,26 +22,41 @@ __all__ = ["angle_table", "cogging_table", "friction_points", "friction_table", 
 
 Array = NDArray[np.float64]
 
-POINTS = 20  # what a table of TwinCAT CNC holds unless it is told otherwise (P-COMP-00062)
+POINTS = 20  # default size of a table of TwinCAT CNC (P-COMP-00062)
 ANGLES = 4096  # values of a turn in a SINAMICS table (p5260)
 HARMONICS = 10  # coefficients of an AX8000 (object 32CB)
-SPEED_MAX = 300.0  # rad/s or m/s, where the design does not say how fast its axis can be
+SPEED_MAX = 300.0  # rad/s or m/s, where no limit follows from the design
 
 
 def friction_table(design: Design, speeds: Iterable[float]) -> Array:
-    """Return rows (speed rad/s, torque N m), shape (n, 2), of every effect that depends on speed alone."""
+    """Return the torque of every effect that depends on speed alone.
+
+    Parameters
+    ----------
+    design : Design
+    speeds : iterable of float
+        n speeds, rad/s.
+
+    Returns
+    -------
+    array, shape (n, 2)
+        Speed, rad/s, and torque, N m.
+    """
     omega = np.array(list(speeds), dtype=np.float64)
     total = _sum(design, {"omega": omega, "direction": np.sign(omega)}, "omega")
     return np.column_stack([omega, total])
 
 
 def friction_points(design: Design, count: int = POINTS, speed_max: float | None = None) -> tuple[Array, float]:
-    """Return the friction of one direction and of the other at the speeds between which a drive may interpolate best.
+    """Return the friction of both directions at the speeds that a drive can best interpolate between.
 
     Parameters
     ----------
-    count : number of speeds
-    speed_max : last speed, rad/s; by default that at which the voltage is used up
+    design : Design
+    count : int
+        Number of speeds.
+    speed_max : float, optional
+        Last speed, rad/s; by default that at which the back-EMF reaches the inverter's voltage.
 
     Returns
     -------
@@ -59,7 +74,7 @@ def friction_points(design: Design, count: int = POINTS, speed_max: float | None
         missed = np.abs(lines - both).max(axis=1)
         if len(chosen) >= count:
             break
-        # where lines miss nothing any more, the widest gap is halved
+        # once the lines fit everywhere, the widest gap is halved
         worst = int(missed.argmax()) if missed.max() > 0.0 else _widest(chosen)
         chosen = sorted({*chosen, worst})
     scale = float(np.abs(both).max())
@@ -67,7 +82,17 @@ def friction_points(design: Design, count: int = POINTS, speed_max: float | None
 
 
 def cogging_table(design: Design) -> list[tuple[float, float, float]]:
-    """Return (order, amplitude N m, phase rad) of every cogging effect: amplitude sin(order theta + phase)."""
+    """Return every cogging effect as ``amplitude sin(order theta + phase)``.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    list of tuple of float
+        Order, amplitude (N m) and phase (rad).
+    """
     rows = []
     for effect, values in bound_effects(design):
         if effect.id == "cogging" and effect.active(values):
@@ -77,10 +102,19 @@ def cogging_table(design: Design) -> list[tuple[float, float, float]]:
 
 
 def angle_table(design: Design, points: int = ANGLES) -> Array:
-    """Return rows (angle rad, torque N m forwards, torque N m backwards) over a turn, shape (points, 3).
+    """Return the torque of every effect that depends on the angle, over one turn.
 
-    Cogging, unbalance and whatever else depends on the angle; friction that changes over the turn enters each
-    direction with its own sign.
+    Parameters
+    ----------
+    design : Design
+    points : int
+        Number of angles.
+
+    Returns
+    -------
+    array, shape (points, 3)
+        Angle, rad, torque forwards and torque backwards, N m. Friction that changes over the turn has the sign of
+        the direction.
     """
     theta = np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
     sides = (_sum(design, {"theta": theta, "direction": np.full(points, sign)}, "theta") for sign in (1.0, -1.0))
@@ -88,7 +122,17 @@ def angle_table(design: Design, points: int = ANGLES) -> Array:
 
 
 def table_files(design: Design) -> dict[str, str]:
-    """Return the tables as files: name -> text."""
+    """Return the tables as files.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    dict of str to str
+        File names to texts; empty where there is nothing to tabulate.
+    """
     axis = identifier(design.name)
     rotary = design.motion == "rotary"
     table, error = friction_points(design)
@@ -188,14 +232,14 @@ def _sum(design: Design, signals: dict[str, Array], reads: str) -> Array:
         own = set(effect.signals)
         if effect.enters != "torque" or effect.structure != "term" or not own <= set(known):
             continue
-        # what needs neither the angle nor the speed (F_c, a constant load) belongs to the table over speed
+        # an effect of neither angle nor speed (F_c, a constant load) belongs to the table over speed
         if reads == "omega" or "theta" in own:
             total += column(effect, known, values)
     return total
 
 
 def _speed_max(design: Design) -> float:
-    """Speed at which the back-EMF takes up the inverter's voltage."""
+    """Return the speed at which the back-EMF reaches the inverter's voltage."""
     motor = design.motor
     if motor.p is None or design.drive.u_dc <= 0.0:
         return SPEED_MAX

@@ -27,7 +27,7 @@ from pmsm_ctrl.units import psi_f_from
 
 __all__ = ["tracker"]
 
-# the sources' short names of arrays -> what they are called in the program
+# arrays of the compiled filter: name in its source -> name in the program, and shape
 _ARRAYS = {
     "x": ("state", (model.SIZE,)), "P": ("covariance", (model.SIZE, model.SIZE)), "m": ("memory", (model.MEMORY,)),
     "s": ("settings", (model.SETTINGS,)), "a": ("jacobian", (model.SIZE,)), "u": ("work_u", (model.SIZE,)),
@@ -39,9 +39,9 @@ _SETTINGS = {
     "LAG": ("SPEED_LAG", "s, lag of the drive's speed"),
     "SPEED_NOISE": ("SPEED_NOISE", "rad/s rms"),
     "THRESHOLD": ("STANDSTILL_SPEED", "rad/s, below it the axis counts as standing"),
-    "INTERVAL": ("UPDATE_INTERVAL", "s between two looks at the measurement"),
+    "INTERVAL": ("UPDATE_INTERVAL", "s between two measurement updates"),
     "MAX_GAP": ("MAX_GAP", "s, longest step that is bridged"),
-    "GATE": ("OUTLIER_GATE", "normalised innovation squared beyond which it is an outlier"),
+    "GATE": ("OUTLIER_GATE", "normalised innovation squared above which a measurement is rejected"),
     "J_NOMINAL": ("INERTIA", "kg m^2"),
 }
 _MEMORY = (
@@ -54,7 +54,7 @@ _STATES = ("OMEGA", "F_C", "F_V", "T_LOAD", "INERTIA", "THETA")
 _AS_THEY_ARE = ("DRIFT", "PRIOR", "NEVER", "SPREAD_TIME", "SPREAD_LIMIT", "REJECTS_ARE_CHANGE", "TREND_WEIGHT",
                 "TREND_LIMIT", "CALM_TIME")  # fmt: skip
 _UNITS = {"T_load": "N m", "J": "kg m^2"}
-_LOGGED = {"estimates", "variances", "covariance", "innovations", "events"}  # what the loop over a log writes down
+_LOGGED = {"estimates", "variances", "covariance", "innovations", "events"}  # history of a log, not exported
 
 
 def tracker(design: Design, settings: Settings | None = None, period: float | None = None) -> Block:
@@ -62,8 +62,15 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
 
     Parameters
     ----------
-    settings : what `pmsm_ctrl.track.track` takes; the noise must follow from the design or be given
-    period : time between two calls, s; by default that of the design's log
+    design : Design
+    settings : pmsm_ctrl.track.Settings, optional
+        As for `pmsm_ctrl.track.track`; the torque noise must follow from the design or be given.
+    period : float, optional
+        Time between two calls, s; by default that of the design's log.
+
+    Returns
+    -------
+    Block
 
     Raises
     ------
@@ -73,8 +80,8 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
     settings = settings or Settings()
     if settings.torque_noise is None and design.sensor.current_noise == 0.0:
         raise RequestError(
-            f"{design.source or design.name}: sensor.current_noise is 0, so nothing says how far the tracker may "
-            "trust the torque; give it, or torque_noise to the tracker"
+            f"{design.source or design.name}: sensor.current_noise is 0, so the noise of the torque is unknown; "
+            "give it, or torque_noise in the tracker's settings"
         )
     logged = design.log_period if period is None else period
     s = numbers(design, settings, logged)
@@ -105,7 +112,7 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
     )  # fmt: skip
 
 
-# -- what stands for what -------------------------------------------------------------------------------------------
+# -- names and numbers --------------------------------------------------------------------------------------------
 
 
 def _inputs(design: Design, settings: Settings, signals: set[str]) -> tuple[Value, ...]:
@@ -137,8 +144,8 @@ def _outputs(settings: Settings) -> tuple[Value, ...]:
         *extra,
         Value("omega_hat", "rad/s, speed"),
         Value("event", ", ".join(f"{k} {text}" for k, text in enumerate(model.EVENTS)), kind="integer"),
-        Value("innovation", "measured less predicted, 0 where nothing was judged"),
-        Value("innovation_variance", "its variance, 0 where nothing was judged"),
+        Value("innovation", "measured less predicted, 0 without a measurement update"),
+        Value("innovation_variance", "its variance, 0 without a measurement update"),
     )
 
 
@@ -160,7 +167,7 @@ def _settings(s: NDArray[np.float64]) -> dict[str, Value]:
 
 
 def _symbols() -> dict[str, str]:
-    """Return what the sources' constants are called in the program."""
+    """Return the names that the source's constants get in the program."""
     found = {text: f"STATE_{text}" for text in _STATES} | {text: f"EVENT_{text}" for text in _EVENTS}
     return found | {text: f"MEMORY_{text}" for text in _MEMORY} | {text: text for text in _AS_THEY_ARE}
 

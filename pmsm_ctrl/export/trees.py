@@ -1,4 +1,4 @@
-"""Small tools on Python syntax trees, for programs that are flattened and printed in other languages."""
+"""Functions on Python syntax trees, for programs that are flattened and printed in other languages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def name(text: str) -> ast.Name:
 
 
 def constant(value: float, symbol: str = "") -> ast.Constant:
-    """Return a number; `symbol` is what it is called in the program."""
+    """Return a number; `symbol` is its name in the program."""
     node = ast.Constant(value)
     node.symbol = symbol  # type: ignore[attr-defined]
     return node
@@ -48,7 +48,7 @@ def branch(test: ast.expr, body: Statements, other: Statements) -> Statements:
 
 
 def folded(node: ast.BinOp | ast.Compare | ast.UnaryOp) -> ast.expr:
-    """Work out what is known when the program is written: bounds of loops, branches of a chosen variant."""
+    """Evaluate constant expressions: bounds of loops, branches of a chosen variant."""
     if isinstance(node, ast.UnaryOp):
         if isinstance(node.operand, ast.Constant):
             value: Any = node.operand.value
@@ -67,7 +67,7 @@ def folded(node: ast.BinOp | ast.Compare | ast.UnaryOp) -> ast.expr:
     elif kind is ast.Mult and _is_one(right):
         return left
     elif kind is ast.Sub and isinstance(left, ast.BinOp) and isinstance(left.op, ast.Add) and same(left.right, right):
-        return left.left  # a loop up to i + 1, which is not reached, ends with i
+        return left.left  # range(i + 1) ends with i
     return node
 
 
@@ -80,8 +80,8 @@ def _is_one(node: ast.expr) -> bool:
 
 
 def power(node: ast.BinOp) -> ast.expr:
-    """Print a root as a root and a square as a product: not every controller has a power in double precision."""
-    # a named exponent stays one: somebody may want to change it
+    """Write a power of 0.5 as a root and of 2 as a product: not every controller has powers in double precision."""
+    # a named exponent stays a power: a user may change it
     exponent = node.right.value if isinstance(node.right, ast.Constant) and not _symbol(node.right) else None
     if exponent == 0.5:
         return ast.Call(name("sqrt"), [node.left], [])
@@ -99,7 +99,7 @@ def is_text(statement: ast.stmt) -> bool:
 
 
 def intrinsic(call: ast.Call) -> bool:
-    """Whether a call is to a function that every language has."""
+    """Whether a call is to a function of all languages."""
     return isinstance(call.func, ast.Name) and call.func.id in INTRINSIC
 
 
@@ -112,7 +112,7 @@ def leaves(body: Statements) -> bool:
 
 
 def base(node: ast.expr) -> str:
-    """Return the name that an element or a name stands on."""
+    """Return the name of a variable or of an element's array."""
     while isinstance(node, ast.Subscript):
         node = node.value
     return node.id if isinstance(node, ast.Name) else ""
@@ -165,7 +165,7 @@ def _does_something(body: Statements) -> bool:
 
 
 def without_unread(statements: Statements, outputs: set[str]) -> Statements:
-    """Leave out scalars on which neither an output nor an array depends: strict compilers warn of them."""
+    """Remove scalars on which neither an output nor an array depends: strict compilers warn of them."""
     wanted = set(outputs)
     while True:
         more = wanted | _needed(statements, wanted)
@@ -175,7 +175,7 @@ def without_unread(statements: Statements, outputs: set[str]) -> Statements:
 
 
 def _needed(statements: Statements, wanted: set[str]) -> set[str]:
-    """Return what is read to work out the wanted scalars and all elements; a condition counts if it decides on any."""
+    """Return the names read by the wanted scalars and all elements, conditions that decide on them included."""
     out: set[str] = set()
     for statement in statements:
         if isinstance(statement, ast.Assign):

@@ -93,52 +93,21 @@ ST: Mapping[Flavour, Language] = {
 
 
 def real(value: float) -> str:
-    """Return a real literal of C and IEC 61131-3, which demands a decimal point.
-
-    Parameters
-    ----------
-    value : float
-
-    Returns
-    -------
-    str
-        With all digits that a double needs.
-    """
+    """Return a real literal of C and IEC 61131-3, which demands a decimal point."""
     text = repr(float(value)).upper()
     mantissa, mark, exponent = text.partition("E")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{mark}{exponent}"
 
 
 def plain(text: str) -> str:
-    """Return a text that may stand in a comment of any language here.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-        One line of ASCII without the end of a comment.
-    """
+    """Return a text for a comment of any language here: one line of ASCII that does not end the comment."""
     for ending in ("*)", "(*", "*/", "]]>"):
         text = text.replace(ending, " ".join(ending))
     return " ".join(text.encode("ascii", "replace").decode().split())
 
 
 def symbols_of(statements: Iterable[ast.stmt]) -> dict[str, float]:
-    """Return the named constants that a program uses.
-
-    Parameters
-    ----------
-    statements : iterable of ast.stmt
-        A flat program.
-
-    Returns
-    -------
-    dict of str to float
-        In alphabetical order.
-    """
+    """Return the named constants that a program uses."""
     found = {}
     for expression in expressions(list(statements)):
         for node in ast.walk(expression):
@@ -162,18 +131,7 @@ class Writer:
         self.language, self.names = language, dict(names or {})
 
     def lines(self, statements: Iterable[ast.stmt], depth: int = 0) -> list[str]:
-        """Return the lines of statements.
-
-        Parameters
-        ----------
-        statements : iterable of ast.stmt
-        depth : int
-            Indentation.
-
-        Returns
-        -------
-        list of str
-        """
+        """Return the lines of statements."""
         out: list[str] = []
         for statement in statements:
             if isinstance(statement, ast.If):
@@ -209,18 +167,7 @@ class Writer:
         return [*out, pad + end]
 
     def text(self, node: ast.expr, within: int = 0) -> str:
-        """Return an expression; brackets keep Python's own order of evaluation, rounding included.
-
-        Parameters
-        ----------
-        node : ast.expr
-        within : int
-            How strongly the operator around it binds; 0 for none.
-
-        Returns
-        -------
-        str
-        """
+        """Return an expression; brackets keep Python's own order of evaluation, rounding included."""
         if isinstance(node, ast.Constant):
             return self._constant(node, within)
         if isinstance(node, ast.Name):

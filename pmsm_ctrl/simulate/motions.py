@@ -1,6 +1,6 @@
-"""What scenarios are made of: piecewise-polynomial motion, test signals, and the limits a design sets.
+"""Parts of scenarios: piecewise-polynomial motion, test signals, and the limits of a design.
 
-Everything here is a pure function of time, so references do not depend on how a run is cut into pieces.
+All signals are pure functions of time, so that references do not depend on how a run is divided into pieces.
 """
 
 from __future__ import annotations
@@ -28,7 +28,13 @@ TIME_TOLERANCE = 1e-9
 
 
 def require_positive(scenario: str, **values: float) -> None:
-    """Raise a RequestError for the first value that is not positive and finite."""
+    """Check that every value is positive and finite.
+
+    Raises
+    ------
+    RequestError
+        For the first value that is not.
+    """
     for name, value in values.items():
         if not (value > 0.0 and math.isfinite(value)):
             raise RequestError(f"scenario '{scenario}': {name}: found {value:g}; it should be positive")
@@ -36,15 +42,20 @@ def require_positive(scenario: str, **values: float) -> None:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a drive can be asked to do. The defaults are those of the reference motor.
+    """Limits of a motion; the defaults are those of the reference motor.
 
     Attributes
     ----------
-    speed : rad/s
-    acceleration : rad/s^2
-    jerk : rad/s^3
-    current : amplitude of an injected test signal, A
-    breakaway : current that is sure to move the shaft from rest, A
+    speed : float
+        rad/s.
+    acceleration : float
+        rad/s^2.
+    jerk : float
+        rad/s^3.
+    current : float
+        Amplitude of an injected test signal, A.
+    breakaway : float
+        Current that is sure to move the shaft from rest, A.
     """
 
     speed: float = 200.0
@@ -55,7 +66,7 @@ class Limits:
 
     @classmethod
     def of(cls, design: Design | None) -> Limits:
-        """Scale the limits with a design, to one digit; the reference motor's where the design does not know.
+        """Return the limits of a design, rounded down to one digit; the reference motor's where the design has no data.
 
         The speed is 0.43 of that at which the EMF meets the voltage limit, u_dc / (sqrt(3) p psi_f); the
         acceleration takes a tenth of the greatest torque; the jerk builds it up in 20 ms.
@@ -82,7 +93,7 @@ def _one_digit(value: float) -> float:
 
 
 def _friction_level(design: Design) -> float:
-    """Torque in N m that the design's effects can put up against a shaft at rest."""
+    """Return the largest torque in N m of the design's effects on a shaft at rest."""
     level = 0.0
     for entry in design.effects:
         values = entry.parameters
@@ -113,7 +124,7 @@ class Path:
 
 
 class PathBuilder:
-    """Strings pieces of motion together; starts at rest at angle 0."""
+    """Builds a motion from pieces; starts at rest at angle 0."""
 
     def __init__(self) -> None:
         self.t = self.theta = self.omega = 0.0
@@ -167,7 +178,7 @@ def _peak_speed(distance: float, a: float, j: float) -> float:
     if math.isinf(j):
         return math.sqrt(distance * a)
     if distance < 2.0 * a**3 / j**2:  # the acceleration limit is not met either
-        return j * (distance / (2.0 * j)) ** (2.0 / 3.0)
+        return float(j * (distance / (2.0 * j)) ** (2.0 / 3.0))
     return 0.5 * a * (math.sqrt((a / j) ** 2 + 4.0 * distance / a) - a / j)
 
 

@@ -1,4 +1,4 @@
-"""Two parameter objects that must not be confused: what is true of the plant, and what the controller believes."""
+"""Two parameter objects: the true plant, and what the controller believes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,33 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Plant:
-    """The true machine, inverter and sensors, SI units."""
+    """The true machine, inverter and sensors.
+
+    Attributes
+    ----------
+    R, L_d, L_q : float
+        Ohm, H, H.
+    p : int
+        Pole pairs.
+    psi_f : float
+        Flux linkage, Wb.
+    J : float
+        Inertia, kg m^2.
+    u_dc : float
+        dc-link voltage, V.
+    period : float
+        Control period, s.
+    counts : float
+        Encoder counts per turn; 0 for an ideal encoder.
+    current_noise : float
+        A rms.
+    steps : int
+        Integration steps per control period.
+    speed_divider, log_divider : int
+        Control periods per speed period and per logged sample.
+    delay : int
+        Control periods from measurement to voltage, 0 or 1.
+    """
 
     R: float
     L_d: float
@@ -41,10 +67,18 @@ class Plant:
     def of(cls, design: Design) -> Plant:
         """Read the plant from a design.
 
+        Parameters
+        ----------
+        design : Design
+
+        Returns
+        -------
+        Plant
+
         Raises
         ------
         DesignError
-            When the motor's electrical data are not known.
+            When the motor's electrical data are missing.
         """
         motor = design.motor
         if motor.R is None or motor.L_d is None or motor.L_q is None or motor.p is None or motor.psi_f is None:
@@ -72,6 +106,27 @@ class Controller:
     """The sampled cascade as it runs in the drive: gains per tick and the model it uses for decoupling.
 
     Discretisation: forward Euler of the integrators, exact (zero-order hold) first-order filters.
+
+    Attributes
+    ----------
+    current_gain, current_integral : tuple of float
+        Of the d and q current controllers: proportional gain, V/A, and control period over T_n.
+    speed_gain : float
+        A s/rad.
+    speed_integral : float
+        Speed period over T_n.
+    speed_filter, reference_filter : float
+        Gain per speed period of the first-order filters of measured speed and reference, 1 for none.
+    position_gain : float
+        1/s; 0 without position control.
+    velocity_feedforward : float
+        Share of the reference speed.
+    acceleration_feedforward : float
+        A s^2/rad.
+    i_max : float
+        Current limit, A.
+    L_d, L_q, psi_f : float
+        Motor model of the decoupling, H, H, Wb.
     """
 
     current_gain: tuple[float, float]
@@ -90,7 +145,17 @@ class Controller:
 
     @classmethod
     def of(cls, design: Design, control: str = "speed") -> Controller:
-        """Read the controller from a design; `control` switches outer loops off ("speed", "current").
+        """Read the controller from a design.
+
+        Parameters
+        ----------
+        design : Design
+        control : {"position", "speed", "current"}
+            The outermost closed loop.
+
+        Returns
+        -------
+        Controller
 
         Raises
         ------

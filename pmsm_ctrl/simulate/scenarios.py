@@ -1,7 +1,7 @@
-"""Named motions. A scenario knows its duration and gives the references at any times asked for.
+"""Named motions. A scenario has a duration and returns the references at given times.
 
-A maker takes its parameters by keyword, in SI units. Where the default is None it follows from the design
-(`Limits`); the value in brackets is the reference motor's. Every motion starts at rest.
+A maker takes its parameters by keyword, in SI units. A default of None follows from the design (`Limits`); the value
+in brackets is the reference motor's. Every motion starts at rest.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ __all__ = ["INPUTS", "SCENARIOS", "Scenario", "scenario"]
 
 Array = NDArray[Any]
 
-# What a scenario may prescribe, in the kernel's order; what it leaves out is zero.
+# References of a scenario, in the kernel's order; one that is left out is zero.
 INPUTS: tuple[str, ...] = ("theta_ref", "omega_ref", "alpha_ref", "i_q_add", "i_d_ref", "T_load")
 
 
@@ -43,15 +43,18 @@ class Scenario:
 
     Attributes
     ----------
-    name, duration
-        Name and length in s.
+    name : str
+    duration : float
+        s.
     references : function of time
         ``references(t)`` with t in s, shape (n,), returns any of `INPUTS` as arrays of shape (n,), SI units.
         `i_q_add` is added to the speed controller's output (feedforward, or the injected test signal).
     control : {"speed", "position", "current"}
-        The outermost loop that is closed.
-    omega_0, theta_0 : initial speed and angle
-    segments : (name, start, stop) in s
+        The outermost closed loop.
+    omega_0, theta_0 : float
+        Initial speed, rad/s, and angle, rad.
+    segments : tuple of (name, start, stop)
+        In s.
     """
 
     name: str
@@ -63,7 +66,23 @@ class Scenario:
     segments: tuple[tuple[str, float, float], ...] = field(default=())
 
     def inputs(self, t: Array) -> Array:
-        """Return the references at times `t`, shape (n, 6), in the order of `INPUTS`."""
+        """Return the references.
+
+        Parameters
+        ----------
+        t : array, shape (n,)
+            Times, s.
+
+        Returns
+        -------
+        array, shape (n, 6)
+            In the order of `INPUTS`.
+
+        Raises
+        ------
+        RequestError
+            When the scenario prescribes an input that does not exist.
+        """
         given = self.references(t)
         for name in given:
             if name not in INPUTS:
@@ -366,6 +385,11 @@ def identification(
     directions up to speed_max [200 rad/s] (drag), the same reversal at three accelerations up to `acceleration`
     [3000 rad/s^2] (inertia), multisine of rms `amplitude` [0.03 A] at one speed each way (dynamics).
     `duration` stretches the time spent at each.
+
+    Raises
+    ------
+    RequestError
+        When the ramps leave too little of the duration.
     """
     limits = Limits.of(design)
     top = limits.speed if speed_max is None else speed_max
@@ -373,7 +397,7 @@ def identification(
     rms = 0.5 * limits.current if amplitude is None else amplitude
     require_positive("identification", duration=duration, speed_max=top, acceleration=slope, amplitude=rms)
     unit = _time_unit(duration, top, slope)
-    # A heavy load ramps slowly: a speed that nobody asked for gives way to the time.
+    # A heavy load ramps slowly: the default speed is lowered to fit the duration.
     while speed_max is None and unit < 0.4 and top > 0.02 * limits.speed:
         top *= 0.9
         unit = _time_unit(duration, top, slope)
@@ -397,7 +421,7 @@ def identification(
 
 
 def _time_unit(duration: float, top: float, slope: float) -> float:
-    """Time spent at each part: the ramps take a time of their own, this is what is left, shared."""
+    """Return the time spent at each part: the duration less that of the ramps, shared."""
     once, twice = (identification_parts(unit, top, slope)[0].t for unit in (1.0, 2.0))
     return (duration - (2.0 * once - twice)) / (twice - once)
 
@@ -468,9 +492,20 @@ SCENARIOS: Mapping[str, Callable[..., Scenario]] = {
 
 
 def scenario(name: str, design: Design | None = None, **parameters: float) -> Scenario:
-    """Return a named scenario; parameters come from the call, then from the design's ``[scenarios.NAME]``.
+    """Return a named scenario.
 
-    What neither names takes the maker's default, which may follow from the design.
+    Parameters
+    ----------
+    name : str
+        One of `SCENARIOS`.
+    design : Design, optional
+        Its ``[scenarios.NAME]`` holds parameters, and defaults follow from it.
+    **parameters : float
+        In SI units, before those of the design.
+
+    Returns
+    -------
+    Scenario
 
     Raises
     ------

@@ -137,10 +137,12 @@ class FrictionTracker:
             Time, s.
         omega : float
             Measured speed, rad/s.
-        i_q, i_d : float
-            Currents, A peak.
+        i_q : float
+            Current, A peak.
         theta : float
             Measured angle, rad.
+        i_d : float
+            Current, A peak.
         torque : float, optional
             Drive torque, N m, in place of the currents.
         T_load : float

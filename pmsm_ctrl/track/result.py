@@ -29,6 +29,10 @@ class Tracking(Result):
 
     Attributes
     ----------
+    design : Design
+        What the tracker started from.
+    settings : Settings
+        With the noise that was estimated from the log.
     t : array, shape (n,)
     history : dict of name to array, shape (n,)
         ``F_c`` and ``F_v``, and ``T_load``, ``J`` where asked for.
@@ -43,8 +47,11 @@ class Tracking(Result):
     events : int array, shape (n,)
         Positions in `pmsm_ctrl.track.model.EVENTS`.
     omega : array, shape (n,)
+        Estimated speed, rad/s.
     torque_noise : float
         Noise of the drive torque per sample that the filter ended up with, N m rms.
+    log_name : str
+        The log's file.
     notices : tuple of Notice
         Reasons to doubt the numbers.
     """

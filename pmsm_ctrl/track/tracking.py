@@ -45,6 +45,10 @@ def track(
         Raise the torque noise where the innovations are much larger than it explains (unmodelled torque), and
         say so; otherwise leave it.
 
+    Returns
+    -------
+    Tracking
+
     Raises
     ------
     LogError
@@ -105,7 +109,15 @@ def _correlation(covariance: Array, scale: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """What the twin returns: see `pmsm_ctrl.track.twin.run`."""
+    """The arrays that `pmsm_ctrl.track.twin.run` fills.
+
+    Attributes
+    ----------
+    x, P : array
+        Estimates and covariance at the end, shapes (6,) and (6, 6).
+    estimates, variances, covariance, innovations, events : array
+        Histories over n samples.
+    """
 
     x: Array
     P: Array

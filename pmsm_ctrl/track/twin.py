@@ -235,7 +235,12 @@ def run(t, z, torque, known, s, x, P, m, estimates, variances, covariance, innov
     t, z, torque, known : array, shape (n,)
         Time, the measured angle or speed, the drive's torque less the known load, the torque of further effects.
     s : array of model.SETTINGS numbers
-    x : array, shape (6,);  P : array, shape (6, 6);  m : array of model.MEMORY numbers
+    x : array, shape (6,)
+        Estimates.
+    P : array, shape (6, 6)
+        Their covariance.
+    m : array of model.MEMORY numbers
+        What is carried from sample to sample.
     estimates, variances : array, shape (n, slow)
         Filled with the first states; `slow` is 3 for omega, F_c and F_v, 4 with T_load, 5 with J.
     covariance : array, shape (n,)
