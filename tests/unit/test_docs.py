@@ -10,12 +10,16 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import shlex
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+from pmsm_ctrl.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"(?:<!-- (?P<mark>[\w ]+): [^\n]*-->\n)?```(?P<language>python|bash)\n(?P<code>.*?)```", re.DOTALL)
@@ -43,8 +47,21 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return here
 
 
+def run_block(code: str, page: Path) -> None:
+    """Run a shell block as a user would paste it; commands of the package run in this process, which has loaded it."""
+    for line in code.replace("\\\n", " ").splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["pmsm-ctrl"]:
+            with warnings.catch_warnings(), pytest.raises(SystemExit) as left:
+                warnings.simplefilter("default")  # as outside the tests
+                main(words[1:])
+            assert not left.value.code, f"{page.name}: {line}"
+        elif words:
+            run_shell(line, page)
+
+
 def run_shell(code: str, page: Path) -> None:
-    """Run a block as a user would paste it, with the commands of this environment first on the path."""
+    """Run a line with the commands of this environment first on the path."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", code], capture_output=True, text=True, check=False, timeout=600,
@@ -65,7 +82,7 @@ def test_blocks_run(page: Path, project: Path) -> None:
         if needs_data and not (project.parent / "shared" / "data").is_dir():
             left_out += 1
         elif block["language"] == "bash":
-            run_shell(block["code"], page)
+            run_block(block["code"], page)
         else:
             # A real file name, because compiled functions look their source up.
             exec(compile(block["code"], f"{page}#{number}", "exec"), scope)
