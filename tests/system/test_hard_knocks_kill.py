@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -26,42 +27,69 @@ from pmsm_ctrl.errors import CacheWarning, RequestError
 from pmsm_ctrl.files import STALE, atomic_path, require_writable, write_text
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
+from tests.effort import amount
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 OLD = b"old and whole\n"
-# Runs the command line, and kills itself at the chosen moment of the chosen write.
-CHILD = """
-import os, signal, sys, tempfile
-moment, count = sys.argv[1], int(sys.argv[2])
+# Forks for every line of its input; the child runs the command line, and kills itself at the chosen moment of the
+# chosen write. What takes long, loading the package, is done once.
+SERVER = """
+import json, os, signal, sys, tempfile
+import pmsm_ctrl
+from pmsm_ctrl.cli import main
+verbs = [getattr(pmsm_ctrl, name) for name in pmsm_ctrl.__all__]
 def die():
     os.kill(os.getpid(), signal.SIGKILL)
 def here(name):  # and not in the cache of compiled kernels
     return str(name).endswith(".part") and os.path.dirname(os.path.realpath(name)) == os.getcwd()
-seen = 0
-make, replace = tempfile.mkstemp, os.replace
-def mkstemp(*words, **named):
-    global seen
-    out = make(*words, **named)
-    seen += here(out[1])
-    if moment == "begin" and here(out[1]) and seen == count:
-        die()
-    return out
-def replaced(source, target, **named):
-    if here(source) and seen == count:
-        if moment == "half":
-            os.truncate(source, os.path.getsize(source) // 2)
+def run(moment, count, words):
+    seen = 0
+    make, replace = tempfile.mkstemp, os.replace
+    def mkstemp(*words, **named):
+        nonlocal seen
+        out = make(*words, **named)
+        seen += here(out[1])
+        if moment == "begin" and here(out[1]) and seen == count:
             die()
-        if moment == "before":
+        return out
+    def replaced(source, target, **named):
+        if here(source) and seen == count:
+            if moment == "half":
+                os.truncate(source, os.path.getsize(source) // 2)
+                die()
+            if moment == "before":
+                die()
+        replace(source, target, **named)
+        if here(source) and seen == count and moment == "after":
             die()
-    replace(source, target, **named)
-    if here(source) and seen == count and moment == "after":
-        die()
-tempfile.mkstemp, os.replace = mkstemp, replaced
-from pmsm_ctrl.cli import main
-main(sys.argv[3:])
+    tempfile.mkstemp, os.replace = mkstemp, replaced
+    main(words)
+for line in sys.stdin:
+    folder, moment, count, words = json.loads(line)
+    child = os.fork()
+    if child == 0:
+        os.dup2(2, 1)
+        os.chdir(folder)
+        run(moment, count, words)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
+
+
+@pytest.fixture(scope="module")
+def run() -> Iterator[Callable[..., int]]:
+    """Return a function that runs a command line in a process of its own and returns its exit status."""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    server = subprocess.Popen([sys.executable, "-c", SERVER], **pipes)
+
+    def ask(folder: Path, words: list[str], moment: str = "never", count: int = 0) -> int:
+        server.stdin.write(json.dumps([str(folder), moment, count, words]) + "\n")
+        server.stdin.flush()
+        return int(server.stdout.readline())
+
+    yield ask
+    server.communicate(timeout=60)
 
 
 @pytest.fixture(scope="module")
@@ -120,25 +148,21 @@ def look(folder: Path, outputs: list[str]) -> list[bool]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_killed_where_it_writes(tmp_path: Path, record: Path, command: str) -> None:
+def test_killed_where_it_writes(run: Callable[..., int], tmp_path: Path, record: Path, command: str) -> None:
     outputs = COMMANDS[command][1]
     for name in outputs:
         (tmp_path / name).write_bytes(OLD)
     dice = random.Random(command)
     for moment in MOMENTS.get(command) or dice.sample(["begin", "half", "before"], 2):
         count = dice.randint(1, len(outputs))
-        child = [sys.executable, "-c", CHILD, moment, str(count), *words(command, record)]
-        run = subprocess.run(child, cwd=tmp_path, capture_output=True, check=False, timeout=300)
-        assert run.returncode == -signal.SIGKILL, run.stderr.decode()
+        assert run(tmp_path, words(command, record), moment, count) == -signal.SIGKILL
         new = look(tmp_path, outputs)
         assert new == [k < count - (moment != "after") for k in range(len(outputs))]
         for name in outputs:
             (tmp_path / name).write_bytes(OLD)
     # what the killed ones left behind does no harm
     assert list(tmp_path.glob(".*.part"))
-    run = subprocess.run([sys.executable, "-m", "pmsm_ctrl", *words(command, record)], cwd=tmp_path, check=False,
-                         capture_output=True, timeout=300)  # fmt: skip
-    assert run.returncode == 0, run.stderr.decode()
+    assert run(tmp_path, words(command, record)) == 0
     assert all(look(tmp_path, outputs))
 
 
@@ -193,24 +217,33 @@ def simulated(folder: Path, cache: Path, kill_after: float | None = None) -> str
 
 def test_a_cache_that_was_killed_or_damaged(copy: Path, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
-    for seconds in (1.5, 3.0):
+    for seconds in (1.5, 3.0)[: amount(1, 2)]:
         simulated(copy, cache, kill_after=seconds)
     assert simulated(copy, cache) == "", "a killed compilation is no damage"
     reference = (copy / "log.csv").read_bytes()
-    for suffix, damage in ((".nbi", b""), (".nbc", b"\x80\x04garbage"), (".py", b"\xff\xfe rubbish")):
-        for path in cache.rglob(f"*{suffix}"):
-            path.write_bytes(damage)
-        said = simulated(copy, cache)
-        if suffix != ".py":  # source text is compared with what it should be, and simply written again
-            assert said.startswith(f"pmsm-ctrl: the cache of compiled kernels in {cache}")
-            assert "is damaged" in said
-        assert said.count("\n") <= 1
-        assert (copy / "log.csv").read_bytes() == reference
+    for k, path in enumerate(sorted(cache.rglob("*.*"))):
+        damaged = {".nbi": b"", ".nbc": b"\x80\x04garbage", ".py": b"\xff\xfe rubbish"}
+        if path.suffix == ".py" or (path.suffix in damaged and k % 2):
+            path.write_bytes(damaged[path.suffix])
+    said = simulated(copy, cache)
+    assert said.startswith(f"pmsm-ctrl: the cache of compiled kernels in {cache}")
+    assert "is damaged" in said
+    assert said.count("\n") == 1
+    assert (copy / "log.csv").read_bytes() == reference
     assert simulated(copy, cache) == "", "repaired"
 
 
-def test_changed_machine_code_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One flipped bit in a cached function: numba alone would load and run it."""
+@pytest.mark.parametrize(
+    ("suffix", "damage"),
+    [
+        (".nbc", "one bit"),
+        *((suffix, damage) for suffix in (".nbi", ".nbc") for damage in ("emptied", "cut", "zeroed")),
+    ],
+)
+def test_a_damaged_file_of_the_cache_is_compiled_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, damage: str
+) -> None:
+    """What numba alone would end a command with, or run: see `pmsm_ctrl.kernels.cache`."""
     from pmsm_ctrl.kernels import cache as caching
     from pmsm_ctrl.kernels import kernel
 
@@ -220,10 +253,13 @@ def test_changed_machine_code_is_not_run(tmp_path: Path, monkeypatch: pytest.Mon
     exec(compile(source.read_text(encoding="utf-8"), str(source), "exec"), scope)
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "cache"))
     assert kernel(scope["doubled"])(1.5) == 3.0
-    (data,) = (tmp_path / "cache").rglob("*.nbc")
-    content = bytearray(data.read_bytes())
-    content[len(content) // 2] ^= 1
-    data.write_bytes(content)
+    (path,) = (tmp_path / "cache").rglob(f"*{suffix}")
+    content = bytearray(path.read_bytes())
+    if damage == "one bit":
+        content[len(content) // 2] ^= 1
+    else:
+        content = {"emptied": b"", "cut": content[: len(content) // 2], "zeroed": bytes(len(content))}[damage]
+    path.write_bytes(content)
     caching._say.cache_clear()
     with pytest.warns(CacheWarning, match="is damaged"):
         assert kernel(scope["doubled"])(1.5) == 3.0
