@@ -68,39 +68,14 @@ class Multisine:
         return (self.periods + 1) * len(self.samples) * self.period
 
     def at(self, t: Array) -> Array:
-        """Return the signal.
-
-        Parameters
-        ----------
-        t : array, shape (k,)
-            Multiples of the sampling period, s.
-
-        Returns
-        -------
-        array, shape (k,)
-        """
+        """Return the signal at times (s) that are multiples of the period."""
         return self.samples[np.rint(t / self.period).astype(np.intp) % len(self.samples)]
 
 
 def multisine(period: float, low: float, high: float, *, count: int = 160, periods: int = 8) -> Multisine:
-    """Return a multisine with lines spaced evenly on a logarithmic axis.
+    """Return a multisine from `low` to `high` (Hz) with at most `count` lines, evenly spaced on a logarithmic axis.
 
     The phases are Schroeder's (M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85), for a low crest factor.
-
-    Parameters
-    ----------
-    period : float
-        Sampling period, s.
-    low, high : float
-        First and last frequency, Hz.
-    count : int
-        Largest number of lines.
-    periods : int
-        To be averaged.
-
-    Returns
-    -------
-    Multisine
     """
     n = 1 << max(6, math.ceil(math.log2(1.0 / (low * period))))
     top = min(high * n * period, 0.47 * n)
@@ -146,23 +121,10 @@ class Bench:
     seed: int = 0
 
     def measure_loop(self, name: LoopName, signal: Multisine, amplitude: float) -> tuple[Array, Complex]:
-        """Measure an open loop.
+        """Measure an open loop; return frequencies (Hz) and responses.
 
-        The signal is added behind the speed controller (speed and current loop) or to the reference of the speed loop
-        (position loop).
-
-        Parameters
-        ----------
-        name : {"current", "speed", "position"}
-        signal : Multisine
-        amplitude : float
-            Peak, A or (position loop) rad/s.
-
-        Returns
-        -------
-        frequency : array, shape (m,)
-            Hz.
-        L : array of complex, shape (m,)
+        The signal (peak `amplitude`) is added behind the speed controller (speed and current loop, A) or to the
+        reference of the speed loop (position loop, rad/s).
 
         Raises
         ------
@@ -229,19 +191,7 @@ class Bench:
         return simulate(design, scenario, truth=plant, seed=self.seed, keep_truth=keep_truth)
 
     def current_step(self, i_0: float, size: float, duration: float) -> Step:
-        """Step i_q from its bias, outer loops open.
-
-        Parameters
-        ----------
-        i_0, size : float
-            A.
-        duration : float
-            s.
-
-        Returns
-        -------
-        Step
-        """
+        """Step i_q by `size` from i_0 (A), outer loops open, for a duration (s)."""
         T_s = self.design.drive.speed_period
         wait = math.ceil(400.0 / self.design.drive.f_control / T_s) * T_s
 
@@ -254,19 +204,9 @@ class Bench:
         return Step.of(after.t - after.t[0], (after["i_q"] - i_0) / size)
 
     def step(self, name: StepName, size: float, wait: float, duration: float) -> Step:
-        """Step the speed, the position or the load from constant speed, relative to the same run without the step.
+        """Step the speed (rad/s), the position (rad) or the load (N m) from constant speed, minus the run without it.
 
-        Parameters
-        ----------
-        name : {"speed", "position", "load"}
-        size : float
-            rad/s, rad or N m.
-        wait, duration : float
-            Before and after the step, s.
-
-        Returns
-        -------
-        Step
+        `wait` and `duration` are the times before and after the step, s.
         """
         T_s = self.design.drive.speed_period
         wait = math.ceil(wait / T_s) * T_s

@@ -30,57 +30,19 @@ LEAST_LAG = math.radians(3.0)  # smallest lag of the PI at crossover: T_n of abo
 
 
 def pole_cancellation(R: float, L: float, bandwidth: float) -> tuple[float, float]:
-    """Return the PI whose closed loop is alpha / (s + alpha) with alpha = 2 pi `bandwidth`.
-
-    Parameters
-    ----------
-    R, L : float
-        Winding, Ohm and H.
-    bandwidth : float
-        Hz.
-
-    Returns
-    -------
-    K_p, T_n : float
-        V/A and s.
-    """
+    """Return K_p in V/A and T_n in s for a closed loop alpha / (s + alpha), alpha = 2 pi `bandwidth` (Hz)."""
     return 2.0 * math.pi * bandwidth * L, L / R
 
 
 def modulus_optimum(R: float, L: float, T_sigma: float) -> tuple[float, float]:
-    """Return the PI of the modulus optimum: damping 1/sqrt(2), 4.3 % overshoot.
-
-    Parameters
-    ----------
-    R, L : float
-        Winding, Ohm and H.
-    T_sigma : float
-        Sum of the small time constants, s.
-
-    Returns
-    -------
-    K_p, T_n : float
-        V/A and s.
-    """
+    """Return K_p in V/A and T_n in s for the small time constant T_sigma (s): damping 1/sqrt(2), 4.3 % overshoot."""
     return L / (2.0 * T_sigma), L / R
 
 
 def pi_for_margin(plant: Any, crossover: float, phase_margin: float) -> tuple[float, float]:
-    """Return the discrete PI that crosses at a frequency with a phase margin, in closed form.
+    """Return gain and T_n (s) of the discrete PI that crosses at a frequency (Hz) with a phase margin (deg).
 
-    Parameters
-    ----------
-    plant : control.StateSpace
-        Discrete plant that the PI acts on.
-    crossover : float
-        Hz.
-    phase_margin : float
-        deg.
-
-    Returns
-    -------
-    K_p, T_n : float
-        T_n in s; both NaN where no PI has this phase there.
+    In closed form; NaN where no PI has this phase there. `plant` is the discrete plant (control.StateSpace).
     """
     T = plant.dt
     w = 2.0 * math.pi * crossover
@@ -97,21 +59,7 @@ def pi_for_margin(plant: Any, crossover: float, phase_margin: float) -> tuple[fl
 
 
 def phase_limit(plant: Any, phase_margin: float, least_lag: float = LEAST_LAG) -> float:
-    """Return the highest crossover at which the plant's phase leaves a margin and the smallest lag of a PI.
-
-    Parameters
-    ----------
-    plant : control.StateSpace
-    phase_margin : float
-        deg.
-    least_lag : float
-        rad.
-
-    Returns
-    -------
-    float
-        Hz; NaN where no frequency does.
-    """
+    """Return the highest crossover (Hz) at which the phase leaves a margin (deg) and the smallest lag of a PI (rad)."""
     T = plant.dt
     omega = np.geomspace(1e-4, 0.999, 4000) * math.pi / T
     phase = np.unwrap(np.angle(response(plant, omega)))
@@ -126,19 +74,7 @@ def phase_limit(plant: Any, phase_margin: float, least_lag: float = LEAST_LAG) -
 
 
 def highest_bandwidth(design: Design, phase_margin: float = 45.0) -> float:
-    """Return the highest crossover of the current loop that sampling and delay allow.
-
-    Parameters
-    ----------
-    design : Design
-    phase_margin : float
-        To be kept, deg.
-
-    Returns
-    -------
-    float
-        Hz.
-    """
+    """Return the highest crossover of the current loop (Hz) that sampling and delay allow at this margin (deg)."""
     return min(phase_limit(_winding(design, axis), phase_margin) for axis in ("d", "q"))
 
 
@@ -148,17 +84,7 @@ def _winding(design: Design, axis: str) -> Any:
 
 
 def tune_current(design: Design, specification: Specification | None = None) -> CurrentLoop:
-    """Return the current controllers of both axes.
-
-    Parameters
-    ----------
-    design : Design
-    specification : Specification, optional
-        `current`, `current_bandwidth` and `phase_margin` are used.
-
-    Returns
-    -------
-    CurrentLoop
+    """Return the current controllers of both axes for a specification.
 
     Raises
     ------
@@ -200,13 +126,6 @@ def _loop(gains: list[tuple[float, float]]) -> CurrentLoop:
 def check_method(loop: str, method: str, known: tuple[str, ...]) -> None:
     """Refuse a method that does not exist.
 
-    Parameters
-    ----------
-    loop : str
-        Name of the loop, for the message.
-    method : str
-    known : tuple of str
-
     Raises
     ------
     RequestError
@@ -217,23 +136,7 @@ def check_method(loop: str, method: str, known: tuple[str, ...]) -> None:
 
 
 def check_bandwidth(loop: str, bandwidth: float | None, limit: float, phase_margin: float, why: str) -> float:
-    """Return a bandwidth that the delays allow.
-
-    Parameters
-    ----------
-    loop : str
-        Name of the loop, for the message.
-    bandwidth, limit : float
-        Asked for and possible, Hz.
-    phase_margin : float
-        deg.
-    why : str
-        Where the delay comes from.
-
-    Returns
-    -------
-    float
-        The bandwidth asked for.
+    """Return a bandwidth (Hz) that the delays allow.
 
     Raises
     ------

@@ -21,8 +21,14 @@ __all__ = ["Delays", "compare_delay_models", "delays"]
 class Delays:
     """Small time constants of the cascade by origin, s.
 
-    `computation` and `holding` delay the current loop. To the speed loop the closed current loop is one lag,
-    `current_loop` (the reciprocal of its crossover); sampling and measurement of the speed add to it.
+    Attributes
+    ----------
+    computation, holding : float
+        Of the current loop.
+    current_loop : float
+        The closed current loop as one lag: the reciprocal of its crossover.
+    speed_holding, difference_quotient, speed_filter : float
+        Sampling and measurement of the speed.
     """
 
     computation: float
@@ -59,18 +65,7 @@ class Delays:
 
 
 def delays(design: Design, current: CurrentLoop) -> Delays:
-    """Return the delays of a design with a current loop.
-
-    Parameters
-    ----------
-    design : Design
-    current : CurrentLoop
-
-    Returns
-    -------
-    Delays
-        The filter counts with the delay that its discrete form has at low frequency.
-    """
+    """Return the delays of a design with a current loop; a filter counts with its discrete delay at low frequency."""
     m = Plant.of(design)
     T_s = design.drive.speed_period
     # A PI that does not cancel the pole has the velocity constant K_p / (R T_n); both agree where it does.
@@ -88,21 +83,9 @@ def delays(design: Design, current: CurrentLoop) -> Delays:
 def compare_delay_models(
     design: Design, current: CurrentLoop, orders: tuple[int, ...] = (1, 2, 3)
 ) -> dict[str, Margins]:
-    """Return the margins of the current loop with its delay sampled, continuous, left out, and by Pade.
+    """Return the margins of the current loop by the model of its delay: sampled, continuous, left out, Pade.
 
     The sampled loop is what runs, the others are what a design in s assumes; their error grows with the crossover.
-
-    Parameters
-    ----------
-    design : Design
-    current : CurrentLoop
-    orders : tuple of int
-        Orders of the Pade approximations.
-
-    Returns
-    -------
-    dict of str to Margins
-        By the name of the model.
     """
     m = Plant.of(design)
     tau = (m.delay + 0.5) * m.period

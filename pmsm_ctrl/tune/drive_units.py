@@ -22,24 +22,9 @@ NOTE = (
 
 
 def drive_units(design: Design) -> dict[str, dict[str, float]]:
-    """Return the gains of a design in the units of drives.
+    """Return the gains of a design by manufacturer, each key with the parameter's name and unit.
 
     Position gains are at the motor shaft; behind a gear the number in 1/s is the same at both ends.
-
-    Parameters
-    ----------
-    design : Design
-        With its loops set.
-
-    Returns
-    -------
-    dict of str to dict of str to float
-        By manufacturer, then by the parameter's name and unit.
-
-    Raises
-    ------
-    DesignError
-        When the design has no loops.
     """
     loops = design.require_loops()
     current, speed, position = loops.current, loops.speed, loops.position

@@ -34,16 +34,7 @@ CIRCLE = -1.0 + 0.5 * np.exp(1j * np.linspace(0.0, 2.0 * math.pi, 200))  # sensi
 
 
 def overview(tuning: Tuning) -> Figure:
-    """Draw Bode, Nyquist, Nichols, step and load step plots on one page.
-
-    Parameters
-    ----------
-    tuning : Tuning
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw Bode, Nyquist, Nichols, step and load step plots of a tuning on one page."""
     figure = _figure(12, 13)
     loops, predicted, proof = open_loops(tuning.cascade), tuning.predicted, tuning.proof
     grid = figure.add_gridspec(4, 2)
@@ -70,19 +61,7 @@ def overview(tuning: Tuning) -> Figure:
 
 
 def filtered(tuning: Tuning, words: str) -> Figure:
-    """Draw the open speed loop of a resonant axis without and with the first filter.
-
-    Parameters
-    ----------
-    tuning : Tuning
-        With a resonance and a filter for it.
-    words : str
-        Label of the filter.
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the open speed loop of a resonant axis without and with the best filter, which is labelled with `words`."""
     resonant = tuning.resonance
     assert resonant is not None
     figure = _figure(9, 6)
@@ -95,19 +74,7 @@ def filtered(tuning: Tuning, words: str) -> Figure:
 
 
 def unstable(name: str, loop: Any, found: Margins) -> Figure:
-    """Draw the Nyquist plot of an unstable loop.
-
-    Parameters
-    ----------
-    name : str
-        Of the loop.
-    loop : control.StateSpace
-    found : Margins
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the Nyquist plot of an unstable loop."""
     figure = _figure(6, 6)
     axis = figure.add_subplot()
     _nyquist(axis, {name: loop})

@@ -129,23 +129,10 @@ def _derivative(design: Design, direction: float) -> Derivative:
 
 
 def drive_system(design: Design, *, direction: float = 1.0) -> Any:
-    """Return the dq drive with its torque effects as a `control.nlsys` nonlinear system.
+    """Return the dq drive with its torque effects as a control.NonlinearIOSystem.
 
-    Parameters
-    ----------
-    design : Design
-    direction : float
-        Direction of sliding, 1 or -1; dry friction acts against it.
-
-    Returns
-    -------
-    control.NonlinearIOSystem
-        States `STATES`, inputs `INPUTS`, outputs the states and the torque in N m.
-
-    Raises
-    ------
-    DesignError
-        When the motor's electrical data are not known.
+    States `STATES`, inputs `INPUTS`, outputs the states and the torque (N m). Dry friction acts against the
+    direction of sliding, 1 or -1.
     """
     m = Plant.of(design)
     derivative = _derivative(design, direction)
@@ -179,17 +166,7 @@ def _direction(speed: float) -> float:
 
 
 def operating_point(design: Design, speed: float = 0.0, load: float = 0.0) -> OperatingPoint:
-    """Return the operating point at constant speed under a load with i_d = 0.
-
-    Parameters
-    ----------
-    design : Design
-    speed, load : float
-        rad/s and N m.
-
-    Returns
-    -------
-    OperatingPoint
+    """Return the operating point at constant speed (rad/s) under a load (N m) with i_d = 0.
 
     Raises
     ------
@@ -264,16 +241,7 @@ class SecondMass:
 
 
 def second_mass(design: Design) -> SecondMass | None:
-    """Return the second mass of a design.
-
-    Parameters
-    ----------
-    design : Design
-
-    Returns
-    -------
-    SecondMass or None
-        None for a rigid axis.
+    """Return the second mass of a design, or None for a rigid axis.
 
     Raises
     ------
@@ -293,17 +261,7 @@ def second_mass(design: Design) -> SecondMass | None:
 
 
 def rigid(design: Design) -> Design:
-    """Return a design with its load rigidly coupled.
-
-    Parameters
-    ----------
-    design : Design
-
-    Returns
-    -------
-    Design
-        Without the effects that put a second mass behind the shaft.
-    """
+    """Return a design with its load rigidly coupled."""
     for effect, _ in bound_effects(design):
         if effect.structure == "transmission":
             design = design.without_effect(effect.id)

@@ -67,12 +67,7 @@ class Margins:
         return 20.0 * math.log10(self.gain_margin) if self.gain_margin > 0.0 else -math.inf
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the margins by name, units in the name.
-
-        Returns
-        -------
-        dict of str to float or bool
-        """
+        """Return the margins by name, units in the name."""
         return {
             "stable": self.stable, "gain_margin_db": self.gain_margin_db, "gain_reduction": self.gain_reduction,
             "phase_margin_deg": self.phase_margin, "delay_margin_s": self.delay_margin,
@@ -83,19 +78,7 @@ class Margins:
 
 
 def response(system: Any, omega: Array) -> Complex:
-    """Return the frequency response of a SISO system.
-
-    Parameters
-    ----------
-    system : control.StateSpace, TransferFunction or FRD
-        An FRD returns its own points.
-    omega : array, shape (n,)
-        Angular frequencies, rad/s.
-
-    Returns
-    -------
-    array of complex, shape (n,)
-    """
+    """Return the frequency response of a SISO system at omega (rad/s), shape (n,); an FRD returns its own points."""
     if isinstance(system, ct.FrequencyResponseData):
         return np.asarray(system.complex).reshape(-1)
     period = system.dt
@@ -175,19 +158,9 @@ def _stable(loop: Any) -> bool:
 
 
 def first_crossing(omega: Array, magnitude: Array, level: float) -> float:
-    """Return the frequency at which a magnitude first falls below a level, interpolated on logarithmic axes.
+    """Return the frequency at which a magnitude first falls below a level, interpolated on logarithmic axes; or NaN.
 
     `control.bandwidth` does the same for a model, but searches beyond the Nyquist frequency and takes no FRD.
-
-    Parameters
-    ----------
-    omega, magnitude : array, shape (n,)
-    level : float
-
-    Returns
-    -------
-    float
-        In the unit of `omega`; NaN where it never falls below.
     """
     below = np.flatnonzero((magnitude[1:] < level) & (magnitude[:-1] >= level))
     if not below.size:

@@ -20,14 +20,6 @@ def h2_norm(system: Any) -> float:
 
     By `control.dlyap`. `control.system_norm` returns infinity here, because states that the noise does not reach
     (the pending voltages of the other axis) make the covariance singular.
-
-    Parameters
-    ----------
-    system : control.StateSpace
-
-    Returns
-    -------
-    float
     """
     from scipy.linalg import matrix_balance
 
@@ -71,14 +63,6 @@ def noise(cascade: Cascade) -> Noise:
 
     Quantisation is white while the angle crosses many steps per sample or crosses them irregularly; on a slow
     or stationary shaft it is not, and the ripple is a limit cycle of one step instead.
-
-    Parameters
-    ----------
-    cascade : Cascade
-
-    Returns
-    -------
-    Noise
     """
     design = cascade.design
     counts = design.sensor.encoder_counts

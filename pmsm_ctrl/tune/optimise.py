@@ -48,19 +48,8 @@ class Optimum:
 def reversal(design: Design, speed: float, duration: float = 0.6) -> Scenario:
     """Return a slow reversal through standstill and a load step at rest, where friction matters most.
 
-    A triangle for two thirds of the time, then rest, with a quarter of the drive's largest torque as load.
-
-    Parameters
-    ----------
-    design : Design
-    speed : float
-        Amplitude of the triangle, rad/s.
-    duration : float
-        s.
-
-    Returns
-    -------
-    Scenario
+    A triangle of this amplitude (rad/s) for two thirds of the duration (s), then rest, with a quarter of the drive's
+    largest torque as load.
     """
     third = duration / 3.0
     load = 0.25 * design.K_t * min(design.drive.i_max, 1e3)

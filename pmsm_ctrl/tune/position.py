@@ -49,19 +49,7 @@ class Stiffness:
 
 
 def open_loop(cascade: Cascade, K_v: float) -> Any:
-    """Return the open position loop in z: K_v times the closed speed loop to the angle.
-
-    Parameters
-    ----------
-    cascade : Cascade
-        With its speed loop set.
-    K_v : float
-        1/s.
-
-    Returns
-    -------
-    control.StateSpace
-    """
+    """Return the open position loop in z: K_v (1/s) times the closed speed loop to the angle."""
     assert cascade.speed is not None
     # The reference filter acts on the reference speed alone, not on the position controller's output.
     bare = cascade.speed.model_copy(update={"reference_filter": 0.0})
@@ -69,17 +57,7 @@ def open_loop(cascade: Cascade, K_v: float) -> Any:
 
 
 def highest_gain(cascade: Cascade) -> float:
-    """Return the largest gain whose closed loop shows no resonance (`PEAK`, `SENSITIVITY`).
-
-    Parameters
-    ----------
-    cascade : Cascade
-
-    Returns
-    -------
-    float
-        K_v, 1/s; NaN when there is none.
-    """
+    """Return the largest K_v (1/s) whose closed loop shows no resonance (`PEAK`, `SENSITIVITY`); NaN without one."""
     loop = open_loop(cascade, 1.0)
     L = response(loop, frequencies(cascade.period, 1e-5, 3000))
 
@@ -107,16 +85,7 @@ def _stable(loop: Any, K_v: float) -> bool:
 def tune_position(cascade: Cascade, gain: float | None = None) -> PositionLoop:
     """Return the position controller around a tuned speed loop, with velocity and acceleration fed forward.
 
-    Parameters
-    ----------
-    cascade : Cascade
-        With its speed loop set.
-    gain : float, optional
-        K_v, 1/s; by default the largest whose closed loop shows no resonance (1 %).
-
-    Returns
-    -------
-    PositionLoop
+    By default with the largest gain (1/s) whose closed loop shows no resonance.
 
     Raises
     ------
@@ -137,17 +106,7 @@ def tune_position(cascade: Cascade, gain: float | None = None) -> PositionLoop:
 
 
 def stiffness(cascade: Cascade) -> Stiffness:
-    """Return the stiffness of a tuned cascade.
-
-    Parameters
-    ----------
-    cascade : Cascade
-        With its speed loop set.
-
-    Returns
-    -------
-    Stiffness
-    """
+    """Return the stiffness of a cascade with its speed loop set."""
     speed, K_v, K_t = cascade.speed, cascade.position.K_v if cascade.position else 0.0, cascade.truth.K_t
     assert speed is not None
     omega = frequencies(cascade.period, 1e-6, 3000)

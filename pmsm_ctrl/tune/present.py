@@ -227,8 +227,8 @@ def _folded(result: Tuning) -> tuple[Block, ...]:
     units = tuple((maker, name, _number(v)) for maker, gains in result.gains.items() for name, v in gains.items())
     return (
         f"Linearised at {at.speed:.4g} rad/s, i_q = {at.i_q:.4g} A. Speed loop: {delays.explain_speed()}. "
-        f"Current loop: {delays.explain_current()}. Discretisation: PI by forward Euler, first-order filters exact, the "
-        "voltage held for one control period.",
+        f"Current loop: {delays.explain_current()}. Discretisation: PI by forward Euler, first-order filters exact, "
+        "the voltage held for one control period.",
         Table(("delay modelled as", *BRIEF), models, "Current loop by the model of its delay", folded=True),
         Table(head, tuple(points), "Operating points and the speed loop there", folded=True),
         Table(("drive", "parameter", "value"), units, f"The gains in the units of drives. {NOTE}", folded=True),

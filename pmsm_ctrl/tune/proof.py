@@ -64,7 +64,17 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Check:
-    """One figure, predicted and simulated. Crossover and phase margin are judged, the others are for information."""
+    """One figure, predicted and simulated.
+
+    Attributes
+    ----------
+    subject, quantity, unit : str
+        Such as "speed loop", "crossover", "Hz".
+    predicted, simulated : float
+    outcome : Outcome
+        Crossover and phase margin are judged, the others are for information.
+    explanation : Explanation or None
+    """
 
     subject: str
     quantity: str
@@ -128,10 +138,6 @@ class Proof:
         Parameters
         ----------
         outcome : Outcome
-
-        Returns
-        -------
-        tuple of Check
         """
         return tuple(check for check in self.checks if check.outcome is outcome)
 
@@ -195,36 +201,14 @@ def prove(
 
 
 def default_speed(design: Design) -> float:
-    """Return a tenth of the speed at which the EMF alone takes the whole voltage.
-
-    Parameters
-    ----------
-    design : Design
-        Its motor's electrical data are known.
-
-    Returns
-    -------
-    float
-        rad/s.
-    """
+    """Return a tenth of the speed (rad/s) at which the EMF alone takes the whole voltage."""
     assert design.motor.p is not None
     assert design.motor.psi_f is not None
     return 0.1 * design.drive.u_dc / math.sqrt(3.0) / (design.motor.p * design.motor.psi_f)
 
 
 def durations(found: Mapping[str, Margins]) -> dict[str, float]:
-    """Return how long step responses last.
-
-    Parameters
-    ----------
-    found : mapping of str to Margins
-        Of the open loops.
-
-    Returns
-    -------
-    dict of str to float
-        By step, s.
-    """
+    """Return how long step responses last (s), from the margins of the open loops."""
     outer = 5.0 / found["speed"].crossover
     out = {"current": 8.0 / found["current"].crossover, "speed": outer, "load": outer}
     return out | ({"position": 3.0 / found["position"].crossover} if "position" in found else {})

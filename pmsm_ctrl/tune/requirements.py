@@ -65,11 +65,6 @@ class Requirements:
         Parameters
         ----------
         found : Margins
-
-        Returns
-        -------
-        tuple of Missed
-            Empty when all are met.
         """
         if found.stable is False:
             return (Missed(Criterion.STABILITY),)
@@ -83,16 +78,11 @@ class Requirements:
         return tuple(out)
 
     def shortfall(self, found: Margins) -> float:
-        """Return the distance of a loop from its worst requirement, for ranking.
+        """Return the distance of a loop from its worst requirement, for ranking; positive when one is missed.
 
         Parameters
         ----------
         found : Margins
-
-        Returns
-        -------
-        float
-            As a share of the default requirement; positive when one is missed, infinite for an unstable loop.
         """
         if found.stable is False:
             return math.inf

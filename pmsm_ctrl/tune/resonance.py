@@ -63,17 +63,7 @@ class Resonance:
 
 
 def resonance_frequencies(design: Design) -> tuple[float, float] | None:
-    """Return the frequencies of a two-mass axis.
-
-    Parameters
-    ----------
-    design : Design
-
-    Returns
-    -------
-    antiresonance, resonance : float
-        Hz; None for a rigid axis.
-    """
+    """Return antiresonance and resonance of a two-mass axis in Hz, or None for a rigid axis."""
     mass = second_mass(design)
     if mass is None:
         return None
@@ -82,23 +72,7 @@ def resonance_frequencies(design: Design) -> tuple[float, float] | None:
 
 
 def resonance(cascade: Cascade, gains: SpeedLoop, requirements: Requirements, slowed: bool) -> Resonance | None:
-    """Judge the gains of the rigid axis on the resonant one, without and with filters.
-
-    Parameters
-    ----------
-    cascade : Cascade
-        Around the resonant plant.
-    gains : SpeedLoop
-        Of the rigid axis.
-    requirements : Requirements
-    slowed : bool
-        Whether the tuned gains were reduced.
-
-    Returns
-    -------
-    Resonance or None
-        None for a rigid axis.
-    """
+    """Judge the gains of the rigid axis on the resonant one, without and with filters; None for a rigid axis."""
     found = resonance_frequencies(cascade.truth)
     if found is None:
         return None
@@ -125,20 +99,9 @@ def _candidates(cascade: Cascade, peak: float) -> list[Biquad]:
 def slow_down(
     cascade: Cascade, make: Callable[[float], SpeedLoop], requirements: Requirements
 ) -> tuple[SpeedLoop, float]:
-    """Return the fastest gains of a family that meet the requirements.
+    """Return the fastest gains of a family that meet the requirements, and their factor.
 
-    Parameters
-    ----------
-    cascade : Cascade
-    make : callable
-        Returns the gains for a factor >= 1, by which the loop is slower than asked.
-    requirements : Requirements
-
-    Returns
-    -------
-    speed : SpeedLoop
-    slowed : float
-        The factor.
+    `make` returns the gains for a factor >= 1, by which the loop is slower than asked.
 
     Raises
     ------

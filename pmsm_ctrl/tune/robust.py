@@ -28,7 +28,14 @@ RATIO, STEPS = 1.1, 40  # of the search for slower gains
 
 @dataclass(frozen=True)
 class Corner:
-    """One combination of parameters, as relative deviations, and the margins there."""
+    """One combination of parameters and the margins there.
+
+    Attributes
+    ----------
+    deviations : mapping of str to float
+        Relative, by symbol.
+    current, speed : Margins
+    """
 
     deviations: Mapping[str, float]
     current: Margins
@@ -77,18 +84,7 @@ class Robustness:
 
 
 def varied(design: Design, deviations: Mapping[str, float]) -> Design:
-    """Return the plant with other parameters.
-
-    Parameters
-    ----------
-    design : Design
-    deviations : mapping of str to float
-        Relative, of `J` (all inertias), `psi_f`, `R` and `L_q` (`L_d` alike).
-
-    Returns
-    -------
-    Design
-    """
+    """Return the plant with relative deviations of `J` (all inertias), `psi_f`, `R` and `L_q` (`L_d` alike)."""
     factor = {symbol: 1.0 + value for symbol, value in deviations.items()}
     motor: dict[str, float] = {symbol: getattr(design.motor, symbol) * factor[symbol] for symbol in factor}
     if "L_q" in factor and design.motor.L_d is not None:
@@ -102,17 +98,7 @@ def varied(design: Design, deviations: Mapping[str, float]) -> Design:
 
 
 def corners(design: Design) -> list[dict[str, float]]:
-    """Return the corners of the motor's tolerances.
-
-    Parameters
-    ----------
-    design : Design
-
-    Returns
-    -------
-    list of dict of str to float
-        Relative deviations by symbol.
-    """
+    """Return the relative deviations at every corner of the motor's tolerances."""
     spans = {symbol: design.motor.tolerance.get(symbol, 0.0) for symbol in VARIED}
     spans = {symbol: tolerance for symbol, tolerance in spans.items() if tolerance > 0.0}
     signs = itertools.product((-1.0, 1.0), repeat=len(spans))
@@ -151,23 +137,9 @@ class _Judge:
 def robustness(
     design: Design, *, requirements: Requirements | None = None, at: float = 1e-3, inside: int = INSIDE, seed: int = 0
 ) -> Robustness:
-    """Judge the gains of a design over the tolerances of the motor's parameters.
+    """Judge the gains of a design over the tolerances of the motor's parameters, linearised at a speed (rad/s).
 
-    Parameters
-    ----------
-    design : Design
-        Its loops and ``motor.tolerance`` are used.
-    requirements : Requirements, optional
-    at : float
-        Speed at which the plant is linearised, rad/s.
-    inside : int
-        Random points inside the tolerances, judged as well.
-    seed : int
-        Of the random points.
-
-    Returns
-    -------
-    Robustness
+    `inside` random points inside the tolerances are judged as well, as a check that the worst point is a corner.
     """
     loops = design.require_loops()
     judge = _Judge(design, loops.current, loops.speed, requirements or Requirements(), at)

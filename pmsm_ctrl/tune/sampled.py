@@ -34,58 +34,21 @@ OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load")
 
 
 def pi(K_p: float, T_n: float, period: float) -> Any:
-    """Return K_p (1 + (T/T_n) / (z - 1)), the PI as it runs: forward Euler, integrator added before its update.
-
-    Parameters
-    ----------
-    K_p : float
-    T_n, period : float
-        s.
-
-    Returns
-    -------
-    control.TransferFunction
-    """
+    """Return K_p (1 + (T/T_n) / (z - 1)), the PI as it runs: forward Euler, integrator added before its update."""
     return ct.tf([K_p, K_p * (period / T_n - 1.0)], [1.0, -1.0], period)
 
 
 def frequencies(period: float, low: float = 1e-4, points: int = 2000) -> Array:
-    """Return angular frequencies up to just below the Nyquist frequency, evenly spaced on a logarithmic axis.
-
-    Parameters
-    ----------
-    period : float
-        Sampling period, s.
-    low : float
-        First frequency as a share of the Nyquist frequency.
-    points : int
-
-    Returns
-    -------
-    array, shape (points,)
-        rad/s.
-    """
+    """Return angular frequencies (rad/s) from a share of the Nyquist frequency to just below it."""
     nyquist = math.pi / period
     return np.geomspace(low * nyquist, 0.9995 * nyquist, points)
 
 
 def current_loop(design: Design, loop: CurrentLoop, axis: str = "q", truth: Design | None = None) -> Any:
-    """Return the open current loop of one axis in z.
+    """Return the open current loop of one axis in z (control.StateSpace).
 
     R-L plant under the held voltage (exact), the computation delay in whole periods, and the discrete PI.
-    Decoupling is taken as ideal.
-
-    Parameters
-    ----------
-    design : Design
-    loop : CurrentLoop
-    axis : {"q", "d"}
-    truth : Design, optional
-        The plant where it differs from the design.
-
-    Returns
-    -------
-    control.StateSpace, shape 1 x 1
+    Decoupling is taken as ideal; `truth` is the plant where it differs from the design.
     """
     m = Plant.of(truth or design)
     L = m.L_q if axis == "q" else m.L_d
@@ -118,17 +81,7 @@ class Biquad:
         return ct.tf([1.0, 2.0 * self.damping_numerator * w, w * w], denominator)
 
     def sampled(self, period: float) -> Any:
-        """Return the filter in z.
-
-        Parameters
-        ----------
-        period : float
-            s.
-
-        Returns
-        -------
-        control.TransferFunction
-        """
+        """Return the filter in z."""
         w = 2.0 * math.pi * self.frequency
         return ct.c2d(self.continuous(), period, "bilinear", prewarp_frequency=w)
 
@@ -169,40 +122,13 @@ class Cascade:
         truth: Design | None = None,
         at: float = 0.0,
     ) -> Cascade:
-        """Linearise the plant at a speed and build the cascade around it.
-
-        Parameters
-        ----------
-        design : Design
-        current : CurrentLoop
-        speed : SpeedLoop, optional
-        position : PositionLoop, optional
-            Ignored when its gain is 0.
-        truth : Design, optional
-            The plant, `design` if left out.
-        at : float
-            rad/s.
-
-        Returns
-        -------
-        Cascade
-        """
+        """Linearise the plant (`truth`, or `design`) at a speed (rad/s) and build the cascade around it."""
         plant = truth or design
         controlled = position if position is not None and position.K_v > 0.0 else None
         return cls(design, plant, linearise(plant, at), current, speed, controlled)
 
     def with_gains(self, **changed: Any) -> Cascade:
-        """Return a copy with other gains.
-
-        Parameters
-        ----------
-        **changed : CurrentLoop, SpeedLoop, PositionLoop or None
-            By `current`, `speed` and `position`.
-
-        Returns
-        -------
-        Cascade
-        """
+        """Return a copy with other controllers: `current`, `speed` or `position`."""
         return replace(self, **changed)
 
     @property
@@ -211,19 +137,10 @@ class Cascade:
         return self.design.drive.speed_period
 
     def system(self, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Any:
-        """Return the cascade from some of `INPUTS` to some of `OUTPUTS`.
+        """Return the cascade from some of `INPUTS` to some of `OUTPUTS` as a control.StateSpace at `period`.
 
         Outputs are those at the tick, before the period that the map covers. The absolute angle is a state only
         where it is fed back or asked for; otherwise it would be an unobservable integrator.
-
-        Parameters
-        ----------
-        inputs, outputs : tuple of str
-
-        Returns
-        -------
-        control.StateSpace
-            Sampled at `period`.
         """
         angle = self.position is not None or "theta" in outputs
         n, m = self._size(), len(INPUTS)
@@ -253,18 +170,7 @@ class Cascade:
         return np.asarray(zoh.A), np.asarray(zoh.B)
 
     def current_step(self, duration: float) -> Array:
-        """Return i_q after a unit step of `i_q_ref`, the shaft free and the EMF fed forward.
-
-        Parameters
-        ----------
-        duration : float
-            s.
-
-        Returns
-        -------
-        array, shape (n,)
-            One value a control period.
-        """
+        """Return i_q at the control periods after a unit step of `i_q_ref`, the shaft free, the EMF fed forward."""
         bare = replace(self, speed=None, position=None)
         state = np.zeros((bare._size(), 1))
         trace: list[Array] = []
@@ -275,20 +181,11 @@ class Cascade:
         return np.concatenate(trace)
 
     def current_response(self, omega: Array) -> Any:
-        """Return the open current loop with the shaft free, as a measurement determines it: current over error.
+        """Return the open current loop (control.FRD) with the shaft free, as it is measured: current over error.
 
         The reference is held for a speed period, the current is sampled in every control period; both are compared
-        at the same frequency, also beyond the Nyquist frequency of the speed loop.
-
-        Parameters
-        ----------
-        omega : array, shape (n,)
-            rad/s.
-
-        Returns
-        -------
-        control.FRD
-            At those frequencies that the held reference contains with a share above `FAINT`.
+        at the same frequency, also beyond the Nyquist frequency of the speed loop. Frequencies (rad/s) that the held
+        reference hardly contains are left out, as they are from a measurement.
         """
         bare = replace(self, speed=None, position=None)
         n = bare._size()
@@ -369,15 +266,5 @@ class Cascade:
 
 
 def speed_plant(cascade: Cascade) -> Any:
-    """Return the plant of the speed controller: from `i_q_ref` to the measured speed.
-
-    Parameters
-    ----------
-    cascade : Cascade
-
-    Returns
-    -------
-    control.StateSpace
-        Sampled at the speed period.
-    """
+    """Return the plant of the speed controller, from `i_q_ref` to the measured speed, at the speed period."""
     return cascade.with_gains(speed=None, position=None).system(("i_q_ref",), ("omega_hat",))

@@ -29,78 +29,27 @@ LEAST_LAG = math.radians(6.0)  # T_n of about 9.5 / omega_c: slower integrators 
 
 
 def symmetrical_optimum(K_t: float, J: float, T_sigma: float, a: float = 2.0) -> tuple[float, float]:
-    """Return the PI of the symmetrical optimum: K_p = J / (a K_t T_sigma), T_n = a^2 T_sigma.
-
-    Parameters
-    ----------
-    K_t, J : float
-        N m/A and kg m^2.
-    T_sigma : float
-        Sum of the small time constants, s.
-    a : float
-
-    Returns
-    -------
-    K_p, T_n : float
-        A/(rad/s) and s.
-    """
+    """Return K_p = J / (a K_t T_sigma) in A/(rad/s) and T_n = a^2 T_sigma in s."""
     return J / (a * K_t * T_sigma), a * a * T_sigma
 
 
 def pole_placement(K_t: float, J: float, slope: float, omega_0: float, damping: float) -> tuple[float, float]:
-    """Return the PI that places the poles of J s^2 + (slope + K_t K_p) s + K_t K_p/T_n.
+    """Return K_p in A/(rad/s) and T_n in s that place the poles of J s^2 + (slope + K_t K_p) s + K_t K_p/T_n.
 
-    Small time constants are neglected, so it holds only while omega_0 T_sigma is well below one.
-
-    Parameters
-    ----------
-    K_t, J : float
-        N m/A and kg m^2.
-    slope : float
-        Derivative of the friction torque with respect to speed, N m s/rad.
-    omega_0, damping : float
-        Natural frequency, rad/s, and damping of the pole pair.
-
-    Returns
-    -------
-    K_p, T_n : float
-        A/(rad/s) and s.
+    `slope` is the friction slope in N m s/rad, `omega_0` in rad/s. Small time constants are neglected, so it holds only
+    while omega_0 T_sigma is well below one.
     """
     K_p = (2.0 * damping * omega_0 * J - slope) / K_t
     return K_p, K_p * K_t / (J * omega_0 * omega_0)
 
 
 def highest_bandwidth(cascade: Cascade, phase_margin: float = 45.0) -> float:
-    """Return the highest crossover of the speed loop that its delays allow.
-
-    Parameters
-    ----------
-    cascade : Cascade
-    phase_margin : float
-        To be kept, deg.
-
-    Returns
-    -------
-    float
-        Hz.
-    """
+    """Return the highest crossover of the speed loop (Hz) that its delays allow at this phase margin (deg)."""
     return phase_limit(speed_plant(cascade), phase_margin, LEAST_LAG)
 
 
 def tune_speed(cascade: Cascade, specification: Specification | None = None) -> SpeedLoop:
-    """Return the speed controller around a current loop.
-
-    Parameters
-    ----------
-    cascade : Cascade
-        Linear plant with its current controllers.
-    specification : Specification, optional
-        `speed`, `speed_bandwidth`, `phase_margin`, `damping` and `a` are used. With the symmetrical optimum a
-        bandwidth replaces `a`.
-
-    Returns
-    -------
-    SpeedLoop
+    """Return the speed controller around the current loop of a cascade, for a specification.
 
     Raises
     ------
@@ -120,20 +69,7 @@ def tune_speed(cascade: Cascade, specification: Specification | None = None) -> 
 
 
 def slowed(wanted: Specification, factor: float, budget: Delays) -> Specification:
-    """Return the specification of a slower speed loop by the same method.
-
-    Parameters
-    ----------
-    wanted : Specification
-    factor : float
-        At least 1; by which the crossover is divided.
-    budget : Delays
-        Of the cascade.
-
-    Returns
-    -------
-    Specification
-    """
+    """Return the specification of a speed loop that is slower by a factor >= 1, by the same method."""
     if factor == 1.0:
         return wanted
     if wanted.speed == "symmetrical_optimum" and wanted.speed_bandwidth is None:
@@ -199,18 +135,7 @@ def _by_poles(cascade: Cascade, budget: Delays, wanted: Specification, limit: fl
 
 
 def open_loop(cascade: Cascade, speed: SpeedLoop, filters: tuple[Any, ...] = ()) -> Any:
-    """Return the open speed loop in z: the PI, the filters behind it, and the plant with its speed measurement.
-
-    Parameters
-    ----------
-    cascade : Cascade
-    speed : SpeedLoop
-    filters : tuple of Biquad
-
-    Returns
-    -------
-    control.StateSpace
-    """
+    """Return the open speed loop in z: the PI, the filters behind it, and the plant with its speed measurement."""
     loop = speed_plant(cascade) * ct.ss(pi(speed.K_p, speed.T_n, cascade.period))
     for item in filters:
         loop = loop * ct.ss(item.sampled(cascade.period))

@@ -39,18 +39,7 @@ class Step:
 
     @classmethod
     def of(cls, t: Array, y: Array) -> Step:
-        """Evaluate the response to a reference with `control.step_info`.
-
-        Parameters
-        ----------
-        t : array, shape (n,)
-            s.
-        y : array, shape (n,)
-
-        Returns
-        -------
-        Step
-        """
+        """Evaluate the response `y` to a unit step of a reference at `t` (s) with `control.step_info`."""
         if np.abs(y).max() < 0.95:  # control.step_info needs a response that has risen
             return cls(t, y, 0.0, math.nan)
         info = ct.step_info(y, T=t, yfinal=1.0, SettlingTimeThreshold=0.02)
@@ -59,60 +48,24 @@ class Step:
 
     @classmethod
     def of_load(cls, t: Array, y: Array) -> Step:
-        """Evaluate the speed after a load step.
-
-        Parameters
-        ----------
-        t : array, shape (n,)
-            s.
-        y : array, shape (n,)
-            rad/s per N m.
-
-        Returns
-        -------
-        Step
-        """
+        """Evaluate the speed `y` (rad/s per N m) at `t` (s) after a load step."""
         outside = np.flatnonzero(np.abs(y) > 0.05 * np.abs(y).max())
         settling = float(t[outside[-1] + 1]) if outside[-1] + 1 < len(t) else math.nan
         return cls(t, y, float(np.abs(y).max()), settling)
 
 
 def linear_step(cascade: Cascade, source: str, output: str, duration: float) -> tuple[Array, Array]:
-    """Return the response of the cascade to a unit step of one of its inputs.
-
-    Parameters
-    ----------
-    cascade : Cascade
-    source, output : str
-        Of `sampled.INPUTS` and `sampled.OUTPUTS`.
-    duration : float
-        s.
-
-    Returns
-    -------
-    t, y : array, shape (n,)
-        s, and the unit of the output.
-    """
+    """Return time (s) and response of the cascade to a unit step of one of its inputs."""
     t: Array = cascade.period * np.arange(math.ceil(duration / cascade.period) + 1, dtype=np.float64)
     out = ct.forced_response(cascade.system((source,), (output,)), T=t, inputs=np.ones_like(t))
     return t, np.asarray(out.outputs, dtype=np.float64).reshape(-1)
 
 
 def linear_steps(cascade: Cascade, durations: dict[str, float]) -> dict[str, Step]:
-    """Return the predicted step responses.
+    """Return the predicted responses to the steps named in `durations` (s): current, speed, load, position.
 
     The current step includes the accelerating shaft and the late feedforward of its EMF, the speed step the
     reference filter; the position step has no feedforward.
-
-    Parameters
-    ----------
-    cascade : Cascade
-    durations : dict of str to float
-        By "current", "speed", "load" and "position", s; what is not named is left out.
-
-    Returns
-    -------
-    dict of str to Step
     """
     inner, found = cascade.with_gains(position=None), {}
     for name, duration in durations.items():
@@ -129,21 +82,10 @@ def linear_steps(cascade: Cascade, durations: dict[str, float]) -> dict[str, Ste
 
 
 def current_headroom(design: Design, i_0: float) -> float:
-    """Return the current available for tests around a bias: half of the limit, and no more than the voltage can step.
+    """Return the current (A) available for tests around a bias i_0 (A).
 
-    A step of the reference asks for K_p times it at once; beyond the voltage limit the loop is not linear.
-
-    Parameters
-    ----------
-    design : Design
-        With its loops set.
-    i_0 : float
-        Bias, A.
-
-    Returns
-    -------
-    float
-        A.
+    Half of the limit, and no more than the voltage can step: a step of the reference asks for K_p times it at once, and
+    beyond the voltage limit the loop is not linear.
     """
     by_voltage = 0.25 * design.drive.u_dc / math.sqrt(3.0) / design.require_loops().current.K_p
     by_current = 0.5 * (design.drive.i_max - abs(i_0)) if math.isfinite(design.drive.i_max) else math.inf

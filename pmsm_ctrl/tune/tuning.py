@@ -135,17 +135,7 @@ def assess(
 
 
 def open_loops(cascade: Cascade) -> dict[str, Any]:
-    """Return the discrete open loops of a cascade.
-
-    Parameters
-    ----------
-    cascade : Cascade
-        With its speed loop set.
-
-    Returns
-    -------
-    dict of str to control.StateSpace
-    """
+    """Return the discrete open loops of a cascade with its speed loop set."""
     assert cascade.speed is not None
     loops = {
         "current": current_loop(cascade.design, cascade.current, truth=cascade.truth),
