@@ -21,6 +21,10 @@ def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:
         The model that was to be built.
     source : str
         File the values come from; empty when they come from none.
+
+    Returns
+    -------
+    str
     """
     complaints = error.errors()
     # A mistyped name comes first: it explains the name that is missing.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import signal
@@ -55,6 +56,8 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     # So that `kill` unwinds the stack and no half-written temporary file stays behind.
     with contextlib.suppress(ValueError):  # only the main thread may set a handler
         signal.signal(signal.SIGTERM, _terminate)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a pipe without UTF-8 must not end the program at a Greek letter
+        sys.stdout.reconfigure(errors="replace")
     try:
         verb_words = [word for word in words if word != "--debug"] or ["--help"]
         outcome = command(args=verb_words, prog_name="pmsm-ctrl", standalone_mode=False)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.section import Notice, Template
 from pmsm_ctrl.units import DATASHEET, KRPM, RPM
 
 __all__ = [
@@ -28,7 +29,15 @@ _WORDS = {"rms": "rms", "eff": "rms", "peak": "peak", "pk": "peak", "line": "lin
 
 @dataclass(frozen=True)
 class Answer:
-    """One number of the sheet under the name a design knows it by."""
+    """One number of the sheet under the name a design knows it by.
+
+    Attributes
+    ----------
+    field : str
+    value : float
+    unit : str
+        As accepted by the question; empty for a plain number.
+    """
 
     field: str
     value: float
@@ -137,6 +146,14 @@ MACHINES: dict[str, tuple[Question, ...]] = {"motor": QUESTIONS, "plain": _PLAIN
 def questions_of(machine: str) -> tuple[Question, ...]:
     """Return what is asked of a kind of machine.
 
+    Parameters
+    ----------
+    machine : {"motor", "plain", "linear"}
+
+    Returns
+    -------
+    tuple of Question
+
     Raises
     ------
     RequestError
@@ -152,6 +169,15 @@ def questions_of(machine: str) -> tuple[Question, ...]:
 
 def read_answer(question: Question, text: str) -> Answer:
     """Turn ``0.84 N m/A rms`` into the field and the number of a design.
+
+    Parameters
+    ----------
+    question : Question
+    text : str
+
+    Returns
+    -------
+    Answer
 
     Raises
     ------
@@ -211,6 +237,10 @@ def answers_from(
         Asks a person for what was not given, and returns the text, "" for the default.
     machine : {"motor", "plain", "linear"}
 
+    Returns
+    -------
+    dict of key to Answer
+
     Raises
     ------
     RequestError
@@ -242,6 +272,16 @@ def answers_from(
 
 def design_toml(name: str, answers: Mapping[str, Answer], machine: str = "motor") -> str:
     """Return the design as commented TOML.
+
+    Parameters
+    ----------
+    name : str
+    answers : mapping of key to Answer
+    machine : {"motor", "plain", "linear"}
+
+    Returns
+    -------
+    str
 
     Raises
     ------
@@ -322,7 +362,11 @@ def _line(field: str, value: float | int, comment: str) -> str:
     return f"{f'{field} = {shown}':<30}# {comment}"
 
 
-# Outside these a number was probably misread: a unit, a convention, a decimal point.
+UNLIKELY = Template("unlikely_value", "{name} of {value} is unlikely for a servo motor: check the units")
+EMF_MISMATCH = Template(
+    "emf_mismatch", "the EMF constant gives {ratio:.3g} times the flux of the torque constant{cause}"
+)
+# Outside these ranges a number was probably misread: a unit, a convention, a decimal point.
 LIKELY = {
     "electrical time constant L/R": (0.05e-3, 0.2),
     "no-load speed": (50 * RPM, 2e5 * RPM),
@@ -331,10 +375,23 @@ LIKELY = {
 }
 
 
-def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[str], list[str]]:
-    """Return what follows from the sheet, for a look at it, and what cannot be right.
+def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[str], list[Notice]]:
+    """Return what follows from the sheet, to be checked, and what is unlikely.
 
     The no-load speed is where the EMF ``p psi_f omega`` meets the largest phase voltage, ``u_dc / sqrt(3)``.
+
+    Parameters
+    ----------
+    design : Design
+    answers : mapping of key to Answer
+        What the design was made from.
+
+    Returns
+    -------
+    facts : list of str
+        Torque constant, time constant, no-load speed, acceleration.
+    notices : list of Notice
+        Empty when nothing is unlikely.
     """
     motor, linear = design.motor, design.motion == "linear"
     figures: dict[str, tuple[float, str]] = {}
@@ -353,7 +410,7 @@ def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[st
         lines = [f"K_t = {design.K_t:.4g} {unit}"]
     lines += [f"{name}: {shown}" for name, (_, shown) in figures.items()]
     doubts = [
-        f"{name} of {shown} is unlikely for a servo motor; look at the units again"
+        UNLIKELY(name=name, value=shown)
         for name, (value, shown) in figures.items()
         if not LIKELY[name][0] <= value <= LIKELY[name][1]
     ]
@@ -362,19 +419,19 @@ def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[st
     return lines, doubts
 
 
-def _emf_check(p: int, psi_f: float, emf: Answer) -> list[str]:
+def _emf_check(p: int, psi_f: float, emf: Answer) -> list[Notice]:
     """Both constants of a sheet state the same flux: a ratio between them is a convention that was misread."""
     ratio = DATASHEET[emf.field].to_si(emf.value, p) / psi_f
     if abs(ratio - 1.0) <= 0.08:
         return []
     reasons = {
-        math.sqrt(2.0): "rms taken for peak in one of them",
-        math.sqrt(3.0): "line-to-line taken for phase in one of them",
-        math.sqrt(6.0): "rms taken for peak, and line-to-line for phase",
-        math.sqrt(1.5): "rms taken for peak in one and line-to-line for phase in the other",
+        math.sqrt(2.0): "rms read as peak in one of them",
+        math.sqrt(3.0): "line-to-line read as phase in one of them",
+        math.sqrt(6.0): "rms read as peak, and line-to-line as phase",
+        math.sqrt(1.5): "rms read as peak in one and line-to-line as phase in the other",
         1.5: "the drive's torque constant is for another current scaling",
-        2.0: "poles taken for pole pairs, or the like",
+        2.0: "poles read as pole pairs",
     }
     why = [text for factor, text in reasons.items() if abs(max(ratio, 1 / ratio) / factor - 1.0) < 0.04]
     cause = f": {why[0]}" if why else ""
-    return [f"the EMF constant means {ratio:.3g} times the flux of the torque constant{cause}"]
+    return [EMF_MISMATCH(ratio=ratio, cause=cause)]

@@ -25,6 +25,16 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     A link is followed, a file's permissions are kept, and a device or pipe is written to, not replaced.
 
+    Parameters
+    ----------
+    path : path
+        What is to be written.
+
+    Yields
+    ------
+    Path
+        Where to write it.
+
     Raises
     ------
     RequestError
@@ -57,6 +67,10 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 def require_writable(path: str | os.PathLike[str]) -> None:
     """Refuse a place that cannot be written, before the work whose result should go there.
+
+    Parameters
+    ----------
+    path : path
 
     Raises
     ------
@@ -96,14 +110,34 @@ def _sweep(folder: Path, prefix: str, suffix: str) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
-    """Write `text` to `path` as UTF-8, atomically, and return the path."""
+    """Write `text` to `path` as UTF-8, atomically, and return the path.
+
+    Parameters
+    ----------
+    path : path
+    text : str
+
+    Returns
+    -------
+    Path
+        The same path.
+    """
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return Path(path)
 
 
 def sha256(path: str | os.PathLike[str]) -> str:
-    """Return the SHA-256 of a file's bytes as hexadecimal text."""
+    """Return the SHA-256 of a file's bytes as hexadecimal text.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    str
+    """
     digest = hashlib.sha256()
     with open(path, "rb") as stream:
         while block := stream.read(1 << 20):

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,7 +20,7 @@ __all__ = ["init"]
 Text = str | None
 
 
-def _option(example: str) -> Text:
+def _option(example: str) -> Any:
     return typer.Option(metavar="VALUE", help=f"such as {example}", show_default=False)
 
 
@@ -89,10 +89,11 @@ def _write(
     facts, doubts = plausibility(design, answers)
     write_text(target, text)
     for doubt in doubts:
-        print(f"pmsm-ctrl: {target}: {doubt}", file=sys.stderr)
+        print(f"pmsm-ctrl: {target}: warning: {doubt.text} [{doubt.code}]", file=sys.stderr)
     print("\n".join(facts))
     if json_file is not None:
-        write_json(json_file, "init", {"design": design.to_dict(), "path": str(target), "warnings": doubts})
+        said = {"warnings": [d.text for d in doubts], "warning_codes": [d.code for d in doubts]}
+        write_json(json_file, "init", {"design": design.to_dict(), "path": str(target), **said})
     print(f"design: {target}")
     _print_next(target, simulated=design.motor.electrical)
 

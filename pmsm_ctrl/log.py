@@ -51,7 +51,14 @@ CHANNELS: dict[str, tuple[str, str, str]] = {
 
 @dataclass(frozen=True)
 class Segment:
-    """A named stretch of a log, samples ``start <= k < stop``."""
+    """A named stretch of a log, samples ``start <= k < stop``.
+
+    Attributes
+    ----------
+    name : str
+    start, stop : int
+        Samples.
+    """
 
     name: str
     start: int
@@ -162,11 +169,26 @@ class Log:
         return float(self.t[-1] - self.t[0])
 
     def unit(self, name: str) -> str:
-        """SI unit of a channel on this kind of axis."""
+        """SI unit of a channel on this kind of axis.
+
+        Parameters
+        ----------
+        name : str
+            A channel of `CHANNELS`.
+
+        Returns
+        -------
+        str
+        """
         return CHANNELS[name][1 if self.motion == "linear" else 0]
 
     def check_evaluable(self, samples: int = 3) -> None:
         """Refuse a log whose numbers no axis can have, before an evaluation drowns in them.
+
+        Parameters
+        ----------
+        samples : int
+            The fewest that are accepted.
 
         Raises
         ------
@@ -192,12 +214,31 @@ class Log:
     # -- changed copies --------------------------------------------------------------------------------------
 
     def with_channels(self, **channels: ArrayLike) -> Log:
-        """Return a copy with channels added or replaced."""
+        """Return a copy with channels added or replaced.
+
+        Parameters
+        ----------
+        **channels : array, shape (n,)
+            SI.
+
+        Returns
+        -------
+        Log
+        """
         added = {name: np.asarray(values, dtype=np.float64) for name, values in channels.items()}
         return replace(self, channels={**self.channels, **added})
 
     def between(self, start: float, stop: float) -> Log:
         """Return the samples with ``start <= t < stop`` (s).
+
+        Parameters
+        ----------
+        start, stop : float
+            s.
+
+        Returns
+        -------
+        Log
 
         Raises
         ------
@@ -210,7 +251,16 @@ class Log:
         return self.slice(int(first), int(last))
 
     def slice(self, start: int, stop: int) -> Log:
-        """Return samples ``start <= k < stop`` with the segments that fall inside."""
+        """Return samples ``start <= k < stop`` with the segments that fall inside.
+
+        Parameters
+        ----------
+        start, stop : int
+
+        Returns
+        -------
+        Log
+        """
         kept = tuple(
             Segment(s.name, max(s.start, start) - start, min(s.stop, stop) - start)
             for s in self.segments
@@ -221,7 +271,17 @@ class Log:
     # -- file ------------------------------------------------------------------------------------------------
 
     def write_csv(self, path: str | os.PathLike[str]) -> Path:
-        """Write the canonical CSV: one header row ``name [unit]``, then numbers that read back bit for bit."""
+        """Write the canonical CSV: one header row ``name [unit]``, then numbers that read back bit for bit.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Path
+            The same path.
+        """
         names = list(self.channels)
         header = ",".join(f"{name} [{self.unit(name)}]" for name in names)
         columns = [self.channels[name] for name in names]

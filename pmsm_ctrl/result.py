@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -21,7 +21,16 @@ __all__ = ["Estimate", "Result", "Section", "jsonable"]
 
 @dataclass(frozen=True)
 class Estimate:
-    """One identified number with its unit and standard error."""
+    """One identified number with its unit and standard error.
+
+    Attributes
+    ----------
+    value, stderr : float
+        In `unit`; NaN where a standard error is not known.
+    unit : str
+    nominal : float or None
+        What the design says.
+    """
 
     value: float
     unit: str
@@ -29,7 +38,17 @@ class Estimate:
     nominal: float | None = None
 
     def interval(self, coverage: float = 0.95) -> tuple[float, float]:
-        """Return the two-sided normal interval of this coverage."""
+        """Return the two-sided normal interval of this coverage.
+
+        Parameters
+        ----------
+        coverage : float
+            0 to 1.
+
+        Returns
+        -------
+        (float, float)
+        """
         from statistics import NormalDist
 
         half = NormalDist().inv_cdf(0.5 + coverage / 2.0) * self.stderr
@@ -125,8 +144,22 @@ def _pictures(blocks: Iterable[Block]) -> Iterator[Picture]:
             yield from _pictures(block.blocks)
 
 
-def jsonable(value: Any) -> Any:
-    """Turn numpy values, estimates, tuples and NaN into what JSON can hold (NaN and infinity become None)."""
+@overload
+def jsonable(value: Mapping[str, Any]) -> dict[str, Any]: ...
+@overload
+def jsonable(value: object) -> Any: ...
+def jsonable(value: object) -> Any:
+    """Turn numpy values, estimates, tuples and NaN into what JSON can hold.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    object
+        Plain values; NaN and infinity become None.
+    """
     if isinstance(value, Estimate):
         nominal = {} if value.nominal is None else {"nominal": jsonable(value.nominal)}
         return {

@@ -8,16 +8,46 @@ __all__ = ["filter_delay", "smoothing", "speed_lag"]
 
 
 def smoothing(period: float, time_constant: float) -> float:
-    """Gain a of the exact first-order filter x += a (u - x) per period; 1 where there is no filter."""
+    """Gain a of the exact first-order filter x += a (u - x) per period; 1 where there is no filter.
+
+    Parameters
+    ----------
+    period, time_constant : float
+        s.
+
+    Returns
+    -------
+    float
+    """
     return 1.0 if time_constant == 0.0 else -math.expm1(-period / time_constant)
 
 
 def filter_delay(period: float, time_constant: float) -> float:
-    """Delay of that filter at low frequency, s: T (1 - a) / a, somewhat less than its time constant."""
+    """Delay of that filter at low frequency, s: T (1 - a) / a, somewhat less than its time constant.
+
+    Parameters
+    ----------
+    period, time_constant : float
+        s.
+
+    Returns
+    -------
+    float
+    """
     a = smoothing(period, time_constant)
     return period * (1.0 - a) / a
 
 
 def speed_lag(period: float, time_constant: float) -> float:
-    """Lag of a measured speed, s: half a period of the difference quotient, and the filter behind it."""
+    """Lag of a measured speed, s: half a period of the difference quotient, and the filter behind it.
+
+    Parameters
+    ----------
+    period, time_constant : float
+        s.
+
+    Returns
+    -------
+    float
+    """
     return 0.5 * period + filter_delay(period, time_constant)

@@ -55,7 +55,14 @@ class Notice:
 
 @dataclass(frozen=True)
 class Template:
-    """The words of one kind of notice: a room keeps all of its own in one file."""
+    """The words of one kind of notice: a room keeps all of its own in one file.
+
+    Attributes
+    ----------
+    code : str
+    words : str
+        A format string; its fields are the facts.
+    """
 
     code: str
     words: str
@@ -67,7 +74,16 @@ class Template:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under a header, all cells text; `folded` ones are shown on demand in HTML and left out of the text."""
+    """Rows under a header, all cells text; `folded` ones are shown on demand in HTML and left out of the text.
+
+    Attributes
+    ----------
+    header : tuple of str
+    rows : tuple of tuple of str
+        As long as the header, or shorter.
+    caption : str
+    folded : bool
+    """
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -77,7 +93,14 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that is drawn when a page needs it, with the sentence that says what to see."""
+    """A figure that is drawn when a page needs it, with the sentence that says what to see.
+
+    Attributes
+    ----------
+    draw : function without arguments
+        Returns a matplotlib figure.
+    caption : str
+    """
 
     draw: Callable[[], Figure]
     caption: str
@@ -85,7 +108,15 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and its blocks in reading order; trust comes before numbers."""
+    """A heading and its blocks in reading order; trust comes before numbers.
+
+    Attributes
+    ----------
+    title : str
+    blocks : tuple of str, Notice, Table, Picture and Section
+    folded : bool
+        Left out of the text, shown on demand in HTML.
+    """
 
     title: str
     blocks: tuple[Block, ...] = ()
@@ -97,5 +128,19 @@ Block: TypeAlias = str | Notice | Table | Picture | Section
 
 @singledispatch
 def present(result: Any) -> Section:
-    """Return what a result has to say. Rooms register their results in their ``present.py``."""
+    """Return what a result has to say. Rooms register their results in their ``present.py``.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    Section
+
+    Raises
+    ------
+    TypeError
+        When no room has registered this type.
+    """
     raise TypeError(f"{type(result).__name__} has no presentation; its room registers one with `present`")

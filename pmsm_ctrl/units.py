@@ -41,30 +41,85 @@ _ALONG_A_LINE = ((r"\(N m\)\^2", "N^2"), (r"N m", "N"), (r"kg m\^2", "kg"), (r"\
 
 
 def axis_unit(text: str, motion: str) -> str:
-    """Return a rotary unit, or a text that holds some, as it reads on this kind of axis: N m s/rad becomes N s/m."""
+    """Return a rotary unit, or a text that holds some, as it reads on this kind of axis: N m s/rad becomes N s/m.
+
+    Parameters
+    ----------
+    text : str
+    motion : {"rotary", "linear"}
+
+    Returns
+    -------
+    str
+    """
     for turning, moving in _ALONG_A_LINE if motion == "linear" else ():
         text = re.sub(turning, moving, text)
     return text
 
 
 def drives(motion: str) -> str:
-    """Return the word for what drives this kind of axis."""
+    """Return the word for what drives this kind of axis.
+
+    Parameters
+    ----------
+    motion : {"rotary", "linear"}
+
+    Returns
+    -------
+    str
+        "torque" or "force".
+    """
     return "force" if motion == "linear" else "torque"
 
 
 def torque_constant(p: int, psi_f: float) -> float:
-    """Torque constant K_t = 3/2 p psi_f in N m per ampere peak (amplitude-invariant dq scaling)."""
+    """Torque constant K_t = 3/2 p psi_f in N m per ampere peak (amplitude-invariant dq scaling).
+
+    Parameters
+    ----------
+    p : int
+        Pole pairs.
+    psi_f : float
+        Permanent-magnet flux linkage, Wb.
+
+    Returns
+    -------
+    float
+    """
     return 1.5 * p * psi_f
 
 
 def psi_f_from(K_t: float, p: int) -> float:
-    """Permanent-magnet flux linkage in Wb from the torque constant in N m per ampere peak."""
+    """Permanent-magnet flux linkage in Wb from the torque constant in N m per ampere peak.
+
+    Parameters
+    ----------
+    K_t : float
+        N m/A peak.
+    p : int
+        Pole pairs.
+
+    Returns
+    -------
+    float
+    """
     return K_t / (1.5 * p)
 
 
 @dataclass(frozen=True)
 class DatasheetValue:
-    """How one datasheet number becomes an SI field: ``field = factor * value`` (``/ p`` where flux needs it)."""
+    """How one datasheet number becomes an SI field: ``field = factor * value`` (``/ p`` where flux needs it).
+
+    Attributes
+    ----------
+    field : str
+        The SI field.
+    factor : float
+    meaning : str
+        Unit and convention of the sheet.
+    per_pole_pair : bool
+        Whether the value is divided by the pole pairs.
+    """
 
     field: str
     factor: float
@@ -72,7 +127,19 @@ class DatasheetValue:
     per_pole_pair: bool = False
 
     def to_si(self, value: float, p: int) -> float:
-        """Return the SI value; `p` is the number of pole pairs."""
+        """Return the SI value; `p` is the number of pole pairs.
+
+        Parameters
+        ----------
+        value : float
+            As the sheet states it.
+        p : int
+            Pole pairs.
+
+        Returns
+        -------
+        float
+        """
         return self.factor * value / (p if self.per_pole_pair else 1)
 
 

@@ -9,7 +9,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.design import SMALL, Design, EffectEntry
+from pmsm_ctrl.design import Design, EffectEntry
+from pmsm_ctrl.design_parts import SMALL
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.identify import notices as words

@@ -16,7 +16,7 @@ from pathlib import Path
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, PmsmCtrlError
 from pmsm_ctrl.files import sha256
-from pmsm_ctrl.importers import present as _present  # noqa: F401  (registers the report's section)
+from pmsm_ctrl.importers import present as present
 from pmsm_ctrl.importers.build import channels_of
 from pmsm_ctrl.importers.clock import with_clock
 from pmsm_ctrl.importers.mapping import Assignment, assign
@@ -66,7 +66,22 @@ def read_log(
 def read_all(
     path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None
 ) -> tuple[Log, Table, Assignment]:
-    """Return the log of `read_log` with the table and the assignment that led to it."""
+    """Return the log of `read_log` with the table and the assignment that led to it.
+
+    Parameters
+    ----------
+    path, design, mapping
+        As `pmsm_ctrl.importers.read_log`.
+
+    Returns
+    -------
+    (Log, Table, Assignment)
+
+    Raises
+    ------
+    LogError
+        As `read_log`.
+    """
     target, file = _existing(path)
     table, mapping = with_clock(open_table(target, design), design, mapping)
     assignment = assign(table, design, mapping)
@@ -84,6 +99,16 @@ def read_all(
 
 def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Table:
     """Open a file and understand its columns without reading all numbers.
+
+    Parameters
+    ----------
+    path : path
+    design : Design, optional
+        Its [log] table may name separator and decimal mark.
+
+    Returns
+    -------
+    Table
 
     Raises
     ------

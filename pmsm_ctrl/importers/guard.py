@@ -43,7 +43,22 @@ def not_installed(file: str, kind: str, library: str, extra: str) -> LogError:
 
 @contextmanager
 def guarded(file: str, kind: str, library: str = "") -> Iterator[None]:
-    """Turn any error into a `LogError` that names the file; the library's own warnings and log are kept quiet."""
+    """Turn any error into a `LogError` that names the file; the library's own warnings and log are kept quiet.
+
+    Parameters
+    ----------
+    file, kind, library : str
+        File and format for the message; the library that is kept quiet.
+
+    Yields
+    ------
+    None
+
+    Raises
+    ------
+    LogError
+        For any error but a `LogError`, which passes.
+    """
     names = [name for name in logging.root.manager.loggerDict if library and name.split(".")[0] == library]
     loggers = {logging.getLogger(name): logging.getLogger(name).level for name in names}
     for logger in loggers:

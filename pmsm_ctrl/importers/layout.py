@@ -69,6 +69,9 @@ class Layout:
 
     Parameters
     ----------
+    encoding, separator, decimal : str
+    header, units : tuple of str
+        Cells of these lines; empty where there is none.
     first_line : int
         Line number of the first row of numbers, counted from 1.
     width : int
@@ -77,6 +80,8 @@ class Layout:
         Columns that hold no numbers at all.
     ragged : bool
         Whether rows may end early because channels have unequal lengths.
+    notes : tuple of str
+        What was guessed.
     stamps : Stamps or None
         The column that gives the time as dates.
     """
@@ -143,7 +148,13 @@ def encoding_of(head: bytes, file: str) -> str:
 
 
 def pieces(path: str | Path, encoding: str, size: int = 1 << 25) -> Iterator[bytes]:
-    """Yield the file in pieces that end at line ends, with digits and separators in ASCII."""
+    """Yield the file in pieces that end at line ends, with digits and separators in ASCII.
+
+    Raises
+    ------
+    LogError
+        For a line longer than `MAX_LINE`.
+    """
     with open(path, "rb") as stream:
         stream.seek(3 if encoding == "utf-8-sig" else 0)
         decoder = codecs.getincrementaldecoder(encoding)("replace") if encoding.startswith("utf-16") else None

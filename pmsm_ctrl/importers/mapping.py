@@ -34,16 +34,32 @@ REQUIRED = (("t",), ("theta", "omega"), ("i_q", "torque"))
 
 @dataclass(frozen=True)
 class Source:
-    """Where one channel comes from: ``SI value = factor * scale * column``."""
+    """Where one channel comes from: ``SI value = factor * scale * column``.
+
+    Attributes
+    ----------
+    channel : str
+    column : int
+    unit : str
+        As the file or the mapping states it.
+    factor, scale : float
+        From that unit to SI; from the [log.scale] table.
+    how : str
+        "mapped", "canonical" or "guessed".
+    assumed_unit : bool
+        Whether no unit is stated.
+    factor_unknown : bool
+        Whether the unit is none of this channel, so that only the scale makes it SI.
+    """
 
     channel: str
     column: int
     unit: str
     factor: float
     scale: float = 1.0
-    how: str = "canonical"  # "mapped", "canonical" or "guessed"
+    how: str = "canonical"
     assumed_unit: bool = False
-    factor_unknown: bool = False  # the unit is no unit of this channel; only the scale makes it SI
+    factor_unknown: bool = False
 
     @property
     def gain(self) -> float:
@@ -106,7 +122,24 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
 
 
 def find_column(table: Table, channel: str, spec: str) -> tuple[int, str]:
-    """Return (column index, stated unit) of a mapping such as 'speed [rpm]', 'speed' or '#3 [rpm]'."""
+    """Return (column index, stated unit) of a mapping such as 'speed [rpm]', 'speed' or '#3 [rpm]'.
+
+    Parameters
+    ----------
+    table : Table
+    channel : str
+        For the message.
+    spec : str
+
+    Returns
+    -------
+    (int, str)
+
+    Raises
+    ------
+    LogError
+        When no column or more than one fits.
+    """
     spec = one_line(spec)
     name, unit = split_header(spec)
     if name.startswith("#") and name[1:].isdigit():

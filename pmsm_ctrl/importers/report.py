@@ -51,12 +51,16 @@ class ImportReport(Result):
         What `read_log` returns for the same arguments.
     layout : dict
         Encoding, separator, decimal mark, first row of numbers; empty for binary formats.
+    channels : tuple of ChannelReport
     base : TimeBase
         Rate, jitter and gaps.
     velocity, torque : (float, float)
         dtheta/dt over omega and its spread; torque over K_t i_q and their correlation. NaN where unknown.
+    delays : tuple of Delay
     table : str
         The [log] table, as TOML, that reads this file without a guess.
+    unused : tuple of str
+        Columns that are no channel.
     """
 
     log: Log
@@ -76,7 +80,7 @@ class ImportReport(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
-        plain: dict[str, Any] = jsonable({
+        return jsonable({
             "schema": "pmsm-ctrl/import/1",
             **self.doubts(),
             "notes": self.log.provenance.notes,
@@ -95,15 +99,26 @@ class ImportReport(Result):
             "delays": [vars(d) for d in self.delays],
             "log_table": self.table,
         })  # fmt: skip
-        return plain
 
 
 def describe(
     path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None
 ) -> ImportReport:
-    """Read a log and say what was understood of the file.
+    """Read a log and report what was understood of the file.
 
-    Parameters and errors are those of `pmsm_ctrl.importers.read_log`.
+    Parameters
+    ----------
+    path, design, mapping
+        As `pmsm_ctrl.importers.read_log`.
+
+    Returns
+    -------
+    ImportReport
+
+    Raises
+    ------
+    LogError
+        As `pmsm_ctrl.importers.read_log`.
     """
     from pmsm_ctrl.importers import read_all
 

@@ -196,10 +196,19 @@ def dated(
 
     Parameters
     ----------
+    piece : bytes
+    file : str
+    layout : Layout
+        With stamps.
     first_line : function
         Returns the number of the piece's first line; called only for a complaint.
     before : (int, int)
-        Midnights passed and the last time of day (ns) of the lines before; those after this piece are returned.
+        Midnights passed and the last time of day (ns) of the lines before.
+
+    Returns
+    -------
+    (bytes, (int, int))
+        The lines, and midnights and time of day after them.
 
     Raises
     ------

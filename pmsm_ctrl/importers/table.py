@@ -72,10 +72,15 @@ class Table:
 
     Parameters
     ----------
+    file, format : str
+        Name as given, and the format found.
+    columns : tuple of Column
     load : callable
         Takes column indices and returns one array per index, shape (n,); columns of a group are equally long.
     locate : callable
         Takes (column index, sample) and returns the place in words a reader of the file understands.
+    notes : tuple of str
+        What was guessed or left out.
     facts : dict
         What was understood of the layout (separator, decimal mark, encoding, ...), for the import report.
     """
@@ -87,8 +92,3 @@ class Table:
     locate: Callable[[int, int], str]
     notes: tuple[str, ...] = ()
     facts: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def groups(self) -> tuple[int, ...]:
-        """The groups in order of appearance."""
-        return tuple(dict.fromkeys(column.group for column in self.columns))

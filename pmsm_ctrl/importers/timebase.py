@@ -15,7 +15,19 @@ SAMPLE = 200_000  # values looked at for quantisation; more would only cost time
 
 @dataclass(frozen=True)
 class TimeBase:
-    """Regularity of time stamps. All times in s; a gap is a step above 1.9 median periods."""
+    """Regularity of time stamps.
+
+    Attributes
+    ----------
+    period : float
+        Median, s.
+    jitter_rms, jitter_max : float
+        Deviation of a step from the period, gaps left out, s.
+    gaps : int
+        Steps above 1.9 periods.
+    longest_gap, longest_gap_at : float
+        Its length and begin, s.
+    """
 
     period: float
     jitter_rms: float

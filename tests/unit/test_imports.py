@@ -20,7 +20,7 @@ MAX_FUNCTION = 60
 LEVELS = [
     {"errors"},
     {"complaints", "files", "sampling", "section", "units"},
-    {"rendering"},
+    {"design_parts", "rendering"},
     {"design", "log", "result"},
     {"kernels", "importers", "datasheet", "evidence"},
     {"effects"},
