@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, TypeVar, overload
+from typing import Any
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
@@ -21,38 +21,6 @@ from pmsm_ctrl.simulate.run import Prepared, prepare, simulate
 from pmsm_ctrl.simulate.scenarios import Scenario
 
 __all__ = ["simulate_batch"]
-
-T = TypeVar("T")
-
-
-@overload
-def simulate_batch(
-    designs: Sequence[Design],
-    scenario: str | Scenario = ...,
-    *,
-    truths: Sequence[Design] | None = ...,
-    seed: int = ...,
-    keep_truth: bool = ...,
-    keep: None = ...,
-    workers: int | None = ...,
-    lanes: bool | None = ...,
-    progress: Callable[[float], None] | None = ...,
-) -> list[Log]: ...
-
-
-@overload
-def simulate_batch(
-    designs: Sequence[Design],
-    scenario: str | Scenario = ...,
-    *,
-    truths: Sequence[Design] | None = ...,
-    seed: int = ...,
-    keep_truth: bool = ...,
-    keep: Callable[[Log], T],
-    workers: int | None = ...,
-    lanes: bool | None = ...,
-    progress: Callable[[float], None] | None = ...,
-) -> list[T]: ...
 
 
 def simulate_batch(
@@ -67,46 +35,46 @@ def simulate_batch(
     lanes: bool | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Any]:
-    """Simulate many drives; drive k gives what ``simulate(designs[k], scenario, seed=seed + k)`` gives.
+    """Simulate many drives; drive k equals ``simulate(designs[k], scenario, seed=seed + k)``.
 
-    Drives with the same effects and the same timing run side by side in vector instructions when there are enough
-    of them. These differ from their single runs by rounding: 1e-11 of the largest value, until rounding moves an
-    angle across the edge of an encoder count.
+    Drives with the same effects and timing run side by side in vector instructions when there are enough of them.
+    They differ from their single runs by rounding: 1e-11 of the largest value, until rounding moves an angle across
+    the edge of an encoder count.
 
     Parameters
     ----------
     designs : sequence of Design
-        What each controller believes, and each plant where `truths` does not say otherwise.
+        The controllers' designs, and the plants' without `truths`.
     scenario : str or Scenario
-        The motion of all; a name takes its parameters from each design.
+        The motion of all drives; a named one takes its parameters from each design.
     truths : sequence of Design, optional
         The plants, as many as designs.
     seed : int
-        Seed of the first drive's noise; the next has the next.
+        Seed of the first drive's noise; drive k has ``seed + k``.
     keep_truth : bool
-        Also log what no drive can.
+        Also log ``theta_true`` and ``omega_true``, which no drive can.
     keep : function of a log, optional
-        Called with each log as it is finished, in the thread that made it; its value is kept in place of the
-        log, so that memory does not grow with logs nobody needs.
+        Called with each finished log, in the thread that made it; its value is returned in place of the log, which
+        saves memory.
     workers : int, optional
-        Threads; as many as cores when left out.
+        Threads; by default as many as cores.
     lanes : bool, optional
-        False simulates every drive alone, to the last digit as `simulate` does; True puts drives side by side
-        however few they are. Left out, it is done where it saves more time than compiling its kernel takes.
+        False simulates every drive alone, bit for bit as `simulate` does; True puts any number of drives side by
+        side. By default it is done where it saves more time than its kernel takes to compile.
     progress : function, optional
         Called with the share of drives done, 0 to 1.
 
     Returns
     -------
     list
-        One log, or one value of `keep`, a design, in the order of `designs`.
+        A log, or a value of `keep`, for each design, in order.
 
     Raises
     ------
     RequestError
         When the numbers of designs and truths differ, or `workers` is not positive.
     PmsmCtrlError
-        What the first drive that failed says, with its number in front; the drives not yet begun are dropped.
+        The error of the first drive that failed, with its number; drives that have not begun are dropped.
     """
     if truths is not None and len(truths) != len(designs):
         raise RequestError(f"batch: {len(designs)} designs but {len(truths)} truths; as many were expected")
@@ -154,7 +122,7 @@ def simulate_batch(
 def _prepared(
     designs: Sequence[Design], scenario: str | Scenario, truths: Sequence[Design] | None
 ) -> dict[int, Prepared]:
-    """Return the drives that can be simulated; the single run of the others will say what is wrong with them."""
+    """Return the drives that can be simulated; the single runs of the others raise their errors."""
     found = {}
     for k, design in enumerate(designs):
         with contextlib.suppress(PmsmCtrlError):
@@ -163,7 +131,7 @@ def _prepared(
 
 
 def _in_threads(work: list[tuple[tuple[int, ...], Callable[[], list[Any]]]], workers: int) -> list[Any]:
-    """Do pieces of work, each with the numbers of the drives it gives; return one value a drive, in order."""
+    """Run pieces of work, each with the numbers of its drives; return one value for each drive, in order."""
     work = sorted(work, key=lambda piece: piece[0])
     results: dict[int, Any] = {}
     with ThreadPoolExecutor(workers) as pool:
@@ -171,7 +139,7 @@ def _in_threads(work: list[tuple[tuple[int, ...], Callable[[], list[Any]]]], wor
         try:
             for numbers, future in futures:
                 results.update(zip(numbers, future.result(), strict=True))
-        except BaseException:  # an interrupt as well: do not wait for what nobody will read
+        except BaseException:  # also an interrupt: do not wait for results that are not read
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return [results[k] for k in range(len(results))]

@@ -50,7 +50,7 @@ def simulate(
     Parameters
     ----------
     design : Design
-        What the controller believes: loops, assumed parameters, compensation.
+        The controller's: loops, assumed parameters, compensation.
     scenario : str or Scenario
         A named motion, with parameters from the design, or a scenario object.
     truth : Design, optional
@@ -62,7 +62,7 @@ def simulate(
     progress : function, optional
         Called with the share done, 0 to 1.
     compiled : bool
-        False runs the readable twin in plain Python, some thousand times slower.
+        False runs the kernel's text in plain Python, about a thousand times slower.
 
     Returns
     -------
@@ -72,9 +72,11 @@ def simulate(
     Raises
     ------
     DesignError
-        When the plant or the loops are not known well enough to simulate.
+        When data of the plant or the loops are missing.
+    RequestError
+        For an unknown scenario, or a motion too long for a log.
     SimulationError
-        When a state stops being finite; the message says where and when.
+        When a state stops being finite, with the time.
     """
     drive = prepare(design, scenario, truth=truth)
     module = load(drive.active, drive.feedforward.effects if drive.feedforward else (), compiled=compiled)
@@ -83,14 +85,16 @@ def simulate(
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """One drive, ready to be simulated: everything checked, nothing run yet.
+    """One drive, checked and ready to be simulated.
 
     Attributes
     ----------
-    motion, plant, controller, feedforward
-        What moves, what is true, and what the drive believes.
+    motion : Scenario
+    plant : Plant
+    controller : Controller
+    feedforward : Feedforward or None
     active : tuple of Effect
-        The plant's effects that do anything, in the design's order.
+        The plant's effects that are not zero, in the design's order.
     effects : tuple of float
         Their parameters, in order; ``(0.0,)`` when there are none.
     design : Design
