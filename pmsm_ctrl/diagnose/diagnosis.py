@@ -124,7 +124,7 @@ def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
 def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None = None) -> Selection:
     """Accept effects until no candidate passes; with `start` the first ones are these, or none is accepted at all."""
     selection = Selection((case.keep(case.fit(())),))
-    while (found := best(case, selection.fit, start)).accepted:
+    while (found := best(case, selection, start)).accepted:
         selection = selection.plus(found)
         case.keep(selection.fit)
         if progress is not None:

@@ -49,6 +49,8 @@ class Policy:
     tied_gain, tied_share : float
         Two explanations are equal where their sums of squares differ by less than this, in units of the noise, or by
         less than this share of the gain. Blind.
+    most_steps : int
+        Effects that are accepted at most. LAAS: beyond eight orders of its cogging the friction becomes negative.
     rival_share, most_rivals : float, int
         Where a single effect was accepted, so many others whose gain is at least this share of its gain are fitted in
         its place. Plant.
@@ -99,6 +101,7 @@ class Policy:
     absurd: float = 225.0
     tied_gain: float = 20.0
     tied_share: float = 0.01
+    most_steps: int = 8
     rival_share: float = 0.6
     most_rivals: int = 3
     sure_errors: float = 4.0

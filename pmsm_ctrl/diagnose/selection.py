@@ -121,18 +121,20 @@ def name_of(trial: Trial) -> str:
     return f"{effect} {order:g}" if effect in REPEATED and order else effect
 
 
-def best(case: Case, fit: Fitted, start: tuple[str, ...] = ()) -> Found:
+def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found:
     """Return the first candidate, in the order of what they explain, that passes every criterion.
 
     Parameters
     ----------
     case : Case
-    fit : Fitted
-        With the effects accepted so far, and every candidate tried on its residual.
+    selection : Selection
+        Its last fit holds the effects accepted so far, and every candidate tried on its residual.
     start : tuple of str
         Ids that the selection begins with: no other one is looked at before these are in.
     """
-    number = len(fit.accepted)
+    fit, number = selection.fit, len(selection.steps)
+    if number == case.policy.most_steps:
+        return Found(None, None, selection.refused)
     only = start[number] if number < len(start) else ""
     refused: dict[str, Refusal] = {}
     for trial, p_holm in zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True):

@@ -1,0 +1,146 @@
+"""Every criterion of the diagnosis, on numbers alone, on either side of its threshold."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import FrozenInstanceError, fields, replace
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.diagnose import criteria, notices
+from pmsm_ctrl.diagnose.criteria import CrossValidation
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.refusal import WORDS, Reason, Refusal
+from pmsm_ctrl.section import Template
+
+
+def reason(refusal: Refusal | None) -> Reason | None:
+    return None if refusal is None else refusal.reason
+
+
+@pytest.mark.parametrize(
+    ("independent", "physical", "expected"),
+    [
+        (True, True, None), (False, True, Reason.NOT_INDEPENDENT), (True, False, Reason.PARAMETER_AT_BOUND),
+        (False, False, Reason.NOT_INDEPENDENT),
+    ],
+)  # fmt: skip
+def test_signs(independent: bool, physical: bool, expected: Reason | None) -> None:
+    assert reason(criteria.signs(independent, physical)) is expected
+
+
+def test_significance() -> None:
+    assert criteria.significance(0.0099) is None
+    assert str(criteria.significance(0.0213)) == "not significant (p = 0.021, Holm)"
+    assert criteria.significance(0.04, replace(POLICY, significance=0.05)) is None
+
+
+@pytest.mark.parametrize(
+    ("share", "explained", "passes"), [(0.0041, 0.0, True), (0.0039, 0.0119, False), (0.0039, 0.0121, True),
+                                       (0.0009, 0.5, False)]
+)  # fmt: skip
+def test_size_is_that_of_the_balance_or_what_is_explained(share: float, explained: float, passes: bool) -> None:
+    assert (criteria.size(share, explained) is None) is passes
+
+
+def confirmed(gain: float, whole: float = 1e4, relief: float = 0.0, first: bool = True, p_rank: float = 0.5) -> bool:
+    found = CrossValidation(gain, 1.0, 16, p_rank)
+    return criteria.cross_validation(found, whole, relief, first) is None
+
+
+def test_cross_validation_asks_for_so_many_standard_errors() -> None:
+    assert confirmed(2.81)
+    assert not confirmed(2.79)
+    assert str(criteria.cross_validation(CrossValidation(2.0, 1.0, 16, 0.5), 1e4, 0.0, True)) == (
+        "not confirmed by cross-validation (gain 2 +- 1)"
+    )
+
+
+@pytest.mark.parametrize(("whole", "asked"), [(16.0, 2.0), (0.0, 2.0), (36.0, 2.25), (49.0, 2.625), (100.0, 2.8)])
+def test_a_small_first_effect_needs_three_quarters_of_what_it_leads_to_expect(whole: float, asked: float) -> None:
+    # the gain of 16 equal blocks reaches half the root of the whole
+    assert confirmed(asked + 0.01, whole)
+    assert not confirmed(asked - 0.01, whole)
+    assert confirmed(2.81, whole, first=False)
+    assert not confirmed(2.79, whole, first=False)
+
+
+def test_cross_validation_by_ranks_and_by_the_winding() -> None:
+    assert confirmed(0.1, p_rank=0.0049)
+    assert not confirmed(0.1, p_rank=0.0051)
+    assert confirmed(0.1, relief=226.0)
+    assert not confirmed(0.1, relief=224.0)
+    assert not confirmed(-0.1, relief=226.0, p_rank=0.0), "a loss is never confirmed"
+
+
+NOISE = {"torque": 1.0, "u_d": 2.0, "u_q": 2.0}
+
+
+def test_a_balance_may_not_get_worse() -> None:
+    before = {"torque": 2.0, "u_d": 4.0, "u_q": 4.0}
+    assert criteria.no_balance_worse(before, before, NOISE) is None
+    assert criteria.no_balance_worse(before, before | {"u_d": 4.1}, NOISE) is None
+    refusal = criteria.no_balance_worse(before, before | {"u_d": 4.2}, NOISE)
+    assert str(refusal) == "rejected: increases the error of the u_d balance"
+    # 0.41 of the noise's square are less than a fifth of the 2.31 that the torque gains
+    assert criteria.no_balance_worse(before, {"torque": 1.3, "u_d": 4.2, "u_q": 4.0}, NOISE) is None
+    assert reason(criteria.no_balance_worse(before, {"torque": 1.5, "u_d": 4.2, "u_q": 4.0}, NOISE)) is (
+        Reason.BALANCE_WORSE
+    )
+
+
+def test_the_voltages_may_not_get_worse_all_samples_alike() -> None:
+    assert criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.09, "u_q": 1.0}) is None
+    assert reason(criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.11, "u_q": 1.0})) is (
+        Reason.BALANCE_WORSE
+    )
+    assert criteria.no_voltage_worse({"u_d": 1.0, "u_q": 2.0}, {"u_d": 1.11, "u_q": 1.5}) is None
+
+
+def test_an_error_has_to_fall_or_the_winding_to_return() -> None:
+    assert criteria.error_lowered([(1.0, 0.9959)], 0.0) is None
+    assert reason(criteria.error_lowered([(1.0, 0.9961), (2.0, 2.0)], 0.0)) is Reason.ERROR_NOT_LOWERED
+    assert criteria.error_lowered([(1.0, 1.0)], 25.1) is None
+    assert criteria.error_lowered([(1.0, 1.0)], 24.9) is not None
+
+
+def test_final_parameters_stay_inside_their_bounds_to_within_their_errors() -> None:
+    bounds = {"F_c": (0.0, np.inf)}
+    assert criteria.inside_bounds({"F_c": (-0.29, 0.1)}, bounds) is None
+    refusal = criteria.inside_bounds({"F_c": (0.2, 0.1), "F_c#2": (-0.31, 0.1)}, bounds)
+    assert str(refusal) == "rejected: drives F_c#2 to -0.31, beyond its bounds"
+    assert criteria.inside_bounds({"tau_u": (-1.0, 0.0)}, bounds) is None, "no bounds are known of it"
+
+
+def test_held_out_record() -> None:
+    assert criteria.holdout({"torque": 1.0, "u_q": 1.0}, {"torque": 0.9, "u_q": 1.05}) is None
+    assert reason(criteria.holdout({"torque": 1.0, "u_q": 1.0}, {"torque": 0.95, "u_q": 1.06})) is Reason.HOLDOUT_WORSE
+    assert reason(criteria.holdout({"torque": 1.0}, {"torque": 1.0})) is Reason.HOLDOUT_WORSE
+
+
+# ---- policy, reasons and words ----------------------------------------------------------------------------------
+
+
+def test_policy_documents_every_threshold_and_does_not_change() -> None:
+    assert Policy.__doc__ is not None
+    documented = {name for line in re.findall(r"^    ([a-z_, ]+) : ", Policy.__doc__, re.MULTILINE)
+                  for name in line.split(", ")}  # fmt: skip
+    assert documented == {field.name for field in fields(Policy)}
+    assert len(documented) <= 40
+    with pytest.raises(FrozenInstanceError):
+        POLICY.size = 0.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(("gain", "tie"), [(0.0, 20.0), (1999.0, 20.0), (2001.0, 20.01), (1e5, 1e3)])
+def test_a_tie_is_a_share_of_the_gain_and_no_less_than_the_noise(gain: float, tie: float) -> None:
+    assert POLICY.tie(gain) == pytest.approx(tie)
+
+
+def test_every_reason_has_words_and_every_notice_its_own_code() -> None:
+    assert set(WORDS) == set(Reason)
+    templates = [one for one in vars(notices).values() if isinstance(one, Template)]
+    codes = [one.code for one in templates]
+    assert len(set(codes)) == len(codes)
+    assert all(re.fullmatch(r"[a-z_]+", code) for code in codes)
+    assert not any(one.words.endswith(".") for one in templates)

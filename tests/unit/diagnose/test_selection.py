@@ -1,0 +1,236 @@
+"""Forward selection, swap and verdict, as functions of numbers: no log is simulated here."""
+
+from __future__ import annotations
+
+from collections import Counter
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.diagnose import selection as rounds
+from pmsm_ctrl.diagnose.excitation import own_shares
+from pmsm_ctrl.diagnose.iron_loss import increased
+from pmsm_ctrl.diagnose.outcome import verdict_of
+from pmsm_ctrl.diagnose.policy import POLICY
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
+from pmsm_ctrl.diagnose.selection import Found, Selection, best, equivalents
+from pmsm_ctrl.diagnose.swap import Rest, better, rival_ids
+from pmsm_ctrl.diagnose.unexplained import impossible_winding
+
+
+def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> Any:
+    values = {"look_alikes": {}, "free": 0, "p_value": 0.0, "singular": False, "wrong_sign": False} | changed
+    candidate = SimpleNamespace(
+        effect=SimpleNamespace(id=effect, look_alikes=values["look_alikes"], enters="torque"), free=values["free"]
+    )
+    return SimpleNamespace(
+        candidate=candidate, group=SimpleNamespace(shape={}), direction=np.array(direction or [0.0]),
+        p_value=values["p_value"], singular=values["singular"], wrong_sign=values["wrong_sign"],
+    )  # fmt: skip
+
+
+# ---- one round --------------------------------------------------------------------------------------------------
+
+
+class FakeCase:
+    """Fits nothing: a fit is the ids that are in it."""
+
+    policy = POLICY
+
+    def fit(self, ids: tuple[str, ...]) -> Any:
+        return SimpleNamespace(accepted=ids, trials=())
+
+
+@pytest.fixture
+def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
+    def play(names: list[str], before: dict[str, Reason], after: dict[str, Reason], **given: Any) -> Found:
+        judged: list[str] = []
+
+        def judge(fit: Any, one: Any, p_holm: float, policy: Any) -> Any:
+            judged.append(one.candidate.effect.id)
+            return Refusal(before[judged[-1]]) if judged[-1] in before else SimpleNamespace(name=judged[-1])
+
+        def refit(old: Any, new: Any, one: Any, policy: Any) -> Refusal | None:
+            found = after.get(one.candidate.effect.id)
+            return Refusal(found) if found else None
+
+        monkeypatch.setattr(rounds, "_judge_trial", judge)
+        monkeypatch.setattr(rounds, "_judge_refit", refit)
+        monkeypatch.setattr(rounds, "_judge_holdout", lambda *a: None)
+        monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
+        monkeypatch.setattr(rounds, "equivalents", lambda *a: ())
+        accepted = given.get("accepted", ())
+        fit = SimpleNamespace(accepted=accepted, trials=tuple(trial(name) for name in names))
+        so_far = Selection((fit,), tuple(accepted), {"z": Refusal(Reason.TOO_SMALL)})  # type: ignore[arg-type]
+        return best(FakeCase(), so_far, given.get("start", ()))  # type: ignore[arg-type]
+
+    return play
+
+
+def test_the_first_that_passes_is_accepted_and_the_better_ones_are_refused(round_of: Any) -> None:
+    found = round_of(["a", "b", "c", "d"], {"a": Reason.NOT_SIGNIFICANT}, {"b": Reason.ERROR_NOT_LOWERED})
+    assert found.accepted
+    assert found.fit.accepted == ("c",)
+    assert {name: why.reason for name, why in found.refused.items()} == {
+        "a": Reason.NOT_SIGNIFICANT, "b": Reason.ERROR_NOT_LOWERED,
+    }  # fmt: skip
+
+
+def test_none_passes(round_of: Any) -> None:
+    found = round_of(["a", "b"], {"a": Reason.TOO_SMALL, "b": Reason.NOT_CONFIRMED}, {})
+    assert not found.accepted
+    assert list(found.refused) == ["a", "b"]
+    start = Selection((SimpleNamespace(accepted=()),))  # type: ignore[arg-type]
+    assert start.plus(found).refused == found.refused
+    assert start.plus(found).fits == start.fits
+
+
+def test_a_round_that_begins_with_an_effect_looks_at_no_other(round_of: Any) -> None:
+    assert round_of(["a", "b"], {}, {}, start=("b",)).fit.accepted == ("b",)
+    assert not round_of(["a", "b"], {"b": Reason.TOO_SMALL}, {}, start=("b",)).accepted
+
+
+def test_bounds_are_judged_once_all_effects_to_begin_with_are_in(round_of: Any) -> None:
+    out = {"b": Reason.MODEL_OUT_OF_BOUNDS}
+    assert round_of(["b"], {}, out, start=("b", "c")).accepted
+    assert not round_of(["b"], {}, out, start=("b",)).accepted
+    assert not round_of(["b"], {}, out, start=("c", "b"), accepted=("c",)).accepted
+
+
+def test_no_more_than_eight_effects_are_accepted(round_of: Any) -> None:
+    assert round_of(["a"], {}, {}, accepted=tuple("bcdefgh")).accepted
+    found = round_of(["a"], {}, {}, accepted=tuple("bcdefghi"))
+    assert not found.accepted
+    assert list(found.refused) == ["z"], "the reasons of the round before stand"
+
+
+# ---- equivalents ------------------------------------------------------------------------------------------------
+
+
+def test_equivalents_explain_the_same_rows() -> None:
+    chosen = trial("a", [100.0, 0.0, 0.0])
+    others = [
+        trial("same", [50.0, 0.0, 0.0]),  # however large: the direction counts
+        trial("near", [100.0, 9.0, 0.0]),  # sin^2 = 0.8 %
+        trial("far", [100.0, 12.0, 0.0]),  # 1.4 %
+        trial("unphysical", [100.0, 0.0, 0.0], wrong_sign=True),
+    ]
+    assert equivalents(chosen, [chosen, *others]) == ("same", "near")
+
+
+def test_a_small_gain_is_tied_by_the_noise() -> None:
+    chosen = trial("a", [5.0, 0.0])
+    assert equivalents(chosen, [chosen, trial("b", [1.0, 1.0])]) == ("b",), "12.5 of 25 are less than 20"
+    assert equivalents(chosen, [chosen, trial("b", [1.0, 3.0])]) == (), "22.5 are more"
+
+
+def test_a_known_look_alike_without_columns_of_its_own_is_equivalent() -> None:
+    chosen = trial("a", [100.0], look_alikes={"b": "why", "c": "why", "d": "why"})
+    singular = [trial("b", singular=True), trial("c", singular=True, free=1), trial("e", singular=True)]
+    assert equivalents(chosen, [chosen, *singular]) == ("b",)
+
+
+# ---- swap -------------------------------------------------------------------------------------------------------
+
+
+def rest(plain: float, white: float = 100.0, gain: float = 1000.0, effects: str = "a") -> Rest:
+    return Rest(plain, white, gain, Counter(effects))
+
+
+@pytest.mark.parametrize(
+    ("other", "wins"),
+    [
+        (rest(970.0, effects="b"), True),
+        (rest(1030.0, effects="b"), False),
+        (rest(990.0, 99.0, effects="b"), True),  # a tie: the prewhitened residual decides
+        (rest(990.0, 101.0, effects="b"), False),
+        (rest(1010.0, 99.0, effects="b"), True),
+        (rest(981.0, 1.0, effects="ab"), False),  # the same and more has to leave less than a tie
+        (rest(975.0, 200.0, effects="ab"), True),
+    ],
+)
+def test_which_of_two_selections_is_kept(other: Rest, wins: bool) -> None:
+    assert better(other, rest(1000.0)) is wins
+
+
+@pytest.mark.parametrize(("plain", "wins"), [(9881.0, False), (9879.0, True)])
+def test_what_only_adds_an_effect_has_to_leave_much_less(plain: float, wins: bool) -> None:
+    assert better(rest(plain, effects="ab"), rest(1e4)) is wins
+
+
+def test_one_effect_in_the_place_of_another_is_equivalent_when_both_leave_the_same() -> None:
+    found = rest(1000.0, effects="ab")
+    assert rival_ids(found, rest(1019.0, effects="cb")) == ("a", "c")
+    assert rival_ids(found, rest(1021.0, effects="cb")) is None
+    assert rival_ids(found, rest(1000.0, 121.0, effects="cb")) is None
+    assert rival_ids(found, rest(1000.0, effects="cd")) is None
+    assert rival_ids(found, rest(1000.0, effects="abc")) is None
+    assert rival_ids(found, found) is None
+
+
+# ---- verdict and what it is made of -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("found", "blind", "left", "verdict"),
+    [
+        (True, False, False, "effects_missing"), (True, True, True, "effects_missing"),
+        (False, True, False, "not_excited"), (False, True, True, "not_excited"),
+        (False, False, True, "unexplained"), (False, False, False, "consistent"),
+    ],
+)  # fmt: skip
+def test_verdict(found: bool, blind: bool, left: bool, verdict: str) -> None:
+    assert verdict_of(found, blind, left) == verdict
+
+
+@pytest.mark.parametrize(
+    ("F_c", "F_v", "expected"),
+    [
+        (0.25, 0.0, True), (0.0, 0.25, True), (0.19, 0.19, False),
+        (0.25, -0.01, True),  # no more than a wrong torque constant would do
+        (0.25, -0.05, False), (-0.05, 0.25, False),
+    ],
+)  # fmt: skip
+def test_friction_that_increased(F_c: float, F_v: float, expected: bool) -> None:
+    nominal = {"F_c": 1.0, "F_v": 1.0}
+    assert increased({"F_c": F_c, "F_v": F_v}, {"F_c": 0.001, "F_v": 0.001}, nominal) is expected
+    assert not increased({"F_c": F_c, "F_v": F_v}, {"F_c": 0.1, "F_v": 0.1}, nominal), "not four standard errors"
+
+
+def test_own_share_of_columns() -> None:
+    x = np.linspace(0.0, 1.0, 1001)
+    shares = own_shares(np.column_stack([x, 2.0 * x, x**2, 0.0 * x]))
+    assert shares[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert np.isnan(shares[3])
+    # x^2 beside x: 1 - (1/4)^2 / (1/3 1/5) = 1/16
+    assert own_shares(np.column_stack([x, x**2])) == pytest.approx([0.25, 0.25], rel=0.01)
+    assert own_shares(x[:, None]) == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize(("R", "stderr", "found"), [(4.3, 0.1, True), (3.1, 0.1, False), (4.3, 0.9, False)])
+def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float, found: bool) -> None:
+    """The nominal resistance is 1 Ohm, its tolerance at least 15 %: absurd from 3.25 Ohm on."""
+    i_q = np.linspace(-1.0, 1.0, 400)
+    matrix = np.stack([0.0 * i_q, 0.0 * i_q, i_q])[:, :, None]
+    plain = SimpleNamespace(
+        values=np.array([R]), stderr=np.array([stderr]),
+        model=SimpleNamespace(names=("R",), nominal=np.array([1.0]), sigma=np.array([0.05]), matrix=matrix),
+    )  # fmt: skip
+    record = SimpleNamespace(
+        channels=("torque", "u_d", "u_q"), mask=np.ones(400, dtype=bool), drive="torque",
+        signals={"i_q": i_q, "omega": np.ones(400)}, at_grid=lambda x: x,
+    )  # fmt: skip
+    fit = SimpleNamespace(plain=plain, record=record, residual=np.full((3, 400), 1e-3))
+    structure = impossible_winding(fit)  # type: ignore[arg-type]
+    assert (structure is not None) is found
+    if structure is not None:
+        assert (structure.channel, structure.resembles, structure.notice.code) == (
+            "u_q", "a resistance", "winding_impossible",
+        )  # fmt: skip
+        assert structure.share == pytest.approx(1.0, abs=1e-4)
+        assert "R would have to be 4.3 Ohm, 4.3 times its nominal value" in structure.notice.text
+        x, forward, backward = structure.curve
+        assert np.polyfit(x, forward, 1)[0] == pytest.approx(R - 1.0, rel=0.01)
+        assert np.isnan(backward).all()
