@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.closed_loop import closed_loop
-from pmsm_ctrl.compare.dependence import Where, where
+from pmsm_ctrl.compare.coordinates import Drive
+from pmsm_ctrl.compare.dependence import ResidualStructure, Trace, residual_structure
 from pmsm_ctrl.compare.free_run import free_run
+from pmsm_ctrl.compare.notices import HOLDOUT_IS_LOG
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.compare.voltages import predicted_voltages
 from pmsm_ctrl.design import Design
@@ -20,12 +22,10 @@ from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.regression.timing import punctual
-from pmsm_ctrl.result import Result, Section, jsonable
+from pmsm_ctrl.result import Result, jsonable
+from pmsm_ctrl.section import Notice
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["ChannelError", "Comparison", "Simulated", "Trace", "compare"]
+__all__ = ["ChannelError", "Comparison", "Record", "Simulated", "compare"]
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,7 @@ class ChannelError:
         Of measured - predicted, in `unit`.
     relative : float
         norm(measured - predicted) / norm(measured); of a position, of the distance travelled in a window.
+    unit : str
     floor : float
         What the noise alone would make of the rms; NaN where it is not known.
     """
@@ -66,21 +67,6 @@ class ChannelError:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """Measured and predicted channel on the thinned grid, shape (m,); `mask` marks the samples that count."""
-
-    t: Array
-    measured: Array
-    predicted: Array
-    mask: NDArray[np.bool_]
-    unit: str
-
-    def error(self, floor: float = float("nan")) -> ChannelError:
-        """Return the error over the samples that count."""
-        return ChannelError.of(self.measured[self.mask], self.predicted[self.mask], self.unit, floor)
-
-
 @dataclass(frozen=True)
 class Simulated:
     """Errors of a simulation.
@@ -98,16 +84,35 @@ class Simulated:
 
 
 @dataclass(frozen=True, eq=False)
-class _Record:
-    """Everything about one log."""
+class Record:
+    """The predictions on one log.
 
-    traces: Mapping[str, Trace]
+    Attributes
+    ----------
+    name : str
+        Of the log.
+    errors : dict of channel to ChannelError
+        ``torque`` by inverse dynamics; ``u_d`` and ``u_q`` by the voltage equations where the log has them.
+    traces : dict of channel to Trace
+    structure : dict of channel to ResidualStructure
+        What the residual depends on.
+    stretches : tuple of Stretch
+        The worst stretches of time of the torque, worst first.
+    simulated : tuple of Simulated
+        Speed and position by simulation, one entry a method.
+    omega : array, shape (m,)
+        Speed on the traces' grid, rad/s (m/s).
+    notices : tuple of Notice
+    """
+
+    name: str
     errors: Mapping[str, ChannelError]
-    where: Mapping[str, Where]
+    traces: Mapping[str, Trace]
+    structure: Mapping[str, ResidualStructure]
     stretches: tuple[Stretch, ...]
     simulated: tuple[Simulated, ...]
     omega: Array
-    notes: tuple[str, ...]
+    notices: tuple[Notice, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,100 +121,48 @@ class Comparison(Result):
 
     Attributes
     ----------
-    channels : dict of channel to ChannelError
-        ``torque`` by inverse dynamics; ``u_d`` and ``u_q`` by the voltage equations where the log has them.
-    where : dict of channel to Where
-        What the residual depends on.
-    stretches : tuple of Stretch
-        The worst stretches of time of the torque, worst first.
-    simulated : tuple of Simulated
-        Speed and position by simulation, one entry a method.
-    holdout, holdout_simulated : the same on the other log, with the same parameters; None without one
-    traces, holdout_traces : dict of channel to Trace
+    design : Design
+    log : Record
+    holdout : Record or None
+        The other log, with the same parameters.
+    notices : tuple of Notice
     """
 
     design: Design
-    channels: Mapping[str, ChannelError]
-    traces: Mapping[str, Trace]
-    where: Mapping[str, Where]
-    stretches: tuple[Stretch, ...]
-    simulated: tuple[Simulated, ...]
-    omega: Array
-    log_name: str
-    holdout: Mapping[str, ChannelError] | None = None
-    holdout_traces: Mapping[str, Trace] | None = None
-    holdout_simulated: tuple[Simulated, ...] | None = None
-    holdout_name: str = ""
-    reasons: tuple[str, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Reasons to doubt the numbers."""
-        return self.reasons
-
-    def summary(self) -> str:
-        """Return the result as text, trust first."""
-        from pmsm_ctrl.compare.text import summary_text
-
-        return summary_text(self)
-
-    def plot(self) -> Figure:
-        """Draw measured, predicted and residual of every channel on the log."""
-        from pmsm_ctrl.compare.figures import traces_figure
-
-        return traces_figure(self.traces, self.log_name, self.stretches)
-
-    def plot_holdout(self) -> Figure:
-        """Draw the same on the holdout; an empty figure where there is none."""
-        from pmsm_ctrl.compare.figures import traces_figure
-
-        return traces_figure(self.holdout_traces or {}, self.holdout_name)
-
-    def plot_where(self, channel: str = "torque") -> Figure:
-        """Draw the residual over every coordinate with its curve, and the spectrum over the angle."""
-        from pmsm_ctrl.compare.figures import where_figure
-
-        return where_figure(self, channel)
-
-    def plot_stretches(self) -> Figure:
-        """Draw measured against predicted in the worst stretches."""
-        from pmsm_ctrl.compare.figures import stretches_figure
-
-        return stretches_figure(self)
+    log: Record
+    holdout: Record | None = None
+    notices: tuple[Notice, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
-        other = None if self.holdout is None else {name: vars(error) for name, error in self.holdout.items()}
+        log, other = self.log, self.holdout
+        stretches = [
+            {"start": s.start, "stop": s.stop, "rms": s.rms, "unit": log.errors["torque"].unit}
+            | {"motion": {**vars(s.motion), "kind": s.motion.kind.value}}
+            for s in log.stretches
+        ]
         return jsonable({
             "schema": "pmsm-ctrl/comparison/1",
-            "warnings": self.warnings,
-            "log": self.log_name,
-            "errors": {name: vars(error) for name, error in self.channels.items()},
-            "simulation": _plain(self.simulated),
-            "where": {name: found.to_dict() for name, found in self.where.items()},
-            "worst_stretches": [vars(s) for s in self.stretches],
-            "holdout_log": self.holdout_name or None,
-            "holdout_errors": other,
-            "holdout_simulation": None if self.holdout_simulated is None else _plain(self.holdout_simulated),
+            **self.doubts(),
+            "log": log.name,
+            "errors": _plain(log.errors),
+            "simulation": [{"method": s.method, "errors": _plain(s.errors)} for s in log.simulated],
+            "where": {name: found.to_dict() for name, found in log.structure.items()},
+            "worst_stretches": stretches,
+            "holdout_log": other and other.name,
+            "holdout_errors": other and _plain(other.errors),
+            "holdout_simulation": other and [
+                {"method": s.method, "errors": _plain(s.errors)} for s in other.simulated
+            ],
         })  # fmt: skip
 
-    def section(self) -> Section:
-        """Return the section of the report."""
-        from pmsm_ctrl.compare.text import report_section
 
-        return report_section(self)
-
-
-def _plain(simulated: Iterable[Simulated]) -> list[dict[str, Any]]:
-    return [{"method": s.method, "errors": {name: vars(e) for name, e in s.errors.items()}} for s in simulated]
+def _plain(errors: Mapping[str, ChannelError]) -> dict[str, Any]:
+    return {name: vars(error) for name, error in errors.items()}
 
 
 def compare(
-    design: Design,
-    log: Log,
-    *,
-    holdout: Log | None = None,
-    processing: Processing | None = None,
+    design: Design, log: Log, *, holdout: Log | None = None, processing: Processing | None = None
 ) -> Comparison:
     """Compare what a design predicts with what was measured; nothing is fitted.
 
@@ -228,41 +181,33 @@ def compare(
     processing : Processing, optional
         Filter, derivative and mask.
 
+    Returns
+    -------
+    Comparison
+
     Raises
     ------
     LogError
         When a channel is missing or the axis hardly moves.
+    DesignError
+        When the design names an unknown effect.
     """
     for record in (log, *(() if holdout is None else (holdout,))):
         record.check_evaluable(100)
     processing = processing or Processing(cutoff=signal_band(log))
     here = _record(design, log, processing)
-    notes = here.notes
-    other: _Record | None = None
-    if holdout is not None:
-        same = replace(processing, cutoff=min(processing.cutoff or np.inf, holdout.rate / 8.0))
-        other = _record(design, holdout, same if processing.cutoff else processing)
-        notes += tuple(text for text in other.notes if text not in notes)
-        if log.provenance.sha256 and log.provenance.sha256 == holdout.provenance.sha256:
-            notes += ("the holdout is the log itself: its error proves nothing",)
-    return Comparison(
-        design=design,
-        channels=here.errors,
-        traces=here.traces,
-        where=here.where,
-        stretches=here.stretches,
-        simulated=here.simulated,
-        omega=here.omega,
-        log_name=log.provenance.file or "the given log",
-        holdout=None if other is None else other.errors,
-        holdout_traces=None if other is None else other.traces,
-        holdout_simulated=None if other is None else other.simulated,
-        holdout_name="" if holdout is None else holdout.provenance.file or "the holdout",
-        reasons=tuple(map(str, notes)),
-    )
+    if holdout is None:
+        return Comparison(design, here, notices=here.notices)
+    if processing.cutoff is not None:
+        processing = replace(processing, cutoff=min(processing.cutoff, holdout.rate / 8.0))
+    other = replace(_record(design, holdout, processing), name=holdout.provenance.file or "the holdout")
+    notices = (*here.notices, *(notice for notice in other.notices if notice not in here.notices))
+    if log.provenance.sha256 and log.provenance.sha256 == holdout.provenance.sha256:
+        notices += (HOLDOUT_IS_LOG(),)
+    return Comparison(design, here, other, notices)
 
 
-def _record(design: Design, log: Log, processing: Processing) -> _Record:
+def _record(design: Design, log: Log, processing: Processing) -> Record:
     """Predict, simulate and search one log."""
     prepared = prepare(design, log, processing)
     prepared = replace(prepared, moving=prepared.moving & punctual(log, prepared.t, prepared.cutoff))
@@ -271,64 +216,60 @@ def _record(design: Design, log: Log, processing: Processing) -> _Record:
     # what the problem moved to its left side (load torque, terms without linear parameters) belongs to the model
     predicted = problem.nominal + (problem.torque - problem.target)
     traces = {"torque": Trace(problem.t, problem.torque, predicted, problem.mask, problem.unit)}
-    voltages, notes = predicted_voltages(design, prepared)
+    voltages, left_out = predicted_voltages(design, prepared)
     for name, values in voltages.items():
         measured = prepared.column(prepared.signals[name])
         traces[name] = Trace(problem.t, measured, prepared.column(values), problem.mask, CHANNELS[name][0])
-    per_ampere = design.K_t_assumed if "i_q" in prepared.signals else None
-    found = {
-        name: where(prepared, trace.measured, trace.predicted, trace.mask, trace.unit, predicted, design.J, per_ampere)
-        for name, trace in traces.items()
-    }
+    drive = Drive(predicted, design.J, design.K_t_assumed if "i_q" in prepared.signals else None)
+    structure = {name: residual_structure(prepared, trace, drive) for name, trace in traces.items()}
     torque = traces["torque"]
-    stretches = worst_stretches(
-        torque.t, torque.measured - torque.predicted, torque.mask, problem.omega, torque.unit, _unit("omega", log)
-    )
-    simulated, more = _simulations(design, log, prepared, processing, found["torque"])
-    return _Record(
+    free, free_notices = _free_run(design, log, prepared, structure["torque"])
+    closed, closed_notices = _closed_loop(design, log, processing, structure["torque"].floor)
+    return Record(
+        name=log.provenance.file or "the given log",
+        errors={
+            name: ChannelError.of(t.measured[t.mask], t.predicted[t.mask], t.unit, structure[name].floor)
+            for name, t in traces.items()
+        },
         traces=traces,
-        errors={name: trace.error(found[name].floor) for name, trace in traces.items()},
-        where=found,
-        stretches=stretches,
-        simulated=simulated,
+        structure=structure,
+        stretches=worst_stretches(torque.t, torque.residual, torque.mask, problem.omega),
+        simulated=(*free, *closed),
         omega=problem.omega,
-        notes=(*problem.notes, *notes, *more),
+        notices=(*problem.notes, *left_out, *free_notices, *closed_notices),
     )
 
 
-def _unit(name: str, log: Log) -> str:
-    return CHANNELS[name][1 if log.motion == "linear" else 0]
-
-
-def _simulations(
-    design: Design, log: Log, prepared: Prepared, processing: Processing, left: Where
-) -> tuple[tuple[Simulated, ...], tuple[str, ...]]:
-    """Speed and position by every method that the log and the design allow."""
-    made: list[Simulated] = []
-    notes: tuple[str, ...] = ()
+def _free_run(
+    design: Design, log: Log, prepared: Prepared, left: ResidualStructure
+) -> tuple[Iterable[Simulated], tuple[Notice, ...]]:
     free = free_run(design, prepared)
-    if free is not None:
-        speed_floor, place_floor = free.floors(left.left, prepared.thinned_rate, design.J, left.mask)
-        theta = ChannelError.of(free.travel.ravel(), (free.theta - free.theta_meas[:, :1]).ravel(), "", place_floor)
-        errors = {
-            "omega": ChannelError.of(free.omega_meas.ravel(), free.omega.ravel(), _unit("omega", log), speed_floor),
-            "theta": replace(theta, unit=_unit("theta", log)),
-        }
-        made.append(Simulated(f"free run, restarted every {free.window:.3g} s", errors))
-        notes += free.notes
-    closed = closed_loop(design, log, processing)
-    if closed is not None:
-        notes += closed.notes
-        if closed.mask.any():
-            used = closed.mask
-            floors = {"i_q": left.floor / design.K_t_assumed}
-            errors = {
-                name: ChannelError.of(
-                    closed.measured[name][used], closed.simulated[name][used], _unit(name, log),
-                    floors.get(name, float("nan")),
-                )
-                for name in closed.measured
-            }  # fmt: skip
-            fed = " and test signal" if closed.fed else ""
-            made.append(Simulated(f"closed loop with the log's {closed.control} reference{fed}", errors))
-    return tuple(made), notes
+    if free is None:
+        return (), ()
+    speed, place = free.floors(left.left, prepared.thinned_rate, design.J, left.mask)
+    # the distance travelled is what a position error is to be held against
+    theta = ChannelError.of(
+        free.travel.ravel(), (free.theta - free.theta_meas[:, :1]).ravel(), log.unit("theta"), place
+    )
+    errors = {
+        "omega": ChannelError.of(free.omega_meas.ravel(), free.omega.ravel(), log.unit("omega"), speed),
+        "theta": theta,
+    }
+    return (Simulated(f"free run, restarted every {free.window:.3g} s", errors),), free.notices
+
+
+def _closed_loop(
+    design: Design, log: Log, processing: Processing, floor: float
+) -> tuple[Iterable[Simulated], tuple[Notice, ...]]:
+    run = closed_loop(design, log, processing)
+    if run is None or not run.mask.any():
+        return (), () if run is None else run.notices
+    floors = {"i_q": floor / design.K_t_assumed}
+    errors = {
+        name: ChannelError.of(
+            measured[run.mask], run.simulated[name][run.mask], log.unit(name), floors.get(name, float("nan"))
+        )
+        for name, measured in run.measured.items()
+    }
+    fed = " and added current" if run.added_current else ""
+    return (Simulated(f"closed loop with the log's {run.control} reference{fed}", errors),), run.notices

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare import policy
 from pmsm_ctrl.compare.orders import strongest_orders, waves
 from pmsm_ctrl.regression.conditioning import Prepared
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.units import axis_unit, drives
 
-__all__ = ["Curve", "curves", "grid_coordinates"]
+__all__ = ["Curve", "Drive", "curves", "grid_coordinates"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,13 +27,26 @@ UNITS = {
     "speed": "rad/s", "direction": "", "position": "rad", "acceleration": "rad/s^2", "current": "A", "torque": "N m",
     "force": "N", "temperature": "degC", "time since start": "s",
 }  # fmt: skip
-# A direction that holds less than this share of the samples has no curve of its own.
-ONE_WAY = 0.03
 SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: close together where friction bends
-ORDERS = 4
-QUIET = 0.25  # of the cutoff: above it lies nearly all noise of a twice differentiated angle
-TRUE = 0.7  # least share of the fast acceleration that has to be true
-DRIVEN = 3.0  # times the noise of the torque over the inertia: by less the drive's own noise changes the acceleration
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What a model knows of the drive.
+
+    Attributes
+    ----------
+    torque : array, shape (m,)
+        Drive torque as the model predicts it: against the measured one its own noise would be a dependence.
+    J : float
+        Inertia that this prediction holds, kg m^2 (kg).
+    per_ampere : float or None
+        Torque constant; None where the log has a torque and no current.
+    """
+
+    torque: Array
+    J: float
+    per_ampere: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,35 +81,32 @@ class Curve:
     spectrum: Array | None = None
 
 
-def grid_coordinates(
-    prepared: Prepared, predicted: Array, per_ampere: float | None, J: float, noise: float = 0.0
-) -> dict[str, Array]:
+def grid_coordinates(prepared: Prepared, drive: Drive, noise: float = 0.0) -> dict[str, Array]:
     """Return coordinates of shape (m,) on the thinned grid.
 
     Parameters
     ----------
-    predicted : array, shape (m,)
-        Drive torque as the model predicts it: against the measured one its own noise would be a dependence.
-    J : float
-        Inertia that `predicted` holds.
-    per_ampere : float or None
-        Torque constant; None where the log has a torque and no current.
+    prepared : Prepared
+    drive : Drive
     noise : float
         Of the torque, rms. The current loop answers what it measures wrongly with a torque, so that small changes of
         the acceleration mirror the noise of the measured current.
+
+    Returns
+    -------
+    dict of str to array
     """
     s, keep = prepared.signals, prepared.keep
     alpha = prepared.column(prepared.alpha)
-    slow = _quiet(prepared, alpha, J)
-    driven = DRIVEN * noise / J if J > 0.0 else 0.0
-    slow = _with_play(slow, driven)
-    predicted = predicted - J * (alpha - slow)
+    half = policy.PLAY * noise / drive.J if drive.J > 0.0 else 0.0
+    slow = _with_play(_confirmed(prepared, alpha, drive.J), half)
+    load = "current" if drive.per_ampere is not None else drives(prepared.motion)
     out = {
         "speed": s["omega"][keep],
         "direction": np.sign(s["omega"][keep]),
         "position": s["theta"][keep],
         "acceleration": slow,
-        _load_name(prepared, per_ampere): predicted / (per_ampere or 1.0),
+        load: (drive.torque - drive.J * (alpha - slow)) / (drive.per_ampere or 1.0),
         "time since start": prepared.t[keep] - prepared.t[0],
     }
     if "temperature" in s and float(np.ptp(s["temperature"])) > 0.0:
@@ -104,7 +115,7 @@ def grid_coordinates(
 
 
 def _with_play(x: Array, half: float) -> Array:
-    """Follow a signal, from zero, only where it leaves a play around what was followed last: noise moves nothing.
+    """Follow a signal, from zero, only where it leaves a play around the last value: noise moves nothing.
 
     Forward and backward in time, and the mean of both: one alone would lag by the play, up as down.
     """
@@ -118,34 +129,45 @@ def _with_play(x: Array, half: float) -> Array:
     return 0.5 * (ways[0] + ways[1][::-1])
 
 
-def _quiet(prepared: Prepared, alpha: Array, J: float) -> Array:
-    """Return the acceleration, its fast part only where the drive's torque says that it is true.
+def _confirmed(prepared: Prepared, alpha: Array, J: float) -> Array:
+    """Return the acceleration, its fast part only where the drive's torque confirms it.
 
     The noise of a coarse encoder stands in the prediction and in the acceleration alike, and would be a dependence.
     What is true of the fast part needs torque: the slope of one over the other, in inertias, is the share that is.
     """
-    wide = low_pass(prepared.alpha, prepared.rate, QUIET * prepared.cutoff)
-    fast = prepared.alpha - wide
+    slow, rate = policy.SLOW * prepared.cutoff, prepared.rate
+    wide = low_pass(prepared.alpha, rate, slow)
     torque = prepared.signals["torque"]
-    torque = torque - low_pass(torque, prepared.rate, QUIET * prepared.cutoff)
-    fast_column, torque_column = prepared.column(fast)[prepared.mask], prepared.column(torque)[prepared.mask]
-    power = float(fast_column @ fast_column)
-    if power <= 0.0 or float(fast_column @ torque_column) > TRUE * J * power:
+    fast, needed = (
+        prepared.column(x)[prepared.mask] for x in (prepared.alpha - wide, torque - low_pass(torque, rate, slow))
+    )
+    power = float(fast @ fast)
+    if power <= 0.0 or float(fast @ needed) > policy.CONFIRMED * J * power:
         return alpha
     return prepared.column(wide)
-
-
-def _load_name(prepared: Prepared, per_ampere: float | None) -> str:
-    return "current" if per_ampere is not None else drives(prepared.motion)
 
 
 def curves(
     prepared: Prepared, coordinates: dict[str, Array], residual: Array, mask: Mask, weight: Array
 ) -> list[Curve]:
-    """Return the curves that this log can show; a coordinate that hardly varies has none."""
+    """Return the curves that this log can show; a coordinate that hardly varies has none.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    coordinates : dict of str to array, shape (m,)
+    residual, weight : array, shape (m,)
+        Relative inverse noise level beside the residual.
+    mask : bool array, shape (m,)
+        Samples that count.
+
+    Returns
+    -------
+    list of Curve
+    """
     direction = coordinates["direction"]
     share = float(np.mean(direction[mask] > 0.0))
-    both = ONE_WAY < share < 1.0 - ONE_WAY
+    both = policy.ONE_WAY < share < 1.0 - policy.ONE_WAY
     made = []
     for name, x in coordinates.items():
         unit = axis_unit(UNITS[name], prepared.motion)
@@ -205,7 +227,7 @@ def _turn(
     prepared: Prepared, unit: str, theta: Array, residual: Array, mask: Mask, weight: Array, both: bool
 ) -> Curve | None:
     direction = np.sign(prepared.signals["omega"])
-    spectrum, orders, tried = strongest_orders(prepared, residual, mask, weight, ORDERS)
+    spectrum, orders, tried = strongest_orders(prepared, residual, mask, weight, policy.MOST_ORDERS)
     if not orders:
         return None
     angle = prepared.signals["theta"]

@@ -1,41 +1,104 @@
-"""Where a model fails: its residual against speed, direction, position, acceleration, current, temperature and time.
+"""What a residual depends on: speed, direction, position, acceleration, current, temperature or time.
 
-A coordinate counts when its curve is significant in the residual's own correlated noise, holds on blocks of time that
-were left out, and is large enough to matter. The next one is judged on what the first ones leave.
+A coordinate counts when its curve is significant in the residual's own correlated noise, confirmed by cross-validation
+on blocks of time, and large enough to matter. The next one is judged on what the first ones leave.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.coordinates import Curve, curves, grid_coordinates
+from pmsm_ctrl.compare import policy
+from pmsm_ctrl.compare.coordinates import Curve, Drive, curves, grid_coordinates
+from pmsm_ctrl.compare.stretches import run_around
 from pmsm_ctrl.evidence.blocks import Bench, Noise, Outcome, bench, noise_of
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.conditioning import Prepared
 
-__all__ = ["Dependence", "Where", "where"]
+__all__ = ["Dependence", "Extent", "Objection", "Relevance", "ResidualStructure", "Trace", "residual_structure"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-SIGNIFICANCE = 0.01  # family-wise, by Holm
-SURE = 2.8  # standard errors by which the gain of left-out blocks must be above zero
-# And how many are enough for a curve, whose ends a block left out takes with it, where the F-test rules noise out: on
-# 134 clean logs of two simulators, of machines and of other sizes of drives, no curve that explains a hundredth of what
-# is left came below 7e-7.
-CERTAIN, ENOUGH = 1e-12, 2.0
-# Of the measured channel: smaller curves are not worth a word. A voltage follows the sampled current no closer.
-MATERIAL, MATERIAL_VOLTAGE = 0.004, 0.02
-WORTH = 0.05  # least share of what is left that is worth a word: aliased edges of the torque make up to 3 %
-ALIKE = 0.97  # of two coordinates that explain the same to within this, the simpler is named
-MOST = 3  # coordinates that are named
-POINTS = 121
-REVERSAL = 2.0  # periods of the cutoff around a reversal that are left out
-LARGE = 0.7  # of the greatest height: where the curve counts as large
+POINTS = 121  # of a curve that is drawn
+
+
+class Objection(Enum):
+    """The criterion that a dependence does not meet."""
+
+    NOT_SIGNIFICANT = "not_significant"
+    NOT_CONFIRMED = "not_confirmed"
+    TOO_SMALL = "too_small"
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Where a curve is large.
+
+    Attributes
+    ----------
+    low, high : float or None
+        Of the coordinate; None where the curve is large up to that end.
+    direction : int
+        1 or -1 where it is so moving forward or backward alone.
+    """
+
+    low: float | None
+    high: float | None
+    direction: int
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Measured and predicted channel on the thinned grid.
+
+    Attributes
+    ----------
+    t, measured, predicted : array, shape (m,)
+        Time in s, and the channel in `unit`.
+    mask : bool array, shape (m,)
+        Samples that count.
+    unit : str
+    """
+
+    t: Array
+    measured: Array
+    predicted: Array
+    mask: Mask
+    unit: str
+
+    @property
+    def residual(self) -> Array:
+        """Measured less predicted, shape (m,)."""
+        return self.measured - self.predicted
+
+
+@dataclass(frozen=True)
+class Relevance:
+    """How large a dependence must be.
+
+    Attributes
+    ----------
+    share : float
+        Least share of the residual's mean square.
+    size : float or None
+        Least size of a curve, as a share of the measured channel; None: by the kind of channel.
+    """
+
+    share: float = policy.SHARE
+    size: float | None = None
+
+    def least(self, trace: Trace) -> float:
+        """Return the least size of a curve in the unit of the channel."""
+        usual = policy.VOLTAGE_SIZE if trace.unit == "V" else policy.SIZE
+        share = usual if self.size is None else self.size
+        return share * float(np.sqrt(np.mean(trace.measured[trace.mask] ** 2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +109,7 @@ class Dependence:
     ----------
     coordinate, unit : str
     share : float
-        Of the residual's mean square, on blocks left out; 0 when the curve does not hold there.
+        Of the residual's mean square, by cross-validation; 0 when the curve is not confirmed.
     added : float
         The same beyond the coordinates named before it; NaN when it is not named.
     rank : int
@@ -54,20 +117,17 @@ class Dependence:
     p_value : float
         Of the prewhitened F-test, corrected for the number of coordinates and of curves tried.
     errors : float
-        Mean gain of the left-out blocks in its standard errors.
-    significant : bool
-        Whether it passes all gates by itself.
-    why_not : str
-        The gate that it fails; empty when it passes.
+        Cross-validation gain in its standard errors.
+    objection : Objection or None
+        The criterion that it does not meet by itself.
     values : array, shape (m,)
         The coordinate of every sample.
     x, forward, backward : array
         The fitted residual over the coordinate, moving either way; NaN where the log has nothing.
-    largest : str
-        Where the curve is large, in words.
-    orders, spectrum
-        Of position on a rotary axis: the orders in the curve; amplitude of every order and what noise makes of it,
-        shape (2, highest).
+    orders : tuple of int
+        Of position on a rotary axis: the orders in the curve.
+    spectrum : array, shape (2, highest), or None
+        Amplitude of every order, and what noise makes of it.
     """
 
     coordinate: str
@@ -77,15 +137,18 @@ class Dependence:
     rank: int
     p_value: float
     errors: float
-    significant: bool
-    why_not: str
+    objection: Objection | None
     values: Array
     x: Array
     forward: Array
     backward: Array
-    largest: str
     orders: tuple[int, ...] = ()
     spectrum: Array | None = None
+
+    @property
+    def significant(self) -> bool:
+        """Whether it meets all criteria by itself."""
+        return self.objection is None
 
     @property
     def peak(self) -> float:
@@ -93,30 +156,55 @@ class Dependence:
         return float(np.nanmax(np.abs([self.forward, self.backward])))
 
     @property
-    def name(self) -> str:
-        """The coordinate as a sentence says it."""
-        if self.coordinate == "speed" and np.isfinite(self.backward).any():
-            return "speed and direction"
-        if self.orders and self.rank:
-            many = "orders" if len(self.orders) > 1 else "order"
-            return f"position ({many} {', '.join(map(str, self.orders))} of a turn)"
-        return self.coordinate
+    def strongest_order(self) -> int:
+        """Of the orders in the curve the one with the greatest amplitude; 0 where there are none."""
+        if self.spectrum is None or not self.orders:
+            return 0
+        return max((self.spectrum[0, k - 1], k) for k in self.orders)[1]
+
+    @property
+    def extent(self) -> Extent:
+        """Where the curve is large."""
+        both = np.nan_to_num(np.abs([self.forward, self.backward]))
+        height = both.max(axis=0)
+        first, last = run_around(height >= policy.LARGE * height.max(), int(np.argmax(height)))
+        ways = both[:, first : last + 1].max(axis=1)
+        moves = np.isfinite(self.forward).any() and np.isfinite(self.backward).any()
+        one_way = bool(moves and ways.min() < 0.5 * ways.max())
+        return Extent(
+            None if first == 0 else float(self.x[first]),
+            None if last == len(self.x) - 1 else float(self.x[last]),
+            (1 if ways[0] > ways[1] else -1) if one_way else 0,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "coordinate": self.coordinate, "unit": self.unit, "share": self.share, "share_beyond": self.added,
+            "rank": self.rank or None, "p_value": self.p_value, "errors": self.errors,
+            "significant": self.significant, "why_not": None if self.objection is None else self.objection.value,
+            "largest": vars(self.extent), "peak": self.peak, "orders": self.orders or None,
+            "curve": {"x": self.x, "forward": self.forward, "backward": self.backward},
+        }  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class Where:
+class ResidualStructure:
     """What the residual of one channel depends on, the greatest share first.
 
     Attributes
     ----------
+    dependences : tuple of Dependence
+    unit : str
     floor : float
         Rms that none of the coordinates explains, in `unit`: the noise floor.
+    offset, offset_share : float
+        Mean of the residual, and its share of the mean square.
+    offset_significant : bool
     left : array, shape (m,)
-        What they leave over, zero where a sample does not count.
+        The residual without what they explain, zero where a sample does not count.
     mask : bool array, shape (m,)
         Samples that were judged: moving, and away from reversals.
-    offset : float
-        Mean of the residual.
     """
 
     dependences: tuple[Dependence, ...]
@@ -130,86 +218,55 @@ class Where:
 
     @property
     def named(self) -> tuple[Dependence, ...]:
-        """The coordinates that stand, in order."""
+        """The coordinates that are named, in order."""
         return tuple(sorted((d for d in self.dependences if d.rank), key=lambda d: d.rank))
 
-    def sentence(self) -> str:
-        """Say it in words."""
-        parts = []
-        if self.offset_significant:
-            parts.append(
-                f"{100 * self.offset_share:.0f} % of what is left is a constant {self.offset:+.2g} {self.unit}"
-            )
-        for number, d in enumerate(self.named):
-            share = f"{100 * d.added:.0f} %"
-            start = f"{share} of what is left depends" if not parts else f"a further {share} depends"
-            text = f"{start} on {d.name}"
-            if number == 0 and d.coordinate != "direction":
-                place = "; it is up to" if len(d.orders) == 1 else f"; it is largest {d.largest}, up to"
-                text += f"{place} {d.peak:.2g} {self.unit}"
-            parts.append(text)
-        return "; ".join(parts) if parts else "what is left depends on no coordinate of this log"
-
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, Any]:
         """Return plain values."""
         return {
-            "sentence": self.sentence(),
             "unit": self.unit,
             "noise_floor": self.floor,
             "offset": {"value": self.offset, "share": self.offset_share, "significant": self.offset_significant},
-            "coordinates": [
-                {
-                    "coordinate": d.coordinate, "unit": d.unit, "share": d.share, "share_beyond": d.added,
-                    "rank": d.rank or None, "p_value": d.p_value, "errors": d.errors, "significant": d.significant,
-                    "why_not": d.why_not or None,
-                    "largest": d.largest, "peak": d.peak, "orders": d.orders or None,
-                    "curve": {"x": d.x, "forward": d.forward, "backward": d.backward},
-                }
-                for d in self.dependences
-            ],
-        }  # fmt: skip
+            "named": [d.coordinate for d in self.named],
+            "coordinates": [d.to_dict() for d in self.dependences],
+        }
 
 
-def where(
-    prepared: Prepared, measured: Array, predicted: Array, mask: Mask, unit: str, torque: Array, J: float,
-    per_ampere: float | None = None, worth: float = WORTH, material: float | None = None,
-    skipped: Collection[str] = (),
-) -> Where:  # fmt: skip
+def residual_structure(
+    prepared: Prepared, trace: Trace, drive: Drive, relevance: Relevance | None = None, skipped: Collection[str] = ()
+) -> ResidualStructure:
     """Find what a residual depends on.
 
     Parameters
     ----------
-    measured, predicted : array, shape (m,)
-        One channel on the thinned grid.
-    mask : bool array, shape (m,)
-        Samples that count.
-    torque : array, shape (m,)
-        Drive torque as the model predicts it.
-    J : float
-        Inertia that this prediction holds.
-    per_ampere : float, optional
-        Torque constant, where the log has a current.
-    worth : float
-        Least share of what is left that is worth a word.
-    material : float, optional
-        Least size of a curve, as a share of the measured channel; by its unit when left out.
-    skipped : names of coordinates
-        Those that this log knows too badly.
+    prepared : Prepared
+        The log.
+    trace : Trace
+        One of its channels.
+    drive : Drive
+        Torque and inertia of the model.
+    relevance : Relevance, optional
+    skipped : collection of str
+        Coordinates that this log knows too badly.
+
+    Returns
+    -------
+    ResidualStructure
     """
-    t, residual = prepared.t[prepared.keep], measured - predicted
-    jitter = _from_sample_to_sample(residual[mask]) if unit != "V" else 0.0
-    every = grid_coordinates(prepared, torque, per_ampere, J, jitter)
+    residual = trace.residual
+    # a residual depends on what changes slowly most of the time: its noise is what changes from sample to sample
+    jumps = np.abs(np.diff(residual[trace.mask]))
+    jitter = 1.4826 * float(np.median(jumps)) / np.sqrt(2.0) if trace.unit != "V" else 0.0
+    every = grid_coordinates(prepared, drive, jitter)
     coordinates = {name: x for name, x in every.items() if name not in skipped}
-    used = mask & _away_from_reversals(prepared, coordinates["speed"])
-    if int(used.sum()) < 100:
-        used = mask
-    if material is None:
-        material = MATERIAL_VOLTAGE if unit == "V" else MATERIAL
+    used = trace.mask & _away_from_reversals(prepared, coordinates["speed"])
+    if int(used.sum()) >= policy.FEWEST:
+        trace = replace(trace, mask=used)
+    used = trace.mask
     made, noise = _modelled(prepared, coordinates, residual, used)
-    case = _case(t, residual, used, noise, made, prepared.cutoff, measured, coordinates["direction"],
-                 (worth, material))  # fmt: skip
+    case = _case(trace, noise, made, coordinates["direction"], relevance or Relevance(), prepared.cutoff)
     constant = case.bench.judge([], [1])
-    offset_sure = constant is not None and not case.objection(constant, constant.p_value, 0.0)
+    offset_sure = constant is not None and case.objection(constant, constant.p_value, certain=0.0) is None
     alone = {c.name: case.bench.judge(case.base[c.name], case.own[c.name]) for c in made}
     chosen = _chosen(case, made, alone)
     corrected = _corrected(made, {n: o.p_value if o is not None else 1.0 for n, o in alone.items()})
@@ -219,9 +276,9 @@ def where(
         if (outcome := alone[curve.name]) is not None
     ]
     found.sort(key=lambda d: (d.rank or 99, -d.share))
-    return Where(
-        tuple(found), unit, noise.rms, float(np.mean(residual[used])),
-        max(0.0, constant.share) if constant is not None else 0.0, bool(offset_sure), noise.left, used,
+    return ResidualStructure(
+        tuple(found), trace.unit, noise.rms, float(np.mean(residual[used])),
+        max(0.0, constant.share) if constant is not None else 0.0, offset_sure, noise.left, used,
     )  # fmt: skip
 
 
@@ -234,42 +291,35 @@ class _Case:
     bench: Bench
     base: Mapping[str, list[int]]
     own: Mapping[str, list[int]]
-    worth: float
-    least: float
+    share: float
+    size: float
     direction: Array
 
-    def objection(self, outcome: Outcome, p: float, certain: float = CERTAIN) -> str:
-        """Return the gate that a dependence fails; empty when it passes all."""
-        if p >= SIGNIFICANCE:
-            return "not significant"
-        sure = ENOUGH if p < certain else SURE
-        holds = outcome.gain > sure * outcome.stderr or (outcome.p_rank < 0.5 * SIGNIFICANCE and outcome.gain > 0.0)
-        if not holds or outcome.share <= 0.0:
-            return "does not hold on blocks left out"
-        if outcome.share <= self.worth or outcome.size <= self.least:
-            return "too small to matter"
-        return ""
+    def objection(self, outcome: Outcome, p: float, certain: float = policy.CERTAIN) -> Objection | None:
+        """Return the criterion that a dependence does not meet."""
+        if p >= policy.SIGNIFICANCE:
+            return Objection.NOT_SIGNIFICANT
+        sure = policy.SURE_IF_CERTAIN if p < certain else policy.SURE
+        by_rank = outcome.p_rank < 0.5 * policy.SIGNIFICANCE and outcome.gain > 0.0
+        if outcome.share <= 0.0 or not (outcome.gain > sure * outcome.stderr or by_rank):
+            return Objection.NOT_CONFIRMED
+        if outcome.share <= self.share or outcome.size <= self.size:
+            return Objection.TOO_SMALL
+        return None
 
 
 def _case(
-    t: Array, residual: Array, mask: Mask, noise: Noise, made: list[Curve], cutoff: float, measured: Array,
-    direction: Array, matter: tuple[float, float],
-) -> _Case:  # fmt: skip
+    trace: Trace, noise: Noise, made: list[Curve], direction: Array, relevance: Relevance, cutoff: float
+) -> _Case:
     """Put residual, constant, direction and every curve's own columns side by side."""
-    columns = [np.ones(len(t)), direction]
+    columns = [np.ones(len(trace.t)), direction]
     base, own = {}, {}
     for curve in made:
         base[curve.name] = [1, 2][: curve.base.shape[1]]
         own[curve.name] = list(range(len(columns) + 1, len(columns) + 1 + curve.own.shape[1]))
         columns += list(curve.own.T)
-    least = matter[1] * float(np.sqrt(np.mean(measured[mask] ** 2)))
-    laid = bench(noise, t, residual, mask, np.column_stack(columns), cutoff)
-    return _Case(residual, mask, laid, base, own, matter[0], least, direction)
-
-
-def _from_sample_to_sample(residual: Array) -> float:
-    """Noise, rms, from what a residual changes by: what it depends on changes slowly most of the time."""
-    return 1.4826 * float(np.median(np.abs(np.diff(residual)))) / np.sqrt(2.0)
+    laid = bench(noise, trace.t, trace.residual, trace.mask, np.column_stack(columns), cutoff)
+    return _Case(trace.residual, trace.mask, laid, base, own, relevance.share, relevance.least(trace), direction)
 
 
 def _away_from_reversals(prepared: Prepared, omega: Array) -> Mask:
@@ -277,7 +327,7 @@ def _away_from_reversals(prepared: Prepared, omega: Array) -> Mask:
     from scipy.ndimage import maximum_filter1d
 
     turned = np.concatenate([[False], omega[1:] * omega[:-1] < 0.0]).astype(np.int8)
-    reach = round(REVERSAL * prepared.thinned_rate / prepared.cutoff)
+    reach = round(policy.REVERSAL * prepared.thinned_rate / prepared.cutoff)
     return maximum_filter1d(turned, 2 * reach + 1) == 0
 
 
@@ -304,23 +354,23 @@ def _chosen(case: _Case, made: list[Curve], alone: Mapping[str, Outcome | None])
     """Name coordinates one at a time, each judged on what the earlier ones leave: name -> (rank, share beyond)."""
     named: dict[str, tuple[int, float]] = {}
     taken: list[int] = []
-    for rank in range(1, MOST + 1):
+    for rank in range(1, policy.MOST + 1):
         left = [c for c in made if c.name not in named]
         base = {c.name: sorted({*taken, *case.base[c.name]}) for c in left}
         p = _corrected(left, {c.name: case.bench.significance(base[c.name], case.own[c.name]) for c in left})
         good = []
         for curve in left:
-            if p[curve.name] >= SIGNIFICANCE:
+            if p[curve.name] >= policy.SIGNIFICANCE:
                 continue
             found = alone[curve.name] if rank == 1 else case.bench.judge(base[curve.name], case.own[curve.name])
-            if found is not None and not case.objection(found, p[curve.name]):
+            if found is not None and case.objection(found, p[curve.name]) is None:
                 good.append((curve, found))
         if not good:
             break
         best = max(found.share for _, found in good)
-        alike = [(c, f) for c, f in good if f.share >= ALIKE * best]
+        alike = [(c, f) for c, f in good if f.share >= policy.ALIKE * best]
         curve, found = min(alike, key=lambda pair: (pair[0].own.shape[1], -pair[1].share))
-        # on blocks left out the gains need not add up to the whole
+        # gains of a cross-validation need not add up to the whole
         named[curve.name] = (rank, min(found.share, 1.0 - sum(share for _, share in named.values())))
         taken = sorted({*taken, *case.base[curve.name], *case.own[curve.name]})
     return named
@@ -331,7 +381,6 @@ def _dependence(
 ) -> Dependence:
     rank, added = chosen.get(curve.name, (0, float("nan")))
     x, forward, backward = _drawn(case, curve)
-    why = case.objection(outcome, p)
     return Dependence(
         coordinate=curve.name,
         unit=curve.unit,
@@ -340,13 +389,11 @@ def _dependence(
         rank=rank,
         p_value=p,
         errors=outcome.gain / outcome.stderr if outcome.stderr > 0.0 else 0.0,
-        significant=not why,
-        why_not=why,
+        objection=case.objection(outcome, p),
         values=curve.x,
         x=x,
         forward=forward,
         backward=backward,
-        largest=_largest(curve, x, forward, backward),
         orders=curve.orders,
         spectrum=curve.spectrum,
     )
@@ -380,32 +427,3 @@ def _drawn(case: _Case, curve: Curve) -> tuple[Array, Array, Array]:
             y = np.where((x >= there.min()) & (x <= there.max()), y, np.nan)
         out.append(y)
     return x, out[0], out[1]
-
-
-def _largest(curve: Curve, x: Array, forward: Array, backward: Array) -> str:
-    """Say where the curve is large."""
-    both = np.nan_to_num(np.abs([forward, backward]))
-    if curve.name == "direction":
-        return f"{forward[1]:+.2g} forward, {backward[0]:+.2g} backward"
-    if curve.orders and curve.spectrum is not None:
-        seen = [(curve.spectrum[0, k - 1], k) for k in curve.orders]
-        return f"in order {max(seen)[1]}"
-    height = both.max(axis=0)
-    strong = height >= LARGE * height.max()
-    peak = int(np.argmax(height))
-    first = peak - int(np.argmin(strong[: peak + 1][::-1])) + 1 if not strong[: peak + 1].all() else 0
-    rest = strong[peak:]
-    last = peak + int(np.argmin(rest)) - 1 if not rest.all() else len(x) - 1
-    low, high = f"{x[first]:.3g}", f"{x[last]:.3g}"
-    unit = f" {curve.unit}".rstrip()
-    place = f"between {low} and {high}{unit}" if low != high else f"near {low}{unit}"
-    if first == 0 and last == len(x) - 1:
-        place = "everywhere alike"
-    elif first == 0:
-        place = f"below {high}{unit}"
-    elif last == len(x) - 1:
-        place = f"above {low}{unit}"
-    ways = both[:, first : last + 1].max(axis=1)
-    if np.isfinite(forward).any() and np.isfinite(backward).any() and ways.min() < 0.5 * ways.max():
-        place += " moving forward" if ways[0] > ways[1] else " moving backward"
-    return place

@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare.notices import OBJECTIONS, motion_words
 from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
-    from pmsm_ctrl.compare.comparison import Comparison, Trace
-    from pmsm_ctrl.compare.dependence import Dependence, Where
-    from pmsm_ctrl.compare.stretches import Stretch
+    from pmsm_ctrl.compare.comparison import Record
+    from pmsm_ctrl.compare.dependence import Dependence, ResidualStructure
 
-__all__ = [
-    "dependence_panel",
-    "outline",
-    "share_panel",
-    "spectrum_panel",
-    "stretches_figure",
-    "traces_figure",
-    "where_figure",
-]
+__all__ = ["SHADE", "outline", "stretches_figure", "structure_figure", "traces_figure"]
 
 Array = NDArray[np.float64]
 
@@ -46,67 +38,75 @@ def outline(t: Array, y: Array, bins: int = 500) -> tuple[Array, Array]:
     return t[picked], y[picked]
 
 
-def traces_figure(traces: Mapping[str, Trace], label: str, stretches: Iterable[Stretch] = ()) -> Figure:
-    """Draw measured, predicted and residual of every channel; shade the worst stretches."""
-    from matplotlib.figure import Figure
+def traces_figure(record: Record) -> Figure:
+    """Draw measured, predicted and residual of every channel; shade the worst stretches.
 
-    figure = Figure(figsize=(8.0, 3.4 * max(1, len(traces))), layout="constrained")
-    if not traces:
-        return figure
+    Parameters
+    ----------
+    record : Record
+    """
+    traces = record.traces
+    figure = Figure(figsize=(8.0, 3.4 * len(traces)), layout="constrained")
     axes = np.atleast_1d(figure.subplots(2 * len(traces), 1, sharex=True, height_ratios=[2, 1] * len(traces)))
     for k, (name, trace) in enumerate(traces.items()):
         upper, lower = axes[2 * k], axes[2 * k + 1]
         shown = np.where(trace.mask, 1.0, np.nan)
-        residual = trace.measured - trace.predicted
         upper.plot(*outline(trace.t, trace.measured * shown), color=BLACK, linewidth=1.0, label="measured")
         upper.plot(
             *outline(trace.t, trace.predicted * shown), color=BLUE, linewidth=1.0, linestyle="--", label="predicted"
         )
         upper.set_ylabel(f"{'force' if trace.unit == 'N' else name} [{trace.unit}]")
-        lower.plot(*outline(trace.t, residual * shown), color=VERMILION, linewidth=0.8)
+        lower.plot(*outline(trace.t, trace.residual * shown), color=VERMILION, linewidth=0.8)
         lower.axhline(0.0, color=BLACK, linewidth=0.5)
         lower.set_ylabel(f"residual [{trace.unit}]")
         for each in (upper, lower):
             each.grid(alpha=0.3)
-            for stretch in stretches:
+            for stretch in record.stretches:
                 each.axvspan(stretch.start, stretch.stop, color=SHADE, alpha=0.35, linewidth=0)
     axes[0].legend(loc="upper right", fontsize="small")
     # a path can be wider than the figure
-    axes[0].set_title(f"Measured against predicted, {Path(label).name}; filtered, standstill left out")
+    axes[0].set_title(f"Measured against predicted, {Path(record.name).name}; filtered, standstill left out")
     axes[-1].set_xlabel("time [s]")
     return figure
 
 
-def where_figure(comparison: Comparison, channel: str = "torque") -> Figure:
-    """Draw the shares, the residual over every coordinate with its curve, and the spectrum over the angle."""
-    from matplotlib.figure import Figure
+def structure_figure(record: Record, channel: str = "torque") -> Figure:
+    """Draw the shares, the residual over every coordinate with its curve, and the spectrum over the angle.
 
-    found, trace = comparison.where[channel], comparison.traces[channel]
-    residual = trace.measured - trace.predicted
+    Parameters
+    ----------
+    record : Record
+    channel : str
+    """
+    found, residual = record.structure[channel], record.traces[channel].residual
     spectral = [d for d in found.dependences if d.spectrum is not None]
     panels = 1 + len(found.dependences) + len(spectral)
     rows = -(-panels // 3)
     figure = Figure(figsize=(10.5, 2.9 * rows), layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, 3)).ravel()
-    share_panel(axes[0], found)
+    _share_panel(axes[0], found)
     here = iter(axes[1:])
     for d in found.dependences:
-        dependence_panel(next(here), d, residual, found)
+        _dependence_panel(next(here), d, residual, found)
         if d.spectrum is not None:
-            spectrum_panel(next(here), d, found.unit)
+            _spectrum_panel(next(here), d, found.unit)
     for left in here:
         left.set_axis_off()
     figure.suptitle(f"Where the {channel} residual comes from", fontsize=11)
     return figure
 
 
-def share_panel(axes: Any, found: Where) -> None:
+def _state(d: Dependence) -> str:
+    return f"{100 * d.share:.0f} %" if d.objection is None else OBJECTIONS[d.objection]
+
+
+def _share_panel(axes: Axes, found: ResidualStructure) -> None:
     """Bars: what share of the residual each coordinate explains by itself."""
     shown = list(found.dependences)[::-1]
     colours = [VERMILION if d.significant else GREY for d in shown]
     axes.barh([d.coordinate for d in shown], [100 * d.share for d in shown], color=colours)
     for k, d in enumerate(shown):
-        text = f"{100 * d.share:.0f} %" if d.significant else d.why_not
+        text = _state(d)
         axes.text(100 * d.share + 1.5, k, text, va="center", fontsize="x-small")
     axes.set_xlim(0.0, 118.0)
     axes.set_xticks([0, 25, 50, 75, 100])
@@ -115,7 +115,7 @@ def share_panel(axes: Any, found: Where) -> None:
     axes.grid(alpha=0.3, axis="x")
 
 
-def dependence_panel(axes: Any, d: Dependence, residual: Any, found: Where) -> None:
+def _dependence_panel(axes: Axes, d: Dependence, residual: Array, found: ResidualStructure) -> None:
     """The residual over one coordinate, and the fitted curve for either direction."""
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
     used = np.flatnonzero(found.mask)
@@ -150,12 +150,11 @@ def dependence_panel(axes: Any, d: Dependence, residual: Any, found: Where) -> N
         axes.set_xlim(float(d.x[0]) - margin, float(d.x[-1]) + margin)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel(f"residual [{found.unit}]")
-    state = f"{100 * d.share:.0f} %" if d.significant else d.why_not
-    axes.set_title(f"over {d.coordinate}: {state}", fontsize="small")
+    axes.set_title(f"over {d.coordinate}: {_state(d)}", fontsize="small")
     axes.grid(alpha=0.3)
 
 
-def spectrum_panel(axes: Any, d: Dependence, unit: str) -> None:
+def _spectrum_panel(axes: Axes, d: Dependence, unit: str) -> None:
     """The residual's spectrum over the angle, mechanical orders; orders in the curve are marked."""
     assert d.spectrum is not None
     amplitude, level = d.spectrum
@@ -174,28 +173,34 @@ def spectrum_panel(axes: Any, d: Dependence, unit: str) -> None:
     axes.grid(alpha=0.3)
 
 
-def stretches_figure(comparison: Comparison) -> Figure:
-    """Draw measured against predicted in the worst stretches, with the speed below."""
-    from matplotlib.figure import Figure
+def stretches_figure(record: Record) -> Figure:
+    """Draw measured against predicted in the worst stretches, with the speed below.
 
-    trace, count = comparison.traces["torque"], max(1, len(comparison.stretches))
+    Parameters
+    ----------
+    record : Record
+    """
+    trace, count = record.traces["torque"], max(1, len(record.stretches))
     figure = Figure(figsize=(3.6 * count, 4.2), layout="constrained")
     axes = figure.subplots(2, count, squeeze=False, sharex="col", height_ratios=[2, 1])
     linear = trace.unit == "N"
-    for k, stretch in enumerate(comparison.stretches):
+    speed_unit = "m/s" if linear else "rad/s"
+    for k, stretch in enumerate(record.stretches):
         upper, lower = axes[0][k], axes[1][k]
         around = 0.6 * (stretch.stop - stretch.start)
         part = (trace.t >= stretch.start - around) & (trace.t <= stretch.stop + around)
         upper.axvspan(stretch.start, stretch.stop, color=SHADE, alpha=0.35, linewidth=0)
         upper.plot(trace.t[part], trace.measured[part], color=BLACK, linewidth=1.2, label="measured")
         upper.plot(trace.t[part], trace.predicted[part], color=BLUE, linewidth=1.2, linestyle="--", label="predicted")
-        lower.plot(trace.t[part], comparison.omega[part], color=BLACK, linewidth=1.0)
+        lower.plot(trace.t[part], record.omega[part], color=BLACK, linewidth=1.0)
         lower.axhline(0.0, color=BLACK, linewidth=0.5)
         lower.set_xlabel("time [s]")
-        upper.set_title(f"{stretch.start:.4g} to {stretch.stop:.4g} s\n{stretch.doing}", fontsize="small")
+        upper.set_title(
+            f"{stretch.start:.4g} to {stretch.stop:.4g} s\n{motion_words(stretch.motion, speed_unit)}", fontsize="small"
+        )
         for each in (upper, lower):
             each.grid(alpha=0.3)
     axes[0][0].set_ylabel(f"{'force' if linear else 'torque'} [{trace.unit}]")
-    axes[1][0].set_ylabel(f"speed [{'m/s' if linear else 'rad/s'}]")
+    axes[1][0].set_ylabel(f"speed [{speed_unit}]")
     axes[0][0].legend(fontsize="x-small")
     return figure

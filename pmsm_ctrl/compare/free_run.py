@@ -1,9 +1,7 @@
-"""Speed and position by simulation: the model run free in short windows, or inside the drive's own loops.
+"""Speed and position by simulation: the model run free in short windows.
 
-An inverse-dynamics error says how much torque is missing; these say what that does to the motion. Open loop, the
-position error of a whole log is the random walk of a tiny torque bias, so the model is restarted from the measured
-state every so often. Inside the loops speed and position follow the reference whatever the model, so there the error
-of the current is the one that tells.
+An inverse-dynamics error says how much torque is missing; this says what that does to the motion. The position error of
+a whole log is the random walk of a tiny torque bias, so the model is restarted from the measured state.
 """
 
 from __future__ import annotations
@@ -14,19 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare import policy
+from pmsm_ctrl.compare.notices import NOT_IN_FREE_RUN
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.regression.conditioning import Prepared
-from pmsm_ctrl.regression.signals import term_signals
+from pmsm_ctrl.regression.signals import evaluable_terms, term_signals
+from pmsm_ctrl.section import Notice
 
 __all__ = ["FreeRun", "free_run"]
 
 Array = NDArray[np.float64]
-
-WINDOW = 0.5  # s between two restarts
-STEP = 1e-3  # s, longest step; the drive's torque is averaged over a step, so that no impulse is lost
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +37,8 @@ class FreeRun:
     omega_meas, theta_meas : array, shape (windows, steps)
     window : float
         s.
+    notices : tuple of Notice
+        Effects that could not take part.
     """
 
     t: Array
@@ -48,7 +47,7 @@ class FreeRun:
     omega_meas: Array
     theta_meas: Array
     window: float
-    notes: tuple[str, ...] = ()
+    notices: tuple[Notice, ...] = ()
 
     @property
     def travel(self) -> Array:
@@ -71,23 +70,33 @@ class FreeRun:
         return float(np.sqrt(np.mean(speed**2))), float(np.sqrt(np.mean(place**2)))
 
 
-def free_run(design: Design, prepared: Prepared, window: float = WINDOW) -> FreeRun | None:
+def free_run(design: Design, prepared: Prepared, window: float = policy.WINDOW) -> FreeRun | None:
     """Run the design's mechanics from the measured torque, restarted from the measured state every `window` s.
 
     All windows run side by side. Dry friction is set-valued: where the speed meets zero within a step the axis
     rests, and it moves on when torque exceeds what friction can hold. Midpoint rule otherwise.
 
-    Returns None for a log that is shorter than two windows.
+    Parameters
+    ----------
+    design : Design
+    prepared : Prepared
+    window : float
+        s.
+
+    Returns
+    -------
+    FreeRun or None
+        None for a log that is shorter than two windows.
     """
-    every = max(1, int(STEP * prepared.rate * (1 + 1e-9)))
+    every = max(1, int(policy.STEP * prepared.rate * (1 + 1e-9)))
     h = every / prepared.rate
     steps = max(1, round(window / h))  # a slow log's samples are further apart than a window
     count = (len(prepared.t) - every) // (steps * every)
     if count < 2:
         return None
-    terms, notes = _terms(design, prepared)
-    drive = _averaged(prepared, every)
     everything = term_signals(design, prepared.signals)
+    terms, left_out = evaluable_terms(design, "torque", everything)
+    drive = _averaged(prepared, every)
     signals = {name: values for name, values in everything.items() if isinstance(values, np.ndarray)}
     fixed = {name: values for name, values in everything.items() if not isinstance(values, np.ndarray)}
     starts = np.arange(count) * steps
@@ -106,8 +115,9 @@ def free_run(design: Design, prepared: Prepared, window: float = WINDOW) -> Free
     good = prepared.moving[at].mean(axis=1) > 0.2
     if good.sum() < 2:
         return None
+    notices = tuple(NOT_IN_FREE_RUN(effect=name, why=why) for name, why in left_out.items())
     return FreeRun(
-        prepared.t[at][good], run[0][good], run[1][good], measured[0][good], measured[1][good], steps * h, notes
+        prepared.t[at][good], run[0][good], run[1][good], measured[0][good], measured[1][good], steps * h, notices
     )
 
 
@@ -116,22 +126,6 @@ def _averaged(prepared: Prepared, every: int) -> Array:
     torque = prepared.signals["torque"] - prepared.signals.get("T_load", np.zeros_like(prepared.t))
     total = np.concatenate([[0.0], np.cumsum(0.5 * (torque[1:] + torque[:-1]))])
     return np.diff(total[::every]) / every
-
-
-def _terms(design: Design, prepared: Prepared) -> tuple[list[tuple[Effect, dict[str, float]]], tuple[str, ...]]:
-    """The torque terms that can take part, and notes on those that cannot."""
-    known, terms, notes = term_signals(design, prepared.signals), [], []
-    for effect, parameters in bound_effects(design):
-        if effect.enters != "torque" or not effect.active(parameters):
-            continue
-        missing = [name for name in effect.signals if name not in known]
-        if effect.structure != "term":
-            notes.append(f"{effect.id} is left out of the free run: it has a state of its own")
-        elif missing:
-            notes.append(f"{effect.id} is left out of the free run: no {', '.join(missing)}")
-        else:
-            terms.append((effect, parameters))
-    return terms, tuple(notes)
 
 
 @dataclass(frozen=True, eq=False)

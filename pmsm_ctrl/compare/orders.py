@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare import policy
 from pmsm_ctrl.regression.conditioning import Prepared
 
 __all__ = ["order_spectrum", "strongest_orders", "waves"]
@@ -14,21 +15,30 @@ __all__ = ["order_spectrum", "strongest_orders", "waves"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-HIGHEST = 120
-# An order is judged from the samples in which it passes the filter, and from two turns of its wave at least.
-PASSED = 0.8
-LEAST = 100
-# A further order is worth its name above this score, and this share of the first one's.
-STANDS_OUT, KEPT = 30.0, 0.04
-
 
 def waves(theta: Array, orders: Sequence[int]) -> Array:
-    """Return cosine and sine of every order, shape (n, 2 len(orders))."""
+    """Return cosine and sine of every order.
+
+    Parameters
+    ----------
+    theta : array, shape (n,)
+        rad.
+    orders : sequence of int
+
+    Returns
+    -------
+    array, shape (n, 2 len(orders))
+    """
     return np.column_stack([f(k * theta) for k in orders for f in (np.cos, np.sin)])
 
 
 def order_spectrum(
-    prepared: Prepared, residual: Array, mask: Mask, weight: Array, highest: int = HIGHEST, friction: bool = True
+    prepared: Prepared,
+    residual: Array,
+    mask: Mask,
+    weight: Array,
+    highest: int = policy.HIGHEST_ORDER,
+    friction: bool = True,
 ) -> tuple[Array, Array]:
     """Amplitude of the mechanical orders 1 to `highest`, and how much each stands out.
 
@@ -37,8 +47,15 @@ def order_spectrum(
 
     Parameters
     ----------
+    prepared : Prepared
     residual, weight : array, shape (m,)
-        On the thinned grid.
+        On the thinned grid; the weight is the relative inverse noise level.
+    mask : bool array, shape (m,)
+        Samples that count.
+    highest : int
+        Highest order.
+    friction : bool
+        Whether a wave may change its sign with the direction.
 
     Returns
     -------
@@ -49,17 +66,17 @@ def order_spectrum(
     """
     signed = prepared.signals["omega"][prepared.keep]
     theta, omega, direction = prepared.signals["theta"][prepared.keep], np.abs(signed), np.sign(signed)
-    both = friction and bool(0.03 < np.mean(direction[mask] > 0.0) < 0.97)
+    both = friction and bool(policy.ONE_WAY < np.mean(direction[mask] > 0.0) < 1.0 - policy.ONE_WAY)
     amplitude, score = np.full(highest, np.nan), np.zeros(highest)
     step = np.exp(1j * theta)
     turning = np.ones_like(step)
-    limit = 2.0 * np.pi * prepared.cutoff * PASSED
+    limit = 2.0 * np.pi * prepared.cutoff * policy.PASSED
     travel = omega / prepared.thinned_rate
     seen_orders, sums = [], []
     for k in range(1, highest + 1):
         turning = turning * step
         seen = mask & (k * omega < limit)
-        if int(seen.sum()) < LEAST or k * float(travel[seen].sum()) < 4.0 * np.pi:
+        if int(seen.sum()) < policy.FEWEST or k * float(travel[seen].sum()) < 4.0 * np.pi:
             continue
         seen_orders.append(k - 1)
         sums.append(_sums(turning[seen], weight[seen], residual[seen], direction[seen]))
@@ -98,12 +115,25 @@ def _solved(gram: Array, right: Array, power: Array, count: Array, base: int) ->
 def strongest_orders(
     prepared: Prepared, residual: Array, mask: Mask, weight: Array, count: int
 ) -> tuple[Array, list[int], int]:
-    """Return the spectrum over what noise makes of it, the orders that stand out, best first, and how many were seen.
-
-    The spectrum has shape (2, highest): amplitude of every order, and the one that noise alone exceeds in one order
-    of a hundred spectra.
+    """Return the spectrum and the orders that stand out.
 
     One order at a time is taken out of the residual before the next is looked for: it leaks into its neighbours.
+
+    Parameters
+    ----------
+    prepared, residual, mask, weight
+        As for `order_spectrum`.
+    count : int
+        Most orders.
+
+    Returns
+    -------
+    spectrum : array, shape (2, highest)
+        Amplitude of every order, and the one that noise alone exceeds in one order of a hundred spectra.
+    orders : list of int
+        Best first.
+    seen : int
+        Orders that could be judged.
     """
     first, score = order_spectrum(prepared, residual, mask, weight)
     seen = int(np.sum(score > 0.0))
@@ -120,7 +150,7 @@ def strongest_orders(
         beta = np.linalg.lstsq(columns * w, residual * w[:, 0], rcond=1e-6)[0]
         _, score = order_spectrum(prepared, residual - columns @ beta, mask, weight)
         score[np.array(orders) - 1] = 0.0
-        if score.max() < max(STANDS_OUT, KEPT * best):
+        if score.max() < max(policy.ORDER_SCORE, policy.ORDER_SHARE * best):
             break
         orders.append(int(np.argmax(score)) + 1)
     return np.stack([first, level]), orders, seen

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.figures import SHADE
+from pmsm_ctrl.compare.notices import motion_words
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
 
@@ -205,9 +206,13 @@ def worst_stretch(d: Diagnosis) -> Stretch | None:
     first = d.selection.fits[0]
     record = first.record
     omega = record.at_grid(record.signals["omega"])
-    unit = "m/s" if _linear(d) else "rad/s"
-    found = worst_stretches(record.t, first.residual[0], record.mask, omega, record.unit("torque"), unit, 1)
+    found = worst_stretches(record.t, first.residual[0], record.mask, omega, 1)
     return found[0] if found else None
+
+
+def doing(d: Diagnosis, stretch: Stretch) -> str:
+    """Return what the axis was doing in a stretch."""
+    return motion_words(stretch.motion, "m/s" if _linear(d) else "rad/s")
 
 
 def rms_within(fit: Fitted, stretch: Stretch) -> float:
@@ -243,7 +248,7 @@ def worst_stretch_figure(d: Diagnosis, stretch: Stretch) -> Figure:
     lower.set_ylabel(_speed_label(d))
     lower.set_xlabel("time [s]")
     upper.legend(fontsize="small", loc="upper left", bbox_to_anchor=(0.0, -0.02), ncols=3, frameon=False)
-    upper.set_title(f"{stretch.start:.4g} to {stretch.stop:.4g} s: {stretch.doing}")
+    upper.set_title(f"{stretch.start:.4g} to {stretch.stop:.4g} s: {doing(d, stretch)}")
     for axes in (upper, middle, lower):
         axes.axvspan(stretch.start, stretch.stop, color=SHADE, alpha=0.3, linewidth=0)
         axes.grid(alpha=0.3)

@@ -138,7 +138,7 @@ def _pictures(d: Diagnosis) -> Iterator[Picture]:
     yield Picture(partial(figures.maps_figure, d), text)
     stretch = figures.worst_stretch(d)
     if stretch is not None:
-        text = f"The stretch in which the refitted design fails worst ({stretch.doing})."
+        text = f"The stretch in which the refitted design fails worst ({figures.doing(d, stretch)})."
         if d.steps:
             old, new = (figures.rms_within(fit, stretch) for fit in (d.selection.fits[0], d.selection.fit))
             text += f" With the accepted effects the residual there falls from {old:.3g} to {new:.3g} {unit} rms."

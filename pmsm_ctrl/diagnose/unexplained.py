@@ -11,7 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.dependence import Dependence, where
+from pmsm_ctrl.compare.coordinates import Drive
+from pmsm_ctrl.compare.dependence import Dependence, Relevance, Trace, residual_structure
+from pmsm_ctrl.compare.notices import coordinate_words, largest_words
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
@@ -70,20 +72,21 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
         # a small voltage is known no better than the whole: a frame askew by 4 mrad mixes so much of it in
         whole = float(np.sqrt(np.mean(record.target[1:, sound] ** 2) * 2.0)) if name != "torque" else level
         least = max(policy.size * whole, record.coarse[row]) / max(level, 1e-300)
-        curves = where(
-            record.prepared, record.target[row], predicted[row], sound, record.unit(name), predicted[0], J,
-            per_ampere, policy.structure_share, least, skipped,
-        )  # fmt: skip
-        if curves.named:
-            found.append((curves.named[0], name))
+        trace = Trace(record.t, record.target[row], predicted[row], sound, record.unit(name))
+        relevance = Relevance(policy.structure_share, least)
+        structure = residual_structure(record.prepared, trace, Drive(predicted[0], J, per_ampere), relevance, skipped)
+        if structure.named:
+            found.append((structure.named[0], name))
     if not found:
         return None
     one, name = max(found, key=lambda f: f[0].added)
+    coordinate = coordinate_words(one)
     notice = notices.DEPENDENCE(
-        percent=100.0 * one.added, balance=_balance(record, name), coordinate=one.name,
-        peak=with_prefix(one.peak, record.unit(name)), place="" if one.coordinate == "direction" else f" {one.largest}",
+        percent=100.0 * one.added, balance=_balance(record, name), coordinate=coordinate,
+        peak=with_prefix(one.peak, record.unit(name)),
+        place="" if one.coordinate == "direction" else f" {largest_words(one)}",
     )  # fmt: skip
-    return Structure(one.name, one.unit, name, one.added, one.p_value, (one.x, one.forward, one.backward), notice)
+    return Structure(coordinate, one.unit, name, one.added, one.p_value, (one.x, one.forward, one.backward), notice)
 
 
 def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | None:

@@ -1,6 +1,6 @@
 """Identification: the speed sweep; inverse-dynamics regression, instrumental variables and output error on any log."""
 
-from pmsm_ctrl.identify import present as present
+from pmsm_ctrl.identify import present as _present  # noqa: F401 - registers the sections
 from pmsm_ctrl.identify.identification import Identification, Method, identify
 from pmsm_ctrl.identify.instrumental import BiasTest
 from pmsm_ctrl.identify.paper import PaperTable, paper_table

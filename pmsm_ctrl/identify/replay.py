@@ -41,18 +41,36 @@ class Replay:
         The references of the log; any time may be asked for.
     t : array, shape (n,)
         Uniform time of the log, s, counted from its begin.
-    T_load : array, shape (n,), or None
-        The logged load torque, N m.
+    channels : dict of str to array, shape (n,)
+        The log on that time base.
+    divider : int
+        Control periods per sample of the log.
+    notes : tuple of Notice
+        What was found of a current beside the speed controller's output.
     """
 
     controller: Design
     scenario: Scenario
     t: Array
+    channels: Mapping[str, Array]
     divider: int
     notes: tuple[Notice, ...] = ()
 
+    @property
+    def adds_current(self) -> bool:
+        """Whether a current beside the speed controller's output is replayed."""
+        return any(note.code == REPLAYED_CURRENT.code for note in self.notes)
+
     def run(self, plant: Design) -> Log:
         """Return the log that a plant without sensor noise gives, on the time grid of the original.
+
+        Parameters
+        ----------
+        plant : Design
+
+        Returns
+        -------
+        Log
 
         Raises
         ------
@@ -72,6 +90,15 @@ class Replay:
 
 def build_replay(design: Design, log: Log) -> Replay:
     """Read the experiment from a log: ``theta_ref`` (position control) or ``omega_ref`` (speed control).
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+
+    Returns
+    -------
+    Replay
 
     Raises
     ------
@@ -112,6 +139,7 @@ def build_replay(design: Design, log: Log) -> Replay:
         controller=design,
         scenario=_scenario(inputs, raw, t, rate, position),
         t=t,
+        channels=raw,
         divider=max(1, round(design.drive.f_control / rate)),
         notes=notes,
     )
@@ -237,6 +265,18 @@ def plant_with(design: Design, columns: Iterable[Column], values: Iterable[float
     """Return the plant with these parameter values, moved inside their bounds.
 
     Its torque constant is the one that the evaluation assumes, so that torque means the same on both sides.
+
+    Parameters
+    ----------
+    design : Design
+    columns : iterable of Column
+        Parameters that change.
+    values : iterable of float
+        One each, SI units.
+
+    Returns
+    -------
+    Design
     """
     changed: dict[int, dict[str, float]] = {}
     inertia = design.J

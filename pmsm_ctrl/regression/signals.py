@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.units import psi_f_from
 
-__all__ = ["drive_torque", "logged_torque", "missing_signals", "term_signals"]
+__all__ = ["drive_torque", "evaluable_terms", "logged_torque", "missing_signals", "term_signals"]
 
 Array = NDArray[np.float64]
 
@@ -103,3 +104,37 @@ def missing_signals(effect: Effect, known: Mapping[str, Array | float]) -> str:
         Names, separated by commas; empty when none is missing.
     """
     return ", ".join(name for name in effect.signals if name not in known)
+
+
+def evaluable_terms(
+    design: Design, enters: str, known: Mapping[str, Array | float]
+) -> tuple[list[tuple[Effect, dict[str, float]]], dict[str, str]]:
+    """Return the design's effects that these signals can evaluate sample by sample, without any fit.
+
+    Parameters
+    ----------
+    design : Design
+    enters : {"torque", "voltage"}
+        The balance.
+    known : mapping of str to array or float
+        As returned by `term_signals`.
+
+    Returns
+    -------
+    terms : list of (Effect, dict of str to float)
+        Active effects with their parameters.
+    left_out : dict of str to str
+        Effect id -> why.
+    """
+    terms: list[tuple[Effect, dict[str, float]]] = []
+    left_out: dict[str, str] = {}
+    for effect, parameters in bound_effects(design):
+        if effect.enters != enters or not effect.active(parameters):
+            continue
+        if effect.structure != "term":
+            left_out[effect.id] = "it has a state of its own"
+        elif missing := missing_signals(effect, known):
+            left_out[effect.id] = f"the log has no {missing}"
+        else:
+            terms.append((effect, parameters))
+    return terms, left_out

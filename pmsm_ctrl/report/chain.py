@@ -86,7 +86,7 @@ def study(
     comparison = compare(identification.design, record, holdout=holdout)
     if log is None:
         identification = replace(identification, log_name="a simulated identification motion")
-        comparison = replace(comparison, log_name="the simulated motion")
+        comparison = replace(comparison, log=replace(comparison.log, name="the simulated motion"))
     results |= {"identify": identification, "compare": comparison}
     advance(0.8)
     swept = results.get("sweep")

@@ -58,13 +58,13 @@ def test_the_pulses_with_the_same_parameters(design: Design, record: Log, pulses
     comparison = compare(found, record, holdout=pulses)
     print(comparison.summary())
     assert comparison.holdout is not None
-    assert 0.040 <= comparison.channels["torque"].relative <= 0.041
-    assert 0.059 <= comparison.holdout["torque"].relative <= 0.060
-    assert comparison.channels["torque"].unit == "N"
+    assert 0.040 <= comparison.log.errors["torque"].relative <= 0.041
+    assert 0.059 <= comparison.holdout.errors["torque"].relative <= 0.060
+    assert comparison.log.errors["torque"].unit == "N"
 
 
 def test_the_design_as_published_gives_the_published_errors(design: Design, record: Log, pulses: Log) -> None:
     comparison = compare(design, record, holdout=pulses)
     assert comparison.holdout is not None
-    assert 0.040 <= comparison.channels["torque"].relative <= 0.041
-    assert 0.059 <= comparison.holdout["torque"].relative <= 0.060
+    assert 0.040 <= comparison.log.errors["torque"].relative <= 0.041
+    assert 0.059 <= comparison.holdout.errors["torque"].relative <= 0.060

@@ -12,7 +12,9 @@ import pytest
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.compare.figures import outline
 from pmsm_ctrl.compare.free_run import free_run
-from pmsm_ctrl.compare.stretches import motion_in_words, worst_stretches
+from pmsm_ctrl.compare.motion import Kind, motion_of
+from pmsm_ctrl.compare.notices import motion_words
+from pmsm_ctrl.compare.stretches import worst_stretches
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
@@ -73,13 +75,13 @@ def test_free_run_stops_under_dry_friction() -> None:
 def test_free_run_agrees_with_the_drive_kernel(seed_motor: Design) -> None:
     ideal = seed_motor.replace(sensor={"current_noise": 0.0, "encoder_counts": 0})
     log = simulate(ideal, "triangle")
-    speed = compare(ideal, log).simulated[0].errors["omega"]
+    speed = compare(ideal, log).log.simulated[0].errors["omega"]
     assert speed.relative < 5e-4
 
 
 def test_noise_floor_of_the_free_run_is_what_noise_alone_makes(seed_motor: Design) -> None:
     for seed in (1, 2):
-        run = compare(seed_motor, simulate(seed_motor, "identification", seed=seed)).simulated[0]
+        run = compare(seed_motor, simulate(seed_motor, "identification", seed=seed)).log.simulated[0]
         assert run.method == "free run, restarted every 0.5 s"
         for error in run.errors.values():
             assert 0.6 < error.rms / error.floor < 1.4
@@ -91,15 +93,15 @@ def test_noise_floor_of_the_free_run_is_what_noise_alone_makes(seed_motor: Desig
 @pytest.mark.parametrize(("motion", "control"), [("triangle", "speed"), ("s_curve", "position")])
 def test_closed_loop_repeats_the_log(seed_motor: Design, motion: str, control: str) -> None:
     ideal = seed_motor.replace(sensor={"current_noise": 0.0, "encoder_counts": 0})
-    run = compare(ideal, simulate(ideal, motion)).simulated[1]
+    run = compare(ideal, simulate(ideal, motion)).log.simulated[1]
     assert control in run.method
     assert run.errors["i_q"].relative < 2e-3
     assert run.errors["omega"].relative < 1e-4
 
 
 def test_closed_loop_feeds_a_test_signal_in(seed_motor: Design) -> None:
-    run = compare(seed_motor, simulate(seed_motor, "identification", seed=2)).simulated[1]
-    assert run.method.endswith("and test signal")
+    run = compare(seed_motor, simulate(seed_motor, "identification", seed=2)).log.simulated[1]
+    assert run.method.endswith("and added current")
     assert run.errors["i_q"].rms < 1.1 * run.errors["i_q"].floor
 
 
@@ -107,7 +109,7 @@ def test_closed_loop_speed_hides_what_its_current_shows(seed_motor: Design) -> N
     log = simulate(
         seed_motor, "triangle", truth=seed_motor.with_effect("stribeck", {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0})
     )
-    run = compare(seed_motor, log).simulated[1].errors
+    run = compare(seed_motor, log).log.simulated[1].errors
     assert run["omega"].relative < 0.01
     assert run["i_q"].rms > 2.0 * run["i_q"].floor
 
@@ -119,34 +121,34 @@ def test_worst_stretch_is_found_and_named(rng: np.random.Generator) -> None:
     t = np.arange(0.0, 30.0, 0.01)
     omega = 20.0 * np.cos(np.pi * t / 12.35)  # a reversal at 6.2 s and at 18.5 s
     residual = rng.standard_normal(t.size) * np.where((t > 5.9) & (t < 6.5), 10.0, 1.0)
-    worst = worst_stretches(t, residual, np.ones(t.size, dtype=bool), omega, "N m", "rad/s")
+    worst = worst_stretches(t, residual, np.ones(t.size, dtype=bool), omega)
     assert len(worst) == 1
     assert 5.5 < worst[0].start < 6.0
     assert 6.4 < worst[0].stop < 6.9
-    assert worst[0].doing.startswith("reversal, up to")
+    assert worst[0].motion.kind is Kind.REVERSAL
     assert worst[0].rms > 5.0
 
 
 def test_even_noise_has_no_worst_stretch(rng: np.random.Generator) -> None:
     t = np.arange(0.0, 30.0, 0.01)
-    assert not worst_stretches(t, rng.standard_normal(t.size), np.ones(t.size, dtype=bool), t, "N m", "rad/s")
+    assert not worst_stretches(t, rng.standard_normal(t.size), np.ones(t.size, dtype=bool), t)
 
 
 @pytest.mark.parametrize(
     ("omega", "words"),
     [
         (np.full(50, 12.0), "constant +12 rad/s"),
-        (np.linspace(3.0, 80.0, 50), "speeding up forward, 3 to 80 rad/s"),
-        (np.linspace(-80.0, -20.0, 50), "slowing down backward, 80 to 20 rad/s"),
+        (np.linspace(3.0, 80.0, 50), "accelerating forward, 3 to 80 rad/s"),
+        (np.linspace(-80.0, -20.0, 50), "decelerating backward, 80 to 20 rad/s"),
         (np.linspace(-0.4, 0.4, 50), "reversal, up to 0.4 rad/s"),
         (np.linspace(0.0, 5.0, 50), "starting forward, up to 5 rad/s"),
-        (-5.0 * np.abs(np.linspace(-1.0, 0.6, 50)), "stopping and starting again backward, up to 5 rad/s"),
+        (-5.0 * np.abs(np.linspace(-1.0, 0.6, 50)), "stop and go backward, up to 5 rad/s"),
         (np.zeros(50), "at rest"),
         (np.sin(np.linspace(0.0, 30.0, 200)), "back and forth, up to 1 rad/s"),
     ],
 )
 def test_motion_in_words(omega: np.ndarray, words: str) -> None:
-    assert motion_in_words(omega, 100.0, "rad/s") == words
+    assert motion_words(motion_of(omega, 100.0), "rad/s") == words
 
 
 # ---- the whole ------------------------------------------------------------------------------------------------------
@@ -158,7 +160,7 @@ def test_noise_floor_is_that_of_the_current_sensor(seed_motor: Design) -> None:
 
     error = compare(
         seed_motor, simulate(seed_motor, "identification", seed=5), processing=Processing(cutoff=40.0)
-    ).channels["torque"]
+    ).log.errors["torque"]
     expected = seed_motor.K_t * 0.004 * np.sqrt(2.0 * 40.0 / 1000.0)
     assert error.floor == pytest.approx(expected, rel=0.15)
     assert error.rms == pytest.approx(error.floor, rel=0.05)
@@ -168,13 +170,13 @@ def test_text_json_and_page(seed_motor: Design) -> None:
     truth = seed_motor.with_effect("stribeck", {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0})
     log, other = (simulate(seed_motor, m, truth=truth, seed=s) for m, s in (("triangle", 1), ("identification", 2)))
     result = compare(seed_motor, log, holdout=other)
-    text = result.summary()
-    assert "of what is left depends on speed and direction; it is largest" in text
+    text = " ".join(result.summary(width=250).split())
+    assert "of the residual depends on speed and direction; largest" in text
     assert "free run, restarted every 0.5 s" in text
-    assert "worst stretches" in text
+    assert "Worst stretches" in text
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert data["where"]["torque"]["coordinates"][0]["coordinate"] == "speed"
-    assert data["worst_stretches"][0]["doing"]
+    assert data["worst_stretches"][0]["motion"]["kind"]
     assert {run["method"].split(",")[0] for run in data["simulation"]} >= {"free run"}
     assert data["holdout_errors"]["torque"]["floor"] > 0.0
     page = render("Comparison", [result.section()])
@@ -208,13 +210,13 @@ def test_emps_by_simulation_on_both_records(measured, designs: Path) -> None:
     design = Design.read(designs / "emps.toml")
     logs = [read_log(measured(f"emps/{name}"), design) for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")]
     result = compare(design, logs[0], holdout=logs[1])
-    assert [len(s) for s in (result.simulated, result.holdout_simulated or ())] == [1, 1]
-    speed = result.simulated[0].errors["omega"]
+    assert [len(s) for s in (result.log.simulated, result.holdout.simulated)] == [1, 1]
+    speed = result.log.simulated[0].errors["omega"]
     assert speed.unit == "m/s"
     assert 0.02 < speed.relative < 0.05
     # the authors' own direction-dependent friction, 166.7/20.14 forward and 240.4/20.63 backward: less here too
     better = design.with_effect("viscous", {"F_v": 0.5 * (166.7 + 240.4)})
     better = better.with_effect("viscous_asymmetry", {"dF_v": 0.5 * (166.7 - 240.4)})
     better = better.with_effect("coulomb", {"F_c": 20.385}).with_effect("constant_load", {"T_0": 0.5 * (20.14 - 20.63)})
-    assert compare(better, logs[0]).simulated[0].errors["omega"].rms < 0.9 * speed.rms
-    assert all(s.doing for s in result.stretches)
+    assert compare(better, logs[0]).log.simulated[0].errors["omega"].rms < 0.9 * speed.rms
+    assert result.holdout is not None

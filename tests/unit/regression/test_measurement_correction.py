@@ -71,6 +71,6 @@ def test_identification_and_comparison_know_it(design: Design, effect: str, seed
     for name, value in {"J": truth.J, "F_c": 0.0213, "F_v": 1.68e-4}.items():
         estimate = found.estimates[name]
         assert abs(estimate.value - value) < 4.0 * estimate.stderr, name
-    with_it, without = (compare(known, log).channels["torque"] for known in (truth, design))
+    with_it, without = (compare(known, log).log.errors["torque"] for known in (truth, design))
     assert with_it.rms < without.rms
     assert with_it.rms < 1.03 * with_it.floor

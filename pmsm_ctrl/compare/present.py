@@ -1,0 +1,98 @@
+"""What a comparison has to say, from the result alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from pmsm_ctrl.compare.comparison import ChannelError, Comparison, Record
+from pmsm_ctrl.compare.notices import OBJECTIONS, largest_words, motion_words, structure_words
+from pmsm_ctrl.rendering.numbers import number, percent, probability
+from pmsm_ctrl.section import Picture, Section, Table, present
+from pmsm_ctrl.units import axis_unit, drives
+
+__all__: list[str] = []
+
+
+@present.register
+def _(result: Comparison) -> Section:
+    log, motion = result.log, result.design.motion
+    names = {"torque": drives(motion)}
+    found = [f"{names.get(name, name)}: {structure_words(s)}." for name, s in log.structure.items()]
+    records = [("log", log)] + ([("holdout", result.holdout)] if result.holdout is not None else [])
+    rows = tuple(row for label, record in records for row in _error_rows(label, record, names))
+    return Section(
+        f"{result.design.name} against {Path(log.name).name}",
+        (
+            _capital(found[0]),
+            *result.notices,
+            *(_capital(sentence) for sentence in found[1:]),
+            Table(_HEADER, rows, "Errors, measured less predicted"),
+            _dependences(result, names["torque"]),
+            _stretches(log, axis_unit("rad/s", motion)),
+            *_pictures(result),
+        ),
+    )
+
+
+_HEADER = ("record", "channel", "method", "rms", "noise floor", "unit", "relative", "worst", "mean")
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:] if text[:2] != "u_" else text
+
+
+def _error_rows(label: str, record: Record, names: dict[str, str]) -> Iterator[tuple[str, ...]]:
+    methods = [("prediction", record.errors), *((run.method, run.errors) for run in record.simulated)]
+    for method, errors in methods:
+        for name, e in errors.items():
+            yield label, names.get(name, name), method, *_error_cells(e)
+
+
+def _error_cells(e: ChannelError) -> tuple[str, ...]:
+    return number(e.rms), number(e.floor, 3), e.unit, percent(e.relative), number(e.worst, 3), f"{e.mean:+.2g}"
+
+
+def _dependences(result: Comparison, quantity: str) -> Table:
+    rows = []
+    for d in result.log.structure["torque"].dependences:
+        name = f"position, order {', '.join(map(str, d.orders))}" if d.orders and d.significant else d.coordinate
+        place = f"largest {largest_words(d)}" if d.objection is None else OBJECTIONS[d.objection]
+        beyond = percent(d.added, 0) if d.rank else "-"
+        rows.append((name, percent(d.share, 0), beyond, probability(d.p_value), place))
+    header = ("coordinate", "share alone", "share added", "p (Holm)", "where, or why it does not count")
+    return Table(header, tuple(rows), f"What the {quantity} residual depends on, by cross-validation")
+
+
+def _stretches(log: Record, speed_unit: str) -> Table | str:
+    if not log.stretches:
+        return "No stretch of time is worse than the rest."
+    rows = tuple(
+        (f"{s.start:.4g} to {s.stop:.4g}", motion_words(s.motion, speed_unit), number(s.rms, 3)) for s in log.stretches
+    )
+    unit = log.errors["torque"].unit
+    return Table(("time [s]", "motion", f"rms [{unit}]"), rows, "Worst stretches of time")
+
+
+def _pictures(result: Comparison) -> Iterator[Picture]:
+    log, holdout = result.log, result.holdout
+
+    def figures():  # type: ignore[no-untyped-def]
+        from pmsm_ctrl.compare import figures
+
+        return figures
+
+    yield Picture(
+        lambda: figures().traces_figure(log),
+        "A residual with a pattern is a missing effect"
+        + ("; the worst stretches are shaded." if log.stretches else "."),
+    )
+    yield Picture(
+        lambda: figures().structure_figure(log),
+        "The residual over every coordinate. A curve that stays on zero means that the model is right there; shares "
+        "are those of the residual's mean square, by cross-validation.",
+    )
+    if log.stretches:
+        yield Picture(lambda: figures().stretches_figure(log), "The worst stretches, with the speed below.")
+    if holdout is not None:
+        yield Picture(lambda: figures().traces_figure(holdout), "The same parameters on the holdout record.")
