@@ -21,10 +21,10 @@ from pmsm_ctrl.diagnose import Diagnosis
 from pmsm_ctrl.export.tables import friction_table
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.log import Log, Provenance
+from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.report import Headline, render
 from pmsm_ctrl.report.catalogue import save_figure
-from pmsm_ctrl.result import Section
-from pmsm_ctrl.section import Notice
+from pmsm_ctrl.section import Notice, Picture, Section, Table
 
 ROOT = Path(__file__).resolve().parent.parent
 GALLERY = Path("reports/gallery")
@@ -102,10 +102,30 @@ def compensation() -> None:
 
 
 def _gains(found: Any, variants: list[str]) -> Section:
-    """How much of the error goes, for each way to compensate: a picture and its table."""
+    """Reduction of the error by each compensation: a table and its picture."""
     metrics = (("rms", "rms error"), ("reversal_peak", "peak in the reversal"))
+    rows = []
+    for variant in variants:
+        for factor in sorted({row.factor for row in found.table if row.variant == variant}):
+            cells = (f"{100 * found.change(variant, metric, factor):+.0f} %" for metric, _ in metrics)
+            rows.append((variant, "right" if factor == 1.0 else f"{100 * (factor - 1):+.0f} %", *cells))
+    return Section(
+        "Reduction of the error",
+        (
+            "Reversals at 0.5, 2 and 10 rad/s, the worst of the three, relative to no friction compensation.",
+            Table(("compensated", "parameters", *(name for _, name in metrics)), tuple(rows)),
+            Picture(
+                lambda: _bars(found, variants, metrics),
+                "Remaining error. Effects that are not compensated (Stribeck, cogging) remain; wrong parameters cost "
+                "a part of the reduction.",
+            ),
+        ),
+    )
+
+
+def _bars(found: Any, variants: list[str], metrics: tuple[tuple[str, str], ...]) -> Figure:
     factors = sorted({row.factor for row in found.table if row.variant == variants[0]})
-    rows, figure = [], Figure(figsize=(7.6, 1.2 + 0.42 * len(variants)), layout="constrained")
+    figure = Figure(figsize=(7.6, 1.2 + 0.42 * len(variants)), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (metric, name) in zip(panels, metrics, strict=True):
         for offset, factor, color in zip((-0.27, 0.0, 0.27), factors, (VERMILION, BLUE, "#009E73"), strict=False):
@@ -118,21 +138,7 @@ def _gains(found: Any, variants: list[str]) -> Section:
     panels[0].set_yticks(range(len(variants)), variants)
     panels[0].invert_yaxis()
     panels[1].legend(title="parameters", frameon=False, fontsize="small")
-    for variant in variants:
-        for factor in sorted({row.factor for row in found.table if row.variant == variant}):
-            cells = (f"{100 * found.change(variant, metric, factor):+.0f} %" for metric, _ in metrics)
-            rows.append((variant, "right" if factor == 1.0 else f"{100 * (factor - 1):+.0f} %", *cells))
-    return Section(
-        "How much of the error goes",
-        ("Reversals at 0.5, 2 and 10 rad/s, the worst of the three, against no friction compensation.",),
-        ((("compensated", "parameters", *(name for _, name in metrics)), tuple(rows)),),
-        (
-            (
-                figure,
-                "Short bars are good. What is not compensated (Stribeck, cogging) stays; wrong parameters cost a part.",
-            ),
-        ),
-    )
+    return figure
 
 
 def ladder(found: Mapping[str, Any], title: str = "") -> Figure:
@@ -200,7 +206,7 @@ def friction_curves(before: Design, after: Design) -> Figure:
     return figure
 
 
-def steps_table(found: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+def steps_table(found: Mapping[str, Any]) -> Table:
     """Return the accepted effects with parameters, evidence and errors."""
     header = ("effect", "parameters", "p, corrected", "error after", "held out after", "not to be told from")
     rows = []
@@ -212,10 +218,10 @@ def steps_table(found: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[tuple[
         after, held = (100.0 * step[k]["torque"]["relative"] for k in ("error_after", "holdout_after"))
         p = step["evidence"].get("p_holm")
         rows.append((
-            step["effect"], values, "below 1e-16" if p is not None and p < 1e-16 else f"{p:.2g}", f"{after:.2f} %",
+            step["effect"], values, "-" if p is None else probability(p), f"{after:.2f} %",
             f"{held:.2f} %", ", ".join(step["equivalents"]) or "-",
         ))  # fmt: skip
-    return header, tuple(rows)
+    return Table(header, tuple(rows))
 
 
 def emps() -> None:
@@ -264,30 +270,37 @@ def _identified(identified: Any) -> Section:
         e = identified.estimates[symbol]
         rows.append((name, f"{e.value:.4g}", f"{e.stderr:.2g}", f"{value:.4g}", e.unit))
     return Section(
-        "What its authors found, found again",
-        ("Inverse-dynamics regression on the first record, beside the values of Janot, Gautier and Brunot (2019).",),
-        ((("", "this page", "standard error", "the authors", "unit"), tuple(rows)),),
+        "Parameters that the authors published",
+        (
+            "Inverse-dynamics regression on the first record, and the values of Janot, Gautier and Brunot (2019).",
+            Table(("", "this page", "standard error", "the authors", "unit"), tuple(rows)),
+        ),
     )
 
 
 def _missing(
     identified: Design, found: Diagnosis, plain: Mapping[str, Any], residual: Figure, smallest: int
 ) -> Section:
-    """The ladder, the mean residual, the two friction models."""
+    """Errors of the steps, mean residual, the two friction models."""
     return Section(
-        "What is missing",
-        ("Each effect was accepted by a test corrected for all candidates, by its gain on blocks left out, and on "
-         "the second record. Nothing was fitted to that record.",),
-        (steps_table(plain),),
+        "Missing effects",
         (
-            (ladder(plain), "Every accepted effect lowers the error on both records; the dotted line is the noise."),
-            (residual, f"Mean residual in 14 bins of speed, {smallest} samples and more each: as identified, the model "
-             "is wrong by up to 3 N in a way that depends on speed and direction; the other lies on zero."),
-            (friction_curves(identified, found.design),
-             "The friction of both models: the slopes differ between the directions, and near standstill friction is "
-             "lower than a line says. The Stribeck term comes out negative, which presliding would do as well."),
+            "Each effect was accepted by a test corrected for all candidates, by its cross-validation gain, and on the "
+            "second record. Nothing was fitted to that record.",
+            steps_table(plain),
+            Picture(lambda: ladder(plain), "Every accepted effect lowers the error on both records; dotted: noise."),
+            Picture(
+                lambda: residual,
+                f"Mean residual in 14 bins of speed, {smallest} samples and more each: as identified, the model is "
+                "wrong by up to 3 N, depending on speed and direction; with the missing effects the mean is zero.",
+            ),
+            Picture(
+                lambda: friction_curves(identified, found.design),
+                "Friction of both models: the slopes differ between the directions, and near standstill friction is "
+                "lower than a straight line. The Stribeck term comes out negative, as presliding would.",
+            ),
         ),
-    )  # fmt: skip
+    )
 
 
 def _origin() -> Section:

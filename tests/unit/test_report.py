@@ -23,8 +23,7 @@ from pmsm_ctrl.diagnose.figures import contributions, plane_of
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.report import Headline, render
-from pmsm_ctrl.result import Section
-from pmsm_ctrl.section import Notice, Picture, Table
+from pmsm_ctrl.section import Notice, Picture, Section, Table
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 
@@ -77,9 +76,10 @@ def figure() -> Figure:
 
 
 def sections() -> list[Section]:
-    table = (("name", "value"), (("F_c", "0.0213"), ("F_v", "-1.68e-4"), ("note", "not <seen> & more")))
-    one = Section("First <b>", ("Plain & simple.", "Warning: not excited"), (table,), ((figure(), 'See "it" <here>.'),))
-    two = Section("Second", ("a\n  b",), (), ((figure(), "Again."), (figure(), "And again.")))
+    table = Table(("name", "value"), (("F_c", "0.0213"), ("F_v", "-1.68e-4"), ("note", "not <seen> & more")))
+    doubt = Notice("not_excited", "not excited")
+    one = Section("First <b>", ("Plain & simple.", doubt, table, Picture(figure, 'See "it" <here>.')))
+    two = Section("Second", ("a\n  b", Picture(figure, "Again."), Picture(figure, "And again.")))
     return [one, two]
 
 
@@ -347,8 +347,8 @@ def wide_compensation(design: Design) -> CompensationStudy:
 
 
 def test_tables_have_their_captions_and_one_section_one_title() -> None:
-    table = (("name", "value"), (("F_c", "1"),))
-    text = render("Only", [Section("Only", tables=(table, table), captions=("First & foremost",))])
+    named, plain = (Table(("name", "value"), (("F_c", "1"),), caption) for caption in ("First & foremost", ""))
+    text = render("Only", [Section("Only", (named, plain))])
     Page(text)
     assert text.count("<caption>") == 1
     assert text.index("First &amp; foremost") < text.index("F_c")
