@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import bound_effects, thermal_drift
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.simulate import SCENARIOS, Scenario, scenario
 from pmsm_ctrl.simulate.motions import Limits, PathBuilder
@@ -89,14 +90,11 @@ def named_trial(design: Design, name: str) -> Trial:
 def _warm_up(design: Design) -> Trial:
     """Reversals at 20 rad/s while Coulomb and viscous friction fall by 40 %; a drift the design has stays its own."""
     trial = Trial((_sine_then_rest(design, 20.0, cycles=10.0),))
-    if design.parameters("thermal_drift"):
+    if any("t" in effect.signals for effect, _ in bound_effects(design)):
         return trial
-    drift = {
-        "dF_c": -WARMER * design.parameters("coulomb").get("F_c", 0.0),
-        "dF_v": -WARMER * design.parameters("viscous").get("F_v", 0.0),
-        "tau": WARMING,
-    }
-    return Trial(trial.motions, changed={"thermal_drift": drift})
+    F_c, F_v = design.parameters("coulomb").get("F_c", 0.0), design.parameters("viscous").get("F_v", 0.0)
+    drift = thermal_drift.change(-WARMER * F_c, -WARMER * F_v, WARMING)
+    return Trial(trial.motions, changed={thermal_drift.effect.id: drift})
 
 
 def _circle(axis: int) -> Scenario:

@@ -80,14 +80,12 @@ def hunting(design: Design) -> Hunting | None:
 
 def _levels(design: Design) -> tuple[float, float]:
     """Dry friction at rest and in motion beyond the Stribeck speed, N m, from the effects' own terms."""
-    at_rest = {"omega": 0.0, "direction": 1.0, "theta": 0.0, "t": 0.0, "torque": 0.0, "i_q": 0.0, "i_d": 0.0}
-    at_rest["p"] = float(design.motor.p or 0)
     breakaway = sliding = 0.0
     for effect, values in bound_effects(design):
-        if effect.dry and effect.structure == "term":
-            level = effect.py_term(*({**at_rest, **values}[name] for name in effect.arguments))
+        if effect.dry and not effect.has_state:
+            level = effect.standing(values, p=float(design.motor.p or 0))
             breakaway += level
-            sliding += 0.0 if effect.id == "stribeck" else level
+            sliding += 0.0 if effect.bends_over else level
     return float(breakaway), float(sliding)
 
 

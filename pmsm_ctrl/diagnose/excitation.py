@@ -73,11 +73,13 @@ def hidden_by_motion(fit: Fitted, effects: Mapping[str, Effect], policy: Policy 
     policy : Policy
     """
     record = fit.record
-    if record.linear or "cogging" not in effects:
+    if record.linear:
         return {}
     speed = np.abs(record.at_grid(record.signals["omega"]))[record.mask]
-    slow = float(np.mean(policy.lowest_order * speed < 2.0 * np.pi * record.prepared.cutoff))
-    if slow >= policy.visible_share:
-        return {}
-    detail = {"percent": 100.0 * slow, "order": policy.lowest_order, "needs": effects["cogging"].needs}
-    return {"cogging": Refusal(Reason.NOT_EXCITED, detail)}
+    out = {}
+    for effect in effects.values():
+        slow = float(np.mean(effect.lowest_order * speed < 2.0 * np.pi * record.cutoff))
+        if effect.lowest_order and slow < policy.visible_share:
+            detail = {"percent": 100.0 * slow, "order": effect.lowest_order, "needs": effect.needs}
+            out[effect.id] = Refusal(Reason.NOT_EXCITED, detail)
+    return out

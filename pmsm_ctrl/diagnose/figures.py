@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare.figures import SHADE
 from pmsm_ctrl.compare.notices import motion_words
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
+from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
 
 if TYPE_CHECKING:
@@ -128,7 +129,8 @@ def plane_of(d: Diagnosis) -> Plane:
     if _linear(d):
         planes.append(Plane("position", "position [m]", theta))
     else:
-        orders = [s.parameters["order"].value for s in d.steps if "order" in s.parameters]
+        effects = catalogue_of(d.design)
+        orders = [s.parameters[effects[s.effect].order].value for s in d.steps if effects[s.effect].order]
         order = orders[0] if orders else 1.0
         within = f"angle in a wave of order {order:g} [rad]" if order != 1.0 else "angle in a turn [rad]"
         planes.append(Plane("position", within, np.mod(order * theta, 2.0 * np.pi)))
@@ -269,9 +271,9 @@ def contributions(fit: Fitted) -> dict[str, Array]:
         values = fit.model.matrix[0][:, columns] @ fit.plain.values[columns]
         if not np.any(values):
             continue
-        name = group.effect.id if group.effect is not None else ("inertia" if group.symbols == ("J",) else "timing")
-        order = group.shape.get("order")
-        key = f"{name} {order:g}" if order else name
+        key = "inertia" if group.symbols == ("J",) else "timing"
+        if group.effect is not None:
+            key = group.effect.label(group.shape)
         out[key] = out.get(key, 0.0) + values
     return out
 

@@ -25,7 +25,6 @@ from pmsm_ctrl.regression.model import (
     with_honest_errors,
     with_torque_held,
 )
-from pmsm_ctrl.regression.motion import bristle_direction
 
 __all__ = ["Accepted", "Fitted", "errors", "fit_design", "predicted_elsewhere"]
 
@@ -82,8 +81,9 @@ def fit_design(
     """Fit the design with the accepted effects, and try every candidate on what is left."""
     given = record
     for one in (*_bristles(design, effects), *accepted):
-        if one.effect.structure == "bristle":
-            record = with_direction(record, bristle_direction(record, one.effect, one.shape))
+        structure = one.effect.structure
+        if structure.replaces_direction:
+            record = with_direction(record, structure.direction(record, one.effect, one.shape))
     model, notes = _assemble(design, record, accepted)
     rough = solve_model(record, with_torque_held(record, model), saturated_whitener(record, model, ())[1])
     for _ in range(PASSES):
@@ -122,8 +122,9 @@ def predicted_elsewhere(
 ) -> tuple[Record, Array]:  # fmt: skip
     """Return another record, read with the torque of the fit, and its balances predicted with the fit's parameters."""
     for one in (*_bristles(design, effects), *accepted):
-        if one.effect.structure == "bristle":
-            record = with_direction(record, bristle_direction(record, one.effect, one.shape))
+        structure = one.effect.structure
+        if structure.replaces_direction:
+            record = with_direction(record, structure.direction(record, one.effect, one.shape))
     for _ in range(2):
         model, _ = _assemble(design, record, accepted)
         by_name = dict(zip(fit.plain.model.names, fit.plain.values, strict=True))
@@ -151,7 +152,7 @@ def _assemble(design: Design, record: Record, accepted: Iterable[Accepted]) -> t
 ]:  # fmt: skip
     model, notes = base_groups(design, record)
     for one in accepted:
-        if one.effect.structure != "bristle":
+        if not one.effect.structure.replaces_direction:
             model = model.plus(effect_group(record, one.effect, one.shape))
     return model, notes
 
@@ -200,7 +201,7 @@ def _true_torque(model: Model, fit: Solved) -> Array:
 def _false_torque(model: Model, values: Array) -> Array:
     out = np.zeros(model.matrix.shape[1])
     for position, group in enumerate(model.groups):
-        if group.effect is not None and group.effect.channels == ("i_d", "i_q"):
+        if group.effect is not None and group.effect.falsifies_current:
             columns = model.columns_of(position)
             out += model.matrix[0][:, columns] @ values[columns]
     return out
@@ -208,20 +209,20 @@ def _false_torque(model: Model, values: Array) -> Array:
 
 def _delay(model: Model, values: Array) -> float:
     """Delay of the currents that a model has, s, inside its bounds; 0 where it has none."""
-    for position, group in enumerate(model.groups):
-        if group.effect is not None and group.effect.structure == "delay":
-            tau = group.effect.linear[0]
-            return float(np.clip(values[model.columns_of(position)][0], tau.lower, tau.upper))
-    return 0.0
+    return sum(
+        group.effect.structure.delay(group.effect, values[model.columns_of(position)].tolist())
+        for position, group in enumerate(model.groups)
+        if group.effect is not None
+    )
 
 
 def _bristles(design: Design, effects: Mapping[str, Effect]) -> list[Accepted]:
     found = []
     for entry in design.effects:
         effect = effects.get(entry.id)
-        if effect is not None and effect.structure == "bristle":
+        if effect is not None and effect.structure.replaces_direction:
             values = effect.values(entry)
-            if values["z_s"] > 0.0:
+            if effect.active(values):
                 found.append(Accepted(effect, values))
     return found
 

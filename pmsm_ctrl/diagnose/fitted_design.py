@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.candidates import REPEATED
 from pmsm_ctrl.diagnose.fit import Fitted
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.units import axis_unit
 
@@ -31,7 +27,7 @@ def fitted_design(design: Design, fit: Fitted) -> Design:
         columns = fit.model.columns_of(position)
         entry = entries[group.entry]
         found, stderr = dict(entry.parameters), dict(entry.stderr)
-        if group.effect.structure == "term":
+        if not group.effect.has_state:
             for symbol, value, error in zip(
                 group.symbols, fit.plain.values[columns], fit.plain.stderr[columns], strict=True
             ):
@@ -48,7 +44,7 @@ def fitted_design(design: Design, fit: Fitted) -> Design:
         parameters = fitted_parameters(fit, number)
         values = {symbol: e.value for symbol, e in parameters.items()}
         stderr = {symbol: e.stderr for symbol, e in parameters.items() if np.isfinite(e.stderr)}
-        add = out.add_effect if one.effect.id in REPEATED else out.with_effect
+        add = out.add_effect if one.effect.repeated else out.with_effect
         out = add(one.effect.id, values, stderr)
     return out
 
@@ -71,7 +67,7 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
         symbols = fit.model.groups[position].symbols
         found |= dict(zip(symbols, fit.plain.values[columns].tolist(), strict=True))
         stderr = dict(zip(symbols, fit.plain.stderr[columns].tolist(), strict=True))
-    values = own_symbols(one.effect, found)
+    values = one.effect.structure.parameters(one.effect, found)
     motion = fit.record.prepared.motion
     return {
         p.symbol: Estimate(values[p.symbol], axis_unit(p.unit, motion), stderr.get(p.symbol, float("nan")))
@@ -80,21 +76,9 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
     }
 
 
-def own_symbols(effect: Effect, found: Mapping[str, float]) -> dict[str, float]:
-    """Translate what the columns use into the effect's own parameters, inside their bounds."""
-    values = dict(found)
-    if effect.structure == "transmission":
-        J_load, w, zeta = values["J_load"], values.pop("w_a"), values.pop("zeta")
-        values["k"], values["d"] = J_load * w * w, 2.0 * zeta * w * J_load
-    values.pop("level", None)
-    return {
-        p.symbol: float(min(max(values[p.symbol], p.lower), p.upper)) for p in effect.parameters if p.symbol in values
-    }
-
-
 def _position(fit: Fitted, number: int) -> int | None:
     """Where the accepted effect stands among the model's groups."""
-    if fit.accepted[number].effect.structure == "bristle":
+    if fit.accepted[number].effect.structure.replaces_direction:
         return None
-    wired = [k for k, a in enumerate(fit.accepted) if a.effect.structure != "bristle"]
+    wired = [k for k, a in enumerate(fit.accepted) if not a.effect.structure.replaces_direction]
     return len(fit.model.groups) - len(wired) + wired.index(number)

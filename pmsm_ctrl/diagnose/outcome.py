@@ -13,12 +13,13 @@ from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviation
 from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
 from pmsm_ctrl.diagnose.fit import Fitted, errors
 from pmsm_ctrl.diagnose.fitted_design import fitted_design, fitted_parameters
-from pmsm_ctrl.diagnose.iron_loss import EFFECT, Excess, friction_excess
+from pmsm_ctrl.diagnose.iron_loss import Excess, friction_excess
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Structure, Verdict
 from pmsm_ctrl.diagnose.search import Trial, least_shown
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
+from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
@@ -46,8 +47,8 @@ def outcome(
     design = fitted_design(case.design, final)
     left = structure.notice if structure is not None else None
     excess = friction_excess(case, final) if not steps else None
-    if excess is not None and EFFECT in case.effects:
-        steps.append(_excess_step(case, excess))
+    if excess is not None and excess.effect is not None:
+        steps.append(_excess_step(case, excess, excess.effect))
         design = excess.added_to(design, case.design)
     elif excess is not None:
         left = left or excess.notice
@@ -102,10 +103,11 @@ def _limits(fit: Fitted) -> Iterator[Notice]:
     """Yield what the accepted effects do not tell: the commutation angle, a spring that resonates above the band."""
     band = fit.record.prepared.cutoff
     for one in fit.accepted:
-        if one.shape.get("frame") == 0.0:
+        structure = one.effect.structure
+        if structure.commutation_apart(one.shape):
             yield notices.OTHER_ANGLE(effect=one.effect.id)
-        resonance = one.shape.get("w_a", 0.0) / (2.0 * np.pi)
-        if one.effect.structure == "transmission" and "gap" not in one.shape and resonance > band:
+        resonance = structure.resonance(one.shape)
+        if resonance is not None and resonance > band:
             yield notices.BEYOND_BAND(effect=one.effect.id, resonance=resonance, band=band)
 
 
@@ -114,14 +116,15 @@ def _steps(case: Case, selection: Selection) -> Iterator[DiagnosisStep]:
     own = [_table(case.record, errors(fit.record, fit.residual)) for fit in selection.fits]
     other = [_table(case.record, case.holdout_errors(fit)) for fit in selection.fits]
     for k, step in enumerate(selection.steps):
-        effect = step.trial.candidate.effect
+        effect, parameters = step.trial.candidate.effect, fitted_parameters(selection.fit, k)
+        name = effect.label({symbol: found.value for symbol, found in parameters.items()})
         yield DiagnosisStep(
-            effect.id, effect.title, step.equivalents, fitted_parameters(selection.fit, k),
+            effect.id, name, effect.title, step.equivalents, parameters,
             own[k], own[k + 1], other[k], other[k + 1], _evidence(step.evidence),
         )  # fmt: skip
 
 
-def _excess_step(case: Case, excess: Excess) -> DiagnosisStep:
+def _excess_step(case: Case, excess: Excess, effect: Effect) -> DiagnosisStep:
     """Return the step that reports friction above the design's."""
     from scipy.special import ndtr
 
@@ -132,8 +135,9 @@ def _excess_step(case: Case, excess: Excess) -> DiagnosisStep:
         "block_stderr": nothing, "p_rank": nothing, "material_share": nothing,
     }  # fmt: skip
     before, after = _table(case.record, excess.before), _table(case.record, excess.after)
-    title = case.effects[EFFECT].title
-    return DiagnosisStep(EFFECT, title, excess.equivalents, excess.parameters, before, after, {}, {}, evidence)
+    return DiagnosisStep(
+        effect.id, effect.id, effect.title, excess.equivalents, excess.parameters, before, after, {}, {}, evidence
+    )
 
 
 def _evidence(e: Evidence) -> dict[str, Any]:
@@ -153,7 +157,7 @@ def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
     nominal = first.model.nominal.copy()
     for k, name in enumerate(first.model.names):  # nuisances have no nominal value
         free = not np.isfinite(first.model.sigma[k]) and nominal[k] == 0.0
-        if free or name.startswith("tau_"):
+        if free or (first.model.group_of(k).effect is None and name.startswith("tau_")):
             nominal[k] = first.plain.values[k]
     residual = first.record.target - first.model.matrix @ nominal
     floor = {}
@@ -186,7 +190,7 @@ def _ranking(selection: Selection, hidden: Mapping[str, Refusal], policy: Policy
 def _shown_from(fit: Fitted, trial: Trial, policy: Policy) -> dict[str, Estimate]:
     """From which amount on the log would show an effect that it does not show: absence of evidence is not evidence."""
     effect, motion = trial.candidate.effect, fit.record.prepared.motion
-    if effect.structure == "bristle" or "gap" in trial.group.shape:
+    if not effect.structure.amounts_are_linear(trial.group.shape):
         return {}  # the size of their column is not their amount
     level = policy.significance / max(len(fit.trials), 1)
     amounts = least_shown(fit.solved, fit.whitener, trial.group, level)

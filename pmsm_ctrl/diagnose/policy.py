@@ -74,9 +74,8 @@ class Policy:
         clean logs no refused effect went beyond 0.3 % and 1e-8; aliased edges may make it 3 %.
     around_reversals : float
         Ratio of rms residuals around reversals and elsewhere from which on the structure is said to sit there. Blind.
-    visible_share, lowest_order : float
-        Share of the motion that must be slow enough for an order of the angle to pass the filter, and the lowest order
-        that is usual for cogging. Blind.
+    visible_share : float
+        Share of the motion that must be slow enough for an effect's lowest usual order to pass the filter. Blind.
     own_share : float
         Share of a column that must be its own for its friction parameter to count as excited. Blind.
     separated : float
@@ -115,7 +114,6 @@ class Policy:
     resembled_p: float = 1e-12
     around_reversals: float = 1.5
     visible_share: float = 0.1
-    lowest_order: int = 12
     own_share: float = 0.02
     separated: float = 30.0
     alarms: float = 0.05

@@ -6,20 +6,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from pmsm_ctrl.diagnose.search import OVERDAMPED, Trial, try_group
+from pmsm_ctrl.diagnose.search import Trial, try_group
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.model import Solved
 
 __all__ = ["refine"]
-
-# How often the steps are halved. A spring that is hardly damped has a frequency as sharp as its damping: per mille.
-USUAL, SHARP = 3, 7
-FIXED = ("order", "frame")  # whole numbers
-# A contact damped more than this does not bounce at all.
-STUCK = 2.0
-LINEAR = (0.85, 1.18)
 
 
 def refine(
@@ -35,11 +28,13 @@ def refine(
     distance of the grid and are halved whenever nothing gets better.
     """
     grid = trial.candidate.grid
-    free = [n for n in trial.group.shape if n not in FIXED and len({s[n] for s in grid}) > 1]
+    effect = trial.candidate.effect
+    structure, fixed = effect.structure, effect.structure.fixed(effect)
+    free = [n for n in trial.group.shape if n not in fixed and len({s[n] for s in grid}) > 1]
     if not free:
         return trial
     step = {name: _spacing(name, trial.group.shape, grid) for name in free}
-    rounds = SHARP if "w_a" in free and "gap" not in free else USUAL
+    rounds = structure.halvings(free)
     best = trial
     halved = 0
     for _ in range(4 * rounds):
@@ -47,7 +42,8 @@ def refine(
         for name in free:
             for sign in (1.0, -1.0):
                 shape = dict(best.group.shape)
-                shape[name] = _inside(trial, name, shape[name] * float(np.exp(sign * step[name])))
+                wanted = shape[name] * float(np.exp(sign * step[name]))
+                shape[name] = structure.inside(effect, trial.group.shape, name, wanted)
                 tried = _tried(record, solved, whitener, best, shape, seen)
                 if tried is not None and not tried.wrong_sign and tried.gain > best.gain * (1.0 + 1e-9):
                     best, better = tried, True
@@ -78,14 +74,3 @@ def _spacing(name: str, shape: Mapping[str, float], grid: tuple[Mapping[str, flo
     position = int(np.argmin(np.abs(np.log(np.array(values) / shape[name]))))
     near = values[position + 1] if position + 1 < len(values) else values[position - 1]
     return 0.5 * abs(float(np.log(near / values[position])))
-
-
-def _inside(trial: Trial, name: str, value: float) -> float:
-    if name == "zeta":
-        return float(min(max(value, 1e-3), STUCK if "gap" in trial.group.shape else OVERDAMPED))
-    if name == "n" and LINEAR[0] < value < LINEAR[1]:  # that is viscous friction, which the model has
-        return LINEAR[0] if trial.group.shape[name] < 1.0 else LINEAR[1]
-    for p in trial.candidate.effect.parameters:
-        if p.symbol == name:
-            return float(min(max(value, p.lower), p.upper))
-    return value

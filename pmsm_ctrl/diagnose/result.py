@@ -40,7 +40,8 @@ class DiagnosisStep:
 
     Attributes
     ----------
-    effect, title : str
+    effect, name, title : str
+        The id; the id with the order where the effect has one; the title.
     equivalents : tuple of str
         Ids of the effects that this log cannot tell from it.
     parameters : dict of symbol to Estimate
@@ -51,6 +52,7 @@ class DiagnosisStep:
     """
 
     effect: str
+    name: str
     title: str
     equivalents: tuple[str, ...]
     parameters: Mapping[str, Estimate]
@@ -59,12 +61,6 @@ class DiagnosisStep:
     holdout_before: Errors
     holdout_after: Errors
     evidence: Mapping[str, Any]
-
-    @property
-    def name(self) -> str:
-        """The id, with the order where the effect has one."""
-        order = self.parameters.get("order")
-        return self.effect if order is None else f"{self.effect} {order.value:g}"
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.tests import f_tail, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import Record
@@ -21,7 +20,6 @@ __all__ = [
     "Trial",
     "blocked_gain",
     "least_shown",
-    "physical_bounds",
     "plain_evidence",
     "saturated_whitener",
     "try_candidate",
@@ -29,13 +27,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-# A transmission damped more than this is no spring: it shifts the phase like a delay.
-OVERDAMPED = 0.7
-# Friction may rise with speed (EMPS has half its dry friction at rest), but no axis is known that rests without any.
-MOST_RISING = 0.75
-# Nor one whose dry friction at rest is more than so many times that in motion: what asks for it is something else.
-MOST_FALLING = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +65,8 @@ class Trial:
     @property
     def at_bound(self) -> bool:
         """Whether a nonlinear parameter ran into its bound: the shape wants to be another one."""
-        bounds = {p.symbol: (p.lower, p.upper) for p in self.candidate.effect.searched}
-        if "gap" not in self.group.shape and self.group.shape.get("zeta", 0.0) >= OVERDAMPED:
-            return True
-        return any(v in bounds.get(s, ()) for s, v in self.group.shape.items() if s != "delta")
+        effect = self.candidate.effect
+        return effect.structure.at_bound(effect, self.group.shape)
 
 
 @dataclass(frozen=True)
@@ -244,21 +233,8 @@ def plain_evidence(
 def _wrong_sign(group: Group, values: Array, solved: Solved) -> bool:
     """Whether a linear parameter lies where physics does not allow it."""
     assert group.effect is not None
-    known = dict(zip(solved.model.names, solved.values.tolist(), strict=True))
-    bounds = physical_bounds((group.effect,), known)
+    bounds = group.effect.structure.bounds(group.effect, solved.known)
     return any(not bounds[s][0] <= v <= bounds[s][1] for s, v in zip(group.symbols, values, strict=True))
-
-
-def physical_bounds(effects: Iterable[Effect], known: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """Return the bounds of the linear parameters of effects, some of which hang on what else is `known`."""
-    bounds = {p.symbol: (p.lower, p.upper) for effect in effects for p in effect.parameters}
-    # a load is a part of the inertia that is worth the name; a bristle carries the dry friction and nothing else
-    bounds["J_load"] = (0.02 * known["J"], known["J"])
-    dry = abs(known.get("F_c", 0.0)) + abs(known.get("dF_s", 0.0))
-    bounds["level"] = (0.5 * dry, 2.0 * dry) if dry > 0.0 else (0.0, np.inf)
-    if known.get("F_c", 0.0) > 0.0:
-        bounds["dF_s"] = (-MOST_RISING * known["F_c"], MOST_FALLING * known["F_c"])
-    return bounds
 
 
 def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float]]:

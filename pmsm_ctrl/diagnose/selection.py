@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from pmsm_ctrl.diagnose import criteria
-from pmsm_ctrl.diagnose.candidates import REPEATED, Candidate
+from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
@@ -20,9 +20,10 @@ from pmsm_ctrl.diagnose.measures import (
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.refusal import Refusal
-from pmsm_ctrl.diagnose.search import Trial, physical_bounds, try_group
+from pmsm_ctrl.diagnose.search import Trial, try_group
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.columns import effect_group
+from pmsm_ctrl.regression.model import column_bounds
 
 __all__ = ["Evidence", "Found", "Selection", "Step", "best", "equivalents", "name_of"]
 
@@ -116,9 +117,7 @@ def name_of(trial: Trial) -> str:
     ----------
     trial : Trial
     """
-    order = trial.group.shape.get("order")
-    effect = trial.candidate.effect.id
-    return f"{effect} {order:g}" if effect in REPEATED and order else effect
+    return trial.candidate.effect.label(trial.group.shape)
 
 
 def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found:
@@ -183,8 +182,7 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     pairs = [(old[name], new[name]) for old, new in (weighted, plain) for name in new]
     model = after.model
     values = zip(after.plain.values.tolist(), after.plain.stderr.tolist(), strict=True)
-    known = dict(zip(model.names, after.plain.values.tolist(), strict=True))
-    bounds = physical_bounds((g.effect for g in model.groups if g.effect), known)
+    bounds = dict(zip(model.names, column_bounds(model, after.plain.values), strict=True))
     return criteria.error_lowered(pairs, strain(before.plain) - strain(after.plain), policy) or criteria.inside_bounds(
         dict(zip(model.names, values, strict=True)), bounds, policy
     )
@@ -204,10 +202,10 @@ def _with(case: Case, fit: Fitted, trial: Trial) -> tuple[Accepted, ...]:
     """
     out = [*fit.accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid)]
     for k, one in enumerate(out):
-        spring = one.effect.structure == "transmission" and "gap" not in one.shape
-        if k == len(out) - 1 and not spring:
+        structure = one.effect.structure
+        if k == len(out) - 1 and not structure.refined_when_taken(one.shape):
             continue
-        if len(one.grid) < 2 or set(one.shape) <= {"order"} or one.effect.structure == "bristle":
+        if len(one.grid) < 2 or not structure.refined_later(one.effect, one.shape):
             continue
         rest = case.without_candidates((*out[:k], *out[k + 1 :]))
         candidate = Candidate(one.effect, (*one.grid, one.shape), len(one.grid))

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pmsm_ctrl.diagnose.candidates import REPEATED
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
@@ -121,17 +120,17 @@ def _starts(case: Case, found: Selection) -> Iterator[tuple[str, ...]]:
         yield from _rivals(found, case.policy)
     alone = {trial.candidate.effect.id: trial.plain_gain for trial in found.fits[0].trials}
     for k, one in enumerate(found.accepted):
-        if one.effect.structure == "transmission":
+        if one.effect.structure.splits_inertia:
             for rival in case.effects.values():
-                if rival.structure == "transmission" and rival.id != one.effect.id:
+                if rival.structure.splits_inertia and rival.id != one.effect.id:
                     yield tuple(rival.id if j == k else a.effect.id for j, a in enumerate(found.accepted[: k + 1]))
             continue
-        if one.effect.id in REPEATED or len(found.accepted) + len(waiting) < 2:
+        if one.effect.repeated or len(found.accepted) + len(waiting) < 2:
             continue
         others = (*found.accepted[:k], *found.accepted[k + 1 :], *waiting)
         trials = case.fit(others).trials
         instead = trials[0].candidate.effect.id if trials and not trials[0].wrong_sign else one.effect.id
-        if instead in present or instead in REPEATED:
+        if instead in present or case.effects[instead].repeated:
             continue
         ids = [other.effect.id for other in others] + [instead]
         yield tuple(sorted(ids, key=lambda name: -alone.get(name, 0.0)))
@@ -141,7 +140,7 @@ def _rivals(found: Selection, policy: Policy) -> Iterator[tuple[str, ...]]:
     """Ids of effects that might have been accepted in the place of a single one."""
     first = found.steps[0].trial
     close = [t for t in found.fits[0].trials if not (t.wrong_sign or t.singular or t.at_bound)]
-    close = [t for t in close if t.candidate.effect.id not in REPEATED and _share(t, first) > policy.rival_share]
+    close = [t for t in close if not t.candidate.effect.repeated and _share(t, first) > policy.rival_share]
     for trial in sorted(close, key=lambda t: -_share(t, first))[: policy.most_rivals + 1]:
         if trial.candidate.effect.id != first.candidate.effect.id:
             yield (trial.candidate.effect.id,)

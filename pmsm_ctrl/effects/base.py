@@ -4,41 +4,35 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
+import numpy as np
+
 from pmsm_ctrl.design import EffectEntry
+from pmsm_ctrl.effects.signals import CURRENTS, SIGNALS
+from pmsm_ctrl.effects.structures import LogView, Search, Structure, Term
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 
 __all__ = ["SIGNALS", "Effect", "Parameter"]
-
-# The names a term may use for its arguments besides its own parameters.
-SIGNALS: dict[str, str] = {
-    "omega": "mechanical speed, rad/s",
-    "theta": "mechanical angle, rad",
-    "direction": "direction of motion or of impending motion, -1, 0 or 1",
-    "i_d": "direct-axis current, A",
-    "i_q": "quadrature-axis current, A",
-    "torque": "electromagnetic torque, N m",
-    "t": "time, s",
-    "p": "pole pairs",
-    "di_d": "time derivative of i_d, A/s",
-    "di_q": "time derivative of i_q, A/s",
-    "twist": "motor angle less load angle, rad",
-    "twist_rate": "motor speed less load speed, rad/s",
-    "zeta": "bristle deflection at the start of a step, as a share of the breakaway deflection",
-    "travel": "angle turned since then, rad",
-    "limit": "dry friction at this speed as a share of that at rest",
-}
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One number of an effect.
 
-    `linear` parameters multiply a column of the regression; the others are searched.
+    Attributes
+    ----------
+    linear : bool
+        Whether it multiplies a column of the regression; the others are searched.
+    soft : bool
+        Whether a value at its bound is as good as any other: the shape does not want to be another one there.
+    avoid : (float, float), optional
+        An interval in which the effect is the same as another one, and where no value is searched.
+    shares_of_F_c : (float, float), optional
+        Narrower bounds as shares of the Coulomb friction, where that is known.
     """
 
     symbol: str
@@ -48,6 +42,9 @@ class Parameter:
     upper: float
     description: str
     linear: bool = False
+    soft: bool = False
+    avoid: tuple[float, float] | None = None
+    shares_of_F_c: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +63,19 @@ class Effect:
         Its argument names are signals of `SIGNALS` and symbols of `parameters`, in any order.
         Simulation and regression both call this one function.
     channels : names of what the term returns, in order
-    structure : {"term", "transmission", "bristle", "delay"}
-        How the simulation wires the term: added to its balance, as the torque between two masses,
-        as the deflection that replaces the sign in every dry friction, or as a delay of the logged currents.
+    structure : Structure
+        How the simulation wires the term, and which parameters play a role in that: added to its balance (`Term`), as
+        the torque between two masses, as the deflection that replaces the sign in every dry friction, or as a delay
+        of the logged currents.
     amplitudes : symbols that are all zero when the effect is off; the linear parameters unless said otherwise
+    order : symbol of the parameter that counts the periods in a turn of the angle the term reads; empty without one
+    repeated : whether an axis can have several, told apart by their order
+    lowest_order : the lowest order that is usual for the effect; 0 where it has no such limit
+    search : function of a `LogView`, optional
+        Returns the shapes over which the searched parameters are tried; multiples of their start values otherwise.
+    bends_over : symbol of the speed over which a friction fades; empty for one that does not
+    common_scale : linear parameters that scale the whole torque: no column can tell them from the torque constant
+    same_as : linear parameters whose column is that of another effect up to a factor -> the id of that effect
     needs : what excitation makes it visible
     look_alikes : effect id -> why some logs cannot tell the two apart
     validated : what it has been held against so far
@@ -88,8 +94,15 @@ class Effect:
     validated: str = "simulated logs"
     example: Mapping[str, float] = field(default_factory=dict)
     channels: tuple[str, ...] = ()
-    structure: Literal["term", "transmission", "bristle", "delay"] = "term"
+    structure: Structure = field(default_factory=Term)
     amplitudes: tuple[str, ...] = ()
+    order: str = ""
+    repeated: bool = False
+    lowest_order: int = 0
+    search: Callable[[LogView], Search | Iterable[Mapping[str, float]]] | None = None
+    bends_over: str = ""
+    common_scale: tuple[str, ...] = ()
+    same_as: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -104,6 +117,10 @@ class Effect:
                     f"effect '{self.id}': its term takes '{name}', which is neither a signal "
                     f"({', '.join(SIGNALS)}) nor one of its parameters"
                 )
+        roles = [v for v in vars(self.structure).values() if v]
+        for name in (*roles, *self.amplitudes, self.order, self.bends_over, *self.common_scale, *self.same_as):
+            if name and name not in {p.symbol for p in self.parameters}:
+                raise DesignError(f"effect '{self.id}': '{name}' is none of its parameters")
 
     @property
     def py_term(self) -> Callable[..., Any]:
@@ -127,6 +144,16 @@ class Effect:
         return "direction" in self.signals
 
     @property
+    def has_state(self) -> bool:
+        """Whether the term needs more than the signals of one instant: a second mass, a bristle, a delay line."""
+        return self.structure.memory > 0
+
+    @property
+    def falsifies_current(self) -> bool:
+        """Whether currents are measured wrongly, so that what it adds to the torque balance does not act."""
+        return self.enters == "measurement" and self.channels == CURRENTS
+
+    @property
     def linear(self) -> tuple[Parameter, ...]:
         """Parameters that multiply a regression column."""
         return tuple(p for p in self.parameters if p.linear)
@@ -139,6 +166,23 @@ class Effect:
     def active(self, values: Mapping[str, float]) -> bool:
         """Whether these parameter values do anything at all."""
         return any(values[symbol] != 0.0 for symbol in self.amplitudes)
+
+    def label(self, values: Mapping[str, float]) -> str:
+        """Return the id, with the order where the values have one: ``cogging 24``."""
+        return f"{self.id} {values[self.order]:g}" if values.get(self.order) else self.id
+
+    def standing(self, values: Mapping[str, float], **signals: float) -> float:
+        """Return the term of an axis that rests and is about to turn forwards, in the unit of its first channel.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            A value for every parameter.
+        **signals : float
+            Signals other than zero: the pole pairs, an angle.
+        """
+        at_rest = dict.fromkeys(SIGNALS, 0.0) | {"direction": 1.0} | signals | dict(values)
+        return float(np.atleast_1d(self.py_term(*(at_rest[name] for name in self.arguments)))[0])
 
     def parameter(self, symbol: str) -> Parameter:
         """Return the parameter with this symbol.

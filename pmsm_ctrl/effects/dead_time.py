@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import cos, inf, sin, sqrt
 
 from pmsm_ctrl.effects.base import Effect, Parameter
+from pmsm_ctrl.effects.structures import LogView
 from pmsm_ctrl.kernels import kernel
 
 
@@ -26,6 +28,12 @@ def term(theta: float, p: float, i_d: float, i_q: float, dU: float, i_0: float) 
     return c * u_alpha + s * u_beta, c * u_beta - s * u_alpha
 
 
+def search(log: LogView) -> Iterator[dict[str, float]]:
+    """Yield shares of the log's current."""
+    for share in (0.1, 0.3, 1.0, 2.0):
+        yield {"i_0": max(share * log.current, 1e-5)}
+
+
 effect = Effect(
     id="dead_time",
     title="Inverter dead time",
@@ -37,6 +45,7 @@ effect = Effect(
         Parameter("i_0", "A", 0.05, 1e-6, inf, "phase current below which the loss is proportional to it"),
     ),
     term=term,
+    search=search,
     example={"dU": 6.0, "i_0": 0.05},
     needs="voltages in the log, and motion with phase currents of either sign",
     look_alikes={

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pmsm_ctrl.effects.base import Effect, Parameter
+from pmsm_ctrl.effects.structures import Delay
 from pmsm_ctrl.kernels import kernel
 
 
@@ -18,7 +19,7 @@ effect = Effect(
     equation=r"i_{meas}(t) = i(t - \tau)",
     source="A. Janot, M. Gautier, M. Brunot, EMPS benchmark (2019): synchronous sampling assumed, and not met",
     enters="measurement",
-    structure="delay",
+    structure=Delay(age="tau"),
     parameters=(
         Parameter(
             "tau", "s", 0.0, -3e-3, 3e-3, "age of the logged currents; negative: the angle is older", linear=True

@@ -5,24 +5,27 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pmsm_ctrl.effects.base import SIGNALS, Effect
+from pmsm_ctrl.effects.signals import SIGNALS
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import OPTIONS, cache_folder, soundly_cached
 
-__all__ = ["column", "columns"]
+if TYPE_CHECKING:
+    from pmsm_ctrl.effects.base import Effect
+
+__all__ = ["called", "column", "columns", "compiled_loop"]
 
 Array = NDArray[np.float64]
 
 # One compiled loop per term and process. The key is the term itself, not the id: a user may change an own
 # effect and keep its name.
-_LOOPS: dict[Any, Callable[..., Any]] = {}
+_LOOPS: dict[Any, Any] = {}
 
 
 def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping[str, float]) -> Array:
@@ -57,7 +60,7 @@ def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping
         values.append(float(parameters[name]))
     loop = _LOOPS.get(effect.term)
     if loop is None:
-        loop = _LOOPS[effect.term] = _compile(effect)
+        loop = _LOOPS[effect.term] = _columns_loop(effect)
     width = len(effect.channels)
     n = arrays[0].size if arrays else _length(signals)
     out = np.empty((width, n))
@@ -108,41 +111,78 @@ def _broadcast(effect: Effect, signals: Mapping[str, ArrayLike]) -> list[Array]:
     return wanted
 
 
-def _source(effect: Effect) -> str:
-    """Source of the loop over the term's arguments, signals first; its own names cannot meet a parameter's."""
+def called(effect: Effect, /, **given: str) -> str:
+    """Return the call of a term in the text of a loop: its own parameters by their symbols, its signals as given.
+
+    Raises
+    ------
+    RequestError
+        When the term reads a signal that is not given.
+    """
+    for name in effect.signals:
+        if name not in given:
+            raise RequestError(f"effect '{effect.id}': its term reads '{name}', which its structure does not know here")
+    return f"term({', '.join(given.get(name, name) for name in effect.arguments)})"
+
+
+def compiled_loop(
+    effect: Effect, kind: str, write: Callable[[Effect], tuple[str, tuple[str, ...]]]
+) -> tuple[Callable[..., Any], tuple[str, ...]]:
+    """Return a loop around an effect's term and the symbols of the parameters it takes, in order.
+
+    Parameters
+    ----------
+    kind : str
+        A name for what the loop does; one loop per kind and term is compiled.
+    write : function of Effect
+        Returns the source of a function ``loop`` that calls ``term``, and the symbols.
+    """
+    text, symbols = write(effect)
+    key = kind, effect.term, text
+    if key not in _LOOPS:
+        _LOOPS[key] = _compiled(effect, kind, text)
+    return _LOOPS[key], symbols
+
+
+def _columns_loop(effect: Effect) -> Callable[..., Any]:
+    """Return the loop over the term's arguments, signals first, compiled for arrays."""
     given = [*effect.signals, *(name for name in effect.arguments if name not in SIGNALS)]
-    call = ", ".join(f"{name}[_at]" if name in SIGNALS else name for name in effect.arguments)
+    call = called(effect, **{name: f"{name}[_at]" for name in effect.signals})
     target = ", ".join(f"_out[{row}, _at]" for row in range(len(effect.channels)))
     head = f"def loop(_out, {', '.join(given)}):\n    for _at in range(_out.shape[1]):\n"
-    return f"{head}        {target} = term({call})\n"
+    loop = _compiled(effect, "column", f"{head}        {target} = {call}\n")
+    if hasattr(loop, "py_func"):
+        array = numba.types.Array(numba.types.float64, 1, "C", readonly=True)
+        scalars = [numba.types.float64] * (len(effect.arguments) - len(effect.signals))
+        loop.compile(numba.types.void(numba.float64[:, ::1], *([array] * len(effect.signals)), *scalars))
+        loop.disable_compile()
+    return loop
 
 
-def _compile(effect: Effect) -> Callable[..., Any]:
+def _compiled(effect: Effect, kind: str, text: str) -> Any:
+    """Return the function ``loop`` of a source text; in plain Python where the term is."""
     if not hasattr(effect.term, "py_func"):
-        return _plain_loop(effect)  # an own term in plain Python, perhaps not compilable at all
-    array = numba.types.Array(numba.types.float64, 1, "C", readonly=True)
-    scalars = [numba.types.float64] * (len(effect.arguments) - len(effect.signals))
-    signature = numba.types.void(numba.float64[:, ::1], *([array] * len(effect.signals)), *scalars)
+        return _executed(effect, text)
     module = effect.py_term.__module__
     if module.startswith("pmsm_ctrl.effects.") and getattr(sys.modules.get(module), "term", None) is effect.term:
-        loop = soundly_cached(numba.njit(**OPTIONS)(_filed_loop(effect, module)))
-        loop.compile(signature)
-        loop.disable_compile()
-        return loop
+        return soundly_cached(numba.njit(**OPTIONS)(_filed(f"{kind}_{module.rpartition('.')[2]}", module, text)))
     # An own effect may change between two runs without numba noticing, so its loop is never kept on disk.
+    return numba.njit(**{**OPTIONS, "cache": False})(_executed(effect, text))
+
+
+def _executed(effect: Effect, text: str) -> Callable[..., Any]:
     scope: dict[str, Any] = {"term": effect.term}
-    exec(_source(effect), scope)
-    return numba.njit(signature, **{**OPTIONS, "cache": False})(scope["loop"])
+    exec(text, scope)
+    return scope["loop"]
 
 
-def _filed_loop(effect: Effect, module: str) -> Callable[..., Any]:
-    """Load the loop from a file in the cache folder, where numba can keep what it compiles.
+def _filed(name: str, module: str, loop: str) -> Callable[..., Any]:
+    """Load a loop from a file in the cache folder, where numba can keep what it compiles.
 
-    The folder's name holds the hash of all sources, so a changed term never meets an old loop.
+    The folder's name holds the hash of all compiled sources, so a changed term never meets an old loop.
     """
-    name = f"column_{module.rpartition('.')[2]}"
     path = cache_folder() / f"{name}.py"
-    text = f"from {module} import term\n\n\n{_source(effect)}"
+    text = f"from {module} import term\n\n\n{loop}"
     if not path.exists() or path.read_bytes() != text.encode():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
@@ -153,9 +193,3 @@ def _filed_loop(effect: Effect, module: str) -> Callable[..., Any]:
     sys.modules[spec.name] = loaded
     spec.loader.exec_module(loaded)
     return loaded.loop
-
-
-def _plain_loop(effect: Effect) -> Callable[..., Any]:
-    scope: dict[str, Any] = {"term": effect.term}
-    exec(_source(effect), scope)
-    return scope["loop"]

@@ -25,6 +25,7 @@ effect = Effect(
         Parameter("k_e", "N m s/rad", 0.0, 0.0, inf, "eddy-current torque per electrical speed", linear=True),
     ),
     term=term,
+    same_as={"T_h": "coulomb", "k_e": "viscous"},
     example={"T_h": 0.003, "k_e": 8e-06},
     needs="a comparison with the magnets' flux changed or the rotor removed: never visible in one axis' log alone",
     look_alikes={

@@ -12,6 +12,7 @@ from __future__ import annotations
 from math import exp
 
 from pmsm_ctrl.effects.base import Effect, Parameter
+from pmsm_ctrl.effects.structures import Bristle
 from pmsm_ctrl.kernels import kernel
 
 
@@ -46,7 +47,7 @@ effect = Effect(
     equation=r"\mathrm{sgn}(\omega) \to \zeta,\quad d\zeta = \frac{d\theta}{z_s}\,(1 - \alpha(\zeta))",
     source="P. Dupont, V. Hayward, B. Armstrong, F. Altpeter, IEEE Trans. Automat. Control 47 (2002) 787",
     enters="torque",
-    structure="bristle",
+    structure=Bristle(deflection="z_s", damping="tau_z"),
     channels=("zeta", "direction"),
     amplitudes=("z_s",),
     parameters=(

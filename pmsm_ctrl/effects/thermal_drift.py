@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import exp, inf
 
 from pmsm_ctrl.effects.base import Effect, Parameter
+from pmsm_ctrl.effects.structures import LogView
 from pmsm_ctrl.kernels import kernel
 
 
@@ -12,6 +14,17 @@ from pmsm_ctrl.kernels import kernel
 def term(t: float, omega: float, direction: float, dF_v: float, dF_c: float, tau: float) -> float:
     """(dF_v omega + dF_c sgn(omega)) (1 - exp(-t/tau)): the change since the log began, first-order warm-up."""
     return (dF_v * omega + dF_c * direction) * (1.0 - exp(-t / tau))
+
+
+def search(log: LogView) -> Iterator[dict[str, float]]:
+    """Yield time constants from a tenth of the log to thrice its length."""
+    for share in (0.1, 0.3, 1.0, 3.0):
+        yield {"tau": share * log.duration}
+
+
+def change(dF_c: float, dF_v: float, tau: float) -> dict[str, float]:
+    """Return the parameters of a change of Coulomb and viscous friction with this time constant, s."""
+    return {"dF_c": dF_c, "dF_v": dF_v, "tau": tau}
 
 
 effect = Effect(
@@ -26,6 +39,7 @@ effect = Effect(
         Parameter("tau", "s", 10.0, 1e-3, 1e6, "time constant of warming up"),
     ),
     term=term,
+    search=search,
     example={"dF_v": -5e-05, "dF_c": -0.003, "tau": 10.0},
     needs="the same speeds early and late in the log",
     look_alikes={

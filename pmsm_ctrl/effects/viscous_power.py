@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import inf
 
 from pmsm_ctrl.effects.base import Effect, Parameter
+from pmsm_ctrl.effects.structures import LogView
 from pmsm_ctrl.kernels import kernel
 
 
@@ -12,6 +14,12 @@ from pmsm_ctrl.kernels import kernel
 def term(omega: float, direction: float, k: float, n: float) -> float:
     """k abs(omega)^n sgn(omega)."""
     return k * abs(omega) ** n * direction
+
+
+def search(log: LogView) -> Iterator[dict[str, float]]:
+    """Yield exponents below and above 1, which is viscous friction."""
+    for n in (0.33, 0.5, 2.0 / 3.0, 0.8, 1.3, 1.6, 2.0, 2.5, 3.0):
+        yield {"n": n}
 
 
 effect = Effect(
@@ -22,9 +30,10 @@ effect = Effect(
     enters="torque",
     parameters=(
         Parameter("k", "N m (s/rad)^n", 0.0, 0.0, inf, "drag at 1 rad/s", linear=True),
-        Parameter("n", "1", 2.0 / 3.0, 0.3, 3.0, "exponent"),
+        Parameter("n", "1", 2.0 / 3.0, 0.3, 3.0, "exponent", avoid=(0.85, 1.18)),
     ),
     term=term,
+    search=search,
     example={"k": 0.001, "n": 0.667},
     needs="steady motion at five or more well spread speeds",
     look_alikes={

@@ -142,7 +142,7 @@ def _compensated(design: Design) -> list[tuple[Effect, dict[str, float]]]:
     for effect, values in bound_effects(design):
         if effect.id not in design.compensation.effects or not effect.active(values):
             continue
-        if effect.enters != "torque" or effect.structure != "term" or not set(effect.signals) <= set(READABLE):
+        if effect.enters != "torque" or effect.has_state or not set(effect.signals) <= set(READABLE):
             raise RequestError(
                 f"{design.source or design.name}: compensation.effects: '{effect.id}' cannot be evaluated in a drive; "
                 "take it out of the compensation"

@@ -82,7 +82,7 @@ def friction_points(design: Design, count: int = POINTS, speed_max: float | None
 
 
 def cogging_table(design: Design) -> list[tuple[float, float, float]]:
-    """Return every cogging effect as ``amplitude sin(order theta + phase)``.
+    """Return every wave of the angle alone, such as cogging, as ``amplitude sin(order theta + phase)``.
 
     Parameters
     ----------
@@ -95,9 +95,10 @@ def cogging_table(design: Design) -> list[tuple[float, float, float]]:
     """
     rows = []
     for effect, values in bound_effects(design):
-        if effect.id == "cogging" and effect.active(values):
-            a_s, a_c = values["a_s"], values["a_c"]
-            rows.append((values["order"], math.hypot(a_s, a_c), math.atan2(a_c, a_s)))
+        if effect.order and effect.signals == ("theta",) and effect.active(values):
+            order = values[effect.order]
+            a_s, a_c = (effect.standing(values, theta=theta) for theta in (0.5 * math.pi / order, 0.0))
+            rows.append((order, math.hypot(a_s, a_c), math.atan2(a_c, a_s)))
     return rows
 
 
@@ -230,7 +231,7 @@ def _sum(design: Design, signals: dict[str, Array], reads: str) -> Array:
     total = np.zeros_like(signals["direction"])
     for effect, values in bound_effects(design):
         own = set(effect.signals)
-        if effect.enters != "torque" or effect.structure != "term" or not own <= set(known):
+        if effect.enters != "torque" or effect.has_state or not own <= set(known):
             continue
         # an effect of neither angle nor speed (F_c, a constant load) belongs to the table over speed
         if reads == "omega" or "theta" in own:

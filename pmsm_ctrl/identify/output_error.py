@@ -35,8 +35,6 @@ __all__ = ["output_error"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FIXED = ("order",)  # whole numbers
-
 
 @dataclass(frozen=True, eq=False)
 class _Model:
@@ -150,8 +148,8 @@ def _parameters(design: Design, problem: Problem) -> tuple[Column, ...]:
     for index, (effect, parameters) in enumerate(bound_effects(design)):
         for known in effect.parameters:
             symbol = known.symbol
-            if symbol in FIXED:
-                continue
+            if symbol == effect.order:
+                continue  # a whole number
             twins = sum(column.symbol == symbol for column in made)
             name = f"{symbol}#{twins + 1}" if twins else symbol
             unit, value = axis_unit(known.unit, design.motion), parameters[symbol]

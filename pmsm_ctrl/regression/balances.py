@@ -116,6 +116,11 @@ class Record:
         return 1.0 / self.prepared.rate
 
     @property
+    def cutoff(self) -> float:
+        """Cutoff of the low-pass that every balance and column goes through, Hz."""
+        return self.prepared.cutoff
+
+    @property
     def linear(self) -> bool:
         """Whether the axis is linear (m, N)."""
         return self.prepared.motion == "linear"
@@ -171,6 +176,25 @@ class Record:
     def rate_of(self, values: Array) -> Array:
         """Time derivative at the log's rate."""
         return derivative(values, self.period)
+
+    def acceleration(self) -> Array:
+        """Filtered and thinned acceleration, shape (m,)."""
+        key = ("alpha",)
+        if key not in self.kept:
+            self.kept[key] = self.shaped(self.signals["alpha"])
+        return self.kept[key]
+
+    def noise_of(self, values: Array) -> float:
+        """Noise of a thinned signal, rms: what it holds in the upper half of the band, as a median."""
+        fast = values - low_pass(values, self.rate, 0.5 * self.cutoff)
+        return 1.4826 * np.sqrt(2.0) * float(np.median(np.abs(fast)))
+
+    def shaft_noise(self) -> float:
+        """Noise of the acceleration, rms."""
+        key = ("noise of alpha",)
+        if key not in self.kept:
+            self.kept[key] = np.array(self.noise_of(self.acceleration()))
+        return float(self.kept[key])
 
     def slope_behind(self, values: Array) -> Array:
         """Slope over the time from `late` ago until now, at the log's rate: so a delay of `late` is met exactly."""

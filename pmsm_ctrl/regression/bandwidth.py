@@ -81,7 +81,7 @@ def widest_band(design: Design, log: Log) -> float:
 
 def _has_shapes(design: Design) -> bool:
     """Whether an effect has a shape to be searched; the order of a ripple is a whole number and none."""
-    return any(p.symbol != "order" for effect, _ in bound_effects(design) for p in effect.searched)
+    return any(p.symbol != effect.order for effect, _ in bound_effects(design) for p in effect.searched)
 
 
 def regression_problem(design: Design, log: Log, processing: Processing) -> Problem:

@@ -229,7 +229,7 @@ def _terms(design: Design, prepared: Prepared, torque: Array) -> tuple[list[_Ter
     for index, (effect, parameters) in enumerate(bound_effects(design)):
         if effect.enters != "torque":
             continue
-        if effect.structure != "term":
+        if effect.has_state:
             left_out.append(NO_REGRESSION(effect=effect.id))
             continue
         if missing := missing_signals(effect, known):

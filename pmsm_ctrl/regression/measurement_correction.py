@@ -8,17 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.effects.catalogue import CATALOGUE
-from pmsm_ctrl.effects.evaluate import column
+from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.regression.notices import MEASUREMENT_EFFECT_LEFT_IN
 from pmsm_ctrl.section import Notice
 
 __all__ = ["undone"]
 
 Array = NDArray[np.float64]
-
-CURRENTS = ("i_d", "i_q")
 
 
 def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[Notice, ...]]:
@@ -36,41 +32,15 @@ def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dic
     """
     out = {name: np.asarray(values) for name, values in channels.items()}
     notes = []
+    effects = catalogue_of(design)
+    p = float(design.motor.p) if design.motor.p is not None else None
     for entry in design.effects:
-        effect = CATALOGUE.get(entry.id)
+        effect = effects.get(entry.id)
         if effect is None or effect.enters != "measurement":
             continue
-        values = effect.values(entry)
-        if effect.structure == "delay":
-            out |= _earlier(t, out, values["tau"])
-        elif not _subtracted(design, effect, values, t, out):
+        corrected = effect.structure.corrected(effect, effect.values(entry), t, out, p)
+        if corrected is None:
             notes.append(MEASUREMENT_EFFECT_LEFT_IN(effect=effect.id))
+        else:
+            out = corrected
     return out, tuple(notes)
-
-
-def _earlier(t: Array, channels: Mapping[str, Array], tau: float) -> dict[str, Array]:
-    """Currents, or the torque that was made of them, moved back to when they flowed."""
-    from scipy.interpolate import CubicSpline
-
-    then = np.clip(t + tau, t[0], t[-1])
-    late = [name for name in (*CURRENTS, "torque") if name in channels]
-    return {name: CubicSpline(t, channels[name])(then) for name in late}
-
-
-def _subtracted(
-    design: Design, effect: Effect, values: Mapping[str, float], t: Array, channels: dict[str, Array]
-) -> bool:
-    """Take the effect's own term off the channels it spoils; False where it cannot be evaluated."""
-    known: dict[str, Array | float] = {"i_d": np.zeros_like(t), **channels}
-    if design.motor.p is not None:
-        known["p"] = float(design.motor.p)
-    spoiled = [name for name in effect.channels if name in channels]
-    if not spoiled or any(name not in known for name in effect.signals):
-        return False
-    wrong = np.atleast_2d(column(effect, known, values))
-    for name, error in zip(effect.channels, wrong, strict=True):
-        if name in spoiled:
-            channels[name] = channels[name] - error
-        if name == "theta" and "omega" in channels:
-            channels["omega"] = channels["omega"] - np.gradient(error, t)
-    return True

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.effects.structures.interface import Known
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group, noise_of
+from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 
 __all__ = [
     "MOST_NOISE",
@@ -21,7 +21,7 @@ __all__ = [
     "Model",
     "Solved",
     "base_groups",
-    "design_shape",
+    "column_bounds",
     "noise_share",
     "solve_model",
     "spread",
@@ -39,6 +39,8 @@ FILTERED = 3e-3
 OWN = 0.02
 # From this share of noise in the acceleration on, the inertia is held at its nominal value, to within a share of it.
 MOST_NOISE, HELD = 0.05, 0.01
+# What the friction of an axis at rest hangs on: not on its load, its angle or its age.
+DRY = frozenset(("omega", "direction", "p"))
 FIXED = 1e-4  # share of a value within which it stays where it must not move
 
 
@@ -109,20 +111,16 @@ class Solved:
         """Predicted balances, shape (channels, m)."""
         return (self.model.matrix if matrix is None else matrix) @ self.values
 
+    # Read at every trial of a candidate.
+    @cached_property
+    def known(self) -> Known:
+        """What the fit says of the axis, for the bounds that hang on it."""
+        return known(self.model, self.values)
+
     @property
     def chi2(self) -> float:
         """Sum of squares of the whitened residual."""
         return float(self.rest @ self.rest)
-
-
-def design_shape(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    """Nonlinear parameters of a design's entry, as the columns want them."""
-    if effect.structure == "transmission":
-        J_load, k, d = values["J_load"], values["k"], values["d"]
-        w = float(np.sqrt(k / max(J_load, 1e-12)))
-        shape = {"w_a": w, "zeta": d / (2.0 * max(J_load, 1e-12) * w)}
-        return {"gap": values["gap"], **shape} if "gap" in values else shape
-    return {p.symbol: values[p.symbol] for p in effect.searched}
 
 
 def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]:
@@ -150,10 +148,10 @@ def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]
         _winding(design, record, groups, nominal, sigma)
     notes = []
     for entry, (effect, values) in enumerate(bound_effects(design)):
-        if effect.structure == "bristle":
+        if effect.structure.replaces_direction:
             continue
         try:
-            group = effect_group(record, effect, design_shape(effect, values), entry)
+            group = effect_group(record, effect, effect.structure.shape(effect, values), entry)
         except UnavailableError as why:
             notes.append(f"the design's {effect.id} is left out: {why}")
             continue
@@ -193,6 +191,31 @@ def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:
     return replace(model, sigma=sigma)
 
 
+def known(model: Model, values: Array) -> Known:
+    """Return what the values of a model say of the axis, for the bounds that hang on it."""
+    by_name = dict(zip(model.names, values.tolist(), strict=True))
+    dry = 0.0
+    for position, group in enumerate(model.groups):
+        effect = group.effect
+        if effect is None or not effect.dry or not DRY.issuperset(effect.signals):
+            continue
+        off = {p.symbol: 0.0 for p in effect.linear} | dict(group.shape)
+        for symbol, value in zip(group.symbols, values[model.columns_of(position)].tolist(), strict=True):
+            dry += abs(effect.standing({**off, symbol: value}))
+    return Known(by_name["J"], by_name.get("F_c", 0.0), dry)
+
+
+def column_bounds(model: Model, values: Array) -> list[tuple[float, float]]:
+    """Return where the parameter of every column may lie; everywhere where it is no effect's."""
+    found = known(model, values)
+    out: list[tuple[float, float]] = []
+    for group in model.groups:
+        effect = group.effect
+        bounds = {} if effect is None else effect.structure.bounds(effect, found)
+        out += [bounds.get(symbol, (-np.inf, np.inf)) for symbol in group.symbols]
+    return out
+
+
 def noise_share(record: Record, alpha: Array) -> float:
     """Share of noise in the acceleration where it counts.
 
@@ -200,7 +223,7 @@ def noise_share(record: Record, alpha: Array) -> float:
     and the log's rate is too low for them, hardly anything else is left.
     """
     weight = (record.weight[0] * record.mask) ** 2
-    return float(noise_of(record, alpha) ** 2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
+    return float(record.noise_of(alpha) ** 2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
 
 
 def _winding(design: Design, record: Record, groups: list[Group], nominal: list[float], sigma: list[float]) -> None:

@@ -131,7 +131,7 @@ def evaluable_terms(
     for effect, parameters in bound_effects(design):
         if effect.enters != enters or not effect.active(parameters):
             continue
-        if effect.structure != "term":
+        if effect.has_state:
             left_out[effect.id] = "it has a state of its own"
         elif missing := missing_signals(effect, known):
             left_out[effect.id] = f"the log has no {missing}"

@@ -11,23 +11,22 @@ import importlib.util
 import re
 import sys
 import threading
-from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 
 from pmsm_ctrl.effects import Effect
+from pmsm_ctrl.effects.structures import STRUCTURES, Structure
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import cache_folder
 from pmsm_ctrl.simulate.feedforward import compensation_lines
 
-__all__ = ["BARE_STATES", "MEMORY", "load", "memory", "module_of", "source"]
+__all__ = ["BARE_STATES", "load", "module_of", "source", "structures"]
 
 _LOADING = threading.Lock()  # a module loaded twice would be compiled twice
 _MARK = re.compile(r"#\s<([a-z_ ]+)>\s*$")
-# Numbers the kernel carries from one call to the next, and what each structure adds to them.
-BARE_STATES = 15
-MEMORY = {"transmission": 2, "bristle": 1, "delay": 512}
+BARE_STATES = 15  # numbers the kernel carries from one call to the next; structures add theirs
 _TEMPLATE = Path(__file__).resolve().parent.parent / "kernels" / "drive_template.py"
 
 
@@ -71,10 +70,15 @@ def module_of(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect,
         return _compiled(text, effects, compensated)
 
 
-def memory(effects: Sequence[Effect]) -> dict[str, int]:
-    """Return how many numbers each structure keeps beside the bare drive's states, in the order they are stored."""
-    present = {effect.structure for effect in effects}
-    return {name: size for name, size in MEMORY.items() if name in present}
+def structures(effects: Sequence[Effect]) -> list[tuple[type[Structure], int]]:
+    """Return the structures of effects and where the memory of each begins, in the order of the kernel's states."""
+    present = {type(effect.structure) for effect in effects}
+    found, offset = [], BARE_STATES
+    for kind in STRUCTURES:
+        if kind in present:
+            found.append((kind, offset))
+            offset += kind.memory
+    return found
 
 
 def _lines(effects: Sequence[Effect]) -> dict[str, list[str]]:
@@ -84,141 +88,16 @@ def _lines(effects: Sequence[Effect]) -> dict[str, list[str]]:
     lines: dict[str, list[str]] = {}
     if names:
         lines["parameters"] = [", ".join(names) + ("," if len(names) == 1 else "") + " = effects"]
-    terms = [(k, effect) for k, effect in numbered if effect.structure == "term"]
-    lines["torque"] = [f"opposing += {_call(k, effect)}" for k, effect in terms if effect.enters == "torque"]
-    lines |= _voltage([(k, effect) for k, effect in terms if effect.enters == "voltage"])
-    lines |= _measurement([(k, effect) for k, effect in terms if effect.enters == "measurement"])
-    offset = BARE_STATES
-    offsets = {}
-    for name, size in memory(effects).items():
-        offsets[name] = offset
-        offset += size
     if any(effect.dry for effect in effects):
         lines["hold"] = ["if direction == 0.0:", "    domega = 0.0"]
         lines["step"] = ["y = step_dry(y, t + m * h, h, held, machine, effects)"]
-    load, store = [], []
-    dry = [(k, effect) for k, effect in terms if effect.dry]
-    wiring: dict[str, Callable[..., dict[str, list[str]]]] = {
-        "transmission": _transmission,
-        "bristle": partial(_bristle, dry=dry),
-        "delay": _delay,
-    }
-    for structure, wire in wiring.items():
-        wired = [(k, effect) for k, effect in numbered if effect.structure == structure]
-        if not wired or (structure == "bristle" and not dry):
-            continue
-        new = wire(wired, offsets[structure])
-        load += new.pop("load memory", [])
-        store += new.pop("store memory", [])
-        if structure == "bristle":
-            lines.pop("hold", None)  # a bristle gives way: nothing is ever locked
+    dry = [(k, effect) for k, effect in numbered if effect.dry and not effect.has_state]
+    for kind, offset in structures(effects):
+        new = kind.lines([(k, effect) for k, effect in numbered if type(effect.structure) is kind], offset, dry)
+        for mark in ("load memory", "store memory"):
+            new[mark] = [*lines.get(mark, []), *new.get(mark, [])]
         lines |= new
-    return lines | {"load memory": load, "store memory": store}
-
-
-def _call(k: int, effect: Effect, /, **renamed: str) -> str:
-    """Return the call of effect `k`'s term with its own parameters; signals are locals of the template."""
-    own = {p.symbol for p in effect.parameters}
-    arguments = (renamed.get(name, f"e{k}_{name}" if name in own else name) for name in effect.arguments)
-    return f"e{k}_term({', '.join(arguments)})"
-
-
-def _voltage(effects: list[tuple[int, Effect]]) -> dict[str, list[str]]:
-    """Voltage lost; what depends on di_q/dt stands beside L_q as incremental inductance."""
-    lines = []
-    slopes = []
-    for k, effect in effects:
-        lines += [f"e_d, e_q = {_call(k, effect)}", "u_d -= e_d", "u_q -= e_q"]
-        if "di_q" in effect.signals:
-            slopes.append(f"{_call(k, effect, di_q='1.0')}[1] - {_call(k, effect)}[1]")
-    if not slopes:
-        return {"voltage": lines}
-    lines.append(f"L_q_incremental = L_q + {' + '.join(slopes)}")
-    current = "di_q = (u_q - voltage_q(R, L_d, L_q, p, psi_f, i_d, i_q, 0.0, omega)) / L_q_incremental"
-    return {"voltage": lines, "incremental inductance": [current]}
-
-
-def _measurement(effects: list[tuple[int, Effect]]) -> dict[str, list[str]]:
-    angle = [_call(k, effect) for k, effect in effects if effect.channels == ("theta",)]
-    lines: dict[str, list[str]] = {"measure current": []}
-    if angle:
-        lines["encoder"] = [f"theta_m = quantise(theta + {' + '.join(angle)}, counts)"]
-    for k, effect in effects:
-        if effect.channels == ("i_d", "i_q"):
-            lines["measure current"] += [f"e_d, e_q = {_call(k, effect)}", "i_d_m += e_d", "i_q_m += e_q"]
     return lines
-
-
-def _transmission(effects: list[tuple[int, Effect]], offset: int) -> dict[str, list[str]]:
-    """Two masses. A spring and a gap together are one spring with a gap: the spring's constants, the gap's width."""
-    by_id = {effect.id: (k, effect) for k, effect in effects}
-    spring, gap = by_id.get("compliance"), by_id.get("backlash")
-    k, effect = gap or spring or effects[0]
-    constants = spring[0] if spring else k
-    shared = {name: f"e{constants}_{name}" for name in ("k", "d")} if spring and gap else {}
-    torque = _call(k, effect, twist="theta - theta_l", twist_rate="omega - omega_l", **shared)
-    J_load = f"e{constants}_J_load"
-    return {
-        "states": ["omega_l, theta_l = y[4], y[5]"],
-        "coupling": [f"opposing = {torque}"],
-        "acceleration": [f"domega = shaft_torque(y, t, direction, held, machine, effects) / (J - {J_load})"],
-        "load": [f"domega_l = ({torque} - held[3]) / {J_load}"],
-        "rates": ["return di_d, di_q, domega, omega, domega_l, omega_l"],
-        "advance": ["return " + ", ".join(f"y[{n}] + h * k[{n}]" for n in range(6))],
-        "landed": ["new = (new[0], new[1], 0.0, new[3], new[4], new[5])"],
-        "load states": [
-            f"y = (states[0], states[1], states[2], states[3], states[{offset}], states[{offset + 1}])",
-        ],
-        "store states": [
-            "states[0], states[1], states[2], states[3] = y[0], y[1], y[2], y[3]",
-            f"states[{offset}], states[{offset + 1}] = y[4], y[5]",
-        ],
-        "log": ["out[row, 14] = y[5]"],
-    }
-
-
-def _bristle(effects: list[tuple[int, Effect]], offset: int, dry: list[tuple[int, Effect]]) -> dict[str, list[str]]:
-    """The bristle's deflection stands for the direction in every dry friction; it moves with the shaft's travel."""
-    k, effect = effects[0]
-
-    def level(speed: str) -> str:
-        return " + ".join(_call(n, friction, omega=speed, direction="1.0") for n, friction in dry)
-
-    return {
-        "bristle": [
-            f"level, rest = {level('omega')}, {level('0.0')}",
-            f"direction = {_call(k, effect, zeta='held[4]', travel='theta - held[5]', limit='level / rest')}[1]",
-            "direction *= rest / level",
-        ],
-        "step": [
-            "start = (held[0], held[1], held[2], held[3], zeta, y[3])",
-            "y = runge_kutta(y, t + m * h, h, 1.0, start, machine, effects)",
-            "i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]",
-            "torque = torque_em(p, machine[4], machine[1], machine[2], i_d, i_q)",
-            f"level, rest = {level('omega')}, {level('0.0')}",
-            f"zeta = {_call(k, effect, travel='theta - start[5]', limit='level / rest')}[0]",
-        ],
-        "load memory": [f"zeta = states[{offset}]"],
-        "store memory": [f"states[{offset}] = zeta"],
-    }
-
-
-def _delay(effects: list[tuple[int, Effect]], offset: int) -> dict[str, list[str]]:
-    """The logged currents pass through a delay line of control periods, interpolated in between."""
-    k, _ = effects[0]
-    half = MEMORY["delay"] // 2
-    return {
-        "load memory": [f"line = states[{offset}:{offset + 2 * half}]"],
-        "delay line": [
-            f"line[2 * (k % {half})], line[2 * (k % {half}) + 1] = i_m",
-            f"age = e{k}_tau / T",
-            "part = age - int(age)",
-            f"newer, older = 2 * ((k - int(age)) % {half}), 2 * ((k - int(age) - 1) % {half})",
-            "i_d_late = (1.0 - part) * line[newer] + part * line[older]",
-            "i_q_late = (1.0 - part) * line[newer + 1] + part * line[older + 1]",
-        ],
-        "log current": ["out[row, 3], out[row, 4] = i_d_late, i_q_late"],
-    }
 
 
 def _fingerprint(effect: Effect) -> bytes:

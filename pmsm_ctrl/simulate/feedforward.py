@@ -74,7 +74,7 @@ class Feedforward:
         for effect, parameters in bound_effects(design):
             if effect.id not in chosen.effects or not effect.active(parameters):
                 continue
-            if effect.enters != "torque" or effect.structure != "term" or not set(effect.signals) <= set(READABLE):
+            if effect.enters != "torque" or effect.has_state or not set(effect.signals) <= set(READABLE):
                 notes.append(f"{effect.id} cannot be compensated: the drive cannot evaluate it from its own signals")
                 continue
             effects.append(effect)

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import SIGNALS, Effect, bound_effects
+from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.errors import DesignError, RequestError, SimulationError
 from pmsm_ctrl.log import Log, Provenance, Segment
-from pmsm_ctrl.simulate.compose import BARE_STATES, MEMORY, load, memory
+from pmsm_ctrl.simulate.compose import BARE_STATES, load, structures
 from pmsm_ctrl.simulate.feedforward import Feedforward
 from pmsm_ctrl.simulate.parameters import Controller, Plant
 from pmsm_ctrl.simulate.scenarios import Scenario
@@ -24,6 +24,7 @@ from pmsm_ctrl.simulate.scenarios import scenario as named_scenario
 __all__ = ["LOGGED", "Prepared", "prepare", "run_kernel", "simulate"]
 
 Array = NDArray[Any]
+Bound = tuple[Effect, dict[str, float]]
 
 # Columns of a logged row, in the kernel's order.
 LOGGED = (
@@ -121,7 +122,7 @@ class Prepared:
     def log(self, table: Array, seed: int, keep_truth: bool) -> Log:
         """Return the logged rows, shape (n, len(LOGGED)), as a log."""
         names = [name for name in LOGGED if keep_truth or name not in TRUTHS]
-        if "transmission" not in memory(self.active) and keep_truth:
+        if keep_truth and not any(effect.structure.splits_inertia for effect in self.active):
             names.remove("theta_load")
         if self.motion.control != "position":
             names.remove("theta_ref")
@@ -158,7 +159,7 @@ def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = 
             "were expected: shorten the motion, or raise sensor.log_divider"
         )
     bound = [(effect, values) for effect, values in bound_effects(plant_design) if effect.active(values)]
-    _check_structures(bound, plant, plant_design)
+    bound = _as_simulated(bound, plant, plant_design)
     effects = tuple(value for _, values in bound for value in values.values()) or (0.0,)
     active = tuple(effect for effect, _ in bound)
     return Prepared(motion, plant, controller, Feedforward.of(design), active, effects, plant_design)
@@ -166,60 +167,33 @@ def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = 
 
 def _start(motion: Scenario, plant: Plant, active: Sequence[Effect]) -> Array:
     """Return the kernel's states at the start: everything turns at omega_0, nothing is deflected."""
-    kept = memory(active)
-    states = np.zeros(BARE_STATES + sum(kept.values()))
+    kinds = structures(active)
+    states = np.zeros(BARE_STATES + sum(kind.memory for kind, _ in kinds))
     states[2], states[3] = motion.omega_0, motion.theta_0
     states[7] = motion.theta_0 - motion.omega_0 * plant.period * plant.speed_divider
     states[8] = states[14] = motion.omega_0
-    if "transmission" in kept:
-        states[BARE_STATES : BARE_STATES + 2] = motion.omega_0, motion.theta_0
+    for kind, offset in kinds:
+        states[offset : offset + kind.memory] = kind.start(motion.omega_0, motion.theta_0)
     return states
 
 
-def _check_structures(bound: list[tuple[Effect, dict[str, float]]], plant: Plant, design: Design) -> None:
-    """Refuse what the wiring cannot carry; soften a bristle too stiff for the step.
+def _as_simulated(bound: list[Bound], plant: Plant, design: Design) -> list[Bound]:
+    """Return the effects with their values as the wiring can carry them.
 
     Raises
     ------
     DesignError
-        For a load heavier than the whole axis, a structure given twice, or a delay beyond the delay line.
+        For what it cannot carry, and an effect with a state of its own given twice.
     """
     where = f"{design.source}: " if design.source else ""
-    seen = set()
+    dry = sum(abs(effect.standing(values, p=float(plant.p))) for effect, values in bound if effect.dry)
+    found: list[Bound] = []
     for effect, values in bound:
         label = f"{where}effects.{effect.id}"
-        if effect.structure != "term":
-            if effect.id in seen:
-                raise DesignError(f"{label}: given twice; one was expected")
-            seen.add(effect.id)
-        if effect.structure == "transmission" and not 0.0 < values["J_load"] < plant.J:
-            raise DesignError(
-                f"{label}.J_load: found {values['J_load']:g}, but the load's share should lie between 0 and the "
-                f"total inertia of {plant.J:g} kg m^2"
-            )
-        longest = plant.period * (MEMORY["delay"] // 2 - 2)
-        if effect.structure == "delay" and not 0.0 <= values["tau"] <= longest:
-            raise DesignError(f"{label}.tau: found {values['tau']:g} s; 0 to {longest:g} s can be simulated")
-        if effect.structure == "bristle":
-            _soften(values, bound, plant)
-
-
-def _soften(bristle: dict[str, float], bound: list[tuple[Effect, dict[str, float]]], plant: Plant) -> None:
-    """Limit a bristle's stiffness and damping to what one integration step resolves.
-
-    A mass J on a spring F/z_s is stable under Runge-Kutta for sqrt(F / (z_s J)) h < 2.8; 1 is kept. At 16 kHz
-    and the reference motor that is a deflection of a millionth of a radian, a fiftieth of an encoder count.
-    """
-    at_rest = dict.fromkeys(SIGNALS, 0.0) | {"direction": 1.0, "p": float(plant.p)}
-    level = sum(
-        abs(effect.py_term(*({**at_rest, **values}[name] for name in effect.arguments)))
-        for effect, values in bound
-        if effect.dry
-    )
-    h = plant.period / plant.steps
-    bristle["z_s"] = max(bristle["z_s"], level * h * h / plant.J)
-    if level > 0.0:
-        bristle["tau_z"] = min(bristle["tau_z"], plant.J * bristle["z_s"] / (level * h))
+        if effect.has_state and any(effect is other for other, _ in found):
+            raise DesignError(f"{label}: given twice; one was expected")
+        found.append((effect, effect.structure.simulated(effect, values, plant, dry, label)))
+    return found
 
 
 def run_kernel(

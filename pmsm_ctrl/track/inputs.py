@@ -72,7 +72,7 @@ class KnownTorque:
                 tracked.remove(effect.id)
                 continue
             missing = [name for name in effect.signals if name not in AVAILABLE]
-            if effect.structure != "term" or missing:
+            if effect.has_state or missing:
                 notices.append(EFFECT_LEFT_OUT(effect=effect.id))
                 continue
             self._effects.append((effect, values))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
+from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.kernels import balance
 from pmsm_ctrl.simulate.parameters import Plant
@@ -97,7 +98,7 @@ def _opposing_torque(design: Design) -> Callable[..., float]:
     Effects with states of their own (a second mass, bristles) are left out.
     """
     m = Plant.of(design)
-    bound = [(e, values) for e, values in bound_effects(design) if e.enters == "torque" and e.structure == "term"]
+    bound = [(e, values) for e, values in bound_effects(design) if e.enters == "torque" and not e.has_state]
 
     def total(omega: float, theta: float, direction: float, i_d: float, i_q: float) -> float:
         signals = {
@@ -231,39 +232,32 @@ def linearise(design: Design, speed: float = 0.0, load: float = 0.0) -> Linearis
     return _with_second_mass(design, Linearisation(point, A, B))
 
 
-@dataclass(frozen=True)
-class SecondMass:
-    """The load behind a spring: its inertia is part of the total. A gap counts as closed."""
-
-    J_load: float  # kg m^2
-    k: float  # N m/rad
-    d: float  # N m s/rad
-
-
 def second_mass(design: Design) -> SecondMass | None:
     """Return the second mass of a design, or None for a rigid axis.
+
+    A spring and a gap together are one spring with a gap: the spring's constants count.
 
     Raises
     ------
     RequestError
         When the load's inertia is not smaller than the total.
     """
-    for effect, values in bound_effects(design):
-        if effect.structure != "transmission" or values["J_load"] == 0.0:
-            continue
-        if not values["J_load"] < design.J:
-            raise RequestError(
-                f"{effect.id}: J_load = {values['J_load']:g} kg m^2 should be smaller than the total inertia "
-                f"{design.J:g} kg m^2, of which it is a part"
-            )
-        return SecondMass(values["J_load"], values["k"], values["d"])
-    return None
+    masses = [(mass, e) for e, v in bound_effects(design) if (mass := e.structure.second_mass(v)) is not None]
+    if not masses:
+        return None
+    mass, effect = min(masses, key=lambda found: found[0].gap)
+    if not mass.J_load < design.J:
+        raise RequestError(
+            f"{effect.id}: J_load = {mass.J_load:g} kg m^2 should be smaller than the total inertia "
+            f"{design.J:g} kg m^2, of which it is a part"
+        )
+    return mass
 
 
 def rigid(design: Design) -> Design:
     """Return a design with its load rigidly coupled."""
     for effect, _ in bound_effects(design):
-        if effect.structure == "transmission":
+        if effect.structure.splits_inertia:
             design = design.without_effect(effect.id)
     return design
 

@@ -330,7 +330,7 @@ def _nonlinear(plant: Design) -> list[str]:
     linear = {
         effect.id
         for effect, _ in bound_effects(plant)
-        if effect.enters == "torque" and effect.structure == "term" and len(effect.linear) == len(effect.parameters)
+        if effect.enters == "torque" and not effect.has_state and len(effect.linear) == len(effect.parameters)
         and set(effect.signals) <= {"omega", "direction"}
     }  # fmt: skip
     return list(dict.fromkeys(entry.id for entry in plant.effects if entry.id not in linear))

@@ -92,8 +92,9 @@ def varied(design: Design, deviations: Mapping[str, float]) -> Design:
     f = factor.get("J", 1.0)
     changed = design.replace(motor=motor, load={"J": design.load.J * f, "gear": design.load.gear})
     for effect, values in bound_effects(design):
-        if effect.structure == "transmission":
-            changed = changed.with_effect(effect.id, dict(values) | {"J_load": values["J_load"] * f})
+        scaled = effect.structure.with_inertia_scaled(values, f)
+        if scaled != values:
+            changed = changed.with_effect(effect.id, scaled)
     return changed
 
 

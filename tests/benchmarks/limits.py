@@ -24,7 +24,6 @@ from pmsm_ctrl.diagnose.search import least_shown
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.regression.columns import effect_group
-from pmsm_ctrl.regression.model import design_shape
 from tests.benchmarks.blind import DESIGN, MIDDLE, MOTIONS, Case, log_of, right, run, truth_of
 
 LADDER = 2.0 ** (np.arange(-10, 6) / 2.0)  # of the middle strength
@@ -38,7 +37,7 @@ def bound(case: Case) -> float:
     design, truth = truth_of(Design.read(DESIGN), case)
     fit = diagnose(design, log_of(design, truth, case), candidates=()).selection.fits[0]
     values = MIDDLE[effect.id]
-    group = effect_group(fit.record, effect, design_shape(effect, values))
+    group = effect_group(fit.record, effect, effect.structure.shape(effect, values))
     proportion = np.array([values[s] for s in group.symbols])
     return float(least_shown(fit.solved, fit.whitener, group, POLICY.significance / len(CATALOGUE), proportion)[0])
 

@@ -23,7 +23,10 @@ from pmsm_ctrl.diagnose.unexplained import impossible_winding
 def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> Any:
     values = {"look_alikes": {}, "free": 0, "p_value": 0.0, "singular": False, "wrong_sign": False} | changed
     candidate = SimpleNamespace(
-        effect=SimpleNamespace(id=effect, look_alikes=values["look_alikes"], enters="torque"), free=values["free"]
+        effect=SimpleNamespace(
+            id=effect, look_alikes=values["look_alikes"], enters="torque", label=lambda shape: effect
+        ),
+        free=values["free"],
     )
     return SimpleNamespace(
         candidate=candidate, group=SimpleNamespace(shape={}), direction=np.array(direction or [0.0]),

@@ -14,12 +14,6 @@ from pmsm_ctrl.regression.balances import Record, make_record, with_direction, w
 from pmsm_ctrl.regression.columns import candidate_group, effect_group
 from pmsm_ctrl.simulate import simulate
 
-SEARCHED = {
-    "backlash": {"gap": 0.01, "w_a": 500.0, "zeta": 0.4},
-    "compliance": {"w_a": 200.0, "zeta": 0.1},
-    "presliding": {"z_s": 0.01, "z_b": 0.5, "tau_z": 1e-3},
-}
-
 
 @pytest.fixture(scope="module")
 def record(designs) -> Record:
@@ -30,7 +24,7 @@ def record(designs) -> Record:
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
 def test_columns_that_are_kept_are_those_of_the_record_that_is_asked(record: Record, name: str) -> None:
     effect = CATALOGUE[name]
-    shape = SEARCHED.get(name) or {p.symbol: p.start or 0.5 for p in effect.searched}
+    shape = effect.structure.shape(effect, effect.example)
     slow = record.shaped(record.signals["torque"]) * 0.5 + 0.1
     others = (
         lambda r: with_modelled_torque(r, slow),

@@ -16,7 +16,7 @@ from pmsm_ctrl.simulate import Scenario
 from pmsm_ctrl.simulate.compose import load
 from pmsm_ctrl.simulate.run import prepare, run_kernel
 
-TERMS = tuple(effect.id for effect in CATALOGUE.values() if effect.structure == "term")
+TERMS = tuple(effect.id for effect in CATALOGUE.values() if not effect.has_state)
 
 
 def simulate_composed(

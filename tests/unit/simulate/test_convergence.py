@@ -42,7 +42,7 @@ def test_order_of_convergence(project_root, checked, identifier):
     )  # fmt: skip
     truth = base if identifier != "presliding" else base.with_effect("coulomb", {"F_c": 0.02})
     truth = truth.with_effect(identifier, SIZES[identifier])
-    single = CATALOGUE[identifier].structure != "term"
+    single = CATALOGUE[identifier].has_state
     composed = COMPOSED.get(identifier, (identifier,)) if single else TERMS
     push = Scenario(
         "push", 0.06, lambda t: {"i_q_add": 0.15 + 0.1 * np.sin(150.0 * t)}, control="current", omega_0=60.0

@@ -41,7 +41,7 @@ def random_motion(rng):
 
 
 def test_every_torque_term_has_a_size_here():
-    terms = {e.id for e in CATALOGUE.values() if e.enters == "torque" and e.structure == "term"}
+    terms = {e.id for e in CATALOGUE.values() if e.enters == "torque" and not e.has_state}
     assert set(SIZES) == terms
 
 
@@ -112,7 +112,7 @@ def test_terms_of_zero_amplitude_in_the_kernel_change_nothing_but_rounding(ideal
         assert np.abs(expected[name] - found[name]).max() < 1e-9 * max(np.abs(expected[name]).max(), 1.0), name
 
 
-@pytest.mark.parametrize("identifier", sorted(e.id for e in CATALOGUE.values() if e.structure == "term"))
+@pytest.mark.parametrize("identifier", sorted(e.id for e in CATALOGUE.values() if not e.has_state))
 def test_a_vanishing_amplitude_tends_to_the_baseline(ideal, identifier):
     """The wiring itself adds nothing: amplitude 1e-12 gives the baseline to rounding."""
     tiny = dict.fromkeys(CATALOGUE[identifier].amplitudes, 1e-12)

@@ -74,7 +74,7 @@ def with_every_term(design, count):
     drives = []
     for k, drive in enumerate(varied(design, count)):
         for effect in CATALOGUE.values():
-            if effect.structure == "term":
+            if not effect.has_state:
                 values = {symbol: value * (1.0 + 0.02 * k) for symbol, value in effect.example.items()}
                 drive = drive.with_effect(effect.id, values)
         drives.append(drive.replace(compensation={"gain": 0.5}))

@@ -1,0 +1,15 @@
+"""How a term can be wired: one file each, with everything that depends on it."""
+
+from pmsm_ctrl.effects.structures.bristle import Bristle
+from pmsm_ctrl.effects.structures.delay import Delay
+from pmsm_ctrl.effects.structures.interface import LogView, Search, SecondMass, Structure, UnavailableError
+from pmsm_ctrl.effects.structures.term import Term
+from pmsm_ctrl.effects.structures.transmission import Transmission
+
+# In the order in which the drive kernel carries their memory.
+STRUCTURES: tuple[type[Structure], ...] = (Term, Transmission, Bristle, Delay)
+
+__all__ = [
+    "STRUCTURES", "Bristle", "Delay", "LogView", "Search", "SecondMass", "Structure", "Term", "Transmission",
+    "UnavailableError",
+]  # fmt: skip

@@ -1,0 +1,432 @@
+"""What a structure answers for an effect: everything that depends on how its term is wired.
+
+An effect states what its term is; its structure knows what the simulation, the regression, the search and the tuning
+make of it. Nothing outside `pmsm_ctrl.effects` asks which structure an effect has.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.signals import INTERNAL
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.effects.base import Effect
+
+__all__ = [
+    "Balances", "Known", "Lines", "LogView", "Machine", "Search", "SecondMass", "Structure", "UnavailableError",
+    "kernel_call",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+Lines = dict[str, list[str]]
+# A parameter is searched over these multiples of its start value where its effect does not say more.
+MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)
+
+
+class UnavailableError(Exception):
+    """This log or design cannot tell anything about an effect; the message says why."""
+
+
+class Machine(Protocol):
+    """What a structure has to know of the simulated plant."""
+
+    @property
+    def J(self) -> float:
+        """Total inertia, kg m^2."""
+
+    @property
+    def period(self) -> float:
+        """Control period, s."""
+
+    @property
+    def steps(self) -> int:
+        """Integration steps in a control period."""
+
+
+class Balances(Protocol):
+    """The balances of one log as columns need them; `pmsm_ctrl.regression.balances.Record` is one."""
+
+    @property
+    def design(self) -> Design:
+        """What is believed about the axis."""
+
+    @property
+    def signals(self) -> Mapping[str, Array]:
+        """What terms read and ``alpha``, shape (n,), at the log's rate."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The balances this log has: torque, u_d, u_q."""
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Samples of the thinned grid that take part, shape (m,)."""
+
+    @property
+    def weight(self) -> Array:
+        """Relative inverse noise level, shape (channels, m)."""
+
+    @property
+    def late(self) -> float | None:
+        """Delay about which the column of a delay is taken, s; None while the terms read measured currents."""
+
+    @property
+    def period(self) -> float:
+        """Sampling period of the log, s."""
+
+    @property
+    def rate(self) -> float:
+        """Rate of the thinned grid, Hz."""
+
+    @property
+    def cutoff(self) -> float:
+        """Cutoff of the low-pass that balances and columns go through, Hz."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the log, s."""
+
+    @property
+    def linear(self) -> bool:
+        """Whether the axis is linear (m, N)."""
+
+    def rate_of(self, values: Array) -> Array:
+        """Time derivative at the log's rate."""
+
+    def slope_behind(self, values: Array) -> Array:
+        """Slope over the time from `late` ago until now."""
+
+    def acceleration(self) -> Array:
+        """Filtered and thinned acceleration, shape (m,)."""
+
+    def noise_of(self, values: Array) -> float:
+        """Noise of a thinned signal, rms."""
+
+    def shaft_noise(self) -> float:
+        """Noise of the acceleration, rms."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a fit knows when it asks for the bounds of a parameter.
+
+    Attributes
+    ----------
+    J : float
+        Total inertia, kg m^2 (kg).
+    F_c : float
+        Coulomb friction, N m (N); 0 where there is none.
+    dry : float
+        Dry friction at rest of all effects, N m (N).
+    """
+
+    J: float
+    F_c: float = 0.0
+    dry: float = 0.0
+
+
+@dataclass(frozen=True)
+class SecondMass:
+    """The load behind a spring: its inertia is part of the total. A gap counts as closed."""
+
+    J_load: float  # kg m^2
+    k: float  # N m/rad
+    d: float  # N m s/rad
+    gap: float = 0.0  # rad
+
+
+@dataclass(frozen=True, eq=False)
+class LogView:
+    """What a search may know of a log.
+
+    Attributes
+    ----------
+    balances : Balances
+    residual : array, shape (m,)
+        Of the torque balance, on the thinned grid.
+    orders : function of int
+        Returns how much each mechanical order up to this one stands out of the residual, shape (highest,); 0 where no
+        turn is slow enough to see it.
+    """
+
+    balances: Balances
+    residual: Array
+    orders: Callable[[int], Array]
+
+    @property
+    def top_speed(self) -> float:
+        """Highest speed but for the fastest hundredth of the log, rad/s (m/s)."""
+        return float(np.quantile(np.abs(self.balances.signals["omega"]), 0.99))
+
+    @property
+    def current(self) -> float:
+        """Current that is exceeded in a tenth of the log, A peak."""
+        s = self.balances.signals
+        return float(np.quantile(np.hypot(s["i_d"], s["i_q"]), 0.9))
+
+    @property
+    def duration(self) -> float:
+        """Length of the log, s."""
+        return self.balances.duration
+
+    @property
+    def travel(self) -> float:
+        """Distance between the outermost positions, rad (m)."""
+        return float(np.ptp(self.balances.signals["theta"]))
+
+
+@dataclass(frozen=True)
+class Search:
+    """The shapes over which an effect is searched on a log.
+
+    Attributes
+    ----------
+    shapes : tuple of mapping
+        Values of the parameters that the columns are not linear in.
+    searched : int
+        Independent shapes tried, paid for in the significance; as many as there are shapes when left out.
+    why_not : str
+        Why it cannot be tried on this log; there are no shapes then.
+    """
+
+    shapes: tuple[Mapping[str, float], ...]
+    searched: int = 0
+    why_not: str = ""
+
+    @property
+    def tried(self) -> int:
+        """Number of shapes that the significance pays for, at least 1."""
+        return max(1, self.searched or len(self.shapes))
+
+
+@dataclass(frozen=True)
+class Structure:
+    """How the simulation wires a term, and what follows from that everywhere else.
+
+    Its fields name the parameters that play a role in it, so that an effect is free to call them what it likes. The
+    answers here are those for a term that follows from the signals of one instant; a structure overrides what it
+    changes.
+
+    Attributes
+    ----------
+    memory : int
+        Numbers that the simulation carries from one control period to the next.
+    splits_inertia : bool
+        Whether it puts a second mass behind the shaft. An axis has one such effect.
+    replaces_direction : bool
+        Whether it stands for the direction in every dry friction, and so has no column of its own in a model.
+    """
+
+    memory: ClassVar[int] = 0
+    splits_inertia: ClassVar[bool] = False
+    replaces_direction: ClassVar[bool] = False
+
+    # -- simulation
+
+    @staticmethod
+    def lines(wired: Sequence[tuple[int, Effect]], offset: int, dry: Sequence[tuple[int, Effect]]) -> Lines:
+        """Return the lines for the marks of the drive kernel's template.
+
+        Parameters
+        ----------
+        wired : sequence of (int, Effect)
+            All active effects of this structure, with their numbers in the kernel.
+        offset : int
+            Where the structure's memory begins in the states.
+        dry : sequence of (int, Effect)
+            The active dry frictions.
+        """
+        raise NotImplementedError
+
+    @staticmethod
+    def start(omega: float, theta: float) -> tuple[float, ...] | float:
+        """Return the structure's memory for an axis that turns at `omega` and nothing is deflected."""
+        return 0.0
+
+    def simulated(
+        self, effect: Effect, values: Mapping[str, float], machine: Machine, dry: float, label: str
+    ) -> dict[str, float]:
+        """Return the parameter values as the simulation can carry them.
+
+        Parameters
+        ----------
+        dry : float
+            Dry friction at rest of all effects, N m.
+        label : str
+            What an error begins with.
+
+        Raises
+        ------
+        DesignError
+            When it cannot.
+        """
+        return dict(values)
+
+    # -- regression
+
+    def available(self, balances: Balances, effect: Effect) -> str:
+        """Why the effect cannot be evaluated on this log; empty when it can."""
+        motor = balances.design.motor
+        if effect.enters == "voltage" and "u_d" not in balances.channels:
+            return "it shows in the voltages alone, and this log has no u_d and u_q"
+        if "p" in effect.signals and motor.p is None:
+            return "the design does not know the pole pairs"
+        if balances.linear and ("theta" in effect.signals or "theta" in effect.channels):
+            return "a linear axis has no known period of position"
+        absent = [s for s in effect.signals if s not in balances.signals and s not in INTERNAL]
+        return f"the log has no {', '.join(absent)}" if absent else ""
+
+    def symbols(self, effect: Effect) -> tuple[str, ...]:
+        """Names of the parameters that multiply the columns."""
+        return tuple(p.symbol for p in effect.linear if p.symbol not in effect.common_scale)
+
+    def reads(self, effect: Effect) -> frozenset[str]:
+        """Signals from which the columns follow."""
+        return frozenset(effect.signals)
+
+    def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
+        """Return what the effect adds to each balance per unit of each of its `symbols`, shape (n,), at the log's rate.
+
+        Raises
+        ------
+        UnavailableError
+            When the log or the design lacks what the effect needs.
+        """
+        raise NotImplementedError
+
+    def filtered(self, balances: Balances) -> bool:
+        """Whether the columns follow from signals that are filtered already, and need not be filtered again."""
+        return False
+
+    def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
+        """Return the columns by which an effect that is not in the model yet is judged, shape (channels, m, k).
+
+        A friction that bends over a range of speed only where the bend lasts for as long as the filters smooth: one
+        that is over at once is an error of the moment of reversal.
+        """
+        return values
+
+    def direction(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> Array:
+        """Return what stands for the direction along the measured motion, shape (n,)."""
+        return balances.signals["direction"]
+
+    def delay(self, effect: Effect, values: Sequence[float]) -> float:
+        """Delay of the currents, s, from the values of its `symbols`, inside the bounds; 0 for most effects."""
+        return 0.0
+
+    def corrected(
+        self, effect: Effect, values: Mapping[str, float], t: Array, channels: Mapping[str, Array], p: float | None
+    ) -> dict[str, Array] | None:
+        """Return the channels that a measurement effect spoils as they would be without it.
+
+        None where the log lacks a channel that would tell how large the effect is.
+        """
+        raise NotImplementedError
+
+    # -- search
+
+    def search(self, effect: Effect, log: LogView) -> Search:
+        """Return the shapes over which the effect is searched on a log."""
+        return Search(tuple(default_shapes(effect)))
+
+    def fixed(self, effect: Effect) -> frozenset[str]:
+        """Names in a shape that the refinement leaves alone."""
+        return frozenset((effect.order,)) if effect.order else frozenset()
+
+    def halvings(self, free: Iterable[str]) -> int:
+        """How often the steps of the refinement are halved."""
+        return 3
+
+    def inside(self, effect: Effect, shape: Mapping[str, float], name: str, value: float) -> float:
+        """Return a value of the refinement, moved to where this name may lie; `shape` is where it comes from."""
+        for p in effect.parameters:
+            if p.symbol != name:
+                continue
+            if p.avoid is not None and p.avoid[0] < value < p.avoid[1]:
+                return p.avoid[0] if shape[name] <= p.avoid[0] else p.avoid[1]
+            return float(min(max(value, p.lower), p.upper))
+        return value
+
+    def at_bound(self, effect: Effect, shape: Mapping[str, float]) -> bool:
+        """Whether a parameter of the shape ran into its bound: the shape wants to be another one."""
+        return any(shape[p.symbol] in (p.lower, p.upper) for p in effect.searched if p.symbol in shape and not p.soft)
+
+    def refined_later(self, effect: Effect, shape: Mapping[str, float]) -> bool:
+        """Whether the shape is refined again once further effects are in the model."""
+        return bool(set(shape) - self.fixed(effect))
+
+    def refined_when_taken(self, shape: Mapping[str, float]) -> bool:
+        """Whether the shape is refined as soon as the effect is in: its candidate left out what is noise."""
+        return False
+
+    # -- parameters
+
+    def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the nonlinear parameters of a design's entry as the columns want them."""
+        return {p.symbol: values[p.symbol] for p in effect.searched}
+
+    def parameters(self, effect: Effect, found: Mapping[str, float]) -> dict[str, float]:
+        """Return the effect's own parameters from a shape and the values of its `symbols`, inside their bounds."""
+        return {
+            p.symbol: float(min(max(found[p.symbol], p.lower), p.upper)) for p in effect.parameters if p.symbol in found
+        }
+
+    def bounds(self, effect: Effect, known: Known) -> dict[str, tuple[float, float]]:
+        """Return where each of its `symbols` may lie, some of which hang on what else is known."""
+        out = {}
+        for symbol in self.symbols(effect):
+            p = effect.parameter(symbol)
+            out[symbol] = (p.lower, p.upper)
+            if p.shares_of_F_c is not None and known.F_c > 0.0:
+                out[symbol] = (p.shares_of_F_c[0] * known.F_c, p.shares_of_F_c[1] * known.F_c)
+        return out
+
+    def amounts_are_linear(self, shape: Mapping[str, float]) -> bool:
+        """Whether the size of a column is the amount of the effect."""
+        return True
+
+    # -- what a result or the tuning asks
+
+    def resonance(self, shape: Mapping[str, float]) -> float | None:
+        """Frequency at which a load rings on its spring, Hz; None where there is none."""
+        return None
+
+    def commutation_apart(self, shape: Mapping[str, float]) -> bool:
+        """Whether the drive turns its frame by another angle than the one that is measured wrongly."""
+        return False
+
+    def second_mass(self, values: Mapping[str, float]) -> SecondMass | None:
+        """Return the mass behind the shaft; None where there is none."""
+        return None
+
+    def with_inertia_scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
+        """Return the values for an axis whose inertias are all this factor larger."""
+        return dict(values)
+
+
+def default_shapes(effect: Effect) -> Iterable[dict[str, float]]:
+    """Yield multiples of the start values inside the bounds, every combination."""
+    axes = []
+    for p in effect.searched:
+        values = [p.start * f for f in MULTIPLES] if p.start else [p.start]
+        axes.append(sorted({float(min(max(v, p.lower), p.upper)) for v in values}))
+    for combination in itertools.product(*axes):
+        yield dict(zip((p.symbol for p in effect.searched), combination, strict=True))
+
+
+def kernel_call(number: int, effect: Effect, /, **given: Any) -> str:
+    """Return the call of an effect's term in the drive kernel: its own parameters, and signals that are locals there.
+
+    `given` says what stands for an argument instead.
+    """
+    own = {p.symbol for p in effect.parameters}
+    arguments = (given.get(name, f"e{number}_{name}" if name in own else name) for name in effect.arguments)
+    return f"e{number}_term({', '.join(arguments)})"

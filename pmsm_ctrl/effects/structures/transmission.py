@@ -1,0 +1,310 @@
+"""A transmission: motor and load are two masses with a spring between them, with a gap or without."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.effects.evaluate import called, compiled_loop
+from pmsm_ctrl.effects.structures.interface import (
+    Balances,
+    Known,
+    Lines,
+    LogView,
+    Machine,
+    Search,
+    SecondMass,
+    Structure,
+    kernel_call,
+)
+from pmsm_ctrl.errors import DesignError
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.effects.base import Effect
+
+__all__ = ["Transmission"]
+
+Array = NDArray[np.float64]
+
+# In a shape, and no names that a parameter can have: the load's own frequency sqrt(k / J_load), and its damping
+# d / (2 sqrt(k J_load)). With these the load's inertia multiplies a column.
+FREQUENCY, DAMPING = "(w_a)", "(zeta)"
+# A transmission damped more than this is no spring: it shifts the phase like a delay.
+OVERDAMPED = 0.7
+# A contact damped more than this does not bounce at all.
+STUCK = 2.0
+LEAST_DAMPED = 1e-3
+# How often the steps of the refinement are halved: the frequency of a spring that is hardly damped is as sharp as its
+# damping.
+SHARP = 7
+ABOVE_NOISE = 4.0
+LEAST_LOAD = 0.02  # a load is a share of the inertia that is worth the name
+# Lowest and highest frequency of a load on its spring, Hz, and the dampings of those that ring.
+LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
+
+
+@dataclass(frozen=True)
+class Transmission(Structure):
+    """Two masses; the term is the torque between them.
+
+    Attributes
+    ----------
+    load, stiffness, damping : str
+        The parameters of the inertia behind the spring, kg m^2, taken out of the total; of the stiffness, N m/rad;
+        and of the damping, N m s/rad.
+    gap : str
+        The parameter of the gap between the flanks, rad; empty for a spring without one.
+    """
+
+    load: str
+    stiffness: str
+    damping: str
+    gap: str = ""
+    memory: ClassVar[int] = 2
+    splits_inertia: ClassVar[bool] = True
+
+    @staticmethod
+    def lines(wired: Sequence[tuple[int, Effect]], offset: int, dry: Sequence[tuple[int, Effect]]) -> Lines:
+        """Two masses. A spring and a gap together are one spring with a gap, and have the spring's constants."""
+        spring = next(((k, effect) for k, effect in wired if not _of(effect).gap), None)
+        gap = next(((k, effect) for k, effect in wired if _of(effect).gap), None)
+        k, effect = gap or spring or wired[0]
+        n, constants = spring or (k, effect)
+        mine, theirs = _of(effect), _of(constants)
+        shared = {mine.stiffness: f"e{n}_{theirs.stiffness}", mine.damping: f"e{n}_{theirs.damping}"}
+        torque = kernel_call(k, effect, twist="theta - theta_l", twist_rate="omega - omega_l", **shared)
+        J_load = f"e{n}_{theirs.load}"
+        return {
+            "states": ["omega_l, theta_l = y[4], y[5]"],
+            "coupling": [f"opposing = {torque}"],
+            "acceleration": [f"domega = shaft_torque(y, t, direction, held, machine, effects) / (J - {J_load})"],
+            "load": [f"domega_l = ({torque} - held[3]) / {J_load}"],
+            "rates": ["return di_d, di_q, domega, omega, domega_l, omega_l"],
+            "advance": ["return " + ", ".join(f"y[{n}] + h * k[{n}]" for n in range(6))],
+            "landed": ["new = (new[0], new[1], 0.0, new[3], new[4], new[5])"],
+            "load states": [
+                f"y = (states[0], states[1], states[2], states[3], states[{offset}], states[{offset + 1}])",
+            ],
+            "store states": [
+                "states[0], states[1], states[2], states[3] = y[0], y[1], y[2], y[3]",
+                f"states[{offset}], states[{offset + 1}] = y[4], y[5]",
+            ],
+            "log": ["out[row, 14] = y[5]"],
+        }
+
+    @staticmethod
+    def start(omega: float, theta: float) -> tuple[float, ...]:
+        """Return speed and angle of the load: it turns with the motor."""
+        return omega, theta
+
+    def simulated(
+        self, effect: Effect, values: Mapping[str, float], machine: Machine, dry: float, label: str
+    ) -> dict[str, float]:
+        """Return the values where the load is a part of the total inertia."""
+        if not 0.0 < values[self.load] < machine.J:
+            raise DesignError(
+                f"{label}.{self.load}: found {values[self.load]:g}, but the load's share should lie between 0 and the "
+                f"total inertia of {machine.J:g} kg m^2"
+            )
+        return dict(values)
+
+    def symbols(self, effect: Effect) -> tuple[str, ...]:
+        """Return the load's inertia: all else is in the shape."""
+        return (self.load,)
+
+    def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
+        """T = J alpha + J_load (alpha_load - alpha): the load's acceleration against the rotor's."""
+        follow = self._behind_gap if self.gap else self._behind_spring
+        return [{"torque": follow(balances, effect, shape)}]
+
+    def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
+        """Return the columns where the load would accelerate otherwise than the shaft by more than noise.
+
+        One that takes no part in the noise of the acceleration lowers every error, there or not.
+        """
+        noise = balances.shaft_noise()
+        if not self.gap:  # behind one, a load in contact follows the shaft nearly always
+            noise *= _passed(shape, balances.cutoff)
+        out = values.copy()
+        for part in out[0].T:
+            part[np.abs(part) <= ABOVE_NOISE * noise] = 0.0
+        return out
+
+    def search(self, effect: Effect, log: LogView) -> Search:
+        """Return springs over a coarse grid, and the best of a fine one, in which none that rings can be missed.
+
+        A load that bounces off its flanks cannot be followed: small errors of the motion grow with each bounce. One
+        that stays where it struck explains most of the same torque, so contacts are searched as well damped ones.
+        """
+        if self.gap:
+            return Search(tuple(
+                {self.gap: float(gap), FREQUENCY: 2.0 * np.pi * f, DAMPING: zeta}
+                for gap in np.geomspace(0.002, 0.08, 11)
+                for f in (80.0, 300.0)
+                for zeta in (0.4, 1.2)
+            ))  # fmt: skip
+        ringing = list(_ringing(log))
+        best = (max(one for one in ringing if one[2] == zeta) for zeta in RINGING)
+        grid = (*_coarse(), *(one[1:] for one in best))
+        return Search(tuple({FREQUENCY: w, DAMPING: zeta} for w, zeta in grid), len(grid) + len(ringing))
+
+    def halvings(self, free: Iterable[str]) -> int:
+        """How often the steps of the refinement are halved."""
+        return SHARP if FREQUENCY in free and not self.gap else super().halvings(free)
+
+    def inside(self, effect: Effect, shape: Mapping[str, float], name: str, value: float) -> float:
+        """Return the value inside the bounds; the damping's are those of a spring, or of a contact."""
+        if name == DAMPING:
+            return float(min(max(value, LEAST_DAMPED), STUCK if self.gap else OVERDAMPED))
+        return super().inside(effect, shape, name, value)
+
+    def at_bound(self, effect: Effect, shape: Mapping[str, float]) -> bool:
+        """Whether a spring is damped so much that it is none, or a parameter ran into its bound."""
+        overdamped = not self.gap and shape.get(DAMPING, 0.0) >= OVERDAMPED
+        return overdamped or super().at_bound(effect, shape)
+
+    def refined_when_taken(self, shape: Mapping[str, float]) -> bool:
+        """Whether the shape is refined as soon as the effect is in: a spring's, whose candidate left out its noise."""
+        return not self.gap
+
+    def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the load's own frequency and damping, and the gap."""
+        J_load = max(values[self.load], 1e-12)
+        w = float(np.sqrt(values[self.stiffness] / J_load))
+        shape = {FREQUENCY: w, DAMPING: values[self.damping] / (2.0 * J_load * w)}
+        return {self.gap: values[self.gap], **shape} if self.gap else shape
+
+    def parameters(self, effect: Effect, found: Mapping[str, float]) -> dict[str, float]:
+        """Return stiffness and damping from the load's inertia, frequency and damping."""
+        J_load, w, zeta = found[self.load], found[FREQUENCY], found[DAMPING]
+        constants = {self.stiffness: J_load * w * w, self.damping: 2.0 * zeta * w * J_load}
+        return super().parameters(effect, {**found, **constants})
+
+    def bounds(self, effect: Effect, known: Known) -> dict[str, tuple[float, float]]:
+        """Return the bounds of the load's inertia: a part of the total."""
+        return {self.load: (LEAST_LOAD * known.J, known.J)}
+
+    def amounts_are_linear(self, shape: Mapping[str, float]) -> bool:
+        """Whether the size of the column is the amount of the effect: not that of a gap."""
+        return not self.gap
+
+    def resonance(self, shape: Mapping[str, float]) -> float | None:
+        """Frequency at which the load rings on its spring, Hz."""
+        return None if self.gap else shape[FREQUENCY] / (2.0 * np.pi)
+
+    def second_mass(self, values: Mapping[str, float]) -> SecondMass | None:
+        """Return the load; None where it has no inertia."""
+        if values[self.load] == 0.0:
+            return None
+        gap = values[self.gap] if self.gap else 0.0
+        return SecondMass(values[self.load], values[self.stiffness], values[self.damping], gap)
+
+    def with_inertia_scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
+        """Return the values with the load's inertia this factor larger."""
+        return {symbol: value * factor if symbol == self.load else value for symbol, value in values.items()}
+
+    def _behind_spring(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> Array:
+        """Acceleration of a load on a spring less that of the rotor, shape (n,).
+
+        Discretised bilinearly: exact at the load's own frequency, or where that lies above the band, at the end of the
+        band.
+        """
+        from scipy.signal import bilinear, lfilter
+
+        exact = min(shape[FREQUENCY], 2.0 * np.pi * balances.cutoff)
+        above, below = spring_response(shape[FREQUENCY], shape[DAMPING])
+        b, a = bilinear(above, below, 0.5 * exact / np.tan(0.5 * exact * balances.period))
+        return np.asarray(lfilter(b, a, balances.signals["alpha"]))
+
+    def _behind_gap(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> Array:
+        """Acceleration of a load behind a gap less that of the rotor, shape (n,).
+
+        The effect's own contact law is used with stiffness and damping per inertia.
+        """
+        loop, symbols = compiled_loop(effect, "load", _loop)
+        w, zeta = shape[FREQUENCY], shape[DAMPING]
+        contact = {self.gap: shape[self.gap], self.stiffness: w * w, self.damping: 2.0 * zeta * w}
+        values = {p.symbol: p.start for p in effect.parameters} | contact
+        s = balances.signals
+        substeps = max(4, int(np.ceil(balances.period * w * 4.0)))
+        out = np.empty(len(s["theta"]))
+        loop(out, s["theta"], s["omega"], balances.period, substeps, *(values[symbol] for symbol in symbols))
+        return out - s["alpha"]
+
+
+def spring_response(w_a: float, zeta: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Numerator and denominator in s of a load's acceleration on its spring less the rotor's, over the rotor's.
+
+    From J_load theta_l'' = k (theta - theta_l) + d (omega - omega_l) with the load's own frequency
+    ``w_a = sqrt(k / J_load)`` in rad/s and damping ``zeta``: -s^2 / (s^2 + 2 zeta w_a s + w_a^2).
+    """
+    return (-1.0, 0.0, 0.0), (1.0, 2.0 * zeta * w_a, w_a * w_a)
+
+
+def _of(effect: Effect) -> Transmission:
+    assert isinstance(effect.structure, Transmission)
+    return effect.structure
+
+
+def _passed(shape: Mapping[str, float], cutoff: float) -> float:
+    """What a spring makes of white noise in the band, rms: one that rings is shaken by little."""
+    s = 2j * np.pi * np.linspace(0.0, cutoff, 4001)[1:]
+    above, below = spring_response(shape[FREQUENCY], shape[DAMPING])
+    return float(np.sqrt(np.mean(np.abs(np.polyval(above, s) / np.polyval(below, s)) ** 2)))
+
+
+def _coarse() -> Iterator[tuple[float, float]]:
+    for k, f in enumerate(np.geomspace(LOWEST, HIGHEST, 15)):
+        for zeta in (0.02, 0.15) if k % 2 == 0 else (0.02,):
+            yield 2.0 * np.pi * float(f), zeta
+
+
+def _ringing(log: LogView) -> Iterator[tuple[float, float, float]]:
+    """Gain of the torque's sum of squares by springs a fraction of their resonance's width apart, w_a and zeta.
+
+    By Parseval over the spectra, so that each costs one product. One that would need a negative load gains nothing.
+    """
+    balances = log.balances
+    square = (balances.weight[0] * balances.mask) ** 2
+    alpha = balances.acceleration()
+    f = np.fft.rfftfreq(len(alpha), 1.0 / balances.rate)
+    band = (f > 0.0) & (f < balances.cutoff)
+    s = 2j * np.pi * f[band]
+    motion, wanted, own = (np.fft.rfft(x)[band] for x in (alpha, square * log.residual, square * alpha))
+    scale = 2.0 / len(alpha)
+    size = max(float(square @ alpha**2), 1e-300)
+    level = scale * float(square.mean())
+    top = max(1.2 * balances.cutoff, LOWEST)
+    for zeta in RINGING:
+        for w in 2.0 * np.pi * np.geomspace(LOWEST, top, int(np.log(top / LOWEST) / (1.2 * zeta)) + 1):
+            above, below = spring_response(float(w), zeta)
+            column = np.polyval(above, s) / np.polyval(below, s) * motion
+            along = scale * float(np.vdot(wanted, column).real)
+            beside = scale * float(np.vdot(own, column).real)
+            left = level * float(np.vdot(column, column).real) - beside**2 / size
+            yield (along**2 / left if along > 0.0 and left > 0.0 else 0.0), float(w), zeta
+
+
+def _loop(effect: Effect) -> tuple[str, tuple[str, ...]]:
+    """Source of the loop that follows the load along the motion, and the parameters it takes."""
+    symbols = tuple(p.symbol for p in effect.parameters)
+    call = called(effect, twist="_position - _load", twist_rate="_rate - _speed")
+    return (
+        f"def loop(_out, _theta, _omega, _period, _substeps, {', '.join(symbols)}):\n"
+        "    _h = _period / _substeps\n"
+        "    _load, _speed = _theta[0], _omega[0]\n"
+        "    for _n in range(len(_theta)):\n"
+        "        _last = min(_n + 1, len(_theta) - 1)\n"
+        "        _before = _speed\n"
+        "        for _m in range(_substeps):\n"
+        "            _x = _m / _substeps\n"
+        "            _position = (1.0 - _x) * _theta[_n] + _x * _theta[_last]\n"
+        "            _rate = (1.0 - _x) * _omega[_n] + _x * _omega[_last]\n"
+        f"            _speed += _h * {call}\n"
+        "            _load += _h * _speed\n"
+        "        _out[_n] = (_speed - _before) / _period\n"
+    ), symbols
