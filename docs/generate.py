@@ -2,12 +2,13 @@
 
 Equations of the machine and of the controllers are read from the source of the functions that compute them, those of
 the effects from the catalogue: nothing on the theory page is written twice. The site's build calls `build` for the
-pages that need not be committed: the commands' options and the fields of a design.
+pages that need not be committed: the commands' options, the fields of a design and the codes of the warnings.
 """
 
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 import re
 import textwrap
@@ -128,7 +129,7 @@ def controllers() -> str:
 
 
 def effects() -> str:
-    """Return the catalogue: equation, parameters, what it needs, what it is mistaken for, where it comes from."""
+    """Return the catalogue: equation, parameters, required excitation, similar effects, source."""
     from pmsm_ctrl.effects import CATALOGUE
 
     where = {
@@ -139,9 +140,9 @@ def effects() -> str:
         lines += [f"### {effect.title}", "", f"`{effect.id}`, {where[effect.enters]}.", "", _block(effect.equation)]
         lines += ["| parameter | unit | |", "|---|---|---|"]
         lines += [f"| `{p.symbol}` | {p.unit} | {_cell(p.description)} |" for p in effect.parameters]
-        lines += ["", f"To be seen it needs {effect.needs}."]
+        lines += ["", f"Required excitation: {effect.needs}."]
         for other, why in effect.look_alikes.items():
-            lines.append(f"Not to be told from `{other}`: {why}.")
+            lines.append(f"Can be confused with `{other}`: {why}.")
         lines += ["", f"Validated on: {effect.validated}. Source: {effect.source}.", ""]
     return "\n".join(lines)
 
@@ -216,7 +217,23 @@ def _default(field: Any) -> str:
     return "none" if value in (None, (), {}) else f"`{value}`"
 
 
-PAGES: dict[str, Callable[[], str]] = {"commands.md": commands, "design.md": fields}
+def notices() -> str:
+    """Return the warnings of every room by their codes."""
+    import pmsm_ctrl
+    from pmsm_ctrl.section import Template
+
+    lines = ["# Warning codes", "", "Results carry their warnings as notices: a code, a sentence, and the values in it.",
+             "JSON has the codes under `warning_codes`. In braces stands what is filled in.", ""]  # fmt: skip
+    for path in sorted(Path(pmsm_ctrl.__file__).parent.glob("*/notices.py")):
+        room = importlib.import_module(f"pmsm_ctrl.{path.parent.name}.notices")
+        lines += [f"## {path.parent.name}", "", "| code | sentence |", "|---|---|"]
+        found = (held for held in vars(room).values() if isinstance(held, Template))
+        lines += [f"| `{template.code}` | {_cell(template.words)} |" for template in found]
+        lines.append("")
+    return "\n".join(lines)
+
+
+PAGES: dict[str, Callable[[], str]] = {"commands.md": commands, "design.md": fields, "notices.md": notices}
 
 
 def build(folder: Path) -> None:
