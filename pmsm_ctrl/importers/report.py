@@ -15,6 +15,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.delays import Delay, delays
 from pmsm_ctrl.importers.mapping import Assignment, Source, find_column
 from pmsm_ctrl.importers.plausibility import torque_factor, velocity_factor
+from pmsm_ctrl.importers.reading import read_all
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.importers.timebase import TimeBase, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
@@ -120,8 +121,6 @@ def describe(
     LogError
         As `pmsm_ctrl.importers.read_log`.
     """
-    from pmsm_ctrl.importers import read_all
-
     log, table, assignment = read_all(path, design, mapping)
     used = {source.column for source in assignment.sources}
     unused = [c.label for i, c in enumerate(table.columns) if i not in used and not c.is_time]

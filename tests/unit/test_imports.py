@@ -1,4 +1,7 @@
-"""Imports point one way, heavy libraries stay where they belong, and nothing outgrows its room."""
+"""What `lint-imports` cannot say: circles, heavy libraries, rooms that only read, and nothing outgrows its room.
+
+The layers and what stands beside them are contracts in pyproject.toml, under `[tool.importlinter]`.
+"""
 
 from __future__ import annotations
 
@@ -6,125 +9,96 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "pmsm_ctrl"
-SOURCES = sorted(PACKAGE.rglob("*.py"))
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
 MAX_MODULE = 500
 MAX_FUNCTION = 60
 
-# A part may import parts of a lower level only (and itself). Parts of one level do not know each other,
-# except for the pairs named in SIBLINGS: the first may import the second.
-LEVELS = [
-    {"errors"},
-    {"complaints", "files", "sampling", "section", "units"},
-    {"design_parts", "rendering"},
-    {"design", "log", "result"},
-    {"kernels", "importers", "datasheet", "evidence"},
-    {"effects"},
-    {"simulate", "tune", "regression"},
-    {"identify", "track"},
-    {"compare"},
-    {"diagnose", "compensate"},
-    {"report", "export", "acceptance"},
-    {"console"},
-    {"options"},
-    {"init"},
-    {"cli"},
-    {"__main__"},
-]
-SIBLINGS = {("log", "design"), ("tune", "simulate"), ("evidence", "kernels")}
 ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "section", "rendering", "importers"}
-
 ONLY_IN = {"control": "tune", "filterpy": "track"}
 NEVER_ON_IMPORT = ["numba", "scipy", "matplotlib", "control", "filterpy", "jinja2", "h5py"]
 
 
-def part_of(path: Path) -> str:
-    """Name of the part a source file belongs to: 'cli', 'effects', ...; '' for the package's __init__."""
-    relative = path.relative_to(PACKAGE)
-    return "" if relative.name == "__init__.py" and len(relative.parts) == 1 else relative.parts[0].removesuffix(".py")
+def module_of(path: Path) -> str:
+    """Dotted name of a source file."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def level(part: str) -> int:
-    for number, parts in enumerate(LEVELS):
-        if part in parts:
-            return number
-    raise AssertionError(f"part '{part}' has no level; give it one in LEVELS")
+MODULES = {module_of(path) for path in TREES}
 
 
-def imports(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield (line, dotted module) of every import, wherever in the file it stands."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
+def imports(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield (place, dotted module) of every import, wherever in the file it stands, functions included."""
+    for node in ast.walk(TREES[path]):
+        place = f"{path.relative_to(PACKAGE)}:{getattr(node, 'lineno', 0)}"
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield node.lineno, alias.name
+                yield place, alias.name
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}:{node.lineno}: relative import; write the full name"
-            module = node.module or ""
-            if module == "pmsm_ctrl":
-                for alias in node.names:
-                    yield node.lineno, f"pmsm_ctrl.{alias.name}"
-            else:
-                yield node.lineno, module
+            assert node.level == 0, f"{place}: relative import; write the full name"
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                yield place, full if full in MODULES else str(node.module)
 
 
-def identify(path: Path) -> str:
-    return path.relative_to(PACKAGE).as_posix()
+def test_every_import_keeps_the_contracts(project_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    linter = pytest.importorskip("importlinter.cli", reason="import-linter IS NOT INSTALLED: LAYERS ARE NOT CHECKED")
+    monkeypatch.chdir(project_root)
+    assert linter.lint_imports(config_filename="pyproject.toml", no_cache=True) == 0
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=identify)
-def test_imports_point_one_way(path: Path) -> None:
-    here = part_of(path)
-    if not here:
-        return  # the package itself only names its exports
-    wrong = []
-    for line, module in imports(path):
-        root, _, rest = module.partition(".")
-        if root != "pmsm_ctrl" or not rest:
-            continue
-        there = rest.split(".")[0]
-        if there in ("__version__", here) or (here, there) in SIBLINGS:
-            continue
-        if level(there) >= level(here):
-            wrong.append(f"line {line}: {here} imports {there}")
-        if here == "importers" and there not in ALLOWED_FOR_IMPORTERS:
-            wrong.append(f"line {line}: an importer imports {there}; it may only read")
-    assert not wrong, "\n".join(wrong)
+def test_no_module_imports_itself_in_a_circle() -> None:
+    graph = {module_of(path): {module for _, module in imports(path) if module in MODULES} for path in TREES}
+    graph["pmsm_ctrl"] = set()  # the package itself names its exports, and everybody may ask for its version
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(reversed(error.args[1])))
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=identify)
-def test_libraries_stay_where_they_belong(path: Path) -> None:
-    here = part_of(path)
+def test_importers_only_read() -> None:
     wrong = [
-        f"line {line}: {module} is imported in {here}, but belongs in {ONLY_IN[module.split('.')[0]]}/ alone"
-        for line, module in imports(path)
-        if ONLY_IN.get(module.split(".")[0], here) != here
+        f"{place}: an importer imports {module}"
+        for path in (PACKAGE / "importers").rglob("*.py")
+        for place, module in imports(path)
+        if module.startswith("pmsm_ctrl.") and module.split(".")[1] not in ALLOWED_FOR_IMPORTERS
     ]
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=identify)
-def test_pyplot_is_not_used(path: Path) -> None:
-    assert not [line for line, module in imports(path) if module.startswith("matplotlib.pyplot")]
+def test_libraries_stay_where_they_belong() -> None:
+    wrong = [
+        f"{place}: {module} belongs in {ONLY_IN[module.split('.')[0]]}/ alone"
+        for path in TREES
+        for place, module in imports(path)
+        if module.split(".")[0] in ONLY_IN and path.relative_to(PACKAGE).parts[0] != ONLY_IN[module.split(".")[0]]
+    ]
+    assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=identify)
-def test_no_room_outgrows_its_size(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
+def test_pyplot_is_not_used() -> None:
+    assert not [place for path in TREES for place, module in imports(path) if module.startswith("matplotlib.pyplot")]
+
+
+def test_no_room_outgrows_its_size() -> None:
     grown = []
-    if text.count("\n") > MAX_MODULE:
-        grown.append(f"{text.count(chr(10))} lines; at most {MAX_MODULE}")
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            length = (node.end_lineno or node.lineno) - node.lineno + 1
-            if ast.get_docstring(node) is not None:  # saying more about a function must not make it too long
-                length -= (node.body[0].end_lineno or 0) - node.body[0].lineno + 1
-            if length > MAX_FUNCTION:
-                grown.append(f"line {node.lineno}, {node.name}: {length} lines; at most {MAX_FUNCTION}")
+    for path, tree in TREES.items():
+        name, lines = path.relative_to(PACKAGE), path.read_text(encoding="utf-8").count("\n")
+        if lines > MAX_MODULE:
+            grown.append(f"{name}: {lines} lines; at most {MAX_MODULE}")
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                length = (node.end_lineno or node.lineno) - node.lineno + 1
+                if ast.get_docstring(node) is not None:  # saying more about a function must not make it too long
+                    length -= (node.body[0].end_lineno or 0) - node.body[0].lineno + 1
+                if length > MAX_FUNCTION:
+                    grown.append(f"{name}:{node.lineno}, {node.name}: {length} lines; at most {MAX_FUNCTION}")
     assert not grown, "\n".join(grown)
 
 

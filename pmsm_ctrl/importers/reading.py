@@ -1,0 +1,160 @@
+"""From a file to a log: which format it has, which column is which channel, and what it all adds up to."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError, PmsmCtrlError
+from pmsm_ctrl.files import sha256
+from pmsm_ctrl.importers.build import channels_of
+from pmsm_ctrl.importers.clock import with_clock
+from pmsm_ctrl.importers.mapping import Assignment, assign
+from pmsm_ctrl.importers.plausibility import check
+from pmsm_ctrl.importers.table import Table
+from pmsm_ctrl.log import Log, Provenance
+
+__all__ = ["open_table", "read_all", "read_log"]
+
+_REFUSED = {
+    b"PK\x03\x04": "a zip archive or Excel workbook; save the sheet as CSV",
+    b"\x93NUMPY": "a NumPy array without channel names; save it as CSV or MAT",
+    b"\x1f\x8b": "gzip-compressed; unpack it first",
+    **{bytes([0x80, protocol]): "a Python pickle, which is never read" for protocol in range(2, 6)},
+}
+
+
+def read_log(
+    path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None
+) -> Log:
+    """Read a measured or simulated log.
+
+    Parameters
+    ----------
+    path
+        CSV and other text, MAT (v4 to v7.3), MDF4, TDMS or Parquet; found from the content.
+    design
+        Its [log] table maps foreign columns to channels; its motion decides between rotary and linear units.
+    mapping
+        Channel to column, ``{"omega": "speed [rpm]"}``; goes before the design's table. ``"#3 [rpm]"`` is the
+        third column, ``{"t": "every 0.125 ms"}`` the time of a file without one.
+
+    Returns
+    -------
+    Log
+        In SI units, with notes and warnings in its provenance.
+
+    Raises
+    ------
+    LogError
+        One line with file and place for whatever is wrong.
+    """
+    return read_all(path, design, mapping)[0]
+
+
+def read_all(
+    path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None
+) -> tuple[Log, Table, Assignment]:
+    """Return the log of `read_log` with the table and the assignment that led to it.
+
+    Parameters
+    ----------
+    path, design, mapping
+        As `pmsm_ctrl.importers.read_log`.
+
+    Returns
+    -------
+    (Log, Table, Assignment)
+
+    Raises
+    ------
+    LogError
+        As `read_log`.
+    """
+    target, file = _existing(path)
+    table, mapping = with_clock(open_table(target, design), design, mapping)
+    assignment = assign(table, design, mapping)
+    # hashing a large file takes a second; a thread of its own hides it behind the parsing
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        digest = pool.submit(sha256, target)
+        try:
+            channels, notes = channels_of(table, assignment)
+        except MemoryError:
+            raise LogError(f"{file}: does not fit into memory") from None
+    provenance = Provenance(file, digest.result(), table.format, (*table.notes, *assignment.notes, *notes))
+    log = Log(channels, motion=assignment.motion, provenance=provenance)
+    return replace(log, provenance=replace(provenance, notices=check(log, design))), table, assignment
+
+
+def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Table:
+    """Open a file and understand its columns without reading all numbers.
+
+    Parameters
+    ----------
+    path : path
+    design : Design, optional
+        Its [log] table may name separator and decimal mark.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    LogError
+        When the file is missing, empty, damaged or of no known format.
+    """
+    target, file = _existing(path)
+    with open(target, "rb") as stream:
+        head = stream.read(1024)
+    if not head:
+        raise LogError(f"{file}: empty; a log with time, position or speed, and current or torque was expected")
+    for magic, what in _REFUSED.items():
+        if head.startswith(magic):
+            raise LogError(f"{file}: {what} (accepted: CSV and other text, MAT, MDF4, TDMS, Parquet)")
+    if head.startswith(b"\x89HDF") or head[512:516] == b"\x89HDF":
+        from pmsm_ctrl.importers.mat import open_hdf5
+
+        return open_hdf5(target, file)
+    if head.startswith(b"MATLAB 5.0") or target.suffix.lower() == ".mat":
+        from pmsm_ctrl.importers.mat import open_mat
+
+        return open_mat(target, file)
+    if head.startswith((b"MDF     ", b"UnFinMF ")):
+        from pmsm_ctrl.importers.mdf import open_mdf
+
+        return open_mdf(target, file)
+    if head.startswith(b"TDSm"):
+        from pmsm_ctrl.importers.tdms import open_tdms
+
+        return open_tdms(target, file)
+    if head.startswith(b"PAR1"):
+        from pmsm_ctrl.importers.parquet import open_parquet
+
+        return open_parquet(target, file)
+    from pmsm_ctrl.importers.text import open_text
+
+    settings = design.log if design is not None else None
+    return open_text(target, file, settings.separator if settings else None, settings.decimal if settings else None)
+
+
+def _existing(path: str | os.PathLike[str]) -> tuple[Path, str]:
+    try:
+        target, file = Path(path), os.fspath(path)
+        if target.is_dir():
+            raise LogError(f"{file}: is a folder; a log file was expected")
+        if not target.exists():
+            raise LogError(f"{file}: no such file; a log was expected")
+        if not target.is_file():
+            raise LogError(f"{file}: is a device or a pipe; a log file was expected")
+        with open(target, "rb"):
+            return target, str(file)
+    except PmsmCtrlError:
+        raise
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise LogError(f"{path}: cannot be read ({reason})") from None
