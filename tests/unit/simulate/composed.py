@@ -16,6 +16,10 @@ from pmsm_ctrl.simulate import Scenario
 from pmsm_ctrl.simulate.compose import load
 from pmsm_ctrl.simulate.run import prepare, run_kernel
 
+# The kernels that the tests of this room share; each holds the terms that its structure works with.
+SPRUNG = ("coulomb", "stribeck", "compliance")
+SLIDING = ("coulomb", "viscous", "stribeck", "presliding")
+DELAYED = ("coulomb", "viscous", "delay")
 TERMS = tuple(effect.id for effect in CATALOGUE.values() if not effect.has_state)
 
 

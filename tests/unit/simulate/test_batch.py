@@ -25,7 +25,10 @@ def motion():
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_a_batch_is_its_single_runs(seed_motor, motion, workers):
     designs = [seed_motor.with_parameters(J=9e-5 * factor) for factor in (0.8, 1.0, 1.2, 1.4)]
-    truths = [seed_motor.with_effect("coulomb", {"F_c": F_c}) for F_c in (0.01, 0.02, 0.03, 0.0)]
+    F_v = seed_motor.parameters("viscous")  # set again, so that the order of the effects and the kernel stay the same
+    truths = [
+        seed_motor.with_effect("coulomb", {"F_c": F_c}).with_effect("viscous", F_v) for F_c in (0.01, 0.02, 0.03, 0.0)
+    ]
     logs = simulate_batch(designs, motion, truths=truths, seed=7, workers=workers)
     for k, log in enumerate(logs):
         alone = simulate(designs[k], motion, truth=truths[k], seed=7 + k)

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.simulate import Scenario, simulate
-from tests.unit.simulate.composed import simulate_composed
+from tests.unit.simulate.composed import DELAYED, SLIDING, SPRUNG, simulate_composed
 
 J = 9e-5
 F_C = 0.0213
@@ -41,8 +41,6 @@ class Constant:
 def free(duration, references=lambda t: {}, omega_0=0.0):
     return Scenario("free", duration, references, control="current", omega_0=omega_0)
 
-
-SPRUNG = ("coulomb", "stribeck", "compliance")
 
 # -- breakaway and stick-slip ------------------------------------------------------------------------------------
 
@@ -104,7 +102,6 @@ def swinging(mean, size, frequency):
 
 
 BRISTLE = {"z_s": 1e-3, "z_b": 0.5, "tau_z": 2e-3}
-SLIDING = ("coulomb", "viscous", "stribeck", "presliding")
 
 
 def test_presliding_stiffness(bare, checked):
@@ -145,7 +142,7 @@ def lugre_drift(mean, size, frequency, cycles, sigma_0, step):
 def test_no_drift_over_1e5_cycles_where_plain_lugre_drifts(bare, checked):
     mean, size, frequency = 0.3 * F_C, 0.15 * F_C, 200.0
     design = bare.with_effect("presliding", BRISTLE).replace(sensor={"log_divider": 80 * 500})
-    log = simulate_composed(design, free(501.0, swinging(mean, size, frequency)), composed=("coulomb", "presliding"))
+    log = simulate_composed(design, free(501.0, swinging(mean, size, frequency)), composed=SLIDING)
     theta = log["theta_true"][log.t > 1.0]
     # sampled once every 500 cycles, at the same phase
     checked("drift in 1e5 cycles below breakaway [rad]", np.ptp(theta), at_most=1e-9)
@@ -306,7 +303,7 @@ def test_delay_is_exact(ideal):
     swing = Scenario("swing", 1.0, lambda t: {"omega_ref": 50.0 * np.sin(2 * np.pi * 5 * t)})
     fine = ideal.replace(sensor={"log_divider": 1})
     now = simulate(fine, swing)
-    late = simulate(fine, swing, truth=fine.with_effect("delay", {"tau": 13.25 / 16000.0}))
+    late = simulate_composed(fine, swing, fine.with_effect("delay", {"tau": 13.25 / 16000.0}), composed=DELAYED)
     expected = 0.75 * now["i_q"][100 - 13 : -13] + 0.25 * now["i_q"][100 - 14 : -14]
     assert np.allclose(late["i_q"][100:], expected, atol=1e-12)
     assert np.array_equal(late["omega"], now["omega"])

@@ -19,6 +19,11 @@ def seed_motor(project_root):
     return Design.read(project_root / "designs/seed_motor.toml")
 
 
+def with_friction(design, F_c):
+    """The design with this Coulomb friction, its effects in the order of the reference motor: the same kernel."""
+    return design.with_effect("coulomb", {"F_c": F_c}).with_effect("viscous", design.parameters("viscous"))
+
+
 def varied(design, count):
     """Drives with inertia, resistance and Coulomb friction of their own."""
     rng = np.random.default_rng(5)
@@ -26,7 +31,7 @@ def varied(design, count):
     for _ in range(count):
         J, R, F_c = rng.uniform(0.7, 1.3, 3)
         drive = design.with_parameters(J=design.J * J, R=design.motor.R * R)
-        drives.append(drive.with_effect("coulomb", {"F_c": 0.0213 * F_c}))
+        drives.append(with_friction(drive, 0.0213 * F_c))
     return drives
 
 

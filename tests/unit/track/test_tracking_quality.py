@@ -9,7 +9,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.track import Settings, track
-from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander
+from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander, with_known_effects
 
 F_C, F_V = 0.0213, 0.000168
 
@@ -132,9 +132,7 @@ def test_load_torque_and_inertia_can_be_tracked_too(design: Design) -> None:
 
 
 def test_known_effects_are_not_taken_for_friction(design: Design) -> None:
-    full = design.with_effect("cogging", {"a_s": 0.004, "a_c": 0.002, "order": 24.0}).with_effect(
-        "stribeck", {"dF_s": 0.01, "w_s": 8.0, "delta": 2.0}
-    )
+    full = with_known_effects(design)
     log = simulate(full, scenario("triangle", design, speed=60.0, period=2.0, cycles=5.0), seed=2)
     found = track(full, log)
     assert found.history["F_c"][log.t > 4.0].mean() == pytest.approx(F_C, rel=0.015)

@@ -19,7 +19,7 @@ from pmsm_ctrl.track import FrictionTracker, Settings, model, track
 from pmsm_ctrl.track.inputs import Samples, samples_of
 from pmsm_ctrl.track.settings import numbers
 from pmsm_ctrl.track.tracking import filter_samples
-from tests.unit.track.tracking_axes import step_of_F_c
+from tests.unit.track.tracking_axes import step_of_F_c, with_known_effects
 
 F_C, F_V = 0.0213, 0.000168
 
@@ -105,9 +105,7 @@ def test_twin_agrees_with_filterpy_through_a_change_and_constant_speed(design: D
 
 
 def test_twin_agrees_with_filterpy_through_known_effects(design: Design) -> None:
-    full = design.with_effect("cogging", {"a_s": 0.004, "a_c": 0.002, "order": 24.0}).with_effect(
-        "load_dependent_friction", {"mu": 0.02}
-    )
+    full = with_known_effects(design)
     log = simulate(full, scenario("triangle", design, speed=60.0, period=1.0, cycles=2.0), seed=2)
     readings = feed(FrictionTracker(full), log)
     assert np.allclose([r.F_c for r in readings], track(full, log, adapt=False).history["F_c"], rtol=1e-9)

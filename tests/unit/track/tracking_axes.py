@@ -96,6 +96,15 @@ wander = Effect(
 )
 
 
+def with_known_effects(design: Design) -> Design:
+    """Return the design with effects of angle, speed and torque, which a tracker takes as known."""
+    return (
+        design.with_effect("cogging", {"a_s": 0.004, "a_c": 0.002, "order": 24.0})
+        .with_effect("stribeck", {"dF_s": 0.01, "w_s": 8.0, "delta": 2.0})
+        .with_effect("load_dependent_friction", {"mu": 0.02})
+    )
+
+
 def walk(T: float, rate_c: float, rate_v: float, rng: np.random.Generator) -> tuple[dict[str, float], float, float]:
     """Return parameters of `wander` for a walk of these rates per square root of a second, and both ends at T."""
     half = np.arange(TERMS) + 0.5
