@@ -184,6 +184,22 @@ class Effect:
         at_rest = dict.fromkeys(SIGNALS, 0.0) | {"direction": 1.0} | signals | dict(values)
         return float(np.atleast_1d(self.py_term(*(at_rest[name] for name in self.arguments)))[0])
 
+    def standing_level(self, values: Mapping[str, float], p: float) -> float:
+        """Return the largest magnitude of the term of an axis at rest, over a wave of the angle where it is one.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            A value for every parameter.
+        p : float
+            Pole pairs.
+        """
+        if "theta" not in self.signals:
+            return abs(self.standing(values, p=p))
+        waves = values.get(self.order, 1.0) * (p if "p" in self.signals else 1.0)
+        quarter = 0.5 * math.pi / max(waves, 1.0)
+        return math.hypot(*(self.standing(values, p=p, theta=theta) for theta in (0.0, quarter)))
+
     def parameter(self, symbol: str) -> Parameter:
         """Return the parameter with this symbol.
 

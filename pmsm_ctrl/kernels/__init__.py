@@ -84,9 +84,10 @@ if not os.environ.get("NUMBA_CACHE_DIR"):
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a scalar or array function with the options that every kernel shares.
 
-    What was typed at a prompt has no file, and so no place in the cache: it is compiled anew in every process.
+    A user's own term is compiled anew in every process: numba's cache would not notice a change in another file that
+    it imports.
     """
-    return soundly_cached(numba.njit(**{**OPTIONS, "cache": _on_file(function)})(function))
+    return soundly_cached(numba.njit(**{**OPTIONS, "cache": _in_package(function)})(function))
 
 
 def uncontracted(function: Callable[..., Any]) -> Any:
@@ -94,7 +95,7 @@ def uncontracted(function: Callable[..., Any]) -> Any:
 
     For filters that stand in the place of scipy's, and cost the same without.
     """
-    options = {**OPTIONS, "fastmath": False, "cache": _on_file(function)}
+    options = {**OPTIONS, "fastmath": False, "cache": _in_package(function)}
     return soundly_cached(numba.njit(**options)(function))
 
 
@@ -104,15 +105,18 @@ def inlined(function: Callable[..., Any]) -> Any:
     Left alone, LLVM calls the larger pieces, and everything constant in the loop around is worked out again at
     every step (1.2 x). Without wrappers for Python they compile faster.
     """
-    return soundly_cached(numba.njit(**{**_INLINED, "cache": _on_file(function)})(function))
+    return soundly_cached(numba.njit(**{**_INLINED, "cache": _in_package(function)})(function))
 
 
 def soundly_cached(dispatcher: Any) -> Any:
     """Give a compiled function that numba would cache a cache that survives damage."""
-    if _on_file(dispatcher.py_func):
+    if _in_package(dispatcher.py_func):
         dispatcher._cache = SoundCache(dispatcher.py_func)
     return dispatcher
 
 
-def _on_file(function: Callable[..., Any]) -> bool:
-    return Path(function.__code__.co_filename).is_file()
+def _in_package(function: Callable[..., Any]) -> bool:
+    """Whether the cache's folder is keyed on a function: one of this package's files, or one generated there."""
+    file = Path(function.__code__.co_filename).resolve()
+    roots = Path(__file__).resolve().parent.parent, cache_folder().resolve()
+    return file.is_file() and any(file.is_relative_to(root) for root in roots)

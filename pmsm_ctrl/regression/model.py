@@ -226,6 +226,9 @@ def noise_share(record: Record, alpha: Array) -> float:
     return float(record.noise_of(alpha) ** 2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
 
 
+TIMING = ("tau_u", "tau_frame")  # of the voltage command: its age, and the angle it was meant for
+
+
 def _winding(design: Design, record: Record, groups: list[Group], nominal: list[float], sigma: list[float]) -> None:
     """Add R, L_d, L_q, psi_f and nuisances: age and angle of the voltage command, its sampling."""
     from pmsm_ctrl.kernels.balance import voltage_d, voltage_q
@@ -250,7 +253,7 @@ def _winding(design: Design, record: Record, groups: list[Group], nominal: list[
     }
     for name, (u_d, u_q) in parts.items():
         groups.append(Group(None, (name,), record.stack({"u_d": u_d, "u_q": u_q})[..., None], {}))
-        if name.startswith("tau"):
+        if name in TIMING:
             nominal.append(0.0)
             sigma.append(2e-3)
         elif name.startswith("kappa"):

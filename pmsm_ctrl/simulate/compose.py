@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 
 from pmsm_ctrl.effects import Effect
+from pmsm_ctrl.effects.fingerprint import fingerprint
 from pmsm_ctrl.effects.structures import STRUCTURES, Structure
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import cache_folder
@@ -100,13 +101,6 @@ def _lines(effects: Sequence[Effect]) -> dict[str, list[str]]:
     return lines
 
 
-def _fingerprint(effect: Effect) -> bytes:
-    """Return what changes when an effect's term does: its whole file, or its byte code if it has none."""
-    code = effect.py_term.__code__
-    file = Path(code.co_filename)
-    return file.read_bytes() if file.is_file() else code.co_code + repr(code.co_consts).encode()
-
-
 def _reuse(text: str) -> str:
     """Import the functions that no active effect has changed from the template, where they are compiled already.
 
@@ -133,7 +127,7 @@ def _compiled(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect,
     text = _reuse(text)
     digest = hashlib.sha256(text.encode())
     for effect in (*effects, *compensated):
-        digest.update(_fingerprint(effect))
+        digest.update(fingerprint(effect.term))
     name = f"drive_{digest.hexdigest()[:16]}"
     typed = [e for e in (*effects, *compensated) if not Path(e.py_term.__code__.co_filename).is_file()]
     if typed:

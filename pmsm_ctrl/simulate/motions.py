@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import RequestError
 
 __all__ = [
@@ -94,13 +95,9 @@ def _one_digit(value: float) -> float:
 
 def _friction_level(design: Design) -> float:
     """Return the largest torque in N m of the design's effects on a shaft at rest."""
-    level = 0.0
-    for entry in design.effects:
-        values = entry.parameters
-        level += abs(values.get("F_c", 0.0)) + abs(values.get("dF_s", 0.0)) + abs(values.get("T_0", 0.0))
-        if entry.id in ("unbalance", "cogging"):
-            level += math.hypot(values.get("a_s", 0.0), values.get("a_c", 0.0))
-    return level
+    p = float(design.motor.p or 0)
+    acting = [bound for bound in bound_effects(design) if bound[0].enters == "torque" and not bound[0].has_state]
+    return sum(effect.standing_level(values, p) for effect, values in acting)
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,7 @@ import sys
 sys.path.insert(0, ".")
 import mine
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.simulate import Scenario, simulate
 design = Design.read("designs/seed_motor.toml").replace(
     sensor={"encoder_counts": 0, "current_noise": 0.0, "log_divider": 1},
@@ -41,16 +42,15 @@ design = design.with_parameters(psi_f=1e-9).replace_effects(())
 design = design.with_own_effects(mine.effect).with_effect("mine", {"a": 1e-3})
 coast = Scenario("coast", 0.01, lambda t: {}, control="current", omega_0=100.0)
 log = simulate(design, coast, keep_truth=True)
-print((log["omega_true"][0] - log["omega_true"][-1]) / (log.t[-1] - log.t[0]))
+slope = (log["omega_true"][0] - log["omega_true"][-1]) / (log.t[-1] - log.t[0])
+read = column(mine.effect, {"omega": [100.0]}, {"a": 1e-3})[0]
+assert abs(slope * 9e-5 / read - 1.0) < 1e-6, "simulation and regression differ"
+print(slope)
 """
 
 MINE = """
 from pmsm_ctrl.effects import Effect, Parameter, kernel
-FACTOR = 1.0
-
-@kernel
-def helper(x):
-    return FACTOR * x
+from shape import helper
 
 @kernel
 def term(omega, a):
@@ -58,6 +58,14 @@ def term(omega, a):
 
 effect = Effect(id="mine", title="t", equation="a", source="s", enters="torque",
     parameters=(Parameter("a", "N m", 0.0, -1.0, 1.0, "a", linear=True),), term=term, needs="n")
+"""
+SHAPE = """
+import sizes
+from pmsm_ctrl.effects import kernel
+
+@kernel
+def helper(x):
+    return sizes.FACTOR * x
 """
 
 
@@ -90,13 +98,14 @@ def test_an_edited_effect_of_the_package_is_seen(copy):
 
 
 def test_an_edited_constant_behind_an_own_effect_is_seen(copy):
-    """Neither the term's own text nor its name changes: only what it calls."""
-    mine = copy / "mine.py"
-    mine.write_text(MINE)
+    """Neither the term's file nor that of the helper it calls changes: only a number in a third file."""
+    (copy / "mine.py").write_text(MINE)
+    (copy / "shape.py").write_text(SHAPE)
+    (copy / "sizes.py").write_text("FACTOR = 1.0")
     before = run(copy, OWN)
     assert before == pytest.approx(1e-3 / 9e-5, rel=1e-6)
-    mine.write_text(MINE.replace("FACTOR = 1.0", "FACTOR = 2.0"))
-    assert run(copy, OWN) == pytest.approx(2.0 * before, rel=1e-6)
+    (copy / "sizes.py").write_text("FACTOR = 9.0")
+    assert run(copy, OWN) == pytest.approx(9.0 * before, rel=1e-6)
 
 
 def hashed(root: Path, monkeypatch: pytest.MonkeyPatch) -> str:
