@@ -20,9 +20,9 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.inverse_dynamics import Column
 from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.section import Notice
+from pmsm_ctrl.simulate.motions import Scenario
 from pmsm_ctrl.simulate.parameters import Controller
 from pmsm_ctrl.simulate.run import simulate
-from pmsm_ctrl.simulate.scenarios import Scenario
 
 __all__ = ["Replay", "build_replay", "plant_with"]
 

@@ -17,8 +17,8 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate.lanes import LANES, Group, groups, simulate_group
+from pmsm_ctrl.simulate.motions import Scenario
 from pmsm_ctrl.simulate.run import Prepared, prepare, simulate
-from pmsm_ctrl.simulate.scenarios import Scenario
 
 __all__ = ["simulate_batch"]
 

@@ -1,4 +1,4 @@
-"""Parts of scenarios: piecewise-polynomial motion, test signals, and the limits of a design.
+"""What a scenario is, and its parts: piecewise-polynomial motion, test signals, and the limits of a design.
 
 All signals are pure functions of time, so that references do not depend on how a run is divided into pieces.
 """
@@ -6,26 +6,87 @@ All signals are pure functions of time, so that references do not depend on how 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.errors import RequestError, nearest
 
 __all__ = [
-    "TIME_TOLERANCE", "Limits", "Path", "PathBuilder", "chirp_signal", "identification_parts", "multisine_signal",
-    "require_positive", "triangle_signal",
+    "INPUTS", "TIME_TOLERANCE", "Limits", "Path", "PathBuilder", "Scenario", "chirp_signal", "identification_parts",
+    "multisine_signal", "require_positive", "triangle_signal",
 ]  # fmt: skip
 
 Array = NDArray[Any]
 
 # Times within this of a knot belong to the later piece: k T and the knot may round differently.
 TIME_TOLERANCE = 1e-9
+
+
+# References of a scenario, in the kernel's order; one that is left out is zero.
+INPUTS: tuple[str, ...] = ("theta_ref", "omega_ref", "alpha_ref", "i_q_add", "i_d_ref", "T_load")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A motion to simulate.
+
+    Attributes
+    ----------
+    name : str
+    duration : float
+        s.
+    references : function of time
+        ``references(t)`` with t in s, shape (n,), returns any of `INPUTS` as arrays of shape (n,), SI units.
+        `i_q_add` is added to the speed controller's output (feedforward, or the injected test signal).
+    control : {"speed", "position", "current"}
+        The outermost closed loop.
+    omega_0, theta_0 : float
+        Initial speed, rad/s, and angle, rad.
+    segments : tuple of (name, start, stop)
+        In s.
+    """
+
+    name: str
+    duration: float
+    references: Callable[[Array], Mapping[str, Array]]
+    control: Literal["speed", "position", "current"] = "speed"
+    omega_0: float = 0.0
+    theta_0: float = 0.0
+    segments: tuple[tuple[str, float, float], ...] = field(default=())
+
+    def inputs(self, t: Array) -> Array:
+        """Return the references.
+
+        Parameters
+        ----------
+        t : array, shape (n,)
+            Times, s.
+
+        Returns
+        -------
+        array, shape (n, 6)
+            In the order of `INPUTS`.
+
+        Raises
+        ------
+        RequestError
+            When the scenario prescribes an input that does not exist.
+        """
+        given = self.references(t)
+        for name in given:
+            if name not in INPUTS:
+                raise RequestError(f"scenario '{self.name}': unknown input '{name}'{nearest(name, INPUTS)}")
+        out = np.zeros((len(t), len(INPUTS)))
+        for column, name in enumerate(INPUTS):
+            if name in given:
+                out[:, column] = given[name]
+        return out
 
 
 def require_positive(scenario: str, **values: float) -> None:

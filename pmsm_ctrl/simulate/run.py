@@ -17,8 +17,8 @@ from pmsm_ctrl.errors import DesignError, RequestError, SimulationError
 from pmsm_ctrl.log import Log, Provenance, Segment
 from pmsm_ctrl.simulate.compose import BARE_STATES, load, structures
 from pmsm_ctrl.simulate.feedforward import Feedforward
+from pmsm_ctrl.simulate.motions import Scenario
 from pmsm_ctrl.simulate.parameters import Controller, Plant
-from pmsm_ctrl.simulate.scenarios import Scenario
 from pmsm_ctrl.simulate.scenarios import scenario as named_scenario
 
 __all__ = ["LOGGED", "Prepared", "prepare", "run_kernel", "simulate"]

@@ -9,8 +9,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from pmsm_ctrl.simulate.motions import (
     Limits,
     Path,
     PathBuilder,
+    Scenario,
     chirp_signal,
     identification_parts,
     multisine_signal,
@@ -29,69 +29,9 @@ from pmsm_ctrl.simulate.motions import (
     triangle_signal,
 )
 
-__all__ = ["INPUTS", "SCENARIOS", "Scenario", "scenario"]
+__all__ = ["SCENARIOS", "scenario"]
 
 Array = NDArray[Any]
-
-# References of a scenario, in the kernel's order; one that is left out is zero.
-INPUTS: tuple[str, ...] = ("theta_ref", "omega_ref", "alpha_ref", "i_q_add", "i_d_ref", "T_load")
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """A motion to simulate.
-
-    Attributes
-    ----------
-    name : str
-    duration : float
-        s.
-    references : function of time
-        ``references(t)`` with t in s, shape (n,), returns any of `INPUTS` as arrays of shape (n,), SI units.
-        `i_q_add` is added to the speed controller's output (feedforward, or the injected test signal).
-    control : {"speed", "position", "current"}
-        The outermost closed loop.
-    omega_0, theta_0 : float
-        Initial speed, rad/s, and angle, rad.
-    segments : tuple of (name, start, stop)
-        In s.
-    """
-
-    name: str
-    duration: float
-    references: Callable[[Array], Mapping[str, Array]]
-    control: Literal["speed", "position", "current"] = "speed"
-    omega_0: float = 0.0
-    theta_0: float = 0.0
-    segments: tuple[tuple[str, float, float], ...] = field(default=())
-
-    def inputs(self, t: Array) -> Array:
-        """Return the references.
-
-        Parameters
-        ----------
-        t : array, shape (n,)
-            Times, s.
-
-        Returns
-        -------
-        array, shape (n, 6)
-            In the order of `INPUTS`.
-
-        Raises
-        ------
-        RequestError
-            When the scenario prescribes an input that does not exist.
-        """
-        given = self.references(t)
-        for name in given:
-            if name not in INPUTS:
-                raise RequestError(f"scenario '{self.name}': unknown input '{name}'{nearest(name, INPUTS)}")
-        out = np.zeros((len(t), len(INPUTS)))
-        for column, name in enumerate(INPUTS):
-            if name in given:
-                out[:, column] = given[name]
-        return out
 
 
 def sweep(

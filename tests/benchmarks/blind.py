@@ -32,8 +32,8 @@ from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
-from pmsm_ctrl.simulate.motions import Limits, PathBuilder
-from pmsm_ctrl.simulate.scenarios import Scenario, scenario
+from pmsm_ctrl.simulate.motions import Limits, PathBuilder, Scenario
+from pmsm_ctrl.simulate.scenarios import scenario
 
 Array = NDArray[Any]
 

@@ -30,7 +30,7 @@ from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.identify import Identification, Processing, identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import scenario, simulate
-from pmsm_ctrl.simulate.scenarios import Scenario
+from pmsm_ctrl.simulate.motions import Scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 METHODS = ("regression", "iv", "output_error")

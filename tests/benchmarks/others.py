@@ -18,8 +18,8 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate.motions import Scenario
 from pmsm_ctrl.simulate.parameters import Plant
-from pmsm_ctrl.simulate.scenarios import Scenario
 
 SPEED, FREQUENCY = 50.0, 2.0
 # A speed loop of 50 Hz without integral action on the reference lags 4 % of the amplitude behind 2 Hz.

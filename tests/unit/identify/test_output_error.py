@@ -13,7 +13,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify import Processing, identify
 from pmsm_ctrl.simulate import scenario, simulate
-from pmsm_ctrl.simulate.scenarios import Scenario
+from pmsm_ctrl.simulate.motions import Scenario
 
 IDEAL = {"encoder_counts": 0, "current_noise": 0.0}
 TRUE = {"J": 9e-5, "F_c": 0.0213, "F_v": 0.000168}

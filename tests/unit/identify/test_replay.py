@@ -11,7 +11,7 @@ from pmsm_ctrl.identify.replay import build_replay, plant_with
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.simulate import scenario, simulate
-from pmsm_ctrl.simulate.scenarios import Scenario
+from pmsm_ctrl.simulate.motions import Scenario
 
 IDEAL = {"encoder_counts": 0, "current_noise": 0.0}
 
