@@ -222,8 +222,8 @@ def notices() -> str:
     import pmsm_ctrl
     from pmsm_ctrl.section import Template
 
-    lines = ["# Warning codes", "", "Results carry their warnings as notices: a code, a sentence, and the values in it.",
-             "JSON has the codes under `warning_codes`. In braces stands what is filled in.", ""]  # fmt: skip
+    lines = ["# Warning codes", "", "A result carries its warnings as notices: a code, a sentence and its values.",
+             "JSON has the codes under `warning_codes`. Values stand in braces.", ""]  # fmt: skip
     for path in sorted(Path(pmsm_ctrl.__file__).parent.glob("*/notices.py")):
         room = importlib.import_module(f"pmsm_ctrl.{path.parent.name}.notices")
         lines += [f"## {path.parent.name}", "", "| code | sentence |", "|---|---|"]

@@ -1,7 +1,7 @@
 """pytest plugin: ``pytest designs/`` runs every ``[[acceptance]]`` line of the designs as a test.
 
-Loaded by pytest wherever the package is installed, so it imports nothing of weight before it meets a design, and
-leaves every TOML file alone that has no ``[[acceptance]]`` beside a ``[motor]``.
+pytest loads it wherever the package is installed. It imports heavy modules only for a design, and ignores every TOML
+file without ``[[acceptance]]`` and ``[motor]``.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--acceptance-plots",
         metavar="FOLDER",
         default=None,
-        help=f"where a failed acceptance of a design leaves its plot (default: {PLOTS} below the root folder)",
+        help=f"folder for the plots of failed acceptance tests (default: {PLOTS} below the root folder)",
     )
 
 
@@ -50,7 +50,7 @@ def _has_acceptance(path: Path) -> bool:
         data = tomllib.loads(text)
     except (OSError, UnicodeDecodeError):
         return False
-    except (tomllib.TOMLDecodeError, RecursionError):  # a design that was broken by hand must not pass unseen
+    except (tomllib.TOMLDecodeError, RecursionError):  # a damaged design must not be skipped
         return re.search(r"^\[\[acceptance\]\]", text, re.MULTILINE) is not None
     return "acceptance" in data and "motor" in data
 

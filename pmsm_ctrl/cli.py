@@ -1,6 +1,6 @@
-"""The command line: one verb per function, each a few lines: load, call, print, write.
+"""The command line: one command per function, each of a few lines: load, call, print, write.
 
-Nothing heavy is imported before a verb runs, so that ``--help`` answers at once.
+Heavy modules are imported when a command runs, so that ``--help`` is fast.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-# Written out, because the module that knows them takes half a second to load; a test compares.
+# A literal, because the module of the scenarios takes half a second to import; a test compares them.
 MOTIONS = (
     "the motion: sweep, triangle, creep, multisine, chirp, breakaway, hold, positioning, trapezoid, s_curve, warm_up, "
     "reversal or identification"
@@ -79,11 +79,11 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", help="show the version and leave", is_eager=True, callback=_show_version)
+        bool, typer.Option("--version", help="show the version and exit", is_eager=True, callback=_show_version)
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="show tracebacks and warnings; may stand anywhere")] = False,
 ) -> None:
-    """Both options act before a verb runs: `--version` leaves at once, `--debug` is read by `console.run`."""
+    """Both options act before a command runs: `--version` exits, `--debug` is read by `console.run`."""
 
 
 app.command()(init)
@@ -140,23 +140,21 @@ def tune(
     phase_margin: Annotated[
         float, typer.Option("--phase-margin", metavar="DEG", help="for the methods bandwidth and pole_placement")
     ] = 60.0,
-    keep: Annotated[
-        bool, typer.Option("--keep", help="judge the gains of the design instead of finding others")
-    ] = False,
-    robust: Annotated[bool, typer.Option("--robust", help="keep the margins at every corner of the tolerance")] = False,
-    prove: Annotated[bool, typer.Option("--prove/--no-prove", help="measure the loops on the simulated drive")] = True,
+    keep: Annotated[bool, typer.Option("--keep", help="check the gains of the design instead of tuning them")] = False,
+    robust: Annotated[bool, typer.Option("--robust", help="keep the margins at all corners of the tolerances")] = False,
+    prove: Annotated[bool, typer.Option("--prove/--no-prove", help="check the loops on the simulated drive")] = True,
     seed: SeedOption = 0,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Tune the loops from the datasheet. Status 1 when a margin falls short."""
+    """Tune the loops from the datasheet. Status 1 when a margin is too small."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.tune import Specification, UnstableLoopError, assess
     from pmsm_ctrl.tune import tune as run_tuning
 
     if keep and (robust or current_bandwidth is not None or speed_bandwidth is not None):
-        raise RequestError("--keep: takes neither --robust nor a bandwidth; the gains stay as the design has them")
+        raise RequestError("--keep: excludes --robust and the bandwidths, because the gains of the design are kept")
     believed = read_design(design, effects)
     try:
         with progress_bar(f"tune {believed.name}") as progress:
@@ -169,7 +167,7 @@ def tune(
                 )  # fmt: skip
                 result = run_tuning(believed, wanted, prove=prove, seed=seed, progress=progress)
     except UnstableLoopError as error:
-        if report is not None:  # the loop's Nyquist plot tells more than the line on stderr
+        if report is not None:  # the Nyquist plot of the loop shows more than the line on stderr
             write_report(report, error.section())
         raise
     finish("tune", result, json_file=json_file, report=report)
@@ -183,7 +181,7 @@ def sweep(
     design: DesignArgument,
     truth: TruthOption = None,
     repeats: Annotated[int, typer.Option("--repeats", metavar="N", min=1, help="records to average")] = 3,
-    paper: Annotated[bool, typer.Option("--paper", help="the reference paper's table beside ours")] = False,
+    paper: Annotated[bool, typer.Option("--paper", help="compare with the table of the reference paper")] = False,
     output: NewDesignOption = None,
     seed: SeedOption = 0,
     effects: EffectsOption = None,
@@ -198,7 +196,7 @@ def sweep(
     believed = read_design(design, effects)
     if paper:
         if truth is not None or output is not None:
-            raise RequestError("--paper: takes neither --truth nor --output; its table has two plants of its own")
+            raise RequestError("--paper: excludes --truth and --output, because the table has its own two plants")
         finish("paper", paper_table(believed, repeats=repeats, seed=seed), json_file=json_file, report=report)
         return
     plant = design_if_given(truth, effects)
@@ -238,7 +236,7 @@ def compare(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Hold a design's predictions against a log, channel by channel."""
+    """Compare the predictions of a design with a log, channel by channel."""
     from pmsm_ctrl.compare import compare as run_comparison
 
     believed = read_design(design, effects)
@@ -254,14 +252,19 @@ def diagnose(
     holdout: HoldoutOption = None,
     output: NewDesignOption = None,
     calibrate: Annotated[
-        int, typer.Option("--calibrate", metavar="COUNT", help="simulate the answer so often: its false alarms")
+        int,
+        typer.Option(
+            "--calibrate",
+            metavar="COUNT",
+            help="simulations to estimate the false-alarm rate",
+        ),
     ] = 0,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Name the physical effect that the design lacks. Shows how the error falls as it is added."""
+    """Find the physical effects that are missing from the design, and show how the error falls with each."""
     from pmsm_ctrl.diagnose import diagnose as run_diagnosis
 
     believed = read_design(design, effects)
@@ -344,19 +347,19 @@ def export_code(
     design: DesignArgument,
     language: Annotated[str, typer.Option("--language", "-l", metavar="st|c", help="Structured Text or C99")],
     flavour: Annotated[
-        str, typer.Option("--flavour", metavar="iec|br|beckhoff", help="Structured Text as this house takes it")
+        str, typer.Option("--flavour", metavar="iec|br|beckhoff", help="dialect of Structured Text")
     ] = "iec",
     part: Annotated[
-        str, typer.Option("--part", metavar="compensation|tracker", help="of a single file; a folder holds all")
+        str, typer.Option("--part", metavar="compensation|tracker", help="part to write into a single file")
     ] = "compensation",
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="PATH", help="one file, or without suffix a folder for everything"),
+        typer.Option("--output", "-o", metavar="PATH", help="a file, or without suffix a folder for all parts"),
     ] = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Write gains, compensator and tracker for a PLC or a drive. A folder gets the drives' tables as well."""
+    """Write gains, compensator and tracker for a PLC or a drive; into a folder also the tables of the drives."""
     from pmsm_ctrl.export import export as run_export
     from pmsm_ctrl.export import export_files
     from pmsm_ctrl.files import write_text
@@ -386,7 +389,8 @@ def study(
     holdout: HoldoutOption = None,
     output: Annotated[Path | None, output_option("FILE", "the report; reports/NAME.html if left out")] = None,
     history: Annotated[
-        Path | None, typer.Option("--history", metavar="FILE", help="add to, and show, what earlier studies identified")
+        Path | None,
+        typer.Option("--history", metavar="FILE", help="parameters of earlier studies; this study is added"),
     ] = None,
     mapping: MapOption = None,
     seed: SeedOption = 0,
@@ -414,19 +418,19 @@ def study(
 
 @app.command("import")
 def import_log(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="what a drive or logger wrote")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="file of a drive or a logger")],
     design: Annotated[Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="for its [log] table")] = None,
     output: Annotated[Path | None, output_option("LOG", "write it as canonical CSV")] = None,
     mapping: MapOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Show what was understood of a foreign log. Ends with the [log] table that reads it again."""
+    """Show what was understood of a foreign log, and the [log] table that reads it again."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import write_text
     from pmsm_ctrl.importers import describe
 
     if output is not None and output.resolve() == file.resolve():
-        raise RequestError(f"--output {output}: is the file that is read; it would be lost")
+        raise RequestError(f"--output {output}: is the input file; name another one")
     result = describe(file, design_if_given(design), parse_map(mapping))
     finish("import", result, json_file=json_file)
     if output is not None:
@@ -438,7 +442,7 @@ def import_log(
 @app.command()
 def effects(
     identifier: Annotated[
-        str | None, typer.Argument(metavar="EFFECT", help="this one in full", autocompletion=effect_ids)
+        str | None, typer.Argument(metavar="EFFECT", help="show this effect in full", autocompletion=effect_ids)
     ] = None,
     design: Annotated[
         Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="simulate the effect's signature on it")
@@ -448,7 +452,7 @@ def effects(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """List the effects of the catalogue. One that is named is shown in full, with its signature."""
+    """List the effects of the catalogue, or show one in full with its signature."""
     from pmsm_ctrl.effects import catalogue_with, lookup
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.rendering import to_text
@@ -458,13 +462,13 @@ def effects(
     known = catalogue_with(own or ())
     if identifier is None:
         if design is not None or output is not None or report is not None:
-            raise RequestError("effects: --design, --output and --report belong to one effect; name it")
+            raise RequestError("effects: --design, --output and --report need the name of one effect")
         print(to_text(catalogue_section(known.values())))
         if json_file is not None:
             write_json(json_file, "effects", {"effects": [describe_effect(e).to_dict() for e in known.values()]})
         return
     if output is not None and design is None:
-        raise RequestError("--output: a signature is simulated on a design; name one with --design")
+        raise RequestError("--output: the signature is simulated, which needs --design")
     entry = describe_effect(lookup(identifier, known), design_if_given(design, own))
     finish("effects", entry, json_file=json_file, report=report)
     if output is not None:
@@ -473,5 +477,5 @@ def effects(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point of ``pmsm-ctrl``; leaves with the exit status."""
+    """Run ``pmsm-ctrl`` and exit with its status."""
     sys.exit(run(app, arguments))

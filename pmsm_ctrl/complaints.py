@@ -1,4 +1,4 @@
-"""What is wrong in a design file, in one line: pydantic's complaints in the words of a drive engineer."""
+"""Errors in a design file as one line: pydantic's messages with place, value and what is accepted."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["explain"]
 
 
 def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:
-    """Turn pydantic's first complaint into one line: where, what was found, what would have been accepted.
+    """Turn pydantic's first error into one line: place, value found, values accepted.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def explain(error: ValidationError, root: type[BaseModel], source: str) -> str:
     str
     """
     complaints = error.errors()
-    # A mistyped name comes first: it explains the name that is missing.
+    # A misspelt name comes first, because it explains a missing one.
     first = next((c for c in complaints if c["type"] == "extra_forbidden"), complaints[0])
     place = ".".join(str(part) for part in first["loc"]) or "design"
     found = first.get("input")

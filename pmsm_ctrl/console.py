@@ -1,4 +1,4 @@
-"""What every command shares: outputs, progress on stderr, and how errors become one line and an exit status."""
+"""Shared by all commands: outputs, progress on stderr, errors as one line and an exit status."""
 
 from __future__ import annotations
 
@@ -42,29 +42,29 @@ ISSUES = "the project's issue tracker"
 
 
 def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status; whatever goes wrong is one line on stderr.
+    """Run the command line and return its exit status; an error is one line on stderr.
 
-    ``--debug`` anywhere on the line shows the traceback and Python's warnings as well.
+    ``--debug`` anywhere on the line also shows the traceback and Python's warnings.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
     if not debug:
-        # What a user should doubt is in a result's own warnings; a library's are for developers.
+        # Warnings for users are notices of a result; warnings of libraries are for developers.
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", CacheWarning)
         warnings.showwarning = _show_warning
-    # So that `kill` unwinds the stack and no half-written temporary file stays behind.
+    # `kill` unwinds the stack, so that temporary files are removed.
     with contextlib.suppress(ValueError):  # only the main thread may set a handler
         signal.signal(signal.SIGTERM, _terminate)
-    if isinstance(sys.stdout, io.TextIOWrapper):  # a pipe without UTF-8 must not end the program at a Greek letter
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a Greek letter must not raise on a pipe without UTF-8
         sys.stdout.reconfigure(errors="replace")
     try:
         verb_words = [word for word in words if word != "--debug"] or ["--help"]
         outcome = command(args=verb_words, prog_name="pmsm-ctrl", standalone_mode=False)
         sys.stdout.flush()
     except BaseException as error:
-        # The reader of our output has left (`pmsm-ctrl effects | head`). typer turns that into an exit with
-        # status 1, which here would mean a negative answer.
+        # The reader of the pipe has exited (`pmsm-ctrl effects | head`). typer turns this into exit status 1,
+        # which here means a negative answer.
         if isinstance(error, BrokenPipeError) or isinstance(error.__context__, BrokenPipeError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return BROKEN_PIPE
@@ -76,7 +76,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
 
             traceback.print_exception(error, file=sys.stderr)
         if message:
-            # what stands in a file must not steer the terminal
+            # control characters from a file must not reach the terminal
             shown = "".join(c if c.isprintable() else " " for c in message)
             print(f"pmsm-ctrl: {' '.join(shown.split())}", file=sys.stderr)
         return status
@@ -100,8 +100,8 @@ def _explain(error: BaseException) -> tuple[int, str]:
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else INTERNAL, ""
     if isinstance(error, KeyboardInterrupt) or type(error).__name__ == "Abort":
-        return INTERRUPTED, "interrupted; nothing half-written is left behind"
-    # Newer typer carries its own copy of click, older ones use click itself: known by what they can do.
+        return INTERRUPTED, "interrupted; no incomplete file was written"
+    # Newer typer bundles click, older ones import it: the class differs, the method does not.
     if hasattr(error, "format_message"):
         context = getattr(error, "ctx", None)
         hint = f" (see {context.command_path} --help)" if context is not None else ""

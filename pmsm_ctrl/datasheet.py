@@ -1,7 +1,7 @@
-"""From a datasheet to a design: what is asked, in the units that sheets use, and the TOML that is written.
+"""From a datasheet to a design: the questions, in the units of datasheets, and the TOML that is written.
 
-A value is never taken without its unit where a sheet could mean two: a torque constant per A rms or per A peak,
-a resistance of a phase or between two terminals. The design keeps the sheet's own number and names its unit.
+A unit is required where datasheets use more than one: a torque constant per A rms or per A peak, a resistance of a
+phase or between two terminals. The design keeps the number of the sheet and names its unit.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ __all__ = [
 ]  # fmt: skip
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
-# Sheets put these words anywhere in a unit: "Vrms/krpm, l-l", "V/krpm (line-to-line, rms)".
+# These words may stand anywhere in a unit: "Vrms/krpm, l-l", "V/krpm (line-to-line, rms)".
 _WORDS = {"rms": "rms", "eff": "rms", "peak": "peak", "pk": "peak", "line": "line", "phase": "phase"}
 
 
 @dataclass(frozen=True)
 class Answer:
-    """One number of the sheet under the name a design knows it by.
+    """One number of the sheet under its name in a design.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Question:
-    """One thing a sheet says.
+    """One value of a datasheet.
 
     Attributes
     ----------
@@ -121,8 +121,8 @@ QUESTIONS: tuple[Question, ...] = (
 
 
 _BY_KEY = {question.key: question for question in QUESTIONS}
-# What is asked of a machine whose windings nobody knows. A rotary one is the motor's sheet without its electrical
-# part; a linear one has the same quantities along a line.
+# Questions for a machine without winding data: a rotary one has the motor's questions without the electrical ones, a
+# linear one the same quantities along a line.
 _PLAIN = (
     Question("torque_constant", "torque constant", "motor", {
         "N m/A peak": ("K_t", 1.0), "N m/A rms": ("K_t", math.sqrt(0.5)), "N m/A dc": ("K_t", 1.0)}),
@@ -144,7 +144,7 @@ MACHINES: dict[str, tuple[Question, ...]] = {"motor": QUESTIONS, "plain": _PLAIN
 
 
 def questions_of(machine: str) -> tuple[Question, ...]:
-    """Return what is asked of a kind of machine.
+    """Return the questions for a kind of machine.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def answers_from(
     ----------
     given : mapping of key to text or None
     ask : function, optional
-        Asks a person for what was not given, and returns the text, "" for the default.
+        Asks the user for a missing value; returns the text, "" for the default.
     machine : {"motor", "plain", "linear"}
 
     Returns
@@ -244,13 +244,13 @@ def answers_from(
     Raises
     ------
     RequestError
-        When something is wrong, does not belong to this kind of machine, or is missing and there is nobody to ask.
+        When something is wrong, does not belong to this kind of machine, or is missing and cannot be asked for.
     """
     questions = questions_of(machine)
     own = {question.key for question in questions}
     for key, text in given.items():
         if text and key not in own:
-            raise RequestError(f"init: {_BY_KEY[key].option} is not asked of a {machine} machine; leave it out")
+            raise RequestError(f"init: {_BY_KEY[key].option} does not apply to a {machine} machine")
     answers: dict[str, Answer] = {}
     missing = []
     for question in questions:
@@ -290,9 +290,9 @@ def design_toml(name: str, answers: Mapping[str, Answer], machine: str = "motor"
     """
     tables = _tables(answers, machine)
     lines = [
-        "# Written from a datasheet. Numbers keep the sheet's unit, which their name says.",
-        "# Friction is what identify and sweep find; the loops are what tune finds."
-        if machine == "motor" else "# Friction is what identify finds. Without winding data nothing is simulated.",
+        "# Written from a datasheet. Numbers keep the unit of the sheet, which their names state.",
+        "# identify and sweep find the friction, tune the loops."
+        if machine == "motor" else "# identify finds the friction. Without winding data the drive cannot be simulated.",
         f"name = {_quoted(name)}",
         *(['motion = "linear"'] if machine == "linear" else []),
     ]  # fmt: skip
@@ -302,7 +302,7 @@ def design_toml(name: str, answers: Mapping[str, Answer], machine: str = "motor"
     for effect in ("coulomb", "viscous"):
         lines += ["", "[[effects]]", f"id = {_quoted(effect)}", *(_line(*entry) for entry in tables[effect])]
     text = "\n".join(lines) + "\n"
-    Design.from_dict(tomllib.loads(text), source="init")  # raises what is wrong before anything is written
+    Design.from_dict(tomllib.loads(text), source="init")  # raises errors before anything is written
     return text
 
 

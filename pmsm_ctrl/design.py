@@ -1,4 +1,4 @@
-"""Design: what we believe about the drive. Frozen parts, read from and written to TOML without loss."""
+"""Design: the model of the drive. Frozen parts, read from and written to TOML without loss."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ MAX_FILE = 1 << 24  # bytes of a design
 
 
 class Design(Part):
-    """What we believe about the drive.
+    """The model of the drive and its controllers.
 
     Every part is frozen; `model_copy`, `with_effect` and `without_effect` return changed copies.
     """
@@ -63,13 +63,13 @@ class Design(Part):
     )
     log: LogMap = LogMap()
     source: str = Field(default="", exclude=True, repr=False, description="file the design was read from")
-    # Code, so never a field: a design file cannot name it, and it takes no part in equality and text.
+    # Code, so no field: a design file cannot name it, and equality and text ignore it.
     _own_effects: tuple[Any, ...] = PrivateAttr(default=())
 
     @field_validator("name")
     @classmethod
     def _printable(cls, name: str) -> str:
-        # it is printed, and stands in reports and in generated code
+        # it is printed, and appears in reports and in generated code
         if any(unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") for c in name):
             raise ValueError(f"found {name[:60]!r}; one line of printable characters was expected")
         return name
@@ -87,8 +87,8 @@ class Design(Part):
     def with_own_effects(self, *effects: Any) -> Design:
         """Return a copy that carries own effects, so that every verb knows them.
 
-        They are the design's catalogue, not its list of effects: add one with `with_effect` where the axis has it. They
-        stay with every copy and are not written to a file.
+        They extend the catalogue, not the list of effects: `with_effect` adds one to the axis. Copies keep them;
+        files do not contain them.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class Design(Part):
         return self.sensor.log_divider / self.drive.f_control
 
     def require_loops(self) -> Loops:
-        """Return the loops of a design that has to have some.
+        """Return the loops of a design that must have them.
 
         Returns
         -------

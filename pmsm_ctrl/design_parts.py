@@ -14,8 +14,8 @@ __all__ = [
     "LogMap", "Loops", "Motor", "Part", "PositionLoop", "Sensor", "SpeedLoop",
 ]  # fmt: skip
 
-# In SI units everything from a watch's motor to a ship's shaft lies well inside. What lies outside is a slip of the
-# unit, and products of such numbers leave what a double can hold.
+# In SI units every machine from a watch to a ship lies well inside. A number outside has a wrong unit, and products of
+# such numbers overflow a double.
 SMALL, LARGE = 1e-15, 1e15
 Positive = Annotated[float, Field(ge=SMALL, le=LARGE, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGE, allow_inf_nan=False)]
@@ -117,7 +117,7 @@ class Motor(SheetPart):
 
 
 class Load(Part):
-    """What hangs on the motor."""
+    """The load."""
 
     J: NonNegative = Field(default=0.0, description="load inertia at the load's own shaft, kg m^2")
     gear: Positive = Field(default=1.0, ge=1e-6, le=1e6, description="motor turns per load turn")
@@ -140,7 +140,7 @@ class Drive(SheetPart):
 
 
 class Sensor(Part):
-    """What the drive sees and what it records."""
+    """Encoder, current measurement and recording."""
 
     encoder_counts: int = Field(
         default=0, ge=0, le=1 << 48, description="counts per turn (per metre, linear); 0 = ideal"
@@ -184,7 +184,7 @@ class Loops(Part):
 
 
 class Assumed(Part):
-    """What the controller and the evaluation believe where that differs from the motor itself."""
+    """Values that the controller and the evaluation assume where they differ from the motor."""
 
     K_t: Positive | None = Field(default=None, description="torque constant known to the controller, N m/A peak")
     R: Positive | None = None

@@ -1,4 +1,4 @@
-"""The one short tree of errors. Each message says what is wrong, where, and what would have been accepted."""
+"""The errors of the package. Each message says what is wrong, where, and what is accepted."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class NextCommand(Enum):
 
 
 class PmsmCtrlError(Exception):
-    """Base of every error the package raises on purpose; the command line shows it as one line.
+    """Base of every error that the package raises on purpose; the command line prints it as one line.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Writing files so that a reader sees the old content or the new one, never half of either."""
+"""Atomic writing of files: a reader sees the old content or the new one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pmsm_ctrl.errors import RequestError
 
 __all__ = ["atomic_path", "require_writable", "sha256", "write_text"]
 
-# A process that was killed leaves its temporary file behind. Nobody writes for a day: what is older is swept up.
+# A killed process leaves its temporary file. No command writes for a day, so that older ones can be deleted.
 STALE = 86400.0
 
 
@@ -28,7 +28,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     Parameters
     ----------
     path : path
-        What is to be written.
+        The file to write.
 
     Yields
     ------
@@ -66,7 +66,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def require_writable(path: str | os.PathLike[str]) -> None:
-    """Refuse a place that cannot be written, before the work whose result should go there.
+    """Refuse a path that cannot be written, before the computation of its content.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def _mode(target: Path) -> int:
 
 
 def _sweep(folder: Path, prefix: str, suffix: str) -> None:
-    """Remove what killed processes left behind while they wrote the same file."""
+    """Remove temporary files of killed processes that wrote the same file."""
     with suppress(OSError):
         for name in os.listdir(folder):
             if name.startswith(prefix) and name.endswith(suffix):

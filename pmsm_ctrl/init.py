@@ -1,4 +1,4 @@
-"""The first command of the first hour: asks for the datasheet and writes a design."""
+"""The command init: asks for datasheet values and writes a design."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def _option(example: str) -> Any:
 
 
 def init(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="what the axis is called")] = "axis",
+    name: Annotated[str, typer.Argument(metavar="NAME", help="name of the axis")] = "axis",
     output: Annotated[Path | None, output_option("DESIGN", "the design to write; NAME.toml if left out")] = None,
-    force: Annotated[bool, typer.Option("--force", help="overwrite a design that is there")] = False,
+    force: Annotated[bool, typer.Option("--force", help="overwrite an existing design")] = False,
     machine: Annotated[
         Text,
         typer.Option(
@@ -55,7 +55,7 @@ def init(
     viscous: Annotated[Text, _option("'0.02 N m/krpm'; linear: '200 N s/m'")] = None,
     json_file: Annotated[Path | None, output_option("FILE", "write the design as JSON", "--json")] = None,
 ) -> None:
-    """Ask for the datasheet and write a design. What is given as an option is not asked."""
+    """Ask for the datasheet values and write a design. Values given as options are not asked for."""
     given = {
         "pole_pairs": pole_pairs, "torque_constant": torque_constant, "emf_constant": emf_constant,
         "resistance": resistance, "inductance": inductance, "inductance_q": inductance_q, "inertia": inertia,
@@ -79,7 +79,7 @@ def _write(
     if os.sep in name or not name.strip():
         raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output says where to write")
     if target.exists() and not force:
-        raise RequestError(f"{target}: is there already; --force overwrites it, --output names another")
+        raise RequestError(f"{target}: exists; --force overwrites it, --output names another file")
     ask = _asking(input) if sys.stdin.isatty() else None
     if machine is None:
         machine = "motor" if ask is None else _machine(input)
@@ -102,10 +102,10 @@ def _print_next(target: Path, *, simulated: bool) -> None:
     import shlex
 
     typed = shlex.quote(str(target))
-    following = {f"study {typed}": "tunes the loops and shows what the simulated axis does"} if simulated else {}
+    following = {f"study {typed}": "tunes the loops and simulates the axis"} if simulated else {}
     following |= {
-        "import LOG": "says what the drive's log holds, and what looks wrong in it",
-        f"study {typed} --log LOG": "says what the model lacks on the measured axis",
+        "import LOG": "checks a log of the drive",
+        f"study {typed} --log LOG": "finds the missing effects of the measured axis",
     }
     width = max(map(len, following))
     for number, (command, answers_what) in enumerate(following.items()):
@@ -122,7 +122,7 @@ def _machine(read: Callable[[str], str]) -> str:
             kind = read("machine: motor (windings known), plain (only a torque constant) or linear [motor]: ").strip()
             questions_of(kind or "motor")
         except EOFError:
-            raise RequestError("init: the input ended before all was answered; nothing was written") from None
+            raise RequestError("init: the input ended before the last answer; nothing was written") from None
         except RequestError as error:
             print(f"  {error}", file=sys.stderr)
         else:
@@ -146,7 +146,7 @@ def _asking(read: Callable[[str], str]) -> Callable[[Question], str]:
                     text = f"{text} {_choose(units, read)}"
                 read_answer(question, text)
             except EOFError:
-                raise RequestError("init: the input ended before all was answered; nothing was written") from None
+                raise RequestError("init: the input ended before the last answer; nothing was written") from None
             except RequestError as error:
                 print(f"  {str(error).removeprefix(question.option).lstrip()}", file=sys.stderr)
             else:
@@ -164,7 +164,7 @@ def _bare(text: str) -> bool:
 
 
 def _choose(units: list[str], read: Callable[[str], str]) -> str:
-    """Let a number pick the unit: typing 'V rms line/krpm' is asking for a slip."""
+    """Let the user pick the unit by number, because long units are easily mistyped."""
     if len(units) == 1:
         return units[0]
     menu = ", ".join(f"{k} {unit}" for k, unit in enumerate(units, start=1))

@@ -1,4 +1,4 @@
-"""Log: what was measured, or simulated. Channels with units on one time base."""
+"""Log: measured or simulated channels with units on one time base."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ __all__ = ["CHANNELS", "Log", "Provenance", "Segment"]
 
 Array = NDArray[np.float64]
 
-# What can be evaluated, in SI units and s. No axis leaves these, and the powers and products that an evaluation makes
-# of numbers beyond them leave what a double holds.
+# Limits of what can be evaluated, in SI units and s. No real axis exceeds them, and powers and products of larger
+# numbers overflow a double.
 LARGEST = 1e12
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-9, 1e5
 
@@ -43,7 +43,7 @@ CHANNELS: dict[str, tuple[str, str, str]] = {
     "torque": ("N m", "N", "drive torque (force), K_t i_q or measured"),
     "T_load": ("N m", "N", "external load torque (force)"),
     "temperature": ("degC", "degC", "temperature"),
-    # truths that only a simulation can log
+    # true values, which only a simulation can log
     "omega_true": ("rad/s", "m/s", "true speed"),
     "theta_true": ("rad", "m", "true position"),
 }
@@ -183,7 +183,7 @@ class Log:
         return CHANNELS[name][1 if self.motion == "linear" else 0]
 
     def check_evaluable(self, samples: int = 3) -> None:
-        """Refuse a log whose numbers no axis can have, before an evaluation drowns in them.
+        """Refuse a log with numbers that no axis can have.
 
         Parameters
         ----------
@@ -201,14 +201,14 @@ class Log:
         if len(self) > 1 and not SHORTEST_PERIOD <= self.period <= LONGEST_PERIOD:
             raise LogError(
                 f"{self._label}sampling period of {self.period:.3g} s; {SHORTEST_PERIOD:g} s to {LONGEST_PERIOD:g} s "
-                "can be evaluated (is the unit of time right?)"
+                "can be evaluated (check the unit of time)"
             )
         for name, values in self.channels.items():
             row = int(np.argmax(np.abs(values)))
             if abs(values[row]) > LARGEST:
                 raise LogError(
                     f"{self._label}channel '{name}', sample {row}: {values[row]:.4g} {self.unit(name)}; numbers up to "
-                    f"{LARGEST:g} can be evaluated (a lost sample, or the wrong unit?)"
+                    f"{LARGEST:g} can be evaluated (a lost sample, or a wrong unit)"
                 )
 
     # -- changed copies --------------------------------------------------------------------------------------
@@ -295,7 +295,7 @@ class Log:
 
 
 def _frozen(values: Array) -> Array:
-    """Return an array nobody can write to; one that is so already (another log's channel) is shared, not copied."""
+    """Return a read-only array; one that is read-only already (a channel of another log) is shared, not copied."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
         whole = values if values.base is None else values.base
         if isinstance(whole, np.ndarray) and not whole.flags.writeable and values.flags.c_contiguous:

@@ -1,4 +1,4 @@
-"""What the verbs share: their arguments and options, and how the files these name are read and written."""
+"""Arguments and options that the commands share, and reading and writing of their files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = [
 
 
 def output_option(metavar: str, text: str, *names: str) -> Any:
-    """Option that names a file to write; a place that cannot be written is refused before the work begins."""
+    """Option that names a file to write; a path that cannot be written is refused before the computation."""
     return typer.Option(*(names or ("--output", "-o")), callback=writable, metavar=metavar, help=text)
 
 
@@ -56,16 +56,16 @@ MapOption = Annotated[
 ]
 JsonOption = Annotated[Path | None, output_option("FILE", "write the result as JSON", "--json")]
 ReportOption = Annotated[Path | None, output_option("FILE", "write the result as one HTML page", "--report")]
-HoldoutOption = Annotated[Path | None, typer.Option("--holdout", metavar="LOG2", help="another log, predicted only")]
-NewDesignOption = Annotated[Path | None, output_option("NEW_DESIGN", "write the design with what was found")]
+HoldoutOption = Annotated[Path | None, typer.Option("--holdout", metavar="LOG2", help="hold-out log, not fitted")]
+NewDesignOption = Annotated[Path | None, output_option("NEW_DESIGN", "write the design with the result")]
 MethodOption = Annotated[
     str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")
 ]
-TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the plant, if it differs")]
+TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the true plant, if it differs")]
 SeedOption = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="seed of the simulated noise")]
 
 
-# Completion may import the catalogue (half a second): a list kept by hand would go stale.
+# Completion imports the catalogue (half a second): a hand-written list would become outdated.
 def effect_ids(incomplete: str) -> list[str]:
     """Return the effects whose id begins so."""
     from pmsm_ctrl.effects import CATALOGUE
@@ -100,7 +100,7 @@ def write_design(design: Design, path: Path | None) -> None:
 
 
 def load_log(path: Path, design: Design, mapping: list[str] | None) -> Log:
-    """Return the log in a file; what looks wrong in it is a line each on stderr."""
+    """Return the log in a file, and print its notices on stderr."""
     from pmsm_ctrl.importers import read_log
 
     log = read_log(path, design, parse_map(mapping))

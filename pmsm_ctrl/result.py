@@ -1,4 +1,4 @@
-"""What every verb returns: a frozen result that says whether to trust it before it says its numbers."""
+"""The result of every verb: frozen, with its warnings before its numbers."""
 
 from __future__ import annotations
 

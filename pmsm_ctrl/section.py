@@ -1,4 +1,4 @@
-"""What a result has to say, as blocks in reading order: written once, rendered as text, HTML and notebook.
+"""The content of a result as blocks in reading order: written once, rendered as text, HTML and notebook.
 
 How a room writes its ``present.py``:
 
@@ -128,7 +128,7 @@ Block: TypeAlias = str | Notice | Table | Picture | Section
 
 @singledispatch
 def present(result: Any) -> Section:
-    """Return what a result has to say. Rooms register their results in their ``present.py``.
+    """Return the content of a result. Rooms register their results in their ``present.py``.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Units at the edges: everything inside the package is SI, and this file is where it becomes so.
+"""Units at the edges: inside, the package uses SI; this module converts.
 
 Two tables live here. `UNITS` maps the spelling of a unit in a file to its SI unit and factor.
 `DATASHEET` maps the name of a datasheet value, which carries its unit and its convention,
@@ -36,12 +36,12 @@ UNITS: dict[str, tuple[str, float]] = {
 }  # fmt: skip
 
 
-# A rotary unit and what stands for it on a linear axis; longer ones first.
+# A rotary unit and its linear equivalent; longer ones first.
 _ALONG_A_LINE = ((r"\(N m\)\^2", "N^2"), (r"N m", "N"), (r"kg m\^2", "kg"), (r"\brad\b", "m"))
 
 
 def axis_unit(text: str, motion: str) -> str:
-    """Return a rotary unit, or a text that holds some, as it reads on this kind of axis: N m s/rad becomes N s/m.
+    """Return a rotary unit, or a text that holds some, for this kind of axis: N m s/rad becomes N s/m.
 
     Parameters
     ----------

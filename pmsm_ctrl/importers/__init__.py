@@ -1,8 +1,7 @@
 """Readers of measured logs: one file per format, each of which only reads.
 
-The format is found from the content, never from the name alone. Nothing in a file is ever executed, and no
-pickle is read. What had to be guessed stands in ``log.provenance.notes``; what looks wrong in
-``log.provenance.notices``.
+The format is detected from the content, not from the name. Nothing in a file is executed, and no pickle is read.
+Guesses stand in ``log.provenance.notes``, doubts in ``log.provenance.notices``.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ __all__ = ["channels_of"]
 
 
 def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Load the assigned columns; return SI channels on one time base and notes on what had to be done for it.
+    """Load the assigned columns; return SI channels on one time base and notes on the conversions.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array],
     result, resampled = on_one_raster(rasters, channels, table.file)
     unwrapped = _unwrap(result) if assignment.motion == "rotary" else []
     for values in result.values():
-        values.setflags(write=False)  # a log shares what nobody can write to and copies the rest
+        values.setflags(write=False)  # a log shares read-only arrays and copies others
     return result, (*notes, *resampled, *unwrapped)
 
 

@@ -45,7 +45,7 @@ def with_clock(
     def load(indices: Sequence[int]) -> list[Array]:
         values = table.load([i for i in indices if i != last] or [0])
         loaded = iter(values)
-        # multiplied, not added up: the error of the period must not grow with the row
+        # multiplied, because the rounding error of a running sum grows with the row
         clock: Array = np.arange(values[0].size, dtype=np.float64) * period
         return [clock if i == last else next(loaded) for i in indices]
 

@@ -1,4 +1,4 @@
-"""The delay between two channels that should show the same thing at the same time."""
+"""The delay between two channels that measure the same quantity."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def delays(log: Log) -> tuple[Delay, ...]:
     """Estimate the delays of omega behind dtheta/dt and of torque behind i_q.
 
     The first holds the filter of the speed signal as well. Empty where a channel is missing, the time stamps are
-    irregular, or the two do not look alike.
+    irregular, or the two are not correlated.
     """
     out = []
     base = time_base(log.t)
@@ -50,7 +50,7 @@ def delays(log: Log) -> tuple[Delay, ...]:
 
 
 def lag(first: Array, second: Array) -> tuple[float, float] | None:
-    """Return (samples by which `second` follows `first`, correlation), None when they do not look alike.
+    """Return (samples by which `second` follows `first`, correlation), None when they are not correlated.
 
     Whole samples come from the largest cross-correlation, the fraction from the first-order expansion
     ``second(t) = g first(t) - g d first'(t)`` (Taylor), fitted by least squares on the aligned signals.

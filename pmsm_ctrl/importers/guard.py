@@ -1,4 +1,4 @@
-"""Whatever a format's library does with damaged bytes becomes one line."""
+"""Errors of the libraries that read the formats, as one line each."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def reason(error: BaseException) -> str:
 
 
 def afford(file: str, kind: str, values: float) -> None:
-    """Refuse a file that says it holds more values than fit into half of the memory; a few bytes can say so.
+    """Refuse a file that declares more values than fit into half of the memory (a damaged header can).
 
     Raises
     ------
@@ -32,7 +32,7 @@ def afford(file: str, kind: str, values: float) -> None:
     if 8.0 * values > 0.5 * memory:
         raise LogError(
             f"{file}: {kind} file of {values:.3g} values: {8e-9 * values:.3g} GB needed, {1e-9 * memory:.3g} GB there; "
-            "damaged, or to be cut into shorter records"
+            "the file is damaged, or has to be split into shorter records"
         )
 
 
@@ -43,12 +43,12 @@ def not_installed(file: str, kind: str, library: str, extra: str) -> LogError:
 
 @contextmanager
 def guarded(file: str, kind: str, library: str = "") -> Iterator[None]:
-    """Turn any error into a `LogError` that names the file; the library's own warnings and log are kept quiet.
+    """Turn any error into a `LogError` that names the file; suppress the warnings and the log of the library.
 
     Parameters
     ----------
     file, kind, library : str
-        File and format for the message; the library that is kept quiet.
+        File and format for the message; the library whose log is suppressed.
 
     Yields
     ------
@@ -71,7 +71,7 @@ def guarded(file: str, kind: str, library: str = "") -> Iterator[None]:
         raise
     except MemoryError:
         raise LogError(f"{file}: damaged {kind} file, or larger than memory") from None
-    except Exception as error:  # a reader raises whatever the damaged bytes lead to
+    except Exception as error:  # damaged bytes can raise any error in a library
         raise LogError(f"{file}: damaged or unsupported {kind} file ({reason(error)})") from None
     finally:
         for logger, level in loggers.items():

@@ -1,4 +1,4 @@
-"""Readers that run in a process of their own, because C code in their libraries crashes on some damaged files.
+"""Readers that run in a separate process, because C code in their libraries crashes on some damaged files.
 
 The worker answers on standard output with one line of JSON, followed by float64 values.
 """
@@ -17,19 +17,19 @@ from pmsm_ctrl.importers.table import one_line
 
 __all__ = ["ask"]
 
-PATIENCE = 600.0  # s; a damaged file may send a reader in circles
+PATIENCE = 600.0  # s; a damaged file may put a reader into an endless loop
 
 
 def ask(kind: str, path: Path, file: str, words: Sequence[str] = ()) -> tuple[dict[str, Any], bytes]:
-    """Have a file of this kind ("MAT" or "MDF") read; return the worker's answer and the bytes of the values.
+    """Read a file of this kind ("MAT" or "MDF") in the worker; return its answer and the bytes of the values.
 
     Raises
     ------
     LogError
-        When the worker reports an error, crashes, or does not come to an end.
+        When the worker reports an error, crashes, or does not finish.
     """
     script = Path(__file__).with_name("worker.py")
-    # -P: the folder of the script must not hide the standard library's modules
+    # -P: modules in the folder of the script must not shadow the standard library
     command = [sys.executable, "-P", str(script), kind.lower(), str(path.absolute()), *words]
     try:
         run = subprocess.run(command, capture_output=True, timeout=PATIENCE, check=False)

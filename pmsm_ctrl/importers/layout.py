@@ -1,4 +1,4 @@
-"""How a text file is laid out: encoding, separator, decimal mark, header, units, first line of numbers.
+"""Layout of a text file: encoding, separator, decimal mark, header, units, first line of numbers.
 
 Everything here looks only at the beginning of the file.
 """
@@ -36,15 +36,15 @@ __all__ = [
     "split_line",
 ]
 
-SAMPLE = 1 << 18  # bytes that are looked at
-MAX_LINE = 1 << 24  # bytes; what is longer is no table
+SAMPLE = 1 << 18  # bytes that are read to find the layout
+MAX_LINE = 1 << 24  # bytes; a file with longer lines is no table
 SEPARATORS = (";", "\t", ",", "|", " ")
 _NUMBER = re.compile(r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*$|\s*[+-]?(nan|inf|infinity)\s*$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class Form:
-    """One way to write a moment: its name, and what turns cells into ns since 1970 (or since midnight), shape (n,).
+    """One way to write a time stamp: its name, and what turns cells into ns since 1970 (or since midnight), shape (n,).
 
     `read` raises `ValueError` with the index of the first bad cell.
     """
@@ -60,12 +60,12 @@ class Stamps:
     column: int
     form: Form
     origin: int
-    only_date: str = ""  # where day and month could be exchanged, the one date that may appear
+    only_date: str = ""  # where day and month are ambiguous, the only date that may appear
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How a text file is laid out.
+    """Layout of a text file.
 
     Parameters
     ----------
@@ -217,13 +217,13 @@ def _score(lines: list[str], separator: str) -> tuple[float, int]:
         return 0.0, width
     fitting = [row for row in rows if len(row) == width]
     numeric = sum(is_number(cell) for row in fitting for cell in row)
-    # cells that are no number and not empty speak against a separator
+    # cells that are neither empty nor a number count against a separator
     text = sum(bool(cell) and not is_number(cell) for row in fitting for cell in row)
     return (numeric - text) / len(rows), width
 
 
 def opening(path: str | Path, file: str, separator: str | None = None) -> tuple[list[str], str, str]:
-    """Return the first lines of a text file, its encoding and its separator; a given one is not questioned.
+    """Return the first lines of a text file, its encoding and its separator; a given one is used as it is.
 
     Raises
     ------
@@ -332,7 +332,7 @@ def _above(rows: list[list[str]], first: int, width: int) -> tuple[list[str], li
         return [], [], -1
 
     def known(i: int) -> tuple[int, int]:
-        # the header is the row with the most names that mean something; of equals the last, unless it is units
+        # the header is the row with the most known names; among equals the last one that is no row of units
         names = [split_header(cell)[0] for cell in rows[i]]
         return sum(guess_channel(name) is not None for name in names), i - first * _is_units(rows[i], width)
 

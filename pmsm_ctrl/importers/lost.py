@@ -1,4 +1,4 @@
-"""Samples that no shaft can produce: positions that jump, speeds that spike, channels that freeze."""
+"""Physically impossible samples: positions that jump, speeds that spike, channels that freeze."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from pmsm_ctrl.section import Notice
 
 __all__ = ["frozen", "jumps", "lost_samples", "spikes"]
 
-NEIGHBOURS = 3  # steps looked at on either side
-SPIKE = 3  # samples that a spike may last
-FROZEN = 20  # samples; a shorter rest proves nothing
+NEIGHBOURS = 3  # neighbouring steps on either side
+SPIKE = 3  # longest spike, samples
+FROZEN = 20  # samples; a shorter standstill is normal
 
 
 def lost_samples(log: Log, design: Design | None = None) -> list[Notice]:
-    """Return what the samples of a log cannot be, each with its first place."""
+    """Return the physically impossible samples of a log, each kind with its first time."""
     return [*_jumped(log, design), *_spiked(log), *_frozen_channels(log)]
 
 
@@ -31,10 +31,10 @@ def _thinned(values: Array) -> Array:
 
 
 def jumps(t: Array, theta: Array) -> tuple[Array, Array]:
-    """Return (indices before each jump, its height) of a position, with what the motion itself explains taken off.
+    """Return (indices before each jump, its height) of a position, less the motion itself.
 
     A step counts when it is three times larger than every one of its neighbours and eight steps of the
-    quantisation beyond that: inertia lets a real shaft do neither. Steps near a gap in time do not count.
+    quantisation beyond that: the inertia of a shaft allows neither. Steps near a gap in time do not count.
     """
     step = np.diff(theta)
     usual = float(np.percentile(np.abs(_thinned(step)), 90))
@@ -99,7 +99,7 @@ def spikes(values: Array) -> Array:
 
 
 def _spiked(log: Log) -> list[Notice]:
-    # a current may spike, inertia keeps the speed from it
+    # a current may spike; the inertia prevents it for the speed
     if "omega" not in log:
         return []
     at = spikes(log["omega"])
@@ -110,9 +110,9 @@ def _spiked(log: Log) -> list[Notice]:
 
 
 def frozen(values: Array, other: Array) -> tuple[int, int]:
-    """Return (start, samples) of the longest stretch in which a lively channel stands still while another does not.
+    """Return (start, samples) of the longest stretch in which a changing channel is constant while another is not.
 
-    Lively means that nine of ten samples differ from the one before; (0, 0) where there is no such stretch.
+    A changing channel differs from the sample before in nine of ten samples. (0, 0) where there is no such stretch.
     """
     still = np.diff(values) == 0.0
     if not 0.0 < float(still.mean()) < 0.1:
@@ -132,7 +132,7 @@ def _frozen_channels(log: Log) -> list[Notice]:
         if name not in log or "omega" not in log:
             continue
         start, samples = frozen(log[name], log["omega"])
-        # what sits at its limit is saturated, and said elsewhere
+        # a channel at its limit is saturated, which is reported elsewhere
         if samples and abs(log[name][start]) < 0.999 * float(np.max(np.abs(log[name]))):
             at, stop = float(log.t[start]), float(log.t[start + samples])
             value = float(log[name][start])

@@ -1,4 +1,4 @@
-"""From a file's columns to the channels of a log: mapped, canonical, or guessed with the guess stated.
+"""From a file's columns to the channels of a log: mapped, canonical, or guessed, and reported.
 
 A design's table, here for the ``speed_test1.txt`` of the LAAS MN4004 bench, whose fourth column is the reference::
 
@@ -28,7 +28,7 @@ from pmsm_ctrl.units import UNITS
 
 __all__ = ["Assignment", "Source", "assign", "find_column"]
 
-# at least one channel of each line makes a log
+# a log needs at least one channel of each group
 REQUIRED = (("t",), ("theta", "omega"), ("i_q", "torque"))
 
 
@@ -69,7 +69,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Assignment:
-    """Which column becomes which channel, on which kind of axis, and what was guessed on the way."""
+    """Which column becomes which channel, on which kind of axis, and what was guessed."""
 
     sources: tuple[Source, ...]
     motion: str
@@ -83,7 +83,7 @@ class Assignment:
 def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | None) -> Assignment:
     """Assign columns to channels.
 
-    `mapping` has the last word, then the design's [log] table, then canonical names; only without a table are
+    `mapping` has priority over the design's [log] table, and this over canonical names; only without a table are
     the remaining columns guessed from their names. A file whose every column is canonical needs no table.
 
     Raises

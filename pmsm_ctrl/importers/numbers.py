@@ -1,7 +1,7 @@
-"""Rows of numbers from a text file, in pieces, with the place of whatever is wrong.
+"""Rows of numbers from a text file, read in pieces; errors name line and column.
 
-`parse_rows` is the readable twin that decides every case and words every complaint. Large pieces go to the parser
-of pyarrow where it is installed, else to that of NumPy; whatever these refuse is handed back to the twin.
+`parse_rows` is the plain-Python reference that handles every case and writes every message. Large pieces go to the
+parser of pyarrow where it is installed, else to that of NumPy; `parse_rows` takes over what these refuse.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from pmsm_ctrl.importers.table import Array, one_line
 
 __all__ = ["line_of_row", "parse_numpy", "parse_pyarrow", "parse_rows", "read_columns"]
 
-NUMPY_FROM = 1 << 16  # bytes; below, the twin is as quick
+NUMPY_FROM = 1 << 16  # bytes; below, `parse_rows` is as fast
 PYARROW_FROM = 1 << 23  # bytes; below, loading pyarrow takes longer than parsing
-PIECE = 1 << 23  # larger pieces cost more in fresh memory than they save
+PIECE = 1 << 23  # larger pieces cost more memory than they save time
 
 
 def read_columns(path: str | Path, file: str, layout: Layout, columns: Sequence[int]) -> list[Array]:
-    """Return these columns, one array each, shape (rows,); a cell that is not there is NaN.
+    """Return these columns, one array each, shape (rows,); a missing cell is NaN.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _with_points(piece: bytes, layout: Layout) -> bytes:
 
 
 def parse_pyarrow(piece: bytes, layout: Layout, columns: Sequence[int]) -> list[list[Array]] | None:
-    """Parse whole lines with pyarrow; None when it is not installed or met anything out of the ordinary."""
+    """Parse whole lines with pyarrow; None when it is not installed or refuses the text."""
     try:
         import pyarrow
         import pyarrow.csv
@@ -122,7 +122,7 @@ def parse_pyarrow(piece: bytes, layout: Layout, columns: Sequence[int]) -> list[
 
 
 def parse_numpy(piece: bytes, layout: Layout, columns: Sequence[int]) -> list[list[Array]] | None:
-    """Parse whole lines with NumPy; None when it met anything out of the ordinary."""
+    """Parse whole lines with NumPy; None when it refuses the text."""
     if layout.text_columns or (layout.separator == "," and layout.decimal == ","):
         return None
     try:

@@ -1,8 +1,8 @@
-"""Is the log what it says it is? Factors, signs and time stamps that real files get wrong.
+"""Plausibility of a log: factors, signs and time stamps that real files get wrong.
 
 The speed is compared with the derivative of the position (a public bench of geared servos is off by 1.99 and
 1.66 there), K_t i_q with a torque column, the sign of the torque with the sign of the acceleration. All
-comparisons use integrals over blocks of samples, which neither noise nor quantisation can upset.
+comparisons use integrals over blocks of samples, which are robust against noise and quantisation.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def _ratio(numerator: Array, denominator: Array) -> tuple[float, float]:
     middle = float(np.median(y / x))
     error = np.abs(y / x - middle)
     spread = 1.4826 * float(np.median(error))
-    # the ratio of sizes is not biased by a delay between the two, as the mean of ratios is; jumps are left out
+    # the ratio of sizes is not biased by a delay between the two, unlike the mean of ratios; jumps are left out
     kept = error <= 6.0 * spread + 1e-9 * abs(middle)
     factor = math.copysign(math.sqrt(float(np.sum(y[kept] ** 2) / np.sum(x[kept] ** 2))), middle)
     return factor, spread / abs(middle) if middle else math.inf
@@ -262,7 +262,7 @@ def _sign(log: Log, design: Design | None) -> list[Notice]:
     if np.ptp(torque) == 0.0:
         return []
     inertia, t_value = _balance(log, torque)
-    # neighbouring blocks are correlated: ask for far more than the nominal 2
+    # neighbouring blocks are correlated, so the limit is far above the nominal 2
     if not math.isfinite(inertia) or abs(t_value) < 12.0:
         return []
     if inertia < 0.0:

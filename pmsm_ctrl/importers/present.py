@@ -12,7 +12,7 @@ from pmsm_ctrl.section import Picture, Section, Table, present
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DRAWN = 4000  # points per curve; more cannot be seen
+DRAWN = 4000  # points per curve; more are not visible
 LISTED = 20  # unused columns that are named
 
 

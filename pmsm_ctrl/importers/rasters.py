@@ -11,7 +11,7 @@ from pmsm_ctrl.importers.table import Array
 
 __all__ = ["on_one_raster"]
 
-# the raster of the first of these that is there becomes the time base: motion is what gets differentiated
+# the raster of the first of these that is present becomes the time base, because motion is differentiated
 _LEADS = ("theta", "omega", "i_q", "torque")
 
 

@@ -40,7 +40,7 @@ def read_log(
     design
         Its [log] table maps foreign columns to channels; its motion decides between rotary and linear units.
     mapping
-        Channel to column, ``{"omega": "speed [rpm]"}``; goes before the design's table. ``"#3 [rpm]"`` is the
+        Channel to column, ``{"omega": "speed [rpm]"}``; takes precedence over the design's table. ``"#3 [rpm]"`` is the
         third column, ``{"t": "every 0.125 ms"}`` the time of a file without one.
 
     Returns
@@ -78,7 +78,7 @@ def read_all(
     target, file = _existing(path)
     table, mapping = with_clock(open_table(target, design), design, mapping)
     assignment = assign(table, design, mapping)
-    # hashing a large file takes a second; a thread of its own hides it behind the parsing
+    # a large file takes a second to hash, so a thread does it during parsing
     with ThreadPoolExecutor(max_workers=1) as pool:
         digest = pool.submit(sha256, target)
         try:
@@ -91,7 +91,7 @@ def read_all(
 
 
 def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Table:
-    """Open a file and understand its columns without reading all numbers.
+    """Open a file and identify its columns without reading all numbers.
 
     Parameters
     ----------

@@ -170,7 +170,7 @@ def log_table(table: Table, assignment: Assignment) -> str:
 
 
 def _spelled(table: Table, source: Source) -> str:
-    """The shortest mapping that leads back to this column: its name, or its number where names are not unique."""
+    """The shortest mapping to this column: its name, or its number where names are not unique."""
     column = table.columns[source.column]
     if source.channel == "t" and column.header.startswith("every "):
         return column.header

@@ -1,7 +1,7 @@
 """Time as dates: ISO 8601, German and US dates, the time of day, FILETIME and counts since 1970.
 
-A date column becomes seconds counted from its first row; what form was read stands in the notes. A date whose day and
-month could be exchanged is read only as long as that makes no difference, within one day, and refused beyond.
+A date column becomes seconds counted from its first row; the notes name the form. A date whose day and month are
+ambiguous is accepted within one day, where the order makes no difference, and refused beyond.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ __all__ = ["FORMS", "dated", "form_of", "with_stamps"]
 Nanoseconds = NDArray[np.int64]
 DAY = 86_400_000_000_000  # ns
 OF_DAY = "time of day"
-FIRST_YEAR, LAST_YEAR = "1700", "2250"  # 64 bits of ns since 1970 hold no more, and numpy would not say so
-LOOKED_AT = 400  # rows that decide on the form
+FIRST_YEAR, LAST_YEAR = "1700", "2250"  # 64 bits of ns since 1970 hold no more, and numpy overflows without an error
+LOOKED_AT = 400  # rows that determine the form
 
 _CLOCK = r"(\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d{1,9})?)?)"
 _ISO = re.compile(
@@ -114,7 +114,7 @@ FORMS = (
     Form(OF_DAY, lambda cells: _moments(cells, _OF_DAY, lambda m: f"1970-01-01T{_padded(m[1])}")),
 )  # fmt: skip
 _EITHER = "dd/mm/yyyy or mm/dd/yyyy"
-# the stamps of the years 2000 to 2100 overlap nowhere
+# the ranges for the years 2000 to 2100 do not overlap
 _COUNTED = (
     (946_684_800_000, 4_102_444_800_000, Form("ms since 1970", _counts(0, 1_000_000))),
     (946_684_800_000_000, 4_102_444_800_000_000, Form("us since 1970", _counts(0, 1_000))),
@@ -125,7 +125,7 @@ _COUNTED = (
 
 
 def form_of(cells: Sequence[str]) -> Form | None:
-    """Return the one form in which all cells are moments, None where there is none.
+    """Return the one form that fits all cells, None where there is none.
 
     Dates with slashes that can be read both ways come back under a name that says so.
     """
@@ -152,7 +152,7 @@ def _counted(cell: str) -> Form | None:
 def with_stamps(layout: Layout, lines: Sequence[str]) -> Layout:
     """Return the layout with the column of dates that gives its time, where there is one.
 
-    Where a column already gives the time as a number with a unit or a plausible size, dates are left alone.
+    Dates are ignored where a column already gives the time as a number with a unit or a plausible size.
     """
     rows = [split_line(line, layout.separator) for line in lines[layout.first_line - 1 :][:LOOKED_AT] if line.strip()]
     rows = [row for row in rows if len(row) == layout.width]
@@ -243,7 +243,7 @@ def dated(
         raise refuse(int(error.args[0]), f"found; a date was expected, {stamps.form.name}") from None
     midnights, last = before
     if stamps.form.name == OF_DAY:
-        # half a day back is no jitter: the log runs past midnight
+        # a step back by more than half a day means that the log runs past midnight
         passed = midnights + np.cumsum(np.diff(moments, prepend=last) < -DAY // 2)
         midnights, last = int(passed[-1]), int(moments[-1])
         moments = moments + DAY * passed

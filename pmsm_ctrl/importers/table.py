@@ -1,7 +1,6 @@
-"""What every format reader hands over: named columns with units, loaded when asked for.
+"""The result of every format reader: named columns with units, loaded on demand.
 
-A reader knows a file's bytes and nothing of drives; `pmsm_ctrl.importers.mapping` knows channels and nothing
-of bytes.
+A reader knows the bytes of a file and no drives; `pmsm_ctrl.importers.mapping` knows channels and no bytes.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A file that was opened and understood, but whose numbers are not read yet.
+    """An opened file whose columns are known and whose numbers are not read yet.
 
     Parameters
     ----------
@@ -78,11 +77,11 @@ class Table:
     load : callable
         Takes column indices and returns one array per index, shape (n,); columns of a group are equally long.
     locate : callable
-        Takes (column index, sample) and returns the place in words a reader of the file understands.
+        Takes (column index, sample) and returns the place in the file, for messages.
     notes : tuple of str
         What was guessed or left out.
     facts : dict
-        What was understood of the layout (separator, decimal mark, encoding, ...), for the import report.
+        The layout (separator, decimal mark, encoding, ...), for the import report.
     """
 
     file: str

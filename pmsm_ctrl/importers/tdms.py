@@ -93,6 +93,6 @@ def _opened(path: Path, file: str) -> Iterator[Any]:
         from nptdms import TdmsFile
     except ImportError:
         raise not_installed(file, "TDMS", "npTDMS", "tdms") from None
-    # given a path, the library leaves the file open when it fails
+    # with a path, the library leaves the file open when it fails
     with guarded(file, "TDMS", "nptdms"), open(path, "rb") as stream, TdmsFile.open(stream) as content:
         yield content

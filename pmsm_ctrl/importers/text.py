@@ -23,7 +23,7 @@ Decimal = Literal[".", ","]
 
 
 def open_text(path: Path, file: str, separator: str | None = None, decimal: str | None = None) -> Table:
-    """Open a text file; a separator or decimal mark that is given is not questioned.
+    """Open a text file; a given separator or decimal mark is used as it is.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the time stamps and the values of a log look like: rate, jitter, gaps, steps of quantisation, saturation."""
+"""Properties of time stamps and values: rate, jitter, gaps, quantisation, saturation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pmsm_ctrl.importers.table import Array
 
 __all__ = ["TimeBase", "growing_steps", "longest_run", "quantum", "saturated_share", "time_base"]
 
-SAMPLE = 200_000  # values looked at for quantisation; more would only cost time
+SAMPLE = 200_000  # values used to find the quantisation
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def quantum(values: Array) -> float:
     # the mean over the steps that are one quantum long removes the rounding of a single difference
     single = steps[steps < 1.5 * smallest]
     step = float(single.mean())
-    # only small multiples can tell: the rounding of `step` itself grows with the multiple
+    # only small multiples count: the rounding error of `step` grows with the multiple
     multiples = steps[steps < 20.5 * step] / step
     if multiples.size < min(8, steps.size) or not step > 1e-7 * span:
         return 0.0
@@ -95,7 +95,7 @@ def quantum(values: Array) -> float:
 
 
 def growing_steps(values: Array) -> float:
-    """Return the coarsest step of a channel that was written with few significant digits, 0 where its steps are alike.
+    """Return the coarsest step of a channel written with few significant digits, 0 where its resolution is uniform.
 
     `csvwrite` keeps five digits: 0.01 rad from the 16th turn on, and a thousandth of that near zero.
     """
@@ -120,7 +120,7 @@ def longest_run(mask: np.ndarray) -> int:
 def saturated_share(values: Array) -> float:
     """Return the share of samples that sit exactly at the largest magnitude, 0 unless they do so in long runs.
 
-    A signal with few levels dwells at its extreme without any limit; below 50 levels nothing is claimed.
+    A signal with few levels stays at its extreme without any limit; below 50 levels the result is 0.
     """
     if values.size < 50:
         return 0.0

@@ -1,4 +1,4 @@
-"""Readers in a process of their own: the C code of scipy and of asammdf crashes on some damaged files.
+"""Readers in a separate process: the C code of scipy and of asammdf crashes on some damaged files.
 
 Started by `pmsm_ctrl.importers.isolated` as ``worker.py FORMAT PATH [WORD ...]``; imports nothing of this package, so
 that it starts quickly. Nothing in a file is executed.
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str]) -> int:
     values: list[np.ndarray] = []
     try:
         answer, values = READERS[reader](path, words)
-    except Exception as error:  # a library raises whatever the damaged bytes lead to
+    except Exception as error:  # damaged bytes can raise any error in a library
         answer = {"error": str(error).strip() or type(error).__name__}
     output = sys.stdout.buffer
     output.write(json.dumps(answer).encode() + b"\n")
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _bound_memory() -> None:
-    """A damaged file may ask for any amount; the machine must not swap itself to death for it."""
+    """A damaged file may declare any size; the process must not exhaust the memory."""
     try:
         import os
         import resource
@@ -68,7 +68,7 @@ def _flattened(content: dict[str, Any], prefix: str = "", depth: int = 0) -> dic
     out: dict[str, np.ndarray | None] = {}
     for name, value in content.items():
         full = f"{prefix}{name}"
-        # a sparse matrix is an object with its own class, and no channel
+        # a sparse matrix is an object of its own class and cannot be a channel
         array = np.asarray(value) if isinstance(value, np.ndarray | np.generic | float | int) else np.empty(0, object)
         if array.dtype.names and array.size == 1 and depth < MAX_DEPTH:
             record = array.reshape(-1)[0]

@@ -1,4 +1,4 @@
-"""Sections as text, as HTML and for notebooks, and numbers with the digits they deserve."""
+"""Sections as text, as HTML and for notebooks, and numbers with sensible digits."""
 
 from pmsm_ctrl.rendering.html import to_html, to_notebook
 from pmsm_ctrl.rendering.text import to_text

@@ -1,4 +1,4 @@
-"""What both renderers ask of a table's cells."""
+"""Alignment of the columns of a table, for both renderers."""
 
 from __future__ import annotations
 

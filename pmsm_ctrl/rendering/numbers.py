@@ -1,4 +1,4 @@
-"""Numbers as text, with the digits they deserve: `present.py` of every room writes its cells with these."""
+"""Numbers as text with sensible digits: `present.py` of every room writes its cells with these."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 __all__ = ["number", "percent", "probability", "with_error", "with_prefix"]
 
-_SMALLEST_P = 1e-12  # below it a p-value says nothing more
+_SMALLEST_P = 1e-12  # smaller p-values are not distinguished
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 _PREFIXABLE = ("N", "s", "A", "V", "W", "Hz", "m", "H", "rad", "Ohm")  # "kg m^2" takes no prefix
 
@@ -104,7 +104,7 @@ def with_prefix(value: float, unit: str, digits: int = 2) -> str:
     """
     if not math.isfinite(value) or unit.split(" ")[0].split("/")[0] not in _PREFIXABLE:
         return f"{number(value, digits)} {unit}" if unit not in ("", "1") else number(value, digits)
-    # 0.41 mN m reads better than 410 µN m: a prefix serves from a tenth of itself on
+    # a prefix is used from a tenth of its size on: 0.41 mN m, not 410 µN m
     factor, prefix = next((pair for pair in _PREFIXES if abs(value) >= 0.1 * pair[0]), _PREFIXES[-1])
     if value == 0.0:
         factor, prefix = 1.0, ""

@@ -23,12 +23,12 @@ def inline_svg(figure: Figure, prefix: str, label: str) -> str:
     prefix : str
         Put before every id, so that no two figures of a page share one; unique on the page.
     label : str
-        What a screen reader says in place of the picture.
+        Text for screen readers.
     """
     import matplotlib
 
     buffer = io.StringIO()
-    # Text as outlines looks the same on every phone and printer. The salt fixes ids that would else be random.
+    # Text as outlines looks the same on every device. The salt fixes ids that would otherwise be random.
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": prefix, "svg.image_inline": True}):
         figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
     text = buffer.getvalue()

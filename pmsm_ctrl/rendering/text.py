@@ -1,4 +1,4 @@
-"""A section as plain text for a terminal: aligned tables, wrapped to the width, nothing lost at 80 columns."""
+"""A section as plain text for a terminal: aligned tables, wrapped to the width, complete at 80 columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""study: the whole chain on one axis, from its design to one page to hand round."""
+"""study: all analyses of one axis, from its design to one HTML report."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def study(
         When the report cannot be written.
     """
     path = _target(design, output)
-    before = read_history(history) if history is not None else ()  # refused before the work, not after it
+    before = read_history(history) if history is not None else ()  # refused before the computation
     advance = progress or (lambda share: None)
     results, left_out = _simulated_parts(design, log is None, seed, advance)
     tuned = results.get("tune")
@@ -130,7 +130,7 @@ def _of_file(log: Log) -> list[Notice]:
 def _simulated_parts(
     design: Design, needed: bool, seed: int, advance: Callable[[float], None]
 ) -> tuple[dict[str, Result], list[Notice]]:
-    """Return what the design alone can show, by verb, and what it cannot.
+    """Return the results that need no log, by verb, and a notice for those that are not possible.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""What was identified on one axis over the years: a small file that each study adds a line to, and its section.
+"""Identified parameters of one axis over time: a small file to which each study adds an entry.
 
-An entry is known by what it was made from (log, design, version of the package), so that a study that is run
-again replaces its own entry instead of adding another, and the page stays the same.
+An entry is identified by its log, its design and the version of the package, so that a repeated study replaces its own
+entry and gives the same page.
 """
 
 from __future__ import annotations

@@ -26,12 +26,12 @@ __all__ = ["catalogue_section", "history_section", "parts"]
 NOTABLE = 3.0  # standard errors between neighbours from which a change is pointed out
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 
-# What a reader must know about a part before its section, where the section cannot know it.
+# Context of a part that its own section cannot know.
 INTRODUCTIONS = {"compare": "The model is the design with the identified inertia and friction; no more was fitted."}
-# What the headline speaks of comes first, the loops last.
+# The subject of the headline comes first, the loops last.
 MEASURED_ORDER = ("compare", "diagnose", "identify", "tune", "sweep", "paper")
 SIMULATED_ORDER = ("sweep", "paper", "identify", "compare", "tune")
-# The few LaTeX words the equations use, as a terminal can show them.
+# LaTeX commands of the equations as plain text.
 SPOKEN = {
     r"\mathrm{sgn}": "sgn", r"\mathrm{dz}": "dz", r"\omega": "ω", r"\theta": "θ", r"\varphi": "φ", r"\delta": "δ",
     r"\tau": "τ", r"\mu": "μ", r"\Delta": "Δ", r"\zeta": "ζ", r"\alpha": "α", r"\beta": "β", r"\sin": "sin ",
@@ -72,7 +72,7 @@ def _(entry: CatalogueEntry) -> Section:
     effect = entry.effect
     facts = (
         ("id in a design", effect.id), ("enters", effect.enters), ("term", _spoken(effect.equation)),
-        ("needs, to be seen", effect.needs), ("validated on", effect.validated), ("source", effect.source),
+        ("required excitation", effect.needs), ("validated on", effect.validated), ("source", effect.source),
     )  # fmt: skip
     parameters = tuple(
         (p.symbol, p.unit, f"{p.lower:g}", f"{p.upper:g}", p.description, "column" if p.linear else "searched")
@@ -112,7 +112,7 @@ def _signature(entry: CatalogueEntry) -> Figure:
 
 
 def catalogue_section(effects: Iterable[Effect]) -> Section:
-    """Return the catalogue as one table: id, where it enters, term, parameters with units, what it needs to be seen.
+    """Return the catalogue as one table: id, where it enters, term, parameters with units, required excitation.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def catalogue_section(effects: Iterable[Effect]) -> Section:
         (e.id, e.enters, _spoken(e.equation), ", ".join(f"{p.symbol} [{p.unit}]" for p in e.parameters), e.needs)
         for e in effects
     )
-    table = Table(("id", "enters", "term", "parameters", "needs, to be seen"), rows)
+    table = Table(("id", "enters", "term", "parameters", "required excitation"), rows)
     return Section("Effects (friction positive for positive speed)", (table,))
 
 
