@@ -234,8 +234,8 @@ def test_bad_design_is_one_line(
         (["simulate", str(SEED_MOTOR)], "--output"),
         (["effects", "coulom"], "did you mean 'coulomb'"),
         (["import", "none.csv", "--map", "omega"], "--map 'omega'"),
-        (["sweep", str(SEED_MOTOR), "--paper", "--output", "x.toml"], "--paper: takes neither"),
-        (["tune", str(SEED_MOTOR), "--keep", "--robust"], "--keep: takes neither"),
+        (["sweep", str(SEED_MOTOR), "--paper", "--output", "x.toml"], "--paper: excludes"),
+        (["tune", str(SEED_MOTOR), "--keep", "--robust"], "--keep: excludes"),
     ],
 )
 def test_wrong_request_is_one_line(
@@ -377,8 +377,8 @@ def test_bad_motion_parameters(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["effects", "--output", "x.svg"], "name it"),
-        (["effects", "cogging", "--output", "x.svg"], "name one with --design"),
+        (["effects", "--output", "x.svg"], "need the name of one effect"),
+        (["effects", "cogging", "--output", "x.svg"], "needs --design"),
         (["effects", "cogging", "--design", "DESIGN", "--output", "x.bmp"], "pictures are written as"),
     ],
 )

@@ -47,7 +47,7 @@ MODULES = [
 
 def exported() -> set[int]:
     """Identify the objects of the public interface."""
-    rooms = [name.removesuffix("/__init__") for name in MODULES if name.endswith("/__init__")]
+    rooms = [name.removesuffix("/__init__") for name in MODULES if name.endswith("/__init__") and name.count("/") == 1]
     beside = [name for name in MODULES if "/" not in name and name not in ("console", "options")]
     found = set()
     for name in rooms + beside:
