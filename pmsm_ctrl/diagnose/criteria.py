@@ -5,7 +5,7 @@ Each returns a `Refusal`, or None where the effect passes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +16,8 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 __all__ = [
     "CrossValidation",
     "cross_validation",
-    "error_lowered",
     "holdout",
     "inside_bounds",
-    "no_balance_worse",
     "no_voltage_worse",
     "significance",
     "signs",
@@ -84,59 +82,33 @@ def size(share: float, explained: float, policy: Policy = POLICY) -> Refusal | N
         Share of the residual's sum of squares that it explains.
     policy : Policy
     """
-    least = policy.small_size if explained > policy.explained else policy.size
+    least = 0.0 if explained > policy.explained else policy.size
     return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share}) if share < least else None
 
 
-def cross_validation(
-    found: CrossValidation, whole: float, relief: float, first: bool, policy: Policy = POLICY
-) -> Refusal | None:
+def cross_validation(found: CrossValidation, relief: float, first: bool, policy: Policy = POLICY) -> Refusal | None:
     """Check that the gain is confirmed on blocks that were left out.
 
     Parameters
     ----------
     found : CrossValidation
-    whole : float
-        Gain of the whole log that the log's own rows bring, in units of the noise.
     relief : float
         Gain that the winding brings by returning to its datasheet, in squares of its tolerances.
     first : bool
-        Whether this is the first effect. What an accepted effect does not describe exactly is left in every block and
-        can look like a small effect, so that later ones need the full number of standard errors.
+        Whether this is the first effect.
     policy : Policy
     """
-    expected = policy.expected_share * float(np.sqrt(max(whole, 0.0)))
-    least = policy.least_block_errors if first else policy.block_errors
-    asked = min(max(expected, least), policy.block_errors)
+    asked = policy.first_block_errors if first else policy.block_errors
     sure = found.gain > asked * found.stderr or found.p_rank < 0.5 * policy.significance or relief > policy.absurd
     if sure and found.gain > 0.0:
         return None
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
 
 
-def no_balance_worse(
-    before: Mapping[str, float], after: Mapping[str, float], noise: Mapping[str, float], policy: Policy = POLICY
-) -> Refusal | None:
-    """Check that no balance gets worse, unless for much less than another one gains.
-
-    A winding that was bent to stand in for the effect may have served one balance better than the truth does.
-
-    Parameters
-    ----------
-    before, after : dict of balance to float
-        Rms error as the fit weighs it.
-    noise : dict of balance to float
-        Rms noise, in the same units.
-    policy : Policy
-    """
-    change = {name: (after[name] ** 2 - before[name] ** 2) / noise[name] ** 2 for name in after}
-    return _worse(before, after, change, policy.worse, policy.traded)
-
-
 def no_voltage_worse(
     before: Mapping[str, float], after: Mapping[str, float], policy: Policy = POLICY
 ) -> Refusal | None:
-    """Check the same of the voltages alone, all samples alike, as an effect on the voltages acts on all of them.
+    """Check that an effect on the voltages makes none of them worse, all samples alike, as it acts on all of them.
 
     Parameters
     ----------
@@ -144,33 +116,8 @@ def no_voltage_worse(
         Rms error, V.
     policy : Policy
     """
-    change = {name: after[name] ** 2 - before[name] ** 2 for name in after}
-    return _worse(before, after, change, policy.worse_voltage, policy.traded)
-
-
-def _worse(
-    before: Mapping[str, float], after: Mapping[str, float], change: Mapping[str, float], ratio: float, traded: float
-) -> Refusal | None:
-    for name, more in change.items():
-        if after[name] > ratio * before[name] and more > -traded * min(change.values()):
-            return Refusal(Reason.BALANCE_WORSE, {"balance": name})
-    return None
-
-
-def error_lowered(pairs: Iterable[tuple[float, float]], relief: float, policy: Policy = POLICY) -> Refusal | None:
-    """Check that the error of some balance falls, or that the winding returns to its datasheet.
-
-    Parameters
-    ----------
-    pairs : (before, after) of floats
-        Rms errors, weighted and not.
-    relief : float
-        Fall of the winding's distance from its datasheet, in squares of its tolerances.
-    policy : Policy
-    """
-    if relief > policy.relief or any(after <= policy.lowered * before for before, after in pairs):
-        return None
-    return Refusal(Reason.ERROR_NOT_LOWERED)
+    worse = [name for name in after if after[name] > policy.worse * before[name]]
+    return Refusal(Reason.BALANCE_WORSE, {"balance": worse[0]}) if worse else None
 
 
 def inside_bounds(
@@ -187,7 +134,7 @@ def inside_bounds(
     """
     for name, (value, stderr) in values.items():
         low, high = bounds.get(name.split("#")[0], (-np.inf, np.inf))
-        slack = policy.bound_errors * stderr
+        slack = policy.sure_errors * stderr
         if not low - slack <= value <= high + slack:
             return Refusal(Reason.MODEL_OUT_OF_BOUNDS, {"parameter": name, "value": value})
     return None

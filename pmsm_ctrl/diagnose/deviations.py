@@ -53,7 +53,7 @@ def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]
         value, error = float(fit.plain.values[k]), float(fit.plain.stderr[k])
         nominal = design.J if name == "J" else float(getattr(design.motor, name))
         tolerance = design.motor.tolerance.get(name, policy.tolerance)
-        flagged = abs(value - nominal) - tolerance * nominal > policy.tolerance_errors * error
+        flagged = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
         note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else ""
         if flagged and name in WINDING:
             note += _restored_by(fit, policy)

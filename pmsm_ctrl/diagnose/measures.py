@@ -14,11 +14,9 @@ __all__ = [
     "WINDING",
     "contribution",
     "cross_validated",
-    "gain_of_rows",
     "plain_errors",
     "relief",
     "strain",
-    "weighted_errors",
 ]
 
 Array = NDArray[np.float64]
@@ -26,8 +24,8 @@ Array = NDArray[np.float64]
 WINDING = ("R", "L_d", "L_q", "psi_f")
 
 
-def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, float]:
-    """Return the cross-validation of a trial, its gain on the log's rows, and the relief of the winding.
+def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float]:
+    """Return the cross-validation of a trial, and the relief of the winding.
 
     All with the weights of the estimate or prewhitened, whichever was judged the more significant.
     """
@@ -36,14 +34,7 @@ def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, 
     gain, stderr, blocks, p_rank = blocked_gain(
         fit.record, solved, whitener, trial.group, direction, fit.whitener.memory
     )
-    found = CrossValidation(gain, stderr, blocks, p_rank)
-    return found, gain_of_rows(solved, direction), relief(solved, direction)
-
-
-def gain_of_rows(solved: Solved, direction: Array) -> float:
-    """What of a gain the rows of the log bring; the rest is parameters that come back towards their nominal values."""
-    rest, part = solved.rest[: solved.rows], direction[: solved.rows]
-    return max(float(part @ (2.0 * rest - part)), 0.0)
+    return CrossValidation(gain, stderr, blocks, p_rank), relief(solved, direction)
 
 
 def relief(solved: Solved, direction: Array) -> float:
@@ -79,12 +70,6 @@ def contribution(fit: Fitted, trial: Trial) -> float:
         if size > fit.record.coarse[row]:
             best = max(best, size / max(level, 1e-300))
     return best
-
-
-def weighted_errors(fit: Fitted) -> dict[str, float]:
-    """Rms residual per balance; samples that the log's rate could not follow count as little as they did in the fit."""
-    rows = (fit.residual * fit.record.weight)[:, fit.record.mask]
-    return dict(zip(fit.record.channels, np.sqrt(np.mean(rows**2, axis=1)).tolist(), strict=True))
 
 
 def plain_errors(fit: Fitted) -> dict[str, float]:

@@ -23,29 +23,21 @@ class Policy:
     block_errors : float
         Standard errors by which the mean cross-validation gain must be above zero. False-alarm table of
         docs/diagnosis.md; clean.
-    least_block_errors, expected_share : float
-        The same for the first effect, which may be small: this share of the root of its whole gain is enough, and never
-        less than so many standard errors. Gains that are spread evenly over the blocks reach half the root of the
-        whole; three quarters of that must be seen. Blind at half strength.
+    first_block_errors : float
+        The same for the first effect, which may be small. Later ones need more: what an accepted effect does not
+        describe exactly is left in every block, and can look like a small effect. Blind at half strength.
     size : float
         Smallest contribution worth a name, as a share of the rms of the balance where it acts. Clean, blind.
-    small_size, explained : float
+    explained : float
         A smaller contribution is enough where it explains this share of the residual's sum of squares: beside a hard
         acceleration all friction is small. Machines.
-    lowered : float
-        An accepted effect must bring the rms error of at least one balance down to this share. Blind.
-    worse, worse_voltage : float
-        Ratio by which the rms error of a balance may rise: as the fit weighs it; of a voltage by an effect on the
-        voltages, all samples alike. Plant, machines (seed 1081: a dead time of 0.02 V).
-    traded : float
-        A balance may lose more than that where it is less than this share of what another balance gains. Plant.
-    bound_errors : float
-        Standard errors by which a parameter may lie outside its bounds. Plant.
+    worse : float
+        Ratio by which an effect on the voltages may raise the rms error of a voltage. Machines: a dead time of 0.02 V.
     relief, absurd : float
         Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect. From `relief` on
-        the effect needs to lower no error; from `absurd` on (15 tolerances: no motor has four times the resistance of
-        its datasheet) any cross-validation gain is enough, and a winding so far off is unexplained. Blind on a slow
-        sine, where a dead time is as well a resistance.
+        that is reported; from `absurd` on (15 tolerances: no motor has four times the resistance of its datasheet) any
+        cross-validation gain is enough, and a winding so far off is unexplained. Blind on a slow sine, where a dead
+        time is as well a resistance.
     tied_gain, tied_share : float
         Two explanations are equal where their sums of squares differ by less than this, in units of the noise, or by
         less than this share of the gain. Blind.
@@ -55,9 +47,8 @@ class Policy:
         Where a single effect was accepted, so many others whose gain is at least this share of its gain are fitted in
         its place. Plant.
     sure_errors : float
-        Standard errors from which on a deviation of a parameter is certain. A convention.
-    tolerance_errors : float
-        Standard errors by which a parameter must be outside its tolerance to be flagged. A convention.
+        Standard errors from which on a parameter deviates: from its nominal value, its tolerance or its bounds. A
+        convention.
     tolerance : float
         Tolerance of a parameter for which the design gives none, as a share: copper that is hot, or measured between
         two phases, is one and a half times or twice the design's.
@@ -65,13 +56,11 @@ class Policy:
         Share by which the torque constant may be off, which scales every torque: less than on a datasheet.
     friction_change : float
         Share by which F_c and F_v change from day to day; more is iron loss or friction that grew. Blind.
-    sound_weight : float
-        Weight below which a sample is not asked whether its residual has structure: aliased edges of the torque. Plant.
     structure_share : float
         Least share of the residual's mean square that a curve must explain to be named. Clean.
-    resembled_share, resembled_p : float
-        A refused effect that explains this share of the residual, with such a p-value, is unexplained structure. On 30
-        clean logs no refused effect went beyond 0.3 % and 1e-8; aliased edges may make it 3 %.
+    resembled_share : float
+        A significant effect that was refused, and explains this share of the residual, is unexplained structure. On 30
+        clean logs no refused effect went beyond 0.3 %; aliased edges may make it 3 %.
     around_reversals : float
         Ratio of rms residuals around reversals and elsewhere from which on the structure is said to sit there. Blind.
     visible_share : float
@@ -86,16 +75,10 @@ class Policy:
 
     significance: float = 0.01
     block_errors: float = 2.8
-    least_block_errors: float = 2.0
-    expected_share: float = 0.375
+    first_block_errors: float = 2.0
     size: float = 0.004
-    small_size: float = 0.001
     explained: float = 0.012
-    lowered: float = 0.996
-    worse: float = 1.03
-    worse_voltage: float = 1.1
-    traded: float = 0.2
-    bound_errors: float = 3.0
+    worse: float = 1.1
     relief: float = 25.0
     absurd: float = 225.0
     tied_gain: float = 20.0
@@ -104,14 +87,11 @@ class Policy:
     rival_share: float = 0.6
     most_rivals: int = 3
     sure_errors: float = 4.0
-    tolerance_errors: float = 3.0
     tolerance: float = 0.15
     torque_constant: float = 0.02
     friction_change: float = 0.2
-    sound_weight: float = 0.5
     structure_share: float = 0.015
     resembled_share: float = 0.03
-    resembled_p: float = 1e-12
     around_reversals: float = 1.5
     visible_share: float = 0.1
     own_share: float = 0.02

@@ -10,13 +10,7 @@ from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.diagnose.measures import (
-    contribution,
-    cross_validated,
-    plain_errors,
-    strain,
-    weighted_errors,
-)
+from pmsm_ctrl.diagnose.measures import contribution, cross_validated, plain_errors
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.refusal import Refusal
@@ -163,29 +157,22 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
     refusal = criteria.size(share, trial.plain_gain / fit.plain.chi2, policy)
     if refusal is not None:
         return refusal
-    found, whole, relief = cross_validated(fit, trial)
-    refusal = criteria.cross_validation(found, whole, relief, not fit.accepted, policy)
+    found, relief = cross_validated(fit, trial)
+    refusal = criteria.cross_validation(found, relief, not fit.accepted, policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, found)
 
 
 def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
     """Return what speaks against an effect once everything was fitted again with it."""
-    weighted = weighted_errors(before), weighted_errors(after)
-    plain = plain_errors(before), plain_errors(after)
-    noise = dict(zip(after.record.channels, after.weights.sigma, strict=True))
-    refusal = criteria.no_balance_worse(weighted[0], weighted[1], noise, policy)
-    if refusal is None and trial.candidate.effect.enters == "voltage":
-        old, new = ({name: rms for name, rms in found.items() if name != "torque"} for found in plain)
+    if trial.candidate.effect.enters == "voltage":
+        old, new = ({n: rms for n, rms in plain_errors(fit).items() if n != "torque"} for fit in (before, after))
         refusal = criteria.no_voltage_worse(old, new, policy)
-    if refusal is not None:
-        return refusal
-    pairs = [(old[name], new[name]) for old, new in (weighted, plain) for name in new]
+        if refusal is not None:
+            return refusal
     model = after.model
     values = zip(after.plain.values.tolist(), after.plain.stderr.tolist(), strict=True)
     bounds = dict(zip(model.names, column_bounds(model, after.plain.values), strict=True))
-    return criteria.error_lowered(pairs, strain(before.plain) - strain(after.plain), policy) or criteria.inside_bounds(
-        dict(zip(model.names, values, strict=True)), bounds, policy
-    )
+    return criteria.inside_bounds(dict(zip(model.names, values, strict=True)), bounds, policy)
 
 
 def _judge_holdout(case: Case, before: Fitted, after: Fitted) -> Refusal | None:

@@ -69,7 +69,7 @@ def swap(case: Case, found: Selection, select: Callable[[Case, tuple[str, ...]],
 def better(other: Rest, present: Rest, policy: Policy = POLICY) -> bool:
     """Whether a selection leaves less; where that is a tie, whether it leaves less of what prewhitening brings out.
 
-    One that has all effects of the other, and more that were not confirmed when they came last, must leave much less.
+    One that has all effects of the other, and more that were not confirmed when they came last, must leave less.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def better(other: Rest, present: Rest, policy: Policy = POLICY) -> bool:
     less = present.plain - other.plain
     tie = policy.tie(max(other.gain, present.gain))
     if present.effects < other.effects:
-        return less > max(tie, policy.explained * present.plain)
+        return less > tie
     return less > 0.0 if abs(less) > tie else other.white < present.white
 
 

@@ -21,7 +21,6 @@ from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Structure
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
 from pmsm_ctrl.rendering.numbers import with_prefix
 from pmsm_ctrl.units import axis_unit
 
@@ -60,12 +59,9 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     predicted = plain.predicted()
     J = float(plain.values[plain.model.names.index("J")])
     per_ampere = record.design.K_t_assumed if "i_q" in record.prepared.signals else None
-    acceleration = plain.model.matrix[0][:, plain.model.names.index("J")]
-    # the noise of the angle stands in the acceleration and in the residual alike
-    skipped = ("acceleration",) if noise_share(record, acceleration) > MOST_NOISE else ()
     found: list[tuple[Dependence, str]] = []
     for row, name in enumerate(record.channels):
-        sound = record.mask & (record.weight[row] > policy.sound_weight)
+        sound = record.mask & (record.weight[row] > 0.0)
         if int(sound.sum()) < FEWEST_SAMPLES:
             continue
         level = float(np.sqrt(np.mean(record.target[row][sound] ** 2)))
@@ -74,7 +70,7 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
         least = max(policy.size * whole, record.coarse[row]) / max(level, 1e-300)
         trace = Trace(record.t, record.target[row], predicted[row], sound, record.unit(name))
         relevance = Relevance(policy.structure_share, least)
-        structure = residual_structure(record.prepared, trace, Drive(predicted[0], J, per_ampere), relevance, skipped)
+        structure = residual_structure(record.prepared, trace, Drive(predicted[0], J, per_ampere), relevance)
         if structure.named:
             found.append((structure.named[0], name))
     if not found:
@@ -104,7 +100,7 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     glaring = [
         (trial, refusal)
         for trial in fit.trials
-        if trial.gain > policy.resembled_share * total and trial.p_value < policy.resembled_p
+        if trial.gain > policy.resembled_share * total and trial.p_value < policy.significance
         and (refusal := selection.refused.get(name_of(trial))) and refusal.reason is Reason.NOT_CONFIRMED
     ]  # fmt: skip
     if not glaring:
