@@ -86,19 +86,24 @@ def size(share: float, explained: float, policy: Policy = POLICY) -> Refusal | N
     return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share}) if share < least else None
 
 
-def cross_validation(found: CrossValidation, relief: float, first: bool, policy: Policy = POLICY) -> Refusal | None:
+def cross_validation(
+    found: CrossValidation, whole: float, relief: float, first: bool, policy: Policy = POLICY
+) -> Refusal | None:
     """Check that the gain is confirmed on blocks that were left out.
 
     Parameters
     ----------
     found : CrossValidation
+    whole : float
+        Gain of the whole log that the log's own rows bring, in units of the noise.
     relief : float
         Gain that the winding brings by returning to its datasheet, in squares of its tolerances.
     first : bool
         Whether this is the first effect.
     policy : Policy
     """
-    asked = policy.first_block_errors if first else policy.block_errors
+    expected = policy.expected_share * float(np.sqrt(max(whole, 0.0)))
+    asked = min(max(expected, policy.first_block_errors), policy.block_errors) if first else policy.block_errors
     sure = found.gain > asked * found.stderr or found.p_rank < 0.5 * policy.significance or relief > policy.absurd
     if sure and found.gain > 0.0:
         return None

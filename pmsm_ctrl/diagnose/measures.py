@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 WINDING = ("R", "L_d", "L_q", "psi_f")
 
 
-def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float]:
-    """Return the cross-validation of a trial, and the relief of the winding.
+def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, float]:
+    """Return the cross-validation of a trial, its gain on the log's rows, and the relief of the winding.
 
     All with the weights of the estimate or prewhitened, whichever was judged the more significant.
     """
@@ -34,7 +34,14 @@ def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float]:
     gain, stderr, blocks, p_rank = blocked_gain(
         fit.record, solved, whitener, trial.group, direction, fit.whitener.memory
     )
-    return CrossValidation(gain, stderr, blocks, p_rank), relief(solved, direction)
+    found = CrossValidation(gain, stderr, blocks, p_rank)
+    return found, gain_of_rows(solved, direction), relief(solved, direction)
+
+
+def gain_of_rows(solved: Solved, direction: Array) -> float:
+    """What of a gain the rows of the log bring; the rest is parameters that come back towards their nominal values."""
+    rest, part = solved.rest[: solved.rows], direction[: solved.rows]
+    return max(float(part @ (2.0 * rest - part)), 0.0)
 
 
 def relief(solved: Solved, direction: Array) -> float:

@@ -23,9 +23,12 @@ class Policy:
     block_errors : float
         Standard errors by which the mean cross-validation gain must be above zero. False-alarm table of
         docs/diagnosis.md; clean.
-    first_block_errors : float
-        The same for the first effect, which may be small. Later ones need more: what an accepted effect does not
-        describe exactly is left in every block, and can look like a small effect. Blind at half strength.
+    first_block_errors, expected_share : float
+        The same for the first effect, which may be small: this share of the root of its whole gain is enough, and never
+        less than so many standard errors. Gains that are spread evenly over the blocks reach half the root of the
+        whole; three quarters of that must be seen. Later effects need the full number: what an accepted effect does not
+        describe exactly is left in every block, and can look like a small effect. Blind at half strength, and with
+        effects left out of the candidates.
     size : float
         Smallest contribution worth a name, as a share of the rms of the balance where it acts. Clean, blind.
     explained : float
@@ -76,6 +79,7 @@ class Policy:
     significance: float = 0.01
     block_errors: float = 2.8
     first_block_errors: float = 2.0
+    expected_share: float = 0.375
     size: float = 0.004
     explained: float = 0.012
     worse: float = 1.1

@@ -157,8 +157,8 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
     refusal = criteria.size(share, trial.plain_gain / fit.plain.chi2, policy)
     if refusal is not None:
         return refusal
-    found, relief = cross_validated(fit, trial)
-    refusal = criteria.cross_validation(found, relief, not fit.accepted, policy)
+    found, whole, relief = cross_validated(fit, trial)
+    refusal = criteria.cross_validation(found, whole, relief, not fit.accepted, policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, found)
 
 

@@ -172,7 +172,7 @@ def test_add_fits_the_effect_and_says_what_it_cannot(designs: Path) -> None:
     added = add(design, log, "constant_load")
     entry = next(e for e in added.effects if e.id == "constant_load")
     assert entry.parameters["T_0"] == pytest.approx(0.003, abs=4.0 * entry.stderr["T_0"])
-    with pytest.raises(RequestError, match=r"iron_loss.*cannot tell it"):
+    with pytest.raises(RequestError, match=r"iron_loss.*not distinguishable"):
         add(design, log, "iron_loss")
     with pytest.raises(RequestError, match="already"):
         add(design, log, "coulomb")
@@ -212,7 +212,7 @@ def test_what_is_left_is_unexplained_when_it_only_resembles_an_effect(
     assert said in result.unexplained
     assert result.unexplained in result.warnings
     if effect == "presliding":
-        x, forward, backward = result.left.curve
+        x, forward, backward = result.structure.curve
         # friction rises over a distance instead of at once: less torque just after the turn, the other way backward
         after = (x > 0.0) & (x < 0.02)
         assert np.nanmean(forward[after]) < 0.0 < np.nanmean(backward[after])
@@ -231,7 +231,7 @@ def test_a_winding_that_no_datasheet_allows_is_unexplained(blind: ModuleType, na
     assert said in result.unexplained
     assert said.removeprefix("acts like ") in last_caption(result)
     if name == "R":
-        x, forward, backward = result.left.curve
+        x, forward, backward = result.structure.curve
         rises = [np.polyfit(x[np.isfinite(y)], y[np.isfinite(y)], 1)[0] for y in (forward, backward)]
         assert rises == pytest.approx([value - design.motor.R] * 2, rel=0.05)
 
@@ -281,7 +281,7 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called absurd
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80), replace(POLICY, absurd=np.inf))
     assert result.verdict == "unexplained"
-    assert (result.left.resembles, result.left.channel) == ("dead_time", "u_q")
+    assert (result.structure.resembles, result.structure.channel) == ("dead_time", "u_q")
 
 
 @pytest.mark.parametrize("seed", seeds(51, 52))

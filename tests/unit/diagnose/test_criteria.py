@@ -37,9 +37,8 @@ def test_significance() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "explained", "passes"), [(0.0041, 0.0, True), (0.0039, 0.0119, False), (0.0039, 0.0121, True),
-                                       (0.0009, 0.5, False)]
-)  # fmt: skip
+    ("share", "explained", "passes"), [(0.0041, 0.0, True), (0.0039, 0.0119, False), (0.0039, 0.0121, True)]
+)
 def test_size_is_that_of_the_balance_or_what_is_explained(share: float, explained: float, passes: bool) -> None:
     assert (criteria.size(share, explained) is None) is passes
 
@@ -74,42 +73,18 @@ def test_cross_validation_by_ranks_and_by_the_winding() -> None:
     assert not confirmed(-0.1, relief=226.0, p_rank=0.0), "a loss is never confirmed"
 
 
-NOISE = {"torque": 1.0, "u_d": 2.0, "u_q": 2.0}
-
-
-def test_a_balance_may_not_get_worse() -> None:
-    before = {"torque": 2.0, "u_d": 4.0, "u_q": 4.0}
-    assert criteria.no_balance_worse(before, before, NOISE) is None
-    assert criteria.no_balance_worse(before, before | {"u_d": 4.1}, NOISE) is None
-    refusal = criteria.no_balance_worse(before, before | {"u_d": 4.2}, NOISE)
-    assert str(refusal) == "rejected: increases the error of the u_d balance"
-    # 0.41 of the noise's square are less than a fifth of the 2.31 that the torque gains
-    assert criteria.no_balance_worse(before, {"torque": 1.3, "u_d": 4.2, "u_q": 4.0}, NOISE) is None
-    assert reason(criteria.no_balance_worse(before, {"torque": 1.5, "u_d": 4.2, "u_q": 4.0}, NOISE)) is (
-        Reason.BALANCE_WORSE
-    )
-
-
 def test_the_voltages_may_not_get_worse_all_samples_alike() -> None:
     assert criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.09, "u_q": 1.0}) is None
     assert reason(criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.11, "u_q": 1.0})) is (
         Reason.BALANCE_WORSE
     )
-    assert criteria.no_voltage_worse({"u_d": 1.0, "u_q": 2.0}, {"u_d": 1.11, "u_q": 1.5}) is None
-
-
-def test_an_error_has_to_fall_or_the_winding_to_return() -> None:
-    assert criteria.error_lowered([(1.0, 0.9959)], 0.0) is None
-    assert reason(criteria.error_lowered([(1.0, 0.9961), (2.0, 2.0)], 0.0)) is Reason.ERROR_NOT_LOWERED
-    assert criteria.error_lowered([(1.0, 1.0)], 25.1) is None
-    assert criteria.error_lowered([(1.0, 1.0)], 24.9) is not None
 
 
 def test_final_parameters_stay_inside_their_bounds_to_within_their_errors() -> None:
     bounds = {"F_c": (0.0, np.inf)}
-    assert criteria.inside_bounds({"F_c": (-0.29, 0.1)}, bounds) is None
-    refusal = criteria.inside_bounds({"F_c": (0.2, 0.1), "F_c#2": (-0.31, 0.1)}, bounds)
-    assert str(refusal) == "rejected: drives F_c#2 to -0.31, beyond its bounds"
+    assert criteria.inside_bounds({"F_c": (-0.39, 0.1)}, bounds) is None
+    refusal = criteria.inside_bounds({"F_c": (0.2, 0.1), "F_c#2": (-0.41, 0.1)}, bounds)
+    assert str(refusal) == "rejected: drives F_c#2 to -0.41, beyond its bounds"
     assert criteria.inside_bounds({"tau_u": (-1.0, 0.0)}, bounds) is None, "no bounds are known of it"
 
 
