@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import Candidate, candidates_for
 from pmsm_ctrl.diagnose.refine import refine
-from pmsm_ctrl.diagnose.search import Trial, plain_evidence, saturated_whitener, try_candidate, try_group
+from pmsm_ctrl.diagnose.search import (
+    Trial,
+    offer,
+    plain_evidence,
+    rough_weights,
+    saturated_whiteners,
+    try_all,
+    try_group,
+)
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
@@ -19,8 +27,10 @@ from pmsm_ctrl.regression.columns import as_candidate, effect_group
 from pmsm_ctrl.regression.model import (
     OWN,
     Model,
+    NoiseCovariance,
     Solved,
     base_groups,
+    noise_covariance,
     solve_model,
     with_honest_errors,
     with_torque_held,
@@ -85,30 +95,28 @@ def fit_design(
         if structure.replaces_direction:
             record = with_direction(record, structure.direction(record, one.effect, one.shape))
     model, notes = _assemble(design, record, accepted)
-    rough = solve_model(record, with_torque_held(record, model), saturated_whitener(record, model, ())[1])
+    rough = solve_model(record, with_torque_held(record, model), rough_weights(record, model))
     for _ in range(PASSES):
         record = with_modelled_torque(record, _true_torque(model, rough), _delay(model, rough.values))
         model, notes = _assemble(design, record, accepted)
         model = with_torque_held(record, model, OWN)
-        rough = solve_model(record, model, saturated_whitener(record, model, ())[1])
+        rough = solve_model(record, model, rough_weights(record, model))
         if abs(_delay(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
             break
     present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
     residual = record.target[0] - rough.predicted()[0]
     candidates = candidates_for(record, design, effects, residual, present)
-    whitener, weights = saturated_whitener(record, model, [g.values for c in candidates for g in c.groups(record)])
+    laid, left, lost = offer(record, model, candidates)
+    whitener, weights = saturated_whiteners(record, left, lost)
     solved = solve_model(record, model, whitener)
-    plain = with_honest_errors(solve_model(record, model, weights), weights, whitener)
+    covariance = noise_covariance(solve_model(record, model, weights), weights, whitener)
+    plain = with_honest_errors(covariance)
     if not explore:
         return Fitted(record, model, whitener, solved, plain, weights, (), (), notes, accepted)
-    trials, closed = [], []
-    for candidate in candidates:
-        trial = try_candidate(record, plain, weights, candidate)
-        if trial is None:
-            closed.append(candidate)
-        else:
-            trials.append(trial)
-    trials = [judged((solved, whitener), (plain, weights), t) for t in _refined(record, plain, weights, trials)]
+    tried = try_all(laid, plain, weights)
+    closed = [candidate for candidate, trial in zip(candidates, tried, strict=True) if trial is None]
+    trials = [trial for trial in tried if trial is not None]
+    trials = [judged((solved, whitener), covariance, t) for t in _refined(record, plain, weights, trials)]
     trials = in_order(trials)
     record.memo.clear()  # hundreds of columns; the best of each candidate stays with its trial
     if record.kept is not given.kept:
@@ -157,22 +165,21 @@ def _assemble(design: Design, record: Record, accepted: Iterable[Accepted]) -> t
     return model, notes
 
 
-def judged(fit: tuple[Solved, Whitener], plain: tuple[Solved, Whitener], trial: Trial) -> Trial:
+def judged(fit: tuple[Solved, Whitener], covariance: NoiseCovariance, trial: Trial) -> Trial:
     """Keep a trial's shape and size, found with plain weights, and judge its significance.
 
     Twice: prewhitened, which has the greatest power where a column is right at all frequencies, and with the weights
     of the estimate, which bears errors of its fast part. The better one counts, and pays for the second try.
     """
-    (solved, whitener), (weighted, weights) = fit, plain
-    sure = try_group(solved, whitener, trial.candidate, trial.group)
-    slow_gain, slow_p = plain_evidence(weighted, weights, whitener, trial.candidate, trial.group)
+    sure = try_group(*fit, trial.candidate, trial.group)
+    slow_gain, slow_p = plain_evidence(covariance, trial.candidate, trial.group)
     fast_p = 1.0 if sure.wrong_sign else sure.p_value
     slow = slow_p < fast_p
     gain = slow_gain if slow else sure.gain
     return replace(
-        trial, plain_gain=trial.gain, plain_direction=trial.direction,
+        trial, plain_gain=trial.gain, plain_judge=trial.judge,
         gain=gain, score=sure.score + gain - sure.gain, p_value=min(1.0, 2.0 * min(slow_p, fast_p)),
-        direction=sure.direction, singular=trial.singular or sure.singular, slow=slow,
+        judge=fit, singular=trial.singular or sure.singular, slow=slow,
     )  # fmt: skip
 
 

@@ -1,32 +1,65 @@
-"""How much a candidate explains, how sure that is, and whether it would hold on data that were left out."""
+"""Every candidate tried on what a model leaves: how much it explains, and how sure that is."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.evidence.tests import f_tail, rank_test
+from pmsm_ctrl.evidence.blocks import equal_blocks, left_out_gains
+from pmsm_ctrl.evidence.linalg import Added, added, gram_of, projection_on_all
+from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group
-from pmsm_ctrl.regression.model import Model, Solved, spread
+from pmsm_ctrl.regression.model import Model, NoiseCovariance, Solved
 
 __all__ = [
     "Evidence",
+    "Offer",
+    "Rows",
     "Trial",
+    "beyond",
     "blocked_gain",
     "least_shown",
+    "offer",
     "plain_evidence",
-    "saturated_whitener",
+    "rough_weights",
+    "rows_of",
+    "saturated_whiteners",
+    "try_all",
     "try_candidate",
     "try_group",
+    "whitened_rows",
 ]
 
 Array = NDArray[np.float64]
+
+KNOTS = 10  # of the hat functions of speed and of time in the saturated model
+# Effective samples that the saturated model leaves for each of its directions, and the fewest directions it keeps.
+SAMPLES_PER_DIRECTION, FEWEST_DIRECTIONS = 8.0, 10
+LONGEST_GAP = 1.0  # s left out on either side of a block that is judged
+# The gap in memories of the noise, and in periods of the filter: both have died away by then.
+GAP_MEMORIES, GAP_PERIODS = 3.0, 4.0
+BLOCKS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Whitened columns of a group in the balances they enter, and what a fit has of them.
+
+    Attributes
+    ----------
+    own : dict of balance to array, shape (k, n)
+    shared : array, shape (rank of the fit, k)
+        Products of the fit's orthonormal basis with them.
+    """
+
+    own: Mapping[int, Array]
+    shared: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +75,12 @@ class Trial:
     p_value : float
         Of the group F-test, the searched shapes paid for; not yet corrected for the number of candidates.
     values, stderr : array, shape (k,)
+    judge, plain_judge : (Solved, Whitener)
+        What tells `direction` and `plain_direction`.
     slow : bool
         Whether the estimate's own weights judged it, not the prewhitened rows.
-    direction : array, shape (rows,)
-        Whitened columns times values, orthogonal to the model: what it explains and nothing else does.
+    plain_gain : float
+        Fall of the sum of squares by the estimate's own weights.
     """
 
     candidate: Candidate
@@ -55,12 +90,22 @@ class Trial:
     p_value: float
     values: Array
     stderr: Array
-    direction: Array
+    judge: tuple[Solved, Whitener]
     wrong_sign: bool = False
     singular: bool = False
     slow: bool = False
     plain_gain: float = 0.0
-    plain_direction: Array = field(default_factory=lambda: np.zeros(0))
+    plain_judge: tuple[Solved, Whitener] | None = None
+
+    @property
+    def direction(self) -> Array:
+        """What it explains and nothing else does, whitened, shape (rows + priors,); worked out each time."""
+        return _direction(*self.judge, self.group)
+
+    @property
+    def plain_direction(self) -> Array:
+        """The same by the estimate's own weights."""
+        return _direction(*(self.plain_judge or self.judge), self.group)
 
     @property
     def at_bound(self) -> bool:
@@ -83,35 +128,98 @@ class Evidence:
     material: float
 
 
-def saturated_whitener(record: Record, model: Model, extra: Iterable[Array]) -> tuple[Whitener, Whitener]:
-    """Fit the noise to what even a model with every candidate in it leaves over.
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """All candidates with their columns at every shape, and the Gram matrices of those with the model's.
+
+    Attributes
+    ----------
+    candidates : tuple of (Candidate, groups)
+    grams : arrays, shape (1 + p + columns, 1 + p + columns)
+        Per balance, weighted: of the target, the model's columns and those of all groups that enter it.
+    entering : int arrays, shape (p,)
+        The model's columns in each balance.
+    places : tuple of dict of balance to slice
+        Per group, where its columns stand in the Gram matrix of a balance.
+    """
+
+    candidates: tuple[tuple[Candidate, tuple[Group, ...]], ...]
+    grams: tuple[Array, ...]
+    entering: tuple[NDArray[np.int64], ...]
+    places: tuple[Mapping[int, slice], ...]
+
+
+def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tuple[Offer, Array, int]:
+    """Lay out all candidates, and return what even a model with every one of them leaves over.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    candidates : iterable of Candidate
+
+    Returns
+    -------
+    offer : Offer
+    residual : array, shape (channels, m)
+        Zero where a sample does not count.
+    lost : int
+        Most columns that were fitted away in a balance.
+    """
+    laid = tuple((candidate, tuple(candidate.groups(record))) for candidate in candidates)
+    groups = [group for _, some in laid for group in some]
+    places: list[dict[int, slice]] = [{} for _ in groups]
+    grams, entering = [], []
+    residual, lost = np.zeros(record.target.shape), 0
+    for row in range(len(record.channels)):
+        inside = np.flatnonzero(np.any(model.matrix[row], axis=0))
+        blocks = [record.target[row][:, None], model.matrix[row][:, inside]]
+        end = 1 + len(inside)
+        for place, group in zip(places, groups, strict=True):
+            columns = group.values[row]
+            if np.any(columns):
+                place[row] = slice(end, end + columns.shape[1])
+                end = place[row].stop
+                blocks.append(columns)
+        if row == 0:
+            blocks.append(_smooth(record))
+        weight = record.weight[row] * record.mask
+        gram = gram_of(blocks, weight)
+        room = max(FEWEST_DIRECTIONS, int(_effective(weight) / SAMPLES_PER_DIRECTION))
+        coefficients, rank = projection_on_all(gram[1:, 1:], gram[1:, 0], room)
+        residual[row] = record.target[row]
+        start = 0
+        for block in blocks[1:]:
+            residual[row] -= block @ coefficients[start : start + block.shape[1]]
+            start += block.shape[1]
+        residual[row][weight == 0.0] = 0.0
+        lost = max(lost, rank)
+        grams.append(gram[:end, :end])
+        entering.append(inside)
+    return Offer(laid, tuple(grams), tuple(entering), tuple(places)), residual, lost
+
+
+def saturated_whiteners(record: Record, residual: Array, lost: int) -> tuple[Whitener, Whitener]:
+    """Fit the noise to what a saturated model leaves over.
 
     Returns the prewhitener, and the same noise without its correlation: point estimates use that one, because
     whitening shifts the weight to high frequencies, where differentiation and timing errors live.
+
+    Parameters
+    ----------
+    record : Record
+    residual : array, shape (channels, m)
+    lost : int
+        Columns that were fitted away.
     """
-    parts = [model.matrix, *extra, _smooth(record)]
-    residual = np.zeros(record.target.shape)
-    lost = 0
-    for row in range(len(record.channels)):
-        w = (record.weight[row] * record.mask)[:, None]
-        a = np.concatenate([part[row] for part in parts if np.any(part[row])], axis=-1) * w
-        norm = np.linalg.norm(a, axis=0)
-        a = a[:, norm > 0.0]
-        a /= norm[norm > 0.0]
-        gram = a.T @ a
-        values, vectors = np.linalg.eigh(gram)
-        kept = values > 1e-9 * values[-1]
-        # a short log has no room for all of them: what the columns have in common comes first
-        room = max(10, int(_effective(w[:, 0]) / 8.0))
-        kept[: max(0, len(kept) - room)] = False
-        basis = a @ (vectors[:, kept] / np.sqrt(values[kept]))
-        target = record.target[row] * w[:, 0]
-        residual[row] = target - basis @ (basis.T @ target)
-        residual[row] -= basis @ (basis.T @ residual[row])
-        residual[row] = np.divide(residual[row], w[:, 0], out=np.zeros(len(target)), where=w[:, 0] > 0)
-        lost = max(lost, int(kept.sum()))
     noise = residual, record.weight, record.mask, record.rate, lost
     return make_whitener(*noise), make_whitener(*noise, 0)
+
+
+def rough_weights(record: Record, model: Model) -> Whitener:
+    """Return weights from what the model leaves over beside curves of speed and time, no candidate in it."""
+    _, residual, lost = offer(record, model, ())
+    return make_whitener(residual, record.weight, record.mask, record.rate, lost, 0)
 
 
 def _effective(weight: Array) -> float:
@@ -120,20 +228,53 @@ def _effective(weight: Array) -> float:
     return float(np.sum(weight**2)) / top**2 if top > 0.0 else 0.0
 
 
-def _smooth(record: Record, count: int = 10) -> Array:
-    """Hat functions of speed and of time, in the torque balance: what no effect of the catalogue may explain."""
-    omega, t = record.at_grid(record.signals["omega"]), record.t
-    out = []
-    for x in (omega, t):
-        used = x[record.mask]
-        knots = np.unique(np.quantile(used, np.linspace(0.0, 1.0, count)))
-        for k in range(len(knots)):
-            hat = np.zeros(len(knots))
-            hat[k] = 1.0
-            column = np.zeros(record.target.shape)
-            column[0] = np.interp(x, knots, hat)
-            out.append(column)
-    return np.stack(out, axis=-1)
+def _smooth(record: Record) -> Array:
+    """Hat functions of speed and of time, shape (m, k): what no effect of the catalogue may explain of the torque."""
+    key = ("hat functions",)
+    if key not in record.kept:
+        out = []
+        for x in (record.at_grid(record.signals["omega"]), record.t):
+            knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, KNOTS)))
+            out += [np.interp(x, knots, hat) for hat in np.eye(len(knots))]
+        record.kept[key] = np.stack(out, axis=-1)
+    return record.kept[key]
+
+
+def try_all(laid: Offer, solved: Solved, weights: Whitener) -> list[Trial | None]:
+    """Return every candidate at the best of its shapes, by the weights alone; None where it has no column.
+
+    All products come from the Gram matrices and from one pass over the columns.
+
+    Parameters
+    ----------
+    laid : Offer
+    solved : Solved
+        By the weights.
+    weights : Whitener
+    """
+    rest = np.zeros((len(laid.grams), solved.model.matrix.shape[1]))
+    for row, channel in enumerate(weights.channels):
+        rest[row, weights.used] = channel.scale * solved.rest_of(row)
+    count = len(solved.values)
+    out: list[Trial | None] = []
+    places = iter(laid.places)
+    for candidate, groups in laid.candidates:
+        best: Trial | None = None
+        for group in groups:
+            k = len(group.symbols)
+            gram, beside, along = np.zeros((k, k)), np.zeros((count, k)), np.zeros(k)
+            for row, place in next(places).items():
+                whole, inside, level = laid.grams[row], laid.entering[row], weights.channels[row].sigma
+                gram += whole[place, place] / level**2
+                beside[inside] += whole[1 : 1 + len(inside), place] / level**2
+                along += rest[row] @ group.values[row]
+            # the fit's basis is its whitened columns, and the priors, times `inverse`
+            shared = solved.inverse.T @ beside
+            trial = _trial(candidate, group, added(gram, shared, along), (solved, weights))
+            if best is None or (not trial.wrong_sign, trial.score) > (not best.wrong_sign, best.score):
+                best = trial
+        out.append(best)
+    return out
 
 
 def try_candidate(
@@ -150,34 +291,67 @@ def try_candidate(
 
 def try_group(solved: Solved, whitener: Whitener, candidate: Candidate, group: Group) -> Trial:
     """Test one group of columns against the model."""
-    n = len(solved.rest)
-    u, inverse, scale = beyond(solved, whitener, group)
-    k = u.shape[1]
+    return _trial(candidate, group, beyond(solved, whitener, group)[1], (solved, whitener))
+
+
+def _trial(candidate: Candidate, group: Group, own: Added, judge: tuple[Solved, Whitener]) -> Trial:
+    solved, k = judge[0], own.rank
     if k == 0:
-        nothing = np.zeros(len(scale))
-        return Trial(candidate, group, 0.0, 0.0, 1.0, nothing, np.full(len(scale), np.inf), np.zeros(n), singular=True)
-    along = u.T @ solved.rest
-    values = inverse @ along / scale
-    stderr = np.sqrt(np.sum(inverse**2, axis=1)) / scale
-    gain = float(along @ along)
-    free = candidate.free
-    score = gain - (k + free) * np.log(max(n, 2))
-    wrong = _wrong_sign(group, values, solved)
-    p = min(1.0, f_tail(gain / k, k, max(solved.rows - solved.q.shape[1] - k, 1)) * max(candidate.searched, 1))
-    return Trial(candidate, group, gain, score, p, values, stderr, u @ along, wrong)
+        none = np.zeros(len(own.size))
+        return Trial(candidate, group, 0.0, 0.0, 1.0, none, np.full(len(none), np.inf), judge, singular=True)
+    score = own.gain - (k + candidate.free) * np.log(max(len(solved.rest), 2))
+    p = f_tail(own.gain / k, k, max(solved.rows - solved.rank - k, 1)) * max(candidate.searched, 1)
+    values = own.values
+    return Trial(
+        candidate, group, own.gain, score, min(1.0, p), values, own.stderr, judge, _wrong_sign(group, values, solved)
+    )
 
 
-def beyond(solved: Solved, whitener: Whitener, group: Group) -> tuple[Array, Array, Array]:
-    """Orthonormal basis of what a group has beyond the model; the way back to its values, and their scale."""
-    rows = whitener(group.values)
-    size = np.linalg.norm(rows, axis=0)
-    z = np.vstack([rows, np.zeros((len(solved.rest) - solved.rows, rows.shape[1]))])
-    left = z - solved.q @ (solved.q.T @ z)
-    left -= solved.q @ (solved.q.T @ left)
-    scale = np.where(size > 0.0, size, 1.0)
-    u, s, vt = np.linalg.svd(left / scale, full_matrices=False)
-    kept = s > 1e-2  # less than 1 % of its own left: the model has it already
-    return u[:, kept], vt[kept].T / s[kept], scale
+def rows_of(solved: Solved, whitener: Whitener, group: Group) -> Rows:
+    """Whiten a group's columns in the balances they enter.
+
+    Parameters
+    ----------
+    solved : Solved
+    whitener : Whitener
+    group : Group
+    """
+    own, shared = {}, np.zeros((solved.rank, len(group.symbols)))
+    for row, columns in enumerate(group.values):
+        if np.any(columns):
+            own[row] = whitener.part(row, columns)
+            shared += solved.mixing[solved.parts[row]].T @ (solved.bases[row] @ own[row].T)
+    return Rows(own, shared)
+
+
+def beyond(solved: Solved, whitener: Whitener, group: Group) -> tuple[Rows, Added]:
+    """Return a group's whitened columns, and what they explain beyond the model."""
+    rows = rows_of(solved, whitener, group)
+    k = rows.shared.shape[1]
+    gram, along = np.zeros((k, k)), np.zeros(k)
+    for row, columns in rows.own.items():
+        gram += columns @ columns.T
+        along += columns @ solved.rest_of(row)
+    return rows, added(gram, rows.shared, along)
+
+
+def whitened_rows(solved: Solved, rows: Rows, back: Array) -> list[Array]:
+    """Return a group's own directions in every balance, shape (rank, n) each, and last the priors'."""
+    mixed = solved.mixing @ (rows.shared @ back)
+    out = []
+    for row, (basis, part) in enumerate(zip(solved.bases, solved.parts, strict=True)):
+        left = -mixed[part].T @ basis
+        if row in rows.own:
+            left += back.T @ rows.own[row]
+        out.append(left)
+    return [*out, -mixed[solved.parts[-1].stop :].T]
+
+
+def _direction(solved: Solved, whitener: Whitener, group: Group) -> Array:
+    rows, own = beyond(solved, whitener, group)
+    if own.rank == 0:
+        return np.zeros(len(solved.rest))
+    return np.concatenate([own.along @ part for part in whitened_rows(solved, rows, own.back)])
 
 
 def least_shown(solved: Solved, whitener: Whitener, group: Group, level: float, along: Array | None = None) -> Array:
@@ -185,6 +359,9 @@ def least_shown(solved: Solved, whitener: Whitener, group: Group, level: float, 
 
     Parameters
     ----------
+    solved : Solved
+    whitener : Whitener
+    group : Group
     level : float
         Significance that is asked of the test.
     along : array, shape (k,), optional
@@ -197,36 +374,36 @@ def least_shown(solved: Solved, whitener: Whitener, group: Group, level: float, 
         Source: Cramer and Rao's bound in the power of the chi-square test, S. M. Kay, Fundamentals of Statistical
         Signal Processing II, Prentice Hall 1998, sec. 6.5.
     """
-    from scipy.optimize import brentq
-    from scipy.stats import chi2, ncx2
-
-    u, inverse, scale = beyond(solved, whitener, group)
-    k = u.shape[1]
-    parts = np.eye(len(scale)) if along is None else np.asarray(along, dtype=float)[:, None]
-    if k == 0:
+    _, own = beyond(solved, whitener, group)
+    parts = np.eye(len(own.size)) if along is None else np.asarray(along, dtype=float)[:, None]
+    if own.rank == 0:
         return np.full(parts.shape[1], np.inf)
-    # u' z: what is left of the columns beside the model, in standard deviations of the noise
-    seen = np.linalg.norm(np.linalg.pinv(inverse) @ (scale[:, None] * parts), axis=0)
-    threshold = chi2.isf(level, k)
-    half = brentq(lambda x: ncx2.sf(threshold, k, x) - 0.5, 1e-6, 10.0 * threshold)
-    return np.sqrt(half) / np.maximum(seen, 1e-300)
+    # what is left of the columns beside the model, in standard deviations of the noise
+    seen = np.linalg.norm(np.linalg.pinv(own.back * own.size[:, None]) @ (own.size[:, None] * parts), axis=0)
+    return np.sqrt(noncentrality(level, own.rank)) / np.maximum(seen, 1e-300)
 
 
-def plain_evidence(
-    plain: Solved, weights: Whitener, whitener: Whitener, candidate: Candidate, group: Group
-) -> tuple[float, float]:
+def plain_evidence(covariance: NoiseCovariance, candidate: Candidate, group: Group) -> tuple[float, float]:
     """Return gain and p-value of the estimate by weighted least squares, its covariance that of correlated noise.
 
     Less powerful than the prewhitened test where a column is right at every frequency; where its fast part is not,
     as that of a differentiated current, the prewhitened estimate is drawn to zero and this one is not.
+
+    Parameters
+    ----------
+    covariance : NoiseCovariance
+        Of the fit by weighted least squares.
+    candidate : Candidate
+    group : Group
     """
-    u, _, _ = beyond(plain, weights, group)
-    k = u.shape[1]
+    plain = covariance.fit
+    rows, own = beyond(plain, covariance.weights, group)
+    k = own.rank
     if k == 0:
         return 0.0, 1.0
-    along = u.T @ plain.rest
-    gain = float(along @ np.linalg.solve(spread(u, weights, whitener), along))
-    p = f_tail(gain / k, k, max(plain.rows - plain.q.shape[1] - k, 1)) * max(candidate.searched, 1)
+    spread = covariance.of_added(rows.own, rows.shared, own.back)
+    gain = float(own.along @ np.linalg.solve(spread, own.along))
+    p = f_tail(gain / k, k, max(plain.rows - plain.rank - k, 1)) * max(candidate.searched, 1)
     return gain, min(1.0, p)
 
 
@@ -237,70 +414,41 @@ def _wrong_sign(group: Group, values: Array, solved: Solved) -> bool:
     return any(not bounds[s][0] <= v <= bounds[s][1] for s, v in zip(group.symbols, values, strict=True))
 
 
-def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float]]:
-    """Cut time into contiguous blocks that each hold the same share of `weight`."""
-    order = np.argsort(t, kind="stable")
-    total = np.cumsum(weight[order])
-    if total[-1] <= 0.0:
-        return []
-    cuts = np.interp(np.linspace(0.0, 1.0, count + 1)[1:-1] * total[-1], total, t[order])
-    edges = np.concatenate([[t.min() - 1.0], cuts, [t.max() + 1.0]])
-    return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
-
-
 def blocked_gain(
-    record: Record,
-    solved: Solved,
-    whitener: Whitener,
-    group: Group,
-    direction: Array,
-    memory: float,
-    count: int = 16,
+    record: Record, solved: Solved, whitener: Whitener, group: Group, direction: Array, memory: float
 ) -> tuple[float, float, int, float]:
-    """Return the mean gain of held-out blocks, its standard error, their number, and Wilcoxon's p-value.
-
-    Source of the rank test: F. Wilcoxon, Biometrics Bulletin 1 (1945) 80. It judges effects that show in a few
-    short stretches, whose gains differ by orders of magnitude.
+    """Return the mean gain of left-out blocks, its standard error, their number, and the rank test's p-value.
 
     Contiguous blocks that hold equal shares of what the candidate could explain; around each, samples within
-    the gap (1 s, or less where the noise forgets sooner) are used neither to fit nor to judge.
+    the gap (1 s, or less where the noise forgets sooner) are used neither to fit nor to judge. Model and candidate are
+    fitted again in the coordinates of their orthonormal directions, in which the priors stay what they are.
+
+    Parameters
+    ----------
+    record : Record
+    solved : Solved
+    whitener : Whitener
+    group : Group
+    direction : array, shape (rows + priors,)
+        What the candidate could explain, whitened.
+    memory : float
+        Of the noise, s.
     """
-    t = record.t[whitener.index]
-    rows = whitener(solved.model.matrix)
-    z = whitener(group.values)
-    y = whitener(record.target)
-    gap = min(1.0, max(3.0 * memory, 4.0 / record.prepared.cutoff))
-    known = np.isfinite(solved.model.sigma)
-    prior = np.diag(1.0 / solved.model.sigma[known]) @ np.eye(len(solved.model.sigma))[known]
-    target = solved.model.nominal[known] / solved.model.sigma[known]
-    info = direction[: solved.rows] ** 2
-    gains = []
-    for start, stop in equal_blocks(info, t, count):
-        test = (t >= start) & (t < stop)
-        train = (t < start - gap) | (t >= stop + gap)
-        if test.sum() < 3 or train.sum() < 50:
-            continue
-        small = _errors(rows, y, train, test, prior, target)
-        big = _errors(np.column_stack([rows, z]), y, train, test, np.pad(prior, ((0, 0), (0, z.shape[1]))), target)
-        gains.append(small - big)
-    if len(gains) < 3:
-        return 0.0, float("inf"), len(gains), 1.0
-    values = np.array(gains)
-    spread = float(values.std(ddof=1) / np.sqrt(len(values)))
-    return float(values.mean()), spread, len(values), rank_test(values)
-
-
-def _errors(
-    a: Array, y: Array, train: NDArray[np.bool_], test: NDArray[np.bool_], prior: Array, target: Array
-) -> float:
-    """Sum of squares on the test rows of a model fitted to the training rows."""
-    x = np.vstack([a[train], prior])
-    b = np.concatenate([y[train], target])
-    scale = np.linalg.norm(x, axis=0)
-    scale[scale == 0.0] = 1.0
-    x = x / scale
-    gram = x.T @ x
-    ridge = 1e-10 * np.trace(gram) / len(gram)
-    beta = np.linalg.solve(gram + ridge * np.eye(len(gram)), x.T @ b) / scale
-    r = y[test] - a[test] @ beta
-    return float(r @ r)
+    rows, own = beyond(solved, whitener, group)
+    balances, n = len(solved.bases), len(whitener.used)
+    parts = whitened_rows(solved, rows, own.back)
+    columns = np.empty((balances, n, 1 + solved.rank + own.rank))
+    for row in range(balances):
+        columns[row, :, 0] = solved.rest_of(row)
+        columns[row, :, 1 : 1 + solved.rank] = solved.bases[row].T @ solved.mixing[solved.parts[row]]
+        columns[row, :, 1 + solved.rank :] = parts[row].T
+    full = np.eye(columns.shape[2])
+    full[0, 0] = solved.chi2
+    full[0, 1 + solved.rank :] = full[1 + solved.rank :, 0] = own.along
+    t = record.t[whitener.used]
+    edges = equal_blocks(direction[: solved.rows].reshape(balances, n) ** 2, t, BLOCKS)
+    gap = min(LONGEST_GAP, max(GAP_MEMORIES * memory, GAP_PERIODS / record.prepared.cutoff))
+    gains, _ = left_out_gains(columns, full, t, edges, gap, solved.rank)
+    if len(gains) == 0:
+        return 0.0, float("inf"), 0, 1.0
+    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))), len(gains), rank_test(gains)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.evidence.noise import burg, memory_of, schwarz, stretches
 from pmsm_ctrl.evidence.tests import f_tail, rank_test
 
-__all__ = ["Bench", "Noise", "Outcome", "bench", "noise_of"]
+__all__ = ["Bench", "Noise", "Outcome", "bench", "equal_blocks", "left_out_gains", "noise_of"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -27,6 +27,12 @@ LONGEST_GAP = 1.0  # s left out on either side of a block that is judged
 MOST_ORDER = 16
 # Least share of a column that the base must leave for it to be something new.
 INDEPENDENT = 0.02
+FEWEST_BLOCKS = 4  # whose gains have a standard error
+FEWEST_ROWS = 3  # of a block that is judged
+ROWS_PER_COLUMN = 5  # of the data that a block's fit is made from
+RIDGE = 1e-10  # keeps a column solvable that shows in the left-out block alone
+# A curve's ends often lie in one block: without it they would be fitted to a few samples of noise.
+CURVE_RIDGE = 1e-6
 LEVEL_TIME = 0.5  # s over which the level of the noise is taken
 
 
@@ -203,11 +209,11 @@ class Bench:
         # the noise has unit variance, known from so many samples
         p = f_tail(gain / k, k, max(self.free - len(base), 1))
         along = self.white[:, [*own, *base]] @ beta
-        edges = _equal_blocks(along**2, self.t)
-        gains, _ = _left_out(self.t, self.white, self.white_gram, base, own, edges, self.gap)
-        if len(gains) < 4:
+        edges = equal_blocks(along**2, self.t, BLOCKS)
+        gains, _ = self._left_out(self.white, self.white_gram, base, own, edges)
+        if len(gains) == 0:
             return None
-        plain, total = _left_out(self.t, self.plain, self.plain_gram, base, own, edges, self.gap)
+        plain, total = self._left_out(self.plain, self.plain_gram, base, own, edges)
         spread = float(gains.std(ddof=1) / np.sqrt(len(gains)))
         share = float(np.sum(plain)) / max(total, 1e-300)
         size = self._size(base, own)
@@ -217,6 +223,13 @@ class Bench:
         """The F-test's p-value alone, which costs little."""
         _, k, gain = _beyond(self.white_gram, base, own)
         return f_tail(gain / k, k, max(self.free - len(base), 1)) if k else 1.0
+
+    def _left_out(
+        self, rows: Array, gram: Array, base: Index, own: Index, edges: list[tuple[float, float]]
+    ) -> tuple[Array, float]:
+        columns = [0, *base, *own]
+        part, full = rows[None][:, :, columns], gram[np.ix_(columns, columns)]
+        return left_out_gains(part, full, self.t, edges, self.gap, len(base), CURVE_RIDGE)
 
     def _size(self, base: Index, own: Index) -> float:
         beta, _, _ = _beyond(self.plain_gram, base, own)
@@ -260,36 +273,87 @@ def _inverse(gram: Array) -> Array:
     return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(size, size)
 
 
-def _equal_blocks(weight: Array, t: Array) -> list[tuple[float, float]]:
-    """Cut time into contiguous blocks that each hold the same share of what there is to explain."""
-    total = np.cumsum(weight)
-    cuts = np.interp(np.linspace(0.0, 1.0, BLOCKS + 1)[1:-1] * total[-1], total, t)
+def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float]]:
+    """Cut time into contiguous blocks that each hold the same share of what there is to explain.
+
+    Parameters
+    ----------
+    weight : array, shape (n,) or (channels, n)
+        What each sample could tell.
+    t : array, shape (n,)
+        Increasing, s.
+    count : int
+
+    Returns
+    -------
+    list of (start, stop)
+        In s; empty where no sample tells anything.
+    """
+    rows = np.atleast_2d(weight)
+    total = np.cumsum(rows.T.ravel())
+    if total[-1] <= 0.0:
+        return []
+    cuts = np.interp(np.linspace(0.0, 1.0, count + 1)[1:-1] * total[-1], total, np.repeat(t, len(rows)))
     edges = np.concatenate([[t[0] - 1.0], cuts, [t[-1] + 1.0]])
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
 
-def _left_out(
-    t: Array, rows: Array, gram: Array, base: Index, own: Index, edges: list[tuple[float, float]], gap: float
-) -> tuple[Array, float]:
-    """Gain of every block, fitted without it and its surroundings, and the sum of squares of all of them."""
-    b, columns = len(base), [0, *base, *own]
-    part = np.ascontiguousarray(rows[:, columns])
-    full = gram[np.ix_(columns, columns)]
+def left_out_gains(
+    rows: Array, full: Array, t: Array, edges: Sequence[tuple[float, float]], gap: float, base: int,
+    ridge: float = RIDGE,
+) -> tuple[Array, float]:  # fmt: skip
+    """Return by how much columns lower the sum of squares of blocks that were left out of the fit.
+
+    A block's training data are all rows less its own and those of the gap on either side: their Gram matrix is the
+    whole one less that of these few rows, and no fit touches the others.
+
+    Parameters
+    ----------
+    rows : array, shape (channels, n, 1 + base + own)
+        Target, columns of the base and own columns, whitened.
+    full : array, shape (1 + base + own, 1 + base + own)
+        Gram matrix of all rows, and of the priors where there are any.
+    t : array, shape (n,)
+        Increasing, s.
+    edges : sequence of (start, stop)
+        Of the blocks, s.
+    gap : float
+        Time on either side of a block that is used neither to fit nor to judge, s.
+    base : int
+        Columns that both fits have.
+    ridge : float
+        Share of the mean diagonal that is added to the scaled Gram matrix.
+
+    Returns
+    -------
+    gains : array, shape (blocks,)
+        Empty where fewer than `FEWEST_BLOCKS` could be judged.
+    total : float
+        Sum of squares that there was to explain in these blocks.
+    """
+    channels, n, columns = rows.shape
     gains, total = [], 0.0
     for start, stop in edges:
         near = slice(*np.searchsorted(t, [start - gap, stop + gap]))
         test = slice(*np.searchsorted(t, [start, stop]))
-        if test.stop - test.start < 3 or len(t) - (near.stop - near.start) < 5 * len(columns):
+        left = channels * (n - (near.stop - near.start))
+        if channels * (test.stop - test.start) < FEWEST_ROWS or left < ROWS_PER_COLUMN * columns:
             continue
-        g = full - part[near].T @ part[near]
-        y, x = part[test, 0], part[test, 1:]
-        small = y - x[:, :b] @ _solved(g[1 : b + 1, 1 : b + 1], g[1 : b + 1, 0]) if b else y
-        big = y - x @ _solved(g[1:, 1:], g[1:, 0])
+        excluded = rows[:, near].reshape(-1, columns)
+        gram = full - excluded.T @ excluded
+        judged = rows[:, test].reshape(-1, columns)
+        y, x = judged[:, 0], judged[:, 1:]
+        small = y - x[:, :base] @ _ridge_solution(gram[: base + 1, : base + 1], ridge) if base else y
+        big = y - x @ _ridge_solution(gram, ridge)
         gains.append(float(small @ small - big @ big))
         total += max(float(y @ y), float(small @ small))
-    return np.array(gains), total
+    return (np.array(gains) if len(gains) >= FEWEST_BLOCKS else np.zeros(0)), total
 
 
-def _solved(gram: Array, right: Array) -> Array:
-    ridge = 1e-6 * np.trace(gram) / len(gram)
-    return np.linalg.solve(gram + ridge * np.eye(len(gram)), right)
+def _ridge_solution(gram: Array, ridge: float) -> Array:
+    """Coefficients of the columns for the target, which comes first in the Gram matrix."""
+    size = np.sqrt(np.maximum(np.diag(gram)[1:], 0.0))
+    size[size == 0.0] = 1.0
+    scaled = gram[1:, 1:] / np.outer(size, size)
+    shrunk = scaled + ridge * np.trace(scaled) / len(scaled) * np.eye(len(scaled))
+    return np.linalg.solve(shrunk, gram[1:, 0] / size) / size

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["f_tail", "holm", "rank_test"]
+__all__ = ["f_tail", "holm", "noncentrality", "rank_test"]
 
 Array = NDArray[np.float64]
 
@@ -58,3 +58,20 @@ def rank_test(gains: Array) -> float:
     from scipy.stats import wilcoxon
 
     return float(wilcoxon(gains, alternative="greater").pvalue)
+
+
+def noncentrality(level: float, k: int) -> float:
+    """Return the noncentrality at which a chi-square test has a power of one half.
+
+    Parameters
+    ----------
+    level : float
+        Significance of the test.
+    k : int
+        Degrees of freedom.
+    """
+    from scipy.optimize import brentq
+    from scipy.stats import chi2, ncx2
+
+    threshold = chi2.isf(level, k)
+    return float(brentq(lambda x: ncx2.sf(threshold, k, x) - 0.5, 1e-6, 10.0 * threshold))

@@ -1,4 +1,4 @@
-"""Prewhitening: an autoregressive model per balance turned into one sparse matrix that makes rows independent.
+"""Prewhitening: an autoregressive model of each channel's noise as a filter that makes samples independent.
 
 Within every stretch of samples the first ones use the models of lower order, so that none is lost.
 Source: G. E. P. Box, G. M. Jenkins, Time Series Analysis, 1976, ch. 7; J. P. Burg 1975 for the coefficients.
@@ -7,70 +7,131 @@ Source: G. E. P. Box, G. M. Jenkins, Time Series Analysis, 1976, ch. 7; J. P. Bu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.noise import burg, memory_of, schwarz, stretches
 
-__all__ = ["Whitener", "make_whitener"]
+__all__ = ["ChannelWhitener", "Whitener", "channel_whitener", "make_whitener"]
 
 Array = NDArray[np.float64]
-MAX_ORDER = 16
+Mask = NDArray[np.bool_]
+
+MAX_ORDER = 16  # of the autoregressive model
+SAMPLES_PER_ORDER = 20  # fewer do not carry one more coefficient
+STRETCH_PER_ORDER = 3  # samples of the longest stretch for each order
+# Share of the samples that always counts as free, however many columns were fitted away.
+LEAST_FREE = 0.25
+SMALLEST_VARIANCE = 1e-300  # a residual of zeros has a level all the same
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelWhitener:
+    """Samples of one channel made independent and of unit variance.
+
+    Attributes
+    ----------
+    weight : array, shape (n,)
+        Relative inverse noise level of each sample that is used.
+    position : int array, shape (n,)
+        Number of samples before each one in its stretch.
+    filters : array, shape (order + 1, order + 1)
+        Row o holds the coefficients, lags 0 to o, for a sample with o others before it.
+    sigma : float
+        Noise of a sample of full weight, rms, in the channel's unit.
+    memory : float
+        Time after which the noise has forgotten all but 5 % of itself, s.
+    """
+
+    weight: Array
+    position: NDArray[np.int64]
+    filters: Array
+    sigma: float
+    memory: float
+
+    @property
+    def scale(self) -> Array:
+        """Inverse standard deviation of each sample, its correlation aside, shape (n,)."""
+        return self.weight / self.sigma
+
+    def __call__(self, rows: Array) -> Array:
+        """Whiten rows of shape (k, n)."""
+        from pmsm_ctrl.kernels.filters import whitened
+
+        weighted = np.ascontiguousarray(rows * self.weight)
+        if len(self.filters) == 1:
+            weighted *= self.filters[0, 0]
+            return weighted
+        out = np.empty_like(weighted)
+        whitened(weighted, self.position, self.filters, out)
+        return out
+
+    def transposed_solve(self, rows: Array) -> Array:
+        """Solve with the transposed whitening matrix, shape (k, n): ``x x'`` is then the noise's covariance of rows."""
+        from pmsm_ctrl.kernels.filters import coloured_back
+
+        scaled = np.ascontiguousarray(rows / self.weight)
+        out = np.empty_like(scaled)
+        coloured_back(scaled, self.position, self.filters, out)
+        return out
 
 
 @dataclass(frozen=True, eq=False)
 class Whitener:
-    """Rows made independent and of unit variance.
+    """Rows of all channels made independent and of unit variance; all channels use the same samples.
 
     Attributes
     ----------
-    matrices : one sparse matrix per balance, shape (used samples, m)
-    sigma : array, shape (channels,)
-        Noise of each balance, rms, in its unit, before whitening, samples of full weight.
-    index : array of int
-        Thinned sample of each whitened row, all balances in order.
+    used : int array, shape (n,)
+        Samples that take part.
+    channels : tuple of ChannelWhitener
     """
 
-    matrices: tuple[Any, ...]
-    sigma: Array
-    index: NDArray[np.int64]
-    channel: NDArray[np.int64]
-    memory: float
+    used: NDArray[np.int64]
+    channels: tuple[ChannelWhitener, ...]
+
+    @property
+    def sigma(self) -> Array:
+        """Noise of each channel, rms, in its unit, before whitening, samples of full weight, shape (channels,)."""
+        return np.array([one.sigma for one in self.channels])
+
+    @property
+    def memory(self) -> float:
+        """Longest memory of the channels, s."""
+        return max(one.memory for one in self.channels)
+
+    @property
+    def channel(self) -> NDArray[np.int64]:
+        """Channel of each whitened row, all channels in order, shape (rows,)."""
+        return np.repeat(np.arange(len(self.channels)), len(self.used))
+
+    def part(self, row: int, values: Array) -> Array:
+        """Whiten columns of one channel.
+
+        Parameters
+        ----------
+        row : int
+            The channel.
+        values : array, shape (m,) or (m, k)
+            All samples.
+
+        Returns
+        -------
+        array, shape (n,) or (k, n)
+        """
+        rows = values[self.used].T
+        return self.channels[row](np.atleast_2d(rows)).reshape(rows.shape)
 
     def __call__(self, values: Array) -> Array:
         """Whiten values of shape (channels, m) or (channels, m, k) into shape (rows,) or (rows, k)."""
-        return np.concatenate([matrix @ values[row] for row, matrix in enumerate(self.matrices)])
-
-    def backward(self, row: int, values: Array) -> Array:
-        """Solve with the transposed matrix of one balance, shape (used samples, k): its noise's correlation undone."""
-        from scipy.linalg.lapack import dtbtrs
-
-        solution, wrong = dtbtrs(self._bands[row], values, uplo="L", trans="T")
-        if wrong:
-            raise np.linalg.LinAlgError(f"the whitening matrix of balance {row} is singular")
-        return solution
-
-    @cached_property
-    def _bands(self) -> tuple[Array, ...]:
-        """Lower bands of the matrices over the samples that are used, as LAPACK keeps them."""
-        bands = []
-        for matrix in self.matrices:
-            place = matrix.tocoo()
-            column = np.searchsorted(np.unique(place.col), place.col)
-            lag = place.row - column
-            band = np.zeros((int(lag.max(initial=0)) + 1, matrix.shape[0]))
-            band[lag, column] = place.data
-            bands.append(band)
-        return tuple(bands)
+        return np.concatenate([self.part(row, values[row]).T for row in range(len(self.channels))])
 
 
 def make_whitener(
-    residual: Array, weight: Array, mask: NDArray[np.bool_], rate: float, lost: int, most: int = MAX_ORDER
+    residual: Array, weight: Array, mask: Mask, rate: float, lost: int, most: int = MAX_ORDER
 ) -> Whitener:
-    """Fit the noise of each balance to its residual.
+    """Fit the noise of each channel to its residual.
 
     Parameters
     ----------
@@ -80,54 +141,46 @@ def make_whitener(
     rate : float
         Sampling rate of the grid, Hz.
     lost : int
-        Columns that were fitted away in each balance.
+        Columns that were fitted away in each channel.
     most : int
         Highest order of the autoregressive model; 0 for weights alone.
     """
-    matrices, sigma, index, channel = [], [], [], []
-    memory = 0.0
-    for row in range(len(residual)):
-        weighted = residual[row] * weight[row]
-        matrix, level, used, reach = _channel(weighted, mask, weight[row], lost, rate, most)
-        matrices.append(matrix)
-        sigma.append(level)
-        index.append(used)
-        channel.append(np.full(len(used), row))
-        memory = max(memory, reach)
-    return Whitener(tuple(matrices), np.array(sigma), np.concatenate(index), np.concatenate(channel), memory)
+    channels = [
+        channel_whitener(one * one_weight, one_weight, mask, rate, lost, most)
+        for one, one_weight in zip(residual, weight, strict=True)
+    ]
+    return Whitener(np.flatnonzero(mask), tuple(channels))
 
 
-def _channel(
-    weighted: Array, mask: NDArray[np.bool_], weight: Array, lost: int, rate: float, most: int
-) -> tuple[Any, float, NDArray[np.int64], float]:
-    from scipy.sparse import csr_matrix
+def channel_whitener(
+    weighted: Array, weight: Array, mask: Mask, rate: float, lost: int, most: int = MAX_ORDER
+) -> ChannelWhitener:
+    """Fit the noise of one channel.
 
+    Parameters
+    ----------
+    weighted, weight : array, shape (m,)
+        The residual times its weight, and the weight.
+    mask : bool array, shape (m,)
+    rate : float
+        Sampling rate of the grid, Hz.
+    lost : int
+        Columns that were fitted away: the level is that of the noise, not of what they left.
+    most : int
+        Highest order of the autoregressive model; 0 for weights alone.
+    """
     parts = stretches(mask)
     pieces = [weighted[part] for part in parts]
+    lengths = np.array([len(piece) for piece in pieces])
     n = int(mask.sum())
-    limit = max(0, min(most, n // 20, max(len(piece) for piece in pieces) // 3))
+    limit = max(0, min(most, n // SAMPLES_PER_ORDER, int(lengths.max()) // STRETCH_PER_ORDER))
     models, variances = burg(pieces, limit)
+    inflate = n / max(n - lost, int(LEAST_FREE * n))
+    variances = np.maximum(np.asarray(variances) * inflate, SMALLEST_VARIANCE)
     best = schwarz(variances, n)
-    inflate = n / max(n - lost, n // 4)
-    scales = 1.0 / np.sqrt(np.maximum(np.asarray(variances) * inflate, 1e-300))
-    filters = [scales[order] * np.concatenate([[1.0], models[order]]) for order in range(best + 1)]
-    rows, cols, data = [], [], []
-    base = 0
-    for part in parts:
-        length = part.stop - part.start
-        for order in range(min(best, length)):
-            rows.append(np.full(order + 1, base + order))
-            cols.append(part.start + np.arange(order, -1, -1))
-            data.append(filters[order])
-        steady = np.arange(best, length)
-        for lag, coefficient in enumerate(filters[best]):
-            rows.append(base + steady)
-            cols.append(part.start + steady - lag)
-            data.append(np.full(len(steady), coefficient))
-        base += length
-    used = np.flatnonzero(mask)
-    place = np.concatenate(cols)
-    values = np.concatenate(data) * weight[place]
-    matrix = csr_matrix((values, (np.concatenate(rows), place)), shape=(len(used), len(mask)))
-    level = float(np.sqrt(variances[0] * inflate))
-    return matrix, level, used, memory_of(models[best], rate)
+    filters = np.zeros((best + 1, best + 1))
+    for order in range(best + 1):
+        filters[order, : order + 1] = np.concatenate([[1.0], models[order]]) / np.sqrt(variances[order])
+    position = np.arange(n) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    sigma = float(np.sqrt(variances[0]))
+    return ChannelWhitener(weight[mask], position, filters, sigma, memory_of(models[best], rate))

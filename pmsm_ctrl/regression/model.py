@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures.interface import Known
+from pmsm_ctrl.evidence.linalg import factored, own_shares
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
@@ -19,12 +22,13 @@ __all__ = [
     "MOST_NOISE",
     "OWN",
     "Model",
+    "NoiseCovariance",
     "Solved",
     "base_groups",
     "column_bounds",
+    "noise_covariance",
     "noise_share",
     "solve_model",
-    "spread",
     "with_honest_errors",
     "with_torque_held",
 ]
@@ -42,6 +46,11 @@ MOST_NOISE, HELD = 0.05, 0.01
 # What the friction of an axis at rest hangs on: not on its load, its angle or its age.
 DRY = frozenset(("omega", "direction", "p"))
 FIXED = 1e-4  # share of a value within which it stays where it must not move
+# Tolerance of a datasheet's value where the design states none.
+TOLERANCE = 0.15
+# Age, s, and angle over speed, s, of the voltage command: a few control periods at most.
+COMMAND = 2e-3
+TIMING = ("tau_u", "tau_frame")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,18 +71,31 @@ class Model:
     sigma: Array
     matrix: Array
 
+    @classmethod
+    def of(cls, groups: Sequence[Group], names: tuple[str, ...], nominal: Array, sigma: Array) -> Model:
+        """Put groups side by side; their columns are kept once, in the matrix.
+
+        Parameters
+        ----------
+        groups : sequence of Group
+        names : tuple of str
+        nominal, sigma : array, shape (k,)
+        """
+        matrix = np.concatenate([group.values for group in groups], axis=-1)
+        ends = np.cumsum([len(group.symbols) for group in groups]).tolist()
+        views = [
+            replace(group, values=matrix[..., end - len(group.symbols) : end])
+            for group, end in zip(groups, ends, strict=True)
+        ]
+        return cls(tuple(views), names, nominal, sigma, matrix)
+
     def plus(self, group: Group, prior: float = np.inf) -> Model:
-        """Return a copy with one more group."""
+        """Return a copy with one more group, whose values are known to within `prior`."""
         k = len(group.symbols)
         count = sum(n.split("#")[0] in group.symbols for n in self.names) // max(k, 1)
         names = tuple(f"{s}#{count + 1}" if count else s for s in group.symbols)
-        return Model(
-            (*self.groups, group),
-            (*self.names, *names),
-            np.concatenate([self.nominal, np.zeros(k)]),
-            np.concatenate([self.sigma, np.full(k, prior)]),
-            np.concatenate([self.matrix, group.values], axis=-1),
-        )
+        nominal, sigma = np.concatenate([self.nominal, np.zeros(k)]), np.concatenate([self.sigma, np.full(k, prior)])
+        return Model.of((*self.groups, group), (*self.names, *names), nominal, sigma)
 
     def group_of(self, column: int) -> Group:
         """Group that a column belongs to."""
@@ -88,24 +110,53 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A model fitted to a record with a noise model.
+    """A model fitted to a record with a noise model, in the factors of its whitened columns.
 
     Attributes
     ----------
     values, stderr : array, shape (k,)
-    q : array, shape (rows + priors, rank)
-        Orthonormal basis of the whitened columns, priors included.
     rest : array, shape (rows + priors,)
         Whitened residual, priors included.
+    rows : int
+        Of all balances, without the priors.
+    inverse : array, shape (k, rank)
+        The values are ``inverse @ q.T @ target``.
+    bases : arrays of shape (p, n)
+        Orthonormal rows that span the whitened columns of each balance.
+    mixing : array, shape (sum of p + priors, rank)
+        The orthonormal basis of all balances and priors together, in those of each.
     """
 
     model: Model
     values: Array
     stderr: Array
-    q: Array
     rest: Array
     rows: int
-    inverse: Array  # parameters from the rows: values = inverse @ q' @ b
+    inverse: Array
+    bases: tuple[Array, ...]
+    mixing: Array
+
+    @property
+    def rank(self) -> int:
+        """Directions of the model."""
+        return self.mixing.shape[1]
+
+    @property
+    def q(self) -> Array:
+        """Orthonormal basis of the whitened columns, priors included, shape (rows + priors, rank)."""
+        parts = [basis.T @ self.mixing[part] for basis, part in zip(self.bases, self.parts, strict=True)]
+        return np.vstack([*parts, self.mixing[self.parts[-1].stop :]])
+
+    @property
+    def parts(self) -> tuple[slice, ...]:
+        """Rows of `mixing` that belong to each balance."""
+        ends = np.cumsum([len(basis) for basis in self.bases]).tolist()
+        return tuple(slice(end - len(basis), end) for basis, end in zip(self.bases, ends, strict=True))
+
+    def rest_of(self, row: int) -> Array:
+        """Whitened residual of one balance, shape (n,)."""
+        n = self.bases[row].shape[1]
+        return self.rest[row * n : (row + 1) * n]
 
     def predicted(self, matrix: Array | None = None) -> Array:
         """Predicted balances, shape (channels, m)."""
@@ -123,29 +174,30 @@ class Solved:
         return float(self.rest @ self.rest)
 
 
+@dataclass(frozen=True, eq=False)
+class _Term:
+    """A column of its own: what it does to each balance at the log's rate, its nominal value and tolerance."""
+
+    name: str
+    parts: Mapping[str, Array]
+    nominal: float
+    sigma: float
+
+
 def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]:
-    """Return the model of the design as it stands, and notes on effects that this log cannot evaluate."""
-    groups: list[Group] = []
-    nominal: list[float] = []
-    sigma: list[float] = []
-    tolerance = design.motor.tolerance
-    alpha = record.stack({"torque": record.signals["alpha"]})[..., None]
-    groups.append(Group(None, ("J",), alpha, {}))
-    nominal.append(design.J)
-    share = noise_share(record, alpha[0, :, 0])
-    sigma.append((tolerance.get("J", 0.15) if share < MOST_NOISE else HELD) * design.J)
-    if record.dry > 0.0:
-        turning = record.stack({"torque": -record.dry * record.rate_of(record.signals["direction"])})
-        groups.append(Group(None, ("tau_turn",), turning[..., None], {}))
-        nominal.append(0.0)
-        sigma.append(TURN + TURN_SAMPLES * record.period)
-    if record.age is not None:
-        late = record.stack({"torque": record.rate_of(record.signals["torque"])})
-        groups.append(Group(None, ("tau_speed",), late[..., None], {}))
-        nominal.append(0.0)
-        sigma.append(FILTERED)
-    if "u_d" in record.channels:
-        _winding(design, record, groups, nominal, sigma)
+    """Return the model of the design as it stands, and notes on effects that this log cannot evaluate.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    """
+    terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
+    columns = record.stack_all([term.parts for term in terms])
+    groups = [Group(None, (term.name,), columns[..., k : k + 1], {}) for k, term in enumerate(terms)]
+    nominal, sigma = [term.nominal for term in terms], [term.sigma for term in terms]
+    if noise_share(record, columns[0, :, 0]) >= MOST_NOISE:
+        sigma[0] = HELD * design.J
     notes = []
     for entry, (effect, values) in enumerate(bound_effects(design)):
         if effect.structure.replaces_direction:
@@ -165,8 +217,18 @@ def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]
         for s in group.symbols:
             twins = sum(n.split("#")[0] == s for n in names)
             names.append(f"{s}#{twins + 1}" if twins else s)
-    matrix = np.concatenate([g.values for g in groups], axis=-1)
-    return Model(tuple(groups), tuple(names), np.array(nominal), np.array(sigma), matrix), tuple(notes)
+    return Model.of(groups, tuple(names), np.array(nominal), np.array(sigma)), tuple(notes)
+
+
+def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
+    """Inertia, and what is not known of the moments of reversal and of the age of a logged speed."""
+    tolerance = design.motor.tolerance.get("J", TOLERANCE)
+    yield _Term("J", {"torque": record.signals["alpha"]}, design.J, tolerance * design.J)
+    if record.dry > 0.0:
+        turning = -record.dry * record.rate_of(record.signals["direction"])
+        yield _Term("tau_turn", {"torque": turning}, 0.0, TURN + TURN_SAMPLES * record.period)
+    if record.age is not None:
+        yield _Term("tau_speed", {"torque": record.rate_of(record.signals["torque"])}, 0.0, FILTERED)
 
 
 def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:
@@ -175,20 +237,18 @@ def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:
     A friction that is a share of the torque explains all of it where the axis is driven one way only: with a share of
     one, and no inertia.
     """
-    used = (record.weight[0] * record.mask)[:, None]
-    rows = model.matrix[0] * used
-    size = np.linalg.norm(rows, axis=0)
-    rows = rows / np.where(size > 0.0, size, 1.0)
     sigma = model.sigma.copy()
-    for k, nominal in enumerate(model.nominal.tolist()):
-        effect = model.group_of(k).effect
-        if effect is None or effect.enters != "torque" or "torque" not in effect.signals or nominal == 0.0:
-            continue
-        others = np.delete(rows, k, axis=1)
-        left = rows[:, k] - others @ np.linalg.lstsq(others, rows[:, k], rcond=1e-9)[0]
-        if float(np.linalg.norm(left)) <= least:
-            sigma[k] = FIXED * abs(nominal)
+    held = [k for k in np.flatnonzero(model.nominal).tolist() if _reads_torque(model.group_of(k).effect)]
+    if held:
+        shares = own_shares(model.matrix[0] * (record.weight[0] * record.mask)[:, None])
+        for k in held:
+            if shares[k] <= least:
+                sigma[k] = FIXED * abs(model.nominal[k])
     return replace(model, sigma=sigma)
+
+
+def _reads_torque(effect: Effect | None) -> bool:
+    return effect is not None and effect.enters == "torque" and "torque" in effect.signals
 
 
 def known(model: Model, values: Array) -> Known:
@@ -226,11 +286,8 @@ def noise_share(record: Record, alpha: Array) -> float:
     return float(record.noise_of(alpha) ** 2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
 
 
-TIMING = ("tau_u", "tau_frame")  # of the voltage command: its age, and the angle it was meant for
-
-
-def _winding(design: Design, record: Record, groups: list[Group], nominal: list[float], sigma: list[float]) -> None:
-    """Add R, L_d, L_q, psi_f and nuisances: age and angle of the voltage command, its sampling."""
+def _winding(design: Design, record: Record) -> Iterator[_Term]:
+    """R, L_d, L_q, psi_f and nuisances: age and angle of the voltage command, its sampling."""
     from pmsm_ctrl.kernels.balance import voltage_d, voltage_q
 
     s, motor = record.signals, design.motor
@@ -252,69 +309,126 @@ def _winding(design: Design, record: Record, groups: list[Group], nominal: list[
         "kappa_q": (zero, di_q),
     }
     for name, (u_d, u_q) in parts.items():
-        groups.append(Group(None, (name,), record.stack({"u_d": u_d, "u_q": u_q})[..., None], {}))
+        nominal, sigma = 0.0, np.inf
         if name in TIMING:
-            nominal.append(0.0)
-            sigma.append(2e-3)
-        elif name.startswith("kappa"):
-            nominal.append(0.0)
-            sigma.append(np.inf)
-        else:
-            value = float(getattr(motor, name))
-            nominal.append(value)
-            sigma.append(motor.tolerance.get(name, 0.15) * value)
+            sigma = COMMAND
+        elif not name.startswith("kappa"):
+            nominal = float(getattr(motor, name))
+            sigma = motor.tolerance.get(name, TOLERANCE) * nominal
+        yield _Term(name, {"u_d": u_d, "u_q": u_q}, nominal, sigma)
 
 
-def with_honest_errors(solved: Solved, weights: Whitener, whitener: Whitener) -> Solved:
-    """Return a fit by weighted least squares with standard errors that allow for the noise's correlation.
+@dataclass(frozen=True, eq=False)
+class NoiseCovariance:
+    """Covariance of sums of weighted rows under the noise's correlation, for a fit by weighted least squares.
 
     With the weights V and the prewhitener W (W'W the inverse covariance) the estimate is ``P V y`` and its
     covariance ``P V (W'W)^-1 V' P'``; priors add their own unit variance.
+
+    Attributes
+    ----------
+    fit : Solved
+        By weighted least squares.
+    weights, whitener : Whitener
+    bases : arrays of shape (p, n)
+        ``V' W^-T`` times the fit's basis of each balance.
     """
-    P = solved.inverse @ solved.q.T
-    covariance = spread(P.T, weights, whitener)
-    return replace(solved, stderr=np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+
+    fit: Solved
+    weights: Whitener
+    whitener: Whitener
+    bases: tuple[Array, ...]
+
+    def rows(self, row: int, weighted: Array) -> Array:
+        """Return ``W^-T V`` times weighted rows of one balance, shape (k, n)."""
+        return self.whitener.channels[row].transposed_solve(weighted * self.weights.channels[row].scale)
+
+    def of_fit(self) -> Array:
+        """Covariance of the fit's values, shape (k, k)."""
+        mixing = self.fit.mixing
+        core = mixing[self.fit.parts[-1].stop :].T @ mixing[self.fit.parts[-1].stop :]
+        for basis, part in zip(self.bases, self.fit.parts, strict=True):
+            core += mixing[part].T @ (basis @ basis.T) @ mixing[part]
+        return self.fit.inverse @ core @ self.fit.inverse.T
+
+    def of_added(self, own: Mapping[int, Array], shared: Array, back: Array) -> Array:
+        """Covariance of the residual along what columns have beyond the fit, shape (rank, rank).
+
+        Parameters
+        ----------
+        own : dict of balance to array, shape (k, n)
+            The columns, weighted, in the balances they enter.
+        shared : array, shape (rank of the fit, k)
+            Products of the fit's basis with them.
+        back : array, shape (k, rank)
+            From the columns to their own directions.
+        """
+        mixed = self.fit.mixing @ (shared @ back)
+        prior = mixed[self.fit.parts[-1].stop :]
+        covariance = prior.T @ prior
+        for row, (basis, part) in enumerate(zip(self.bases, self.fit.parts, strict=True)):
+            if row in own:
+                left = back.T @ self.rows(row, own[row]) - mixed[part].T @ basis
+                covariance += left @ left.T
+            else:
+                covariance += mixed[part].T @ (basis @ basis.T) @ mixed[part]
+        return covariance
 
 
-def spread(weights_of: Array, weights: Whitener, whitener: Whitener) -> Array:
-    """Covariance of sums of weighted rows, ``weights_of.T @ rows``, under the noise's correlation.
-
-    Rows beyond the balances' are priors of unit variance.
+def noise_covariance(fit: Solved, weights: Whitener, whitener: Whitener) -> NoiseCovariance:
+    """Return the covariance of sums of weighted rows.
 
     Parameters
     ----------
-    weights_of : array, shape (rows + priors, k)
-
-    Returns
-    -------
-    array, shape (k, k)
+    fit : Solved
+        By the weights.
+    weights, whitener : Whitener
     """
-    start = 0
-    covariance = np.zeros((weights_of.shape[1],) * 2)
-    for row, coarse in enumerate(weights.matrices):
-        scale = np.asarray(coarse.sum(axis=1)).ravel()
-        count = coarse.shape[0]
-        block = weights_of[start : start + count] * np.where(scale > 0.0, scale, 0.0)[:, None]
-        back = whitener.backward(row, block) if count else block
-        covariance += back.T @ back
-        start += count
-    prior = weights_of[start:]
-    return covariance + prior.T @ prior
+    made = NoiseCovariance(fit, weights, whitener, ())
+    return replace(made, bases=tuple(made.rows(row, basis) for row, basis in enumerate(fit.bases)))
+
+
+def with_honest_errors(covariance: NoiseCovariance) -> Solved:
+    """Return a fit by weighted least squares with standard errors that allow for the noise's correlation."""
+    return replace(covariance.fit, stderr=np.sqrt(np.maximum(np.diag(covariance.of_fit()), 0.0)))
 
 
 def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
-    """Solve by generalised least squares with the parameters' tolerances as priors."""
-    rows = whitener(model.matrix)
+    """Solve by generalised least squares with the parameters' tolerances as priors.
+
+    The whitened columns of each balance are factored, and the model is solved on the triangular factors.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    whitener : Whitener
+    """
+    count = len(model.sigma)
+    bases, triangles, along, rest = [], [], [], []
+    for row, matrix in enumerate(model.matrix):
+        entering = np.flatnonzero(np.any(matrix, axis=0))
+        columns = whitener.part(row, matrix[:, entering])
+        size = np.linalg.norm(columns, axis=1)
+        basis, triangle = np.linalg.qr((columns / np.where(size > 0.0, size, 1.0)[:, None]).T)
+        full = np.zeros((len(triangle), count))
+        full[:, entering] = triangle * size
+        bases.append(np.ascontiguousarray(basis.T))
+        triangles.append(full)
+        target = whitener.part(row, record.target[row])
+        along.append(bases[-1] @ target)
+        rest.append(target)
     known = np.isfinite(model.sigma)
-    prior = np.diag(1.0 / model.sigma[known]) @ np.eye(len(model.sigma))[known]
-    a = np.vstack([rows, prior])
-    b = np.concatenate([whitener(record.target), model.nominal[known] / model.sigma[known]])
-    scale = np.linalg.norm(a, axis=0)
-    scale[scale == 0.0] = 1.0
-    u, s, vt = np.linalg.svd(a / scale, full_matrices=False)
-    kept = s > 1e-7 * s[0]
-    u = u[:, kept]
-    inverse = vt[kept].T / s[kept]
-    values = inverse @ (u.T @ b) / scale
-    stderr = np.sqrt(np.sum(inverse**2, axis=1)) / scale
-    return Solved(model, values, stderr, u, b - u @ (u.T @ b), len(rows), inverse / scale[:, None])
+    prior = np.diag(1.0 / model.sigma[known]) @ np.eye(count)[known]
+    factor = factored(np.vstack([*triangles, prior]))
+    b = np.concatenate([*along, model.nominal[known] / model.sigma[known]])
+    on_basis = factor.basis @ (factor.basis.T @ b)
+    start = 0
+    for row, basis in enumerate(bases):
+        rest[row] = rest[row] - on_basis[start : start + len(basis)] @ basis
+        start += len(basis)
+    values = factor.inverse @ (factor.basis.T @ b)
+    stderr = np.sqrt(np.sum(factor.inverse**2, axis=1))
+    rows = sum(len(one) for one in rest)
+    whole = np.concatenate([*rest, b[start:] - on_basis[start:]])
+    return Solved(model, values, stderr, whole, rows, factor.inverse, tuple(bases), factor.basis)

@@ -13,15 +13,16 @@ from scipy.stats import chi2
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.diagnose.search import equal_blocks, least_shown, plain_evidence
+from pmsm_ctrl.diagnose.search import least_shown, plain_evidence
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.evidence.blocks import equal_blocks
 from pmsm_ctrl.evidence.tests import f_tail, holm
 from pmsm_ctrl.evidence.whitening import make_whitener
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.columns import effect_group
-from pmsm_ctrl.regression.model import solve_model
+from pmsm_ctrl.regression.model import noise_covariance, solve_model
 from pmsm_ctrl.regression.reversals import timed_sign
 from pmsm_ctrl.simulate import simulate
 
@@ -84,7 +85,7 @@ def test_the_estimates_own_weights_raise_no_more_alarms_than_they_say(designs, s
         noise = drawn.target, drawn.weight, drawn.mask, drawn.rate, 0
         whitener, weights = make_whitener(*noise), make_whitener(*noise, 0)
         solved = solve_model(drawn, replace(model, nominal=0.0 * model.nominal), weights)
-        below.append(plain_evidence(solved, weights, whitener, candidate, load)[1] < 0.05)
+        below.append(plain_evidence(noise_covariance(solved, weights, whitener), candidate, load)[1] < 0.05)
     # 200 draws know 5 % to 1.5 %; taken as independent, such noise would give 65 %
     assert 0.005 <= np.mean(below) <= 0.10
 

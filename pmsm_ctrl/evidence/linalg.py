@@ -1,0 +1,210 @@
+"""Least squares with scaled columns, and what a few columns have beyond a model, on small factors.
+
+A model's rows are factored once per channel. Whether further columns explain more is then a matter of their Gram
+matrix and of their products with that factor and with the residual: a trial costs the square of the number of columns
+and not the number of samples.
+
+A Gram matrix has the squares of the singular values, and so half of their digits. Columns are scaled to unit length
+first, and a direction of which less than `OWN_SHARE` is its own counts as none at all: its square, 1e-4, still has
+eleven digits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "GRAM_RANK_TOLERANCE",
+    "OWN_SHARE",
+    "RANK_TOLERANCE",
+    "Added",
+    "Factored",
+    "added",
+    "factored",
+    "gram_of",
+    "own_shares",
+    "projection_on_all",
+]
+
+Array = NDArray[np.float64]
+
+# Singular values of scaled columns below this share of the largest are rounding errors of the columns.
+RANK_TOLERANCE = 1e-7
+# The same of eigenvalues of their Gram matrix: its rounding errors, 1e-16, stay seven digits below.
+GRAM_RANK_TOLERANCE = 1e-9
+# A direction of which a model leaves less than this share is in the model already.
+OWN_SHARE = 1e-2
+CHUNK = 1024  # samples that are weighted and multiplied at once: a few hundred columns of them fit into a cache
+
+
+@dataclass(frozen=True, eq=False)
+class Factored:
+    """Least squares by a factor of the columns.
+
+    Attributes
+    ----------
+    basis : array, shape (n, rank)
+        Orthonormal columns.
+    inverse : array, shape (k, rank)
+        The coefficients are ``inverse @ basis.T @ target``.
+    """
+
+    basis: Array
+    inverse: Array
+
+
+def factored(columns: Array) -> Factored:
+    """Return the factor of columns, scaled to unit length, on the directions that there are.
+
+    Parameters
+    ----------
+    columns : array, shape (n, k)
+    """
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0.0] = 1.0
+    u, s, vt = np.linalg.svd(columns / scale, full_matrices=False)
+    kept = s > RANK_TOLERANCE * s[0] if s.size else np.zeros(0, dtype=bool)
+    return Factored(u[:, kept], vt[kept].T / s[kept] / scale[:, None])
+
+
+def own_shares(columns: Array) -> Array:
+    """Return the share of each column's length that the others leave; 0 for a column that is zero.
+
+    Parameters
+    ----------
+    columns : array, shape (n, k)
+
+    Returns
+    -------
+    array, shape (k,)
+        0 to 1.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    triangle = np.linalg.qr(columns / np.where(size > 0.0, size, 1.0), mode="r")
+    shares = np.zeros(len(size))
+    for k in np.flatnonzero(size):
+        others = np.delete(triangle, k, axis=1)
+        column = triangle[:, k]
+        shares[k] = np.linalg.norm(column - others @ np.linalg.lstsq(others, column, rcond=RANK_TOLERANCE)[0])
+    return shares
+
+
+def gram_of(blocks: Sequence[Array], weight: Array) -> Array:
+    """Return the Gram matrix of weighted columns, some samples at a time.
+
+    Parameters
+    ----------
+    blocks : arrays of shape (m, k)
+        Columns side by side.
+    weight : array, shape (m,)
+
+    Returns
+    -------
+    array, shape (columns, columns)
+    """
+    ends = np.cumsum([block.shape[1] for block in blocks])
+    total = int(ends[-1]) if len(ends) else 0
+    out = np.zeros((total, total))
+    buffer = np.empty((total, CHUNK))
+    for start in range(0, len(weight), CHUNK):
+        part_weight = weight[start : start + CHUNK]
+        if not np.any(part_weight):
+            continue
+        part = buffer[:, : len(part_weight)]
+        for block, end in zip(blocks, ends, strict=True):
+            np.multiply(block[start : start + CHUNK].T, part_weight, out=part[end - block.shape[1] : end])
+        out += part @ part.T
+    return out
+
+
+def projection_on_all(gram: Array, right: Array, room: int) -> tuple[Array, int]:
+    """Return the coefficients of a least-squares fit of all columns, and how many directions it has.
+
+    Parameters
+    ----------
+    gram : array, shape (k, k)
+        Of the columns.
+    right : array, shape (k,)
+        Their products with the target.
+    room : int
+        Most directions that are fitted: those that the columns have in common come first.
+
+    Returns
+    -------
+    coefficients : array, shape (k,)
+    rank : int
+    """
+    size = np.sqrt(np.diag(gram))
+    alive = size > 0.0
+    size = size[alive]
+    values, vectors = np.linalg.eigh(gram[np.ix_(alive, alive)] / np.outer(size, size))
+    kept = values > GRAM_RANK_TOLERANCE * values[-1]
+    kept[: max(0, len(kept) - room)] = False
+    along = vectors[:, kept].T @ (right[alive] / size)
+    coefficients = np.zeros(len(gram))
+    coefficients[alive] = vectors[:, kept] @ (along / values[kept]) / size
+    return coefficients, int(kept.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """What a few columns explain beyond a model.
+
+    Attributes
+    ----------
+    back : array, shape (k, rank)
+        Their own orthonormal directions are the columns, less what the model has of them, times this.
+    along : array, shape (rank,)
+        The residual along these directions.
+    size : array, shape (k,)
+        Length of each column, what the model has of it included; 1 where it is zero.
+    """
+
+    back: Array
+    along: Array
+    size: Array
+
+    @property
+    def rank(self) -> int:
+        """Directions that the model has not."""
+        return len(self.along)
+
+    @property
+    def gain(self) -> float:
+        """Fall of the sum of squares."""
+        return float(self.along @ self.along)
+
+    @property
+    def values(self) -> Array:
+        """Coefficients, shape (k,)."""
+        return self.back @ self.along
+
+    @property
+    def stderr(self) -> Array:
+        """Standard errors of the coefficients where rows have unit variance, shape (k,)."""
+        return np.sqrt(np.sum(self.back**2, axis=1))
+
+
+def added(gram: Array, shared: Array, along: Array) -> Added:
+    """Return what columns explain beyond a model.
+
+    Parameters
+    ----------
+    gram : array, shape (k, k)
+        Of the columns.
+    shared : array, shape (rank of the model, k)
+        Products of the model's orthonormal basis with the columns.
+    along : array, shape (k,)
+        Products of the columns with the model's residual.
+    """
+    size = np.sqrt(np.diag(gram))
+    size = np.where(size > 0.0, size, 1.0)
+    left = (gram - shared.T @ shared) / np.outer(size, size)
+    values, vectors = np.linalg.eigh(left)
+    kept = values > OWN_SHARE**2
+    back = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    return Added(back, back.T @ along, size)
