@@ -99,20 +99,23 @@ class AcceptanceItem(pytest.Item):
             When the metric is beyond its limit.
         """
         from pmsm_ctrl.compensate import accept
+        from pmsm_ctrl.compensate.notices import sentence
 
         verdict = accept(self.design, self.wanted)
         if not verdict.passed:
-            raise AcceptanceFailedError(f"{verdict.summary()}\ndesign: {self.path}\nplot: {self._plot(verdict)}")
+            raise AcceptanceFailedError(f"{sentence(verdict)}\ndesign: {self.path}\nplot: {self._plot(verdict)}")
 
     def _plot(self, verdict: Verdict) -> str:
         """Save the plot of a failure; return its path, or why there is none."""
+        from pmsm_ctrl.compensate.figures import acceptance
+
         chosen = self.config.getoption("--acceptance-plots")
         folder = Path(chosen) if chosen else self.config.rootpath / PLOTS
         stem = re.sub(r"[^\w.+-]+", "_", f"{self.path.stem} {self.name}").strip("._")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{stem}.svg"
-            verdict.plot().savefig(path)
+            acceptance(verdict).savefig(path)
         except OSError as error:
             return f"none, because {folder} cannot be written ({error.strerror})"
         return str(path)

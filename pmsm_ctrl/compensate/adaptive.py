@@ -26,8 +26,8 @@ __all__ = ["AdaptiveRun", "simulate_adaptive"]
 Array = NDArray[Any]
 
 RENEWED = {"F_c": "coulomb.F_c", "F_v": "viscous.F_v"}
-EVERY = 0.05  # s between two renewals
-UNKNOWN_SPEED = 100.0  # rad/s at which viscous and Coulomb friction are taken alike where only one is known
+EVERY = 0.05  # s between two updates
+UNKNOWN_SPEED = 100.0  # rad/s at which viscous and Coulomb friction are assumed equal where only one is known
 NOISELESS = 0.01  # torque noise as a share of the friction, where the design states no current noise
 TRUSTED = 0.1  # standard error as a share of the estimate below which it is fed forward
 
@@ -40,7 +40,7 @@ class AdaptiveRun:
     ----------
     log : Log
     t : array, shape (n,)
-        Times at which the compensation was renewed, s.
+        Times at which the compensation was updated, s.
     fed : dict of name to array, shape (n,)
         F_c and F_v fed forward from then on.
     """
@@ -56,16 +56,26 @@ def simulate_adaptive(
 ) -> AdaptiveRun:  # fmt: skip
     """Simulate a drive whose compensation takes F_c and F_v from a tracker fed with the drive's own log.
 
-    The drive runs `every` seconds, the tracker reads what the drive logged in them, and its estimates go into the
-    compensation of the next stretch, once their standard error is below a tenth of them; until then, and for every
-    other effect, the design's values stay.
+    The drive runs `every` seconds, the tracker reads what the drive logged in them, and its estimates replace the
+    design's values in the next interval, once their standard error is below a tenth of them. Other effects keep the
+    values of the design.
 
     Parameters
     ----------
     design : Design
-        What the controller and the tracker believe at the start.
-    motion, truth, seed
-        As for `simulate`; the truth is always kept in the log.
+        What the controller and the tracker assume at the start.
+    motion : Scenario
+    truth : Design, optional
+        The plant; `design` itself when left out.
+    seed : int
+        Of the measurement noise.
+    every : float
+        s.
+
+    Returns
+    -------
+    AdaptiveRun
+        The log includes the truth.
 
     Raises
     ------
@@ -107,7 +117,7 @@ def simulate_adaptive(
 
 
 class _Tracker:
-    """The tracker's compiled twin, fed with stretches of the log as they come; it goes on from where it was."""
+    """The tracker's compiled twin, fed interval by interval; it keeps its state in between."""
 
     def __init__(self, design: Design) -> None:
         self._design, self._known = design, KnownTorque(design)
@@ -138,7 +148,7 @@ class _Tracker:
         return self._known.over({**signals, "torque": torque})
 
     def renew(self, values: Array, where: dict[str, int]) -> None:
-        """Put the estimates that can be trusted in their places."""
+        """Replace values by the estimates that can be trusted."""
         for symbol, position in (("F_c", states_of.F_C), ("F_v", states_of.F_V)):
             estimate, variance = float(self._x[position]), float(self._P[position, position])
             if symbol in where and estimate > 0.0 and math.sqrt(variance) < TRUSTED * estimate:

@@ -1,8 +1,8 @@
-"""What friction does to a motion, in numbers, from a log with the truth in it."""
+"""Errors that friction causes in a motion, from a log with the true motion."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,9 @@ __all__ = ["CHANGE", "UNITS", "Metrics", "measure", "measure_contour"]
 Array = NDArray[np.float64]
 
 REVERSAL_WINDOW = 0.1  # s around a change of the reference speed's sign
-SETTLE = 0.8  # s of rest that belong to the motion before, or to a push
-SHORTEST = 0.5  # s of rest in which a limit cycle can be seen
-CYCLE_SWINGS = 4  # swings over most of its width, there and back, that make a limit cycle
+SETTLE = 0.8  # s of rest in which the axis still settles
+SHORTEST = 0.5  # s of rest in which a limit cycle can be detected
+CYCLE_SWINGS = 4  # swings over most of the width, in either direction, that make a limit cycle
 
 UNITS = {
     "rms": "rad", "peak": "rad", "reversal_peak": "rad", "stuck": "1", "cycle_amplitude": "rad",
@@ -32,12 +32,18 @@ class Metrics:
 
     Attributes
     ----------
-    rms, peak : position error, rad
-    reversal_peak : largest error within 0.1 s after a change of direction, rad
-    stuck : share of the commanded motion during which the axis stands
-    cycle_amplitude, cycle_frequency : limit cycle while the reference rests, rad and Hz; 0 when there is none
-    effort : rms of the current reference, A
-    noise : rms of its change from sample to sample over sqrt(2), reversals left out, A
+    rms, peak : float
+        Position error, rad.
+    reversal_peak : float
+        Largest error within 0.1 s after a change of direction, rad.
+    stuck : float
+        Share of the commanded motion during which the axis stands.
+    cycle_amplitude, cycle_frequency : float
+        Limit cycle while the reference rests, rad and Hz; 0 when there is none.
+    effort : float
+        RMS of the current reference, A.
+    noise : float
+        RMS of its change from sample to sample over sqrt(2), without reversals, A.
     """
 
     rms: float
@@ -49,13 +55,19 @@ class Metrics:
     effort: float
     noise: float
 
-    def as_dict(self) -> dict[str, float]:
-        """Return the metrics by name."""
-        return asdict(self)
-
 
 def measure(log: Log, skip: float = 0.0) -> Metrics:
-    """Return the metrics of a run under position control, leaving out its first `skip` seconds.
+    """Return the metrics of a run under position control.
+
+    Parameters
+    ----------
+    log : Log
+    skip : float
+        Left out at the start, s.
+
+    Returns
+    -------
+    Metrics
 
     Raises
     ------
@@ -70,10 +82,20 @@ def measure(log: Log, skip: float = 0.0) -> Metrics:
 
 
 def measure_contour(x: Log, y: Log, radius: float) -> Metrics:
-    """Return the metrics of a circle of `radius` that starts at (radius, 0), from the logs of its two axes.
+    """Return the metrics of a circle that starts at (radius, 0), from the logs of its two axes.
 
-    Errors are the distance from the circle, in the unit of the axes; the window is that after a reversal of either
-    axis, where the quadrant glitch sits. Of the rest the worse axis counts.
+    Errors are the distance from the circle, in the unit of the axes; the reversal peak follows a reversal of either
+    axis (quadrant glitch). Of the other metrics the worse axis counts.
+
+    Parameters
+    ----------
+    x, y : Log
+    radius : float
+        In the unit of the axes.
+
+    Returns
+    -------
+    Metrics
 
     Raises
     ------
@@ -128,10 +150,10 @@ def _turns(reference: Array) -> NDArray[np.intp]:
 
 
 def _cycle(theta: Array, commanded: NDArray[np.bool_], period: float) -> tuple[float, float]:
-    """Largest limit cycle while the reference rests: half its width and its frequency.
+    """Return amplitude and frequency of the largest limit cycle while the reference rests.
 
-    It lasts to the end of the rest: it is looked for in all of the rest (slow hunting), in its last half and in its
-    last quarter (a fast cycle that a last slip on the way to rest would hide).
+    It lasts to the end of the rest: it is searched in all of the rest (slow hunting), in its last half and in its
+    last quarter (a fast cycle after a last slip).
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[True], commanded, [True]]).astype(np.int8)))
     worst = (0.0, 0.0)
@@ -152,4 +174,4 @@ def _swings(theta: Array) -> NDArray[np.intp]:
     low, high = float(theta.min()), float(theta.max())
     outside = np.flatnonzero((theta < low + 0.25 * (high - low)) | (theta > high - 0.25 * (high - low)))
     above = theta[outside] > 0.5 * (low + high)
-    return outside[1:][above[1:] != above[:-1]]
+    return np.asarray(outside[1:][above[1:] != above[:-1]])

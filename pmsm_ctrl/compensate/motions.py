@@ -1,4 +1,4 @@
-"""Motions on which a compensation is judged: slow reversals, creep, a circle, positioning, a push, warming up."""
+"""Motions on which a compensation is judged: slow reversals, creep, a circle, positioning, a push, a warm-up."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Array = NDArray[Any]
 
 CIRCLE, WARM_UP = "circle", "warm-up"
 RADIUS = 10.0 / math.pi  # rad: half a turn of the circle a second is 10 rad/s
-WARMER = 0.4  # share of F_c and F_v that is gone once the axis is warm
-WARMING = 6.0  # s; a real axis takes minutes, and the tracker has as many reversals then as here, or more
+WARMER = 0.4  # share by which F_c and F_v fall during the warm-up
+WARMING = 6.0  # s; a real axis takes minutes, with as many reversals for the tracker as here, or more
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What a compensation is tried on.
+    """A test motion for compensations.
 
     Attributes
     ----------
@@ -45,14 +45,30 @@ class Trial:
     changed: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def plant(self, design: Design) -> Design:
-        """Return the plant of this trial."""
+        """Return the plant of this trial.
+
+        Parameters
+        ----------
+        design : Design
+            The plant before the trial changes it.
+        """
         for effect, parameters in self.changed.items():
             design = design.with_effect(effect, dict(parameters))
         return design
 
 
 def study_trials(design: Design) -> dict[str, Trial]:
-    """Return the trials by name; all under position control, each with rest at its end."""
+    """Return the trials by name; all under position control, each with rest at its end.
+
+    Parameters
+    ----------
+    design : Design
+        Limits and friction of the axis.
+
+    Returns
+    -------
+    dict of str to Trial
+    """
     motions = {f"reversal {speed:g} rad/s": _sine_then_rest(design, speed) for speed in (0.5, 2.0, 10.0)}
     motions["triangle"] = _path("triangle", _triangle)
     motions |= {f"creep {speed:g} rad/s": _path("creep", _creep(speed)) for speed in (0.1, 1.0)}
@@ -65,7 +81,16 @@ def study_trials(design: Design) -> dict[str, Trial]:
 
 
 def named_trial(design: Design, name: str) -> Trial:
-    """Return a trial of the study, or a named scenario under position control, as the only motion of one.
+    """Return a trial of the study, or a named scenario under position control as a trial.
+
+    Parameters
+    ----------
+    design : Design
+    name : str
+
+    Returns
+    -------
+    Trial
 
     Raises
     ------
@@ -88,7 +113,7 @@ def named_trial(design: Design, name: str) -> Trial:
 
 
 def _warm_up(design: Design) -> Trial:
-    """Reversals at 20 rad/s while Coulomb and viscous friction fall by 40 %; a drift the design has stays its own."""
+    """Reversals at 20 rad/s while Coulomb and viscous friction fall by 40 %, or as the design's own drift says."""
     trial = Trial((_sine_then_rest(design, 20.0, cycles=10.0),))
     if any("t" in effect.signals for effect, _ in bound_effects(design)):
         return trial
@@ -133,7 +158,7 @@ def _circle(axis: int) -> Scenario:
 
 
 def _push(design: Design) -> Scenario:
-    """A slow sine, then rest; a push of twice the friction for 5 ms wakes what sleeps there, and 4 s to see it."""
+    """A slow sine, then rest; a load of twice the friction for 5 ms can start a limit cycle, which 4 s show."""
     moving = _sine_then_rest(design, 2.0, cycles=1.0, rest=4.2)
     start = moving.duration - 4.0
     push = Limits.of(design).breakaway * design.K_t
@@ -180,7 +205,7 @@ def _triangle(builder: PathBuilder) -> None:
 
 
 def _positioning(builder: PathBuilder) -> None:
-    """Half a radian there and back, with rests long enough to see hunting from 0.7 Hz on."""
+    """Half a radian there and back, with rests long enough to detect hunting from 0.7 Hz on."""
     limits = Limits(speed=5.0, acceleration=50.0, jerk=1000.0)
     for place in (0.5, 0.0):
         builder.move(place, limits)
@@ -188,7 +213,7 @@ def _positioning(builder: PathBuilder) -> None:
 
 
 def _creep(speed: float) -> Callable[[PathBuilder], None]:
-    """Forth and back at a speed at which an axis sticks and slips; about half a cogging pitch of 24 at least."""
+    """Constant low speed in both directions, over at least half a period of cogging of order 24."""
 
     def build(builder: PathBuilder) -> None:
         stay = max(1.0, math.pi / 24.0 / speed)

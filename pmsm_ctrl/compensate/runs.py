@@ -1,15 +1,88 @@
-"""One run of a trial: the plant, the drive with the compensation it has, what came out, in logs and in numbers."""
+"""Drives without friction compensation and with a chosen one, and one run of a trial with them."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
 
 from pmsm_ctrl.compensate.adaptive import simulate_adaptive
 from pmsm_ctrl.compensate.metrics import Metrics, measure, measure_contour
 from pmsm_ctrl.compensate.motions import Trial
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.sampling import speed_lag
 from pmsm_ctrl.simulate import simulate
 
-__all__ = ["judge", "run_trial"]
+__all__ = ["baseline", "compensated", "judge", "run_trial", "scaled"]
+
+
+def baseline(design: Design) -> Design:
+    """Return a design without friction compensation, inertia and delay fed forward.
+
+    The measured speed lags the true one; a reference that is not delayed alike makes an error of lag times
+    acceleration, which must not be attributed to friction.
+
+    Parameters
+    ----------
+    design : Design
+        With its loops set.
+
+    Returns
+    -------
+    Design
+    """
+    loops = design.require_loops()
+    lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
+    speed = loops.speed.model_copy(update={"reference_filter": loops.speed.reference_filter or lag})
+    forward = {"acceleration_feedforward": loops.position.acceleration_feedforward or 1.0}
+    loops = loops.model_copy(update={"speed": speed, "position": loops.position.model_copy(update=forward)})
+    off = design.compensation.model_copy(update={"gain": 0.0})
+    return design.model_copy(update={"loops": loops, "compensation": off})
+
+
+def compensated(
+    design: Design, effects: Iterable[str], *, gain: float = 1.0, source: str = "reference", factor: float = 1.0
+) -> Design:
+    """Return a design with effects compensated, their linear parameters off by a factor.
+
+    The sign of the commanded speed, which follows the measured angle, is smoothed over what five counts of the
+    encoder make of it, unless the design states a smoothing.
+
+    Parameters
+    ----------
+    design : Design
+    effects : iterable of str
+        Their ids.
+    gain : float
+        Share of the modelled torque that is fed forward.
+    source : {"reference", "commanded", "measured", "adaptive"}
+        Speed from which it is computed.
+    factor : float
+
+    Returns
+    -------
+    Design
+    """
+    chosen, width = tuple(effects), design.compensation.smoothing
+    if width == 0.0 and source == "commanded" and design.loops is not None:
+        turn = 1.0 if design.motion == "linear" else 2.0 * np.pi
+        width = float(5.0 * design.loops.position.K_v * turn / (design.sensor.encoder_counts or 1 << 20))
+    changed = design.compensation.model_copy(
+        update={"gain": gain, "source": source, "smoothing": width, "effects": chosen}
+    )
+    return scaled(design, chosen, factor).model_copy(update={"compensation": changed})
+
+
+def scaled(design: Design, effects: tuple[str, ...], factor: float) -> Design:
+    """Return a design with the linear parameters of these effects multiplied by a factor."""
+    entries = []
+    for entry, (effect, values) in zip(design.effects, bound_effects(design), strict=True):
+        if effect.id in effects:
+            values = values | {p.symbol: values[p.symbol] * factor for p in effect.linear}
+        entries.append(entry.model_copy(update={"parameters": values}))
+    return design.replace_effects(tuple(entries))
 
 
 def run_trial(believed: Design, trial: Trial, *, truth: Design | None = None, seed: int = 0) -> tuple[Log, ...]:
@@ -18,11 +91,12 @@ def run_trial(believed: Design, trial: Trial, *, truth: Design | None = None, se
     Parameters
     ----------
     believed : Design
-        What the controller believes.
+        What the controller assumes.
+    trial : Trial
     truth : Design, optional
         The plant, before the trial changes it; `believed` when left out.
     seed : int
-        Seed of the first axis' noise; the next has the next.
+        Of the first axis' noise; the next has the next.
 
     Returns
     -------
@@ -31,16 +105,28 @@ def run_trial(believed: Design, trial: Trial, *, truth: Design | None = None, se
     """
     plant = trial.plant(truth if truth is not None else believed)
     adaptive = believed.compensation.source == "adaptive" and believed.compensation.gain > 0.0
-    logs = []
-    for axis, motion in enumerate(trial.motions):
-        if adaptive:
-            log = simulate_adaptive(believed, motion, truth=plant, seed=seed + axis).log
-        else:
-            log = simulate(believed, motion, truth=plant, seed=seed + axis, keep_truth=True)
-        logs.append(log)
-    return tuple(logs)
+    if adaptive:
+        return tuple(
+            simulate_adaptive(believed, motion, truth=plant, seed=seed + axis).log
+            for axis, motion in enumerate(trial.motions)
+        )
+    return tuple(
+        simulate(believed, motion, truth=plant, seed=seed + axis, keep_truth=True)
+        for axis, motion in enumerate(trial.motions)
+    )
 
 
 def judge(trial: Trial, logs: tuple[Log, ...]) -> Metrics:
-    """Return the metrics of a trial from the logs of its axes."""
+    """Return the metrics of a trial.
+
+    Parameters
+    ----------
+    trial : Trial
+    logs : tuple of Log
+        Of its axes.
+
+    Returns
+    -------
+    Metrics
+    """
     return measure_contour(logs[0], logs[1], trial.radius) if trial.radius > 0.0 else measure(logs[0])

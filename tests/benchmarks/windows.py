@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from pmsm_ctrl.compensate import GainWindow, Metrics, Trial, baseline, compensated, gain_window, measure, study_trials
-from pmsm_ctrl.compensate.study import AT_REST, SOURCES, SWEEP_TRIALS, WRONG
+from pmsm_ctrl.compensate.study import AT_REST, SOURCES, SWEEP_TRIALS
+from pmsm_ctrl.compensate.window import FACTORS
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.simulate.lanes import groups, load_lanes, simulate_group
 from pmsm_ctrl.simulate.run import Prepared, prepare
@@ -80,7 +81,7 @@ def swept(
     for stage in STAGES:
         found.update(side_by_side({
             (k, source, gain, factor, name): prepared(bases[k], trials[k][name], source, gain, factor)
-            for k, source in alive for gain in gains[done:stage] for factor in WRONG for name in SWEEP_TRIALS
+            for k, source in alive for gain in gains[done:stage] for factor in FACTORS for name in SWEEP_TRIALS
         }, seed))  # fmt: skip
         done = stage
         for k, source in alive:
@@ -102,7 +103,7 @@ def cycles_inside(drives: Mapping[int, Design], windows: Mapping[int, Mapping[st
             runs[k, *PLAIN, name] = prepared(base, trials[name], *PLAIN)
         for source, window in windows[k].items():
             for _ in range(PROBES if window.safe > 0.0 else 0):
-                gain, factor = rng.uniform(0.0, window.safe), rng.uniform(min(WRONG), max(WRONG))
+                gain, factor = rng.uniform(0.0, window.safe), rng.uniform(min(FACTORS), max(FACTORS))
                 for name in PROBED:
                     runs[k, source, gain, factor, name] = prepared(base, trials[name], source, gain, factor)
     found = side_by_side(runs, 10_000_000)

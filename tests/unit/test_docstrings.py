@@ -28,7 +28,6 @@ EXEMPT = {"cli", "init", "acceptance", "__main__", "importers/worker"}
 # Parts whose docstrings are not complete yet. Empty when all are; then this table goes.
 NOT_YET = {
     "compare",
-    "compensate",
     "diagnose",
     "effects",
     "evidence",

@@ -16,8 +16,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from pmsm_ctrl import Design, Log, compare, diagnose, simulate, study, tune
-from pmsm_ctrl.compensate import CompensationStudy, GainWindow, Metrics
-from pmsm_ctrl.compensate.study import Row
+from pmsm_ctrl.compensate import CompensationStudy, GainWindow, Metrics, Row, Variant
 from pmsm_ctrl.diagnose import Diagnosis
 from pmsm_ctrl.diagnose.figures import contributions, plane_of
 from pmsm_ctrl.errors import RequestError
@@ -339,7 +338,7 @@ def wide_compensation(design: Design) -> CompensationStudy:
     """A study with its longest names and numbers of many digits, without the minutes it takes to run one."""
     many = Metrics(0.000123, 0.000123, 0.000123, 0.123, 0.000123, 0.0123, 0.00123, 0.00123)
     motions = ("reversal 0.5 rad/s", "triangle", "creep 0.1 rad/s", "circle", "warm-up")
-    variants = (("none", 1.0), ("all effects, commanded speed", 0.8))
+    variants = ((Variant.NONE, 1.0), (Variant.COMMANDED, 0.8))
     table = tuple(Row(name, motion, factor, many) for name, factor in variants for motion in motions)
     gains = np.array([0.0, 1.0])
     window = GainWindow("commanded", gains, gains, gains, 0.00123 * gains, 0.0, 0.0, None)

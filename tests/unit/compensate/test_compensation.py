@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
 from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, judge, measure, run_trial, study_trials
 from pmsm_ctrl.compensate.metrics import Metrics
-from pmsm_ctrl.compensate.study import SOURCES, CompensationStudy
-from pmsm_ctrl.design import Design
+from pmsm_ctrl.compensate.result import CompensationStudy
+from pmsm_ctrl.compensate.study import SOURCES
+from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.effects import lookup
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.section import Table
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.feedforward import Feedforward, compensation_lines
 from tests.benchmarks.windows import EFFECTS, check, prepared, side_by_side
@@ -33,7 +37,11 @@ def rich(design: Design) -> Design:
 
 @pytest.fixture(scope="module")
 def study(rich: Design) -> CompensationStudy:
-    return compensate(rich, gains=(0.0, 0.5, 1.0, 1.5))
+    """Return the study of a design whose own compensation is not safe and fails its acceptance."""
+    every = ("coulomb", "viscous", "stribeck", "cogging")
+    chosen = rich.compensation.model_copy(update={"gain": 1.0, "source": "measured", "effects": every})
+    limit = Acceptance(scenario="reversal 2 rad/s", metric="rms", limit=1e-6)
+    return compensate(rich.model_copy(update={"compensation": chosen, "acceptance": (limit,)}), gains=(0.0, 0.5, 1.0))
 
 
 def test_targets_with_the_right_parameters(study: CompensationStudy) -> None:
@@ -111,11 +119,22 @@ def test_measured_speed_has_the_narrower_window(study: CompensationStudy) -> Non
 
 
 def test_result_renders(study: CompensationStudy) -> None:
-    assert "safe up to" in study.summary()
-    assert study.to_dict()["schema"] == "pmsm-ctrl/compensation/1"
-    assert len(study.section().tables) == 4
-    assert study.accepted == all(verdict.passed for verdict in study.verdicts)
+    text = study.summary(width=1000)
+    assert "Highest safe gain: 100 % with reference-speed" in text
     assert all(axis.get_ylabel() for axis in study.plot().axes)
+    for table in (block for block in study.section().blocks if isinstance(block, Table)):
+        assert all(len(row) == len(table.header) for row in table.rows)
+    told = study.to_dict()
+    assert told["schema"] == "pmsm-ctrl/compensation/1"
+    assert told["warnings"] == list(study.warnings)
+
+
+def test_study_says_what_became_of_the_acceptance(study: CompensationStudy) -> None:
+    assert not study.accepted
+    assert [notice.code for notice in study.notices] == ["acceptance_failed", "design_gain_unsafe", "full_gain_unsafe"]
+    assert "acceptance FAILED: reversal 2 rad/s: rms = " in study.warnings[0]
+    assert "the design's gain of 100 % with measured-speed feedforward is not safe" in study.warnings[1]
+    assert study.to_dict()["acceptance"][0]["passed"] is False
 
 
 def test_friction_gets_no_credit_for_inertia_and_delay(design: Design) -> None:
@@ -143,7 +162,8 @@ def test_kernel_does_what_the_terms_say(rich: Design) -> None:
 
 @pytest.mark.parametrize("source", ["reference", "commanded", "measured"])
 def test_compiled_kernel_is_its_plain_twin(rich: Design, source: str) -> None:
-    believed = compensated(baseline(rich), ["coulomb", "viscous", "stribeck", "cogging"], source=source, smoothing=0.3)
+    smooth = rich.model_copy(update={"compensation": rich.compensation.model_copy(update={"smoothing": 0.3})})
+    believed = compensated(baseline(smooth), ["coulomb", "viscous", "stribeck", "cogging"], source=source)
     motion = Scenario("short", 0.03, scenario("reversal", rich, speed=2.0, frequency=10.0).references, "position")
     compiled, plain = (simulate(believed, motion, truth=rich, compiled=c) for c in (True, False))
     assert np.allclose(compiled["i_q_ref"], plain["i_q_ref"], rtol=1e-9, atol=1e-12)
@@ -255,7 +275,7 @@ def test_drives_side_by_side_are_judged_as_one_by_one(design: Design) -> None:
     for key in keys:
         believed = compensated(base, EFFECTS, gain=0.9, factor=1.2, source=key[1])
         single = judge(trials[key[4]], run_trial(believed, trials[key[4]], truth=quiet))
-        assert found[key].as_dict() == pytest.approx(single.as_dict(), rel=1e-6, abs=1e-9)
+        assert asdict(found[key]) == pytest.approx(asdict(single), rel=1e-6, abs=1e-9)
 
 
 def test_nothing_cycles_inside_the_safe_window() -> None:

@@ -1,17 +1,19 @@
-"""Hunting in theory: the stick-slip limit cycle of a drive that positions against stiction, solved exactly."""
+"""Limit cycles in theory: hunting against stiction, solved exactly, and what the describing function predicts."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compensate.window import GAINS
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 
-__all__ = ["Hunting", "hunting"]
+__all__ = ["Hunting", "describing_function_limit", "hunting"]
 
 Array = NDArray[Any]
 
@@ -25,9 +27,12 @@ class Hunting:
 
     Attributes
     ----------
-    amplitude : where the axis sticks, to either side of the reference, rad
-    period : s
-    slip, stick : time of one slip and of one stop, s; the period is twice their sum
+    amplitude : float
+        Where the axis sticks, to either side of the reference, rad.
+    period : float
+        s.
+    slip, stick : float
+        Duration of one slip and of one stop, s; the period is twice their sum.
     """
 
     amplitude: float
@@ -37,13 +42,13 @@ class Hunting:
 
 
 def hunting(design: Design) -> Hunting | None:
-    """Return the limit cycle that PID control makes of stiction, or None when there is none.
+    """Return the limit cycle of PID position control with stiction, or None when there is none.
 
     Position P over speed PI is a PID controller on the angle, with the integral of the position error in it. From
     rest at -a the axis breaks away when the torque meets the breakaway torque F_s, slips under the smaller sliding
     friction F_c (plus F_v omega), a linear system, until its speed is zero again, and sticks where it is while the
-    integral ramps from what it was to F_s the other way. In a symmetric cycle it stops at +a. By linearity all of a
-    slip is proportional to the torques, so the stop follows from one root in its duration.
+    integral ramps from what it was to F_s the other way. In a symmetric cycle it stops at +a. The slip is linear,
+    so its end follows from one root in its duration.
 
     The sampled drive's lags (current loop, speed filter, computation) are left out: with loops slow against them the
     drive agrees. Dry friction counts as F_s at rest and as its level without Stribeck friction in motion, so the
@@ -52,6 +57,15 @@ def hunting(design: Design) -> Hunting | None:
     Source: B. Armstrong, B. Amin, PID control in the presence of static friction: a comparison of algebraic and
     describing function analysis, Automatica 32 (1996) 679; R. H. A. Hensen, M. J. G. van de Molengraft,
     M. Steinbuch, Friction induced hunting limit cycles, Automatica 39 (2003) 2131.
+
+    Parameters
+    ----------
+    design : Design
+        With its loops set.
+
+    Returns
+    -------
+    Hunting or None
 
     Raises
     ------
@@ -72,7 +86,6 @@ def hunting(design: Design) -> Hunting | None:
     amplitude, slip, torque = found
     if not (amplitude > 0.0 and abs(torque) < breakaway):
         return None  # it overshoots the other way, or slides on at once
-    loops = design.require_loops()
     ramp = design.K_t * loops.speed.K_p / loops.speed.T_n * loops.position.K_v * amplitude
     stick = (breakaway + torque) / ramp
     return Hunting(amplitude, 2.0 * (slip + stick), slip, stick)
@@ -141,4 +154,42 @@ def _first_stop(
         if a > 0.0 and state(a, np.linspace(0.0, t, 50)[1:-1])[2].min() > 0.0:
             end = state(a, t)
             return a, t, float(end[0] - stiffness * a)
+    return None
+
+
+def describing_function_limit(design: Design, source: str, gains: Iterable[float] = GAINS) -> float | None:
+    """Return the smallest gain with a limit cycle at rest by describing functions, or None.
+
+    Friction is a relay ``-F_c sgn(omega)`` on the true speed, the compensation a relay of `gain` F_c on what is
+    acted on: the measured speed, a lag ``H`` later, or the commanded speed, which at rest is ``-K_v theta``, so
+    ``H = -K_v / (j w)`` times its lag. Both have the same sine of amplitude A as input: a cycle needs
+    ``Z(j w) + 4 F_c / (pi A) (1 - gain sgn H(j w)) = 0`` with Z the axis under speed and position control, torque
+    over speed; of H only the phase counts. Where the sign is smoothed, a cycle within the width does not
+    count. The reference speed is zero at rest, so its relay has no effect.
+
+    Source: K. J. Astrom, IEEE Trans. Automat. Contr. 43 (1998); A. Gelb, W. E. Vander Velde, Multiple-Input
+    Describing Functions, McGraw-Hill 1968. Armstrong and Amin (Automatica 32 (1996) 679) show that it misleads for
+    stiction under integral control, so it is given beside the simulation and never instead.
+    """
+    if design.loops is None or source not in ("measured", "commanded"):
+        return None
+    speed, position = design.loops.speed, design.loops.position
+    T_s = design.drive.speed_period
+    lag = design.sensor.speed_filter + 0.5 * T_s
+    act = T_s + 2.0 / design.drive.f_control
+    w = np.geomspace(1.0, 0.5 / T_s, 4000)
+    s = 1j * w
+    seen, acted = np.exp(-0.5 * T_s * s) / (1.0 + (lag - 0.5 * T_s) * s), np.exp(-act * s)
+    control = speed.K_p * (1.0 + 1.0 / (speed.T_n * s)) * acted
+    Z = design.J * s + design.K_t * control * (seen + position.K_v / s)
+    H = seen * acted if source == "measured" else -position.K_v / s * acted
+    F_c = design.parameters("coulomb").get("F_c", 0.0)
+    for gain in sorted(gains):
+        needed = -(1.0 - gain * H / np.abs(H)) / Z
+        crossing = np.flatnonzero(np.diff(np.sign(needed.imag)) != 0)
+        for k in crossing.tolist():
+            amplitude = 4.0 * F_c / np.pi * needed.real[k]
+            width = design.compensation.smoothing if source == "commanded" else 0.0
+            if needed.real[k] > 0.0 and amplitude * position.K_v / w[k] >= width:
+                return float(gain)
     return None

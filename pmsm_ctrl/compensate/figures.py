@@ -1,0 +1,71 @@
+"""Plots of a compensation: the gain sweep, and one line of the acceptance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from pmsm_ctrl.compensate.notices import sentence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from pmsm_ctrl.compensate.result import CompensationStudy, Verdict
+
+__all__ = ["acceptance", "gain_sweep"]
+
+# Colours of Okabe and Ito, distinguishable with any colour vision.
+BLUE, GREEN, RED = "#0072B2", "#009E73", "#D55E00"
+
+
+def gain_sweep(study: CompensationStudy) -> Figure:
+    """Draw error and limit cycle against the gain, for each source."""
+    figure, upper, lower = _panels()
+    for (source, window), colour in zip(study.windows.items(), (BLUE, GREEN, RED), strict=False):
+        percent = 100.0 * window.gains
+        upper.plot(percent, 100.0 * window.rms, "o-", color=colour, markersize=3, label=f"{source} speed")
+        lower.plot(percent, 1e3 * window.cycle, "o-", color=colour, markersize=3)
+        for axis in (upper, lower):
+            axis.axvline(100.0 * window.safe, color=colour, linestyle=":", linewidth=1.0)
+    upper.axhline(100.0, color="black", linewidth=0.6)
+    upper.set(
+        ylabel="worst RMS error [% of that without]",
+        title="Gain sweep, parameters right and 20 % wrong (dotted: highest safe gain)",
+    )
+    upper.legend(fontsize="small")
+    lower.set(ylabel="limit cycle at rest [mrad]", xlabel="gain of the compensation [%]")
+    return figure
+
+
+def acceptance(verdict: Verdict) -> Figure:
+    """Draw the position error with and without the compensation, and the current reference."""
+    angle = "m" if verdict.design.motion == "linear" else "rad"
+    figure, upper, lower = _panels()
+    head, _, rest = sentence(verdict).partition(" (")
+    title = f"{verdict.design.name}, {head}"
+    figure.suptitle(f"{title}\n{rest.removesuffix(')')}" if rest else title, fontsize="medium")
+    for label, logs, colour in (
+        ("without compensation", verdict.without, BLUE),
+        ("as designed", verdict.with_it, RED),
+    ):
+        for axis, log in enumerate(logs):
+            style, name = ("-", "--")[axis], label if len(logs) == 1 else f"{label}, axis {axis + 1}"
+            error = log["theta_ref"] - log["theta_true"]
+            upper.plot(log.t, 1e3 * error, style, color=colour, linewidth=0.8, label=name)
+            lower.plot(log.t, log["i_q_ref"], style, color=colour, linewidth=0.6)
+    upper.set_ylabel(f"position error [m{angle}]")
+    upper.legend(fontsize="small", ncols=2, loc="lower right")
+    lower.set(ylabel="current reference [A]", xlabel="time [s]")
+    return figure
+
+
+def _panels() -> tuple[Figure, Axes, Axes]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    panels: Iterable[Axes] = figure.subplots(2, 1, sharex=True)
+    upper, lower = panels
+    for axis in (upper, lower):
+        axis.grid(alpha=0.3)
+    return figure, upper, lower

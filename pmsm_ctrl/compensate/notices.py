@@ -1,0 +1,41 @@
+"""The words of the reasons to doubt a compensation, and of one line of its acceptance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pmsm_ctrl.compensate.metrics import UNITS
+from pmsm_ctrl.section import Template
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.compensate.result import Verdict
+
+__all__ = ["ACCEPTANCE", "CYCLES", "NOT_COMPENSATED", "UNSAFE", "UNSAFE_DESIGN", "sentence"]
+
+ACCEPTANCE = Template("acceptance_failed", "acceptance {line}")
+NOT_COMPENSATED = Template("not_compensated", "{note}")
+UNSAFE_DESIGN = Template(
+    "design_gain_unsafe",
+    "the design's gain of {gain:.0f} % with {source}-speed feedforward is not safe; the highest safe gain is "
+    "{safe:.0f} %",
+)
+UNSAFE = Template("full_gain_unsafe", "with {source}-speed feedforward the highest safe gain is {safe:.0f} %")
+CYCLES = Template(
+    "cycle_without_compensation",
+    "the axis has a limit cycle at rest also without compensation ({motions}); a gain that does not enlarge it counts "
+    "as safe",
+)
+
+
+def sentence(verdict: Verdict) -> str:
+    """Return outcome, scenario, metric, value and limit in one line."""
+    w = verdict.wanted
+    if w.metric.endswith("_change"):
+        unit = UNITS[w.metric.removesuffix("_change")]
+        said = f"{w.metric} = {100 * verdict.value:+.1f} %, limit {100 * w.limit:+.1f} %"
+        said += f" ({verdict.found:.4g} {unit}; without compensation {verdict.reference:.4g} {unit})"
+    else:
+        unit = "" if verdict.unit == "1" else f" {verdict.unit}"
+        said = f"{w.metric} = {verdict.value:.4g}{unit}, limit {w.limit:.4g}{unit}"
+    off = "" if w.factor == 1.0 else f", compensated parameters {100 * (w.factor - 1.0):+.0f} %"
+    return f"{'passed' if verdict.passed else 'FAILED'}: {w.scenario}{off}: {said}"

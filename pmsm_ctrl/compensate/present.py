@@ -1,0 +1,122 @@
+"""A study of the compensation as blocks: safe gains, doubts, changes, what happens at rest."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from pmsm_ctrl.compensate.metrics import UNITS
+from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP
+from pmsm_ctrl.compensate.notices import sentence
+from pmsm_ctrl.compensate.result import CompensationStudy, Variant
+from pmsm_ctrl.rendering.numbers import percent
+from pmsm_ctrl.section import Picture, Section, Table, present
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__: list[str] = []
+
+# Column, metric and motion of the changes shown.
+SHOWN = (
+    ("reversals", "rms", "reversal"), ("peak", "reversal_peak", "reversal"), ("triangle", "rms", "triangle"),
+    ("creep", "rms", "creep"), ("circle", "rms", CIRCLE), ("quadrant", "reversal_peak", CIRCLE),
+    ("warm-up", "rms", WARM_UP),
+)  # fmt: skip
+METHOD = (
+    "The baseline already feeds inertia and delay forward, so that the changes are due to friction alone. A gain is "
+    "safe when neither it nor any smaller one has a limit cycle at rest, also after a disturbance that can start one, "
+    "or an RMS error above that without compensation, with the parameters right and 20 % wrong. The error of the "
+    "circle is that of its contour; during the warm-up Coulomb and viscous friction fall by 40 %."
+)
+
+
+@present.register
+def _(result: CompensationStudy) -> Section:
+    return Section(
+        f"Friction compensation of {result.design.name}",
+        (_verdict(result), *result.notices, _windows(result), _changes(result), *_rest(result), *_acceptance(result),
+         METHOD, Picture(lambda: _figure(result), "Where the lower curve is above zero, the axis oscillates at rest."),
+         _sweep(result), _runs(result)),
+    )  # fmt: skip
+
+
+def _figure(result: CompensationStudy) -> Figure:
+    from pmsm_ctrl.compensate.figures import gain_sweep
+
+    return gain_sweep(result)
+
+
+def _verdict(result: CompensationStudy) -> str:
+    text = ", ".join(f"{percent(w.safe, 0)} with {w.source}-speed" for w in result.windows.values()) + " feedforward"
+    if result.verdicts:
+        met = sum(verdict.passed for verdict in result.verdicts)
+        text += f"; acceptance: {met}/{len(result.verdicts)} limits met"
+    return f"Highest safe gain: {text}."
+
+
+def _windows(result: CompensationStudy) -> Table:
+    rows = tuple(
+        (f"{w.source} speed", percent(w.safe, 0), percent(w.best, 0),
+         "no limit cycle" if w.hint is None else f"a limit cycle from {percent(w.hint, 0)}")
+        for w in result.windows.values()
+    )  # fmt: skip
+    header = ("feedforward with", "highest safe gain", "best gain", "describing function predicts (not used)")
+    return Table(header, rows, "Safe gains, by simulation")
+
+
+def _off(factor: float) -> str:
+    return "" if factor == 1.0 else f", parameters {100 * (factor - 1):+.0f} %"
+
+
+def _changes(result: CompensationStudy) -> Table:
+    pairs = dict.fromkeys((row.variant, row.factor) for row in result.table if row.variant != Variant.NONE)
+    rows = tuple(
+        (f"{variant}{_off(factor)}",
+         *(f"{100 * result.change(variant, metric, factor, motion):+.0f} %" for _, metric, motion in SHOWN))
+        for variant, factor in pairs
+    )  # fmt: skip
+    caption = "Change against no compensation: RMS position error; peak and quadrant: largest after a reversal"
+    return Table(("compensated", *(title for title, *_ in SHOWN)), rows, caption)
+
+
+def _rest(result: CompensationStudy) -> tuple[Table, ...]:
+    """Limit cycles while the reference rests, simulated and in theory."""
+    rows = [
+        ("without compensation" if row.variant == Variant.NONE else str(row.variant),
+         f"{1e3 * row.metrics.cycle_amplitude:.3g}", f"{row.metrics.cycle_frequency:.3g}")
+        for row in result.table
+        if row.factor == 1.0 and row.motion == "positioning" and row.metrics.cycle_amplitude
+    ]  # fmt: skip
+    if result.theory is not None:
+        name = "without compensation, theory for a small Stribeck speed"
+        rows.append((name, f"{1e3 * result.theory.amplitude:.3g}", f"{1.0 / result.theory.period:.3g}"))
+    header = ("compensated", "amplitude [mrad]", "frequency [Hz]")
+    return (Table(header, tuple(rows), "Limit cycles at rest after positioning"),) if rows else ()
+
+
+def _acceptance(result: CompensationStudy) -> tuple[Table, ...]:
+    if not result.verdicts:
+        return ()
+    rows = tuple((sentence(v).partition(": ")[2], "passed" if v.passed else "failed") for v in result.verdicts)
+    return (Table(("limit", "outcome"), rows, "Acceptance of the design"),)
+
+
+def _sweep(result: CompensationStudy) -> Table:
+    rows = tuple(
+        (w.source, percent(gain, 0), percent(rms, 0), percent(peak, 0), f"{cycle:.2g}" if cycle else "none",
+         "safe" if gain <= w.safe else "not safe")
+        for w in result.windows.values()
+        for gain, rms, peak, cycle in zip(w.gains, w.rms, w.reversal_peak, w.cycle, strict=True)
+    )  # fmt: skip
+    header = ("speed", "gain", "worst RMS of that without", "worst reversal peak", "limit cycle [rad]", "judged")
+    return Table(header, rows, "The sweep of the gain", folded=True)
+
+
+def _runs(result: CompensationStudy) -> Table:
+    metrics = (f"{name.replace('_', ' ')} [{unit}]" for name, unit in UNITS.items())
+    rows = tuple(
+        (r.variant, r.motion, f"{100 * (r.factor - 1):+.0f} %", *(f"{v:.3g}" for v in asdict(r.metrics).values()))
+        for r in result.table
+    )
+    return Table(("compensated", "motion", "parameters", *metrics), rows, "Every run", folded=True)

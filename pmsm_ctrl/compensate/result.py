@@ -1,0 +1,170 @@
+"""What a study of the compensation returns, and what becomes of one line of the acceptance."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+from pmsm_ctrl.compensate import notices
+from pmsm_ctrl.compensate.metrics import UNITS, Metrics
+from pmsm_ctrl.compensate.theory import Hunting
+from pmsm_ctrl.compensate.window import GainWindow
+from pmsm_ctrl.design import Acceptance, Design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.result import Result, jsonable
+from pmsm_ctrl.section import Notice
+
+__all__ = ["CompensationStudy", "Row", "Variant", "Verdict"]
+
+
+class Variant(StrEnum):
+    """What is compensated, and by which speed."""
+
+    NONE = "none"
+    SIMPLE = "Coulomb + viscous"
+    ALL = "all effects"
+    COMMANDED = "all effects, commanded speed"
+    ADAPTIVE = "adaptive"
+    PERFECT = "perfect model"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run of the study.
+
+    Attributes
+    ----------
+    variant : Variant
+    motion : str
+        Name of the trial.
+    factor : float
+        On the compensated parameters.
+    metrics : Metrics
+    """
+
+    variant: Variant
+    motion: str
+    factor: float
+    metrics: Metrics
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What became of one line of the acceptance.
+
+    Attributes
+    ----------
+    design : Design
+    wanted : Acceptance
+    value : float
+        The metric, in `unit`.
+    unit : str
+    found, reference : float
+        What a change is made of: the metric with the compensation and with its gain at 0.
+    with_it, without : tuple of Log
+        Logs of the axes with the compensation and with its gain at 0.
+    """
+
+    design: Design
+    wanted: Acceptance
+    value: float
+    unit: str
+    found: float
+    reference: float
+    with_it: tuple[Log, ...]
+    without: tuple[Log, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the metric is within its limit; a number that is not finite is not."""
+        return self.value <= self.wanted.limit
+
+
+@dataclass(frozen=True, eq=False)
+class CompensationStudy(Result):
+    """What compensation does to an axis.
+
+    Attributes
+    ----------
+    design : Design
+        As given.
+    table : tuple of Row
+    windows : dict of str to GainWindow
+        By source.
+    not_compensated : tuple of str
+        Effects that a compensator cannot evaluate, and why.
+    theory : Hunting or None
+        Limit cycle at rest without compensation, solved exactly for loops without lags; None when there is none.
+    verdicts : tuple of Verdict
+        Of the design's own acceptance.
+    """
+
+    design: Design
+    table: tuple[Row, ...]
+    windows: dict[str, GainWindow]
+    not_compensated: tuple[str, ...] = ()
+    theory: Hunting | None = None
+    verdicts: tuple[Verdict, ...] = ()
+
+    @property
+    def accepted(self) -> bool:
+        """Whether every line of the design's acceptance is met; true where it has none."""
+        return all(verdict.passed for verdict in self.verdicts)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Reasons to doubt the compensation."""
+        failed = (verdict for verdict in self.verdicts if not verdict.passed)
+        out = [notices.ACCEPTANCE(line=notices.sentence(verdict)) for verdict in failed]
+        out += [notices.NOT_COMPENSATED(note=note) for note in self.not_compensated]
+        gain, source = self.design.compensation.gain, self.design.compensation.source
+        window = self.windows.get("reference" if source == "adaptive" else source)
+        if window is not None and gain > window.safe:
+            out.append(notices.UNSAFE_DESIGN(gain=100.0 * gain, source=source, safe=100.0 * window.safe))
+        short = (window for window in self.windows.values() if window.safe < 1.0)
+        out += [notices.UNSAFE(source=window.source, safe=100.0 * window.safe) for window in short]
+        cycles = {r.motion for r in self.table if r.variant == Variant.NONE and r.metrics.cycle_amplitude > 0.0}
+        if cycles:
+            out.append(notices.CYCLES(motions=", ".join(sorted(cycles))))
+        return tuple(out)
+
+    def change(self, variant: str, metric: str = "rms", factor: float = 1.0, motion: str = "reversal") -> float:
+        """Return the worst change of a metric against no compensation; -0.8 is -80 %.
+
+        Parameters
+        ----------
+        variant : str
+            A `Variant`.
+        metric : str
+        factor : float
+            On the compensated parameters.
+        motion : str
+            Motions whose name begins so count.
+
+        Returns
+        -------
+        float
+        """
+        plain = {row.motion: row.metrics for row in self.table if row.variant == Variant.NONE}
+        return max(
+            float(getattr(row.metrics, metric) / getattr(plain[row.motion], metric)) - 1.0
+            for row in self.table
+            if row.variant == variant and row.factor == factor and row.motion.startswith(motion)
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values fit for JSON."""
+        return dict(jsonable({
+            "schema": "pmsm-ctrl/compensation/1",
+            **self.doubts(),
+            "units": UNITS,
+            "runs": [
+                {"variant": r.variant, "motion": r.motion, "factor": r.factor, **asdict(r.metrics)} for r in self.table
+            ],
+            "windows": {source: vars(window) for source, window in self.windows.items()},
+            "hunting_in_theory": None if self.theory is None else asdict(self.theory),
+            "acceptance": [
+                {**v.wanted.model_dump(), "value": v.value, "unit": v.unit, "passed": v.passed} for v in self.verdicts
+            ],
+        }))  # fmt: skip
