@@ -18,18 +18,17 @@ from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import RequestError, nearest
 
 __all__ = [
-    "INPUTS", "TIME_TOLERANCE", "Limits", "Path", "PathBuilder", "Scenario", "chirp_signal", "identification_parts",
-    "multisine_signal", "require_positive", "triangle_signal",
+    "INPUTS", "TIME_TOLERANCE", "Limits", "Path", "PathBuilder", "Scenario", "chirp_signal", "multisine_signal",
+    "require_positive", "triangle_signal", "whole",
 ]  # fmt: skip
 
 Array = NDArray[Any]
 
-# Times within this of a knot belong to the later piece: k T and the knot may round differently.
-TIME_TOLERANCE = 1e-9
-
-
 # References of a scenario, in the kernel's order; one that is left out is zero.
 INPUTS: tuple[str, ...] = ("theta_ref", "omega_ref", "alpha_ref", "i_q_add", "i_d_ref", "T_load")
+
+# Times within this of a knot belong to the later piece: k T and the knot may round differently.
+TIME_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -100,6 +99,19 @@ def require_positive(scenario: str, **values: float) -> None:
     for name, value in values.items():
         if not (value > 0.0 and math.isfinite(value)):
             raise RequestError(f"scenario '{scenario}': {name}: found {value:g}; it should be positive")
+
+
+def whole(scenario: str, name: str, value: float) -> int:
+    """Return a count as an integer.
+
+    Raises
+    ------
+    RequestError
+        When it is not a whole number from 1.
+    """
+    if not (math.isfinite(value) and value >= 1.0 and value == round(value)):
+        raise RequestError(f"scenario '{scenario}': {name}: found {value:g}; it should be a whole number from 1")
+    return round(value)
 
 
 @dataclass(frozen=True)
@@ -265,60 +277,3 @@ def triangle_signal(t: ArrayLike, peak: float) -> Array:
     """Rise from 0 to `peak` and back over 0 <= t <= 1; zero outside."""
     x = np.asarray(t, dtype=np.float64)
     return peak * np.clip(1.0 - np.abs(2.0 * x - 1.0), 0.0, None)
-
-
-def _slow_triangle(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
-    for level in (0.1 * top, -0.1 * top, 0.0):
-        builder.ramp(level, 0.4 * top / (5.0 * unit))
-
-
-def _slow_turns(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
-    for signed in (1.0, -1.0):
-        builder.ramp(signed * 2.0 * math.pi / 1.5, 0.01 * slope)  # one turn in 1.5 s
-        builder.piece(1.5 * unit)
-        builder.ramp(0.0, 0.01 * slope)
-
-
-def _staircase(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
-    for signed in (top, -top):
-        for share in (0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0):
-            builder.ramp(share * signed, 0.2 * slope)
-            builder.piece(0.6 * unit)
-        builder.ramp(0.0, 0.2 * slope)
-
-
-def _reversals(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
-    for share in (0.05, 0.25, 1.0):
-        for level in (0.5 * top, -0.5 * top, 0.5 * top, 0.0):
-            builder.ramp(level, share * slope)
-            builder.piece(0.1 * unit)
-
-
-def _stay(share: float) -> Callable[[PathBuilder, float, float, float], None]:
-    def part(builder: PathBuilder, unit: float, top: float, slope: float) -> None:
-        builder.ramp(share * top, 0.1 * slope)
-        builder.piece(2.8 * unit)
-        builder.ramp(0.0, 0.1 * slope)
-
-    return part
-
-
-def identification_parts(unit: float, top: float, slope: float) -> tuple[PathBuilder, list[tuple[str, float, float]]]:
-    """Return the parts of the identification run in order, and their names with start and end.
-
-    `unit` stretches the time spent at each, about 1 for a run of 30 s; `top` speed in rad/s, `slope` in rad/s^2.
-    """
-    builder = PathBuilder()
-    segments = []
-    for name, part in (
-        ("slow triangle", _slow_triangle),
-        ("slow turns", _slow_turns),
-        ("staircase", _staircase),
-        ("reversals", _reversals),
-        ("multisine forward", _stay(0.3)),
-        ("multisine backward", _stay(-0.3)),
-    ):
-        start = builder.t
-        part(builder, unit, top, slope)
-        segments.append((name, start, builder.t))
-    return builder, segments

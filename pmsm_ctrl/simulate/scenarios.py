@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.simulate.identification import identification
 from pmsm_ctrl.simulate.motions import (
     TIME_TOLERANCE,
     Limits,
@@ -23,10 +24,10 @@ from pmsm_ctrl.simulate.motions import (
     PathBuilder,
     Scenario,
     chirp_signal,
-    identification_parts,
     multisine_signal,
     require_positive,
     triangle_signal,
+    whole,
 )
 
 __all__ = ["SCENARIOS", "scenario"]
@@ -73,7 +74,7 @@ def triangle(
     builder = PathBuilder()
     slope = 4.0 * peak / period
     segments = []
-    for k in range(_whole("triangle", "cycles", cycles)):
+    for k in range(whole("triangle", "cycles", cycles)):
         start = builder.t
         for level in (peak, -peak, 0.0):
             builder.ramp(level, slope)
@@ -97,7 +98,7 @@ def creep(
     """
     slope = 0.1 * Limits.of(design).acceleration if acceleration is None else acceleration
     require_positive("creep", speed_min=speed_min, speed_max=speed_max, turns=turns, acceleration=slope)
-    number = _whole("creep", "count", count)
+    number = whole("creep", "count", count)
     speeds = np.geomspace(speed_min, speed_max, number) if number > 1 else np.array([speed_min])
     builder = PathBuilder()
     segments = []
@@ -135,7 +136,7 @@ def multisine(
     rms = limits.current if amplitude is None else amplitude
     require_positive("multisine", amplitude=rms, f_min=f_min, period=period)
     require_positive("multisine", **{"f_max - f_min": f_max - f_min})
-    number, repeats = _whole("multisine", "count", count), _whole("multisine", "periods", periods)
+    number, repeats = whole("multisine", "count", count), whole("multisine", "periods", periods)
     path, settled = _run_up(turning, limits)
 
     def references(t: Array) -> Mapping[str, Array]:
@@ -188,7 +189,7 @@ def breakaway(
     """
     peak = Limits.of(design).breakaway if current is None else current
     require_positive("breakaway", current=peak, rise=rise, pause=pause)
-    number = _whole("breakaway", "cycles", cycles)
+    number = whole("breakaway", "cycles", cycles)
     cycle = 2.0 * (2.0 * rise + pause)
 
     def references(t: Array) -> Mapping[str, Array]:
@@ -216,7 +217,7 @@ def hold(
 def positioning(*, step: float = 1.0, count: float = 5.0, dwell: float = 1.0, design: Design | None = None) -> Scenario:
     """Steps of the reference angle: `count` times `step` rad up and back down, `dwell` s each; position control."""
     require_positive("positioning", step=step, dwell=dwell)
-    number = _whole("positioning", "count", count)
+    number = whole("positioning", "count", count)
     places = step * np.array([*range(number + 1), *range(number - 1, -1, -1)], dtype=np.float64)
 
     def references(t: Array) -> Mapping[str, Array]:
@@ -305,65 +306,9 @@ def reversal(
             "alpha_ref": peak * w * np.cos(w * t),
         }
 
-    number = _whole("reversal", "cycles", cycles)
+    number = whole("reversal", "cycles", cycles)
     segments = tuple((f"cycle {k + 1}", k / frequency, (k + 1) / frequency) for k in range(number))
     return Scenario("reversal", number / frequency, references, control="position", segments=segments)
-
-
-def identification(
-    *,
-    duration: float = 30.0,
-    speed_max: float | None = None,
-    acceleration: float | None = None,
-    amplitude: float | None = None,
-    seed: float = 0.0,
-    design: Design | None = None,
-) -> Scenario:
-    """Identify friction, inertia and ripple in one run: the best mix of the others, 30 s long.
-
-    Slow triangle through zero (Stribeck, breakaway), one slow turn each way (cogging, ripple), staircase in both
-    directions up to speed_max [200 rad/s] (drag), the same reversal at three accelerations up to `acceleration`
-    [3000 rad/s^2] (inertia), multisine of rms `amplitude` [0.03 A] at one speed each way (dynamics).
-    `duration` stretches the time spent at each.
-
-    Raises
-    ------
-    RequestError
-        When the ramps leave too little of the duration.
-    """
-    limits = Limits.of(design)
-    top = limits.speed if speed_max is None else speed_max
-    slope = limits.acceleration if acceleration is None else acceleration
-    rms = 0.5 * limits.current if amplitude is None else amplitude
-    require_positive("identification", duration=duration, speed_max=top, acceleration=slope, amplitude=rms)
-    unit = _time_unit(duration, top, slope)
-    # A heavy load ramps slowly: the default speed is lowered to fit the duration.
-    while speed_max is None and unit < 0.4 and top > 0.02 * limits.speed:
-        top *= 0.9
-        unit = _time_unit(duration, top, slope)
-    if unit < 0.2:
-        raise RequestError(
-            f"scenario 'identification': its ramps leave too little of the duration of {duration:g} s; "
-            "it should be longer, or the acceleration greater"
-        )
-    builder, segments = identification_parts(unit, top, slope)
-    path, ramp = builder.path(), 0.3 * top / (0.1 * slope)
-    stays = [(start + ramp, stop - ramp) for name, start, stop in segments if name.startswith("multisine")]
-
-    def references(t: Array) -> Mapping[str, Array]:
-        signal = np.zeros_like(t)
-        for start, stop in stays:
-            inside = (t >= start) & (t < stop)
-            signal[inside] = multisine_signal(t[inside] - start, stop - start, 2.0, 100.0, 20, round(seed), rms)
-        return {"omega_ref": path.at(t)[1], "i_q_add": signal}
-
-    return Scenario("identification", duration, references, segments=tuple(segments))
-
-
-def _time_unit(duration: float, top: float, slope: float) -> float:
-    """Return the time spent at each part: the duration less that of the ramps, shared."""
-    once, twice = (identification_parts(unit, top, slope)[0].t for unit in (1.0, 2.0))
-    return (duration - (2.0 * once - twice)) / (twice - once)
 
 
 def _moves(
@@ -383,7 +328,7 @@ def _moves(
     limits = Limits(speed=v, acceleration=a, jerk=jerk)
     builder = PathBuilder()
     segments = []
-    for k in range(_whole(name, "cycles", cycles)):
+    for k in range(whole(name, "cycles", cycles)):
         for place, way in ((distance, "forth"), (0.0, "back")):
             builder.piece(dwell)
             start = builder.t
@@ -413,13 +358,6 @@ def _speed_scenario(name: str, builder: PathBuilder, segments: list[tuple[str, f
         return {"omega_ref": path.at(t)[1]}
 
     return Scenario(name, builder.t, references, segments=tuple(segments))
-
-
-def _whole(scenario: str, name: str, value: float) -> int:
-    """Return a count as an integer of at least 1."""
-    if not (math.isfinite(value) and value >= 1.0 and value == round(value)):
-        raise RequestError(f"scenario '{scenario}': {name}: found {value:g}; it should be a whole number from 1")
-    return round(value)
 
 
 SCENARIOS: Mapping[str, Callable[..., Scenario]] = {

@@ -50,7 +50,7 @@ def exported() -> set[int]:
     beside = [name for name in MODULES if "/" not in name and name not in ("console", "options")]
     found = set()
     for name in rooms + beside:
-        module = importlib.import_module("pmsm_ctrl." + name)
+        module = importlib.import_module("pmsm_ctrl." + name.replace("/", "."))
         names = getattr(module, "__all__", [])
         found |= {id(getattr(vars(module)[n], "py_func", vars(module)[n])) for n in names if n in vars(module)}
     return found
