@@ -1,11 +1,11 @@
 """Compensation: what feeding friction forward gains, and the highest safe gain."""
 
 from pmsm_ctrl.compensate import present as _present  # noqa: F401 - registers the results
-from pmsm_ctrl.compensate.acceptance import accept
+from pmsm_ctrl.compensate.acceptance import Verdict, accept
 from pmsm_ctrl.compensate.adaptive import AdaptiveRun, simulate_adaptive
 from pmsm_ctrl.compensate.metrics import Metrics, measure, measure_contour
 from pmsm_ctrl.compensate.motions import Trial, named_trial, study_trials
-from pmsm_ctrl.compensate.result import CompensationStudy, Row, Variant, Verdict
+from pmsm_ctrl.compensate.result import CompensationStudy, Row, Variant
 from pmsm_ctrl.compensate.runs import baseline, compensated, judge, run_trial
 from pmsm_ctrl.compensate.study import compensate
 from pmsm_ctrl.compensate.theory import Hunting, hunting

@@ -2,17 +2,51 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from pmsm_ctrl.compensate.metrics import CHANGE, UNITS
 from pmsm_ctrl.compensate.motions import named_trial
-from pmsm_ctrl.compensate.result import Verdict
 from pmsm_ctrl.compensate.runs import judge, run_trial, scaled
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
+from pmsm_ctrl.log import Log
 
-__all__ = ["METRICS", "accept"]
+__all__ = ["METRICS", "Verdict", "accept"]
 
 # Metrics by name with their units; NAME_change is the change against no compensation, -0.8 being -80 %.
 METRICS = UNITS | {f"{name}_change": "1" for name in CHANGE}
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What became of one line of the acceptance.
+
+    Attributes
+    ----------
+    design : Design
+    wanted : Acceptance
+    value : float
+        The metric, in `unit`.
+    unit : str
+    found, reference : float
+        What a change is made of: the metric with the compensation and with its gain at 0.
+    with_it, without : tuple of Log
+        Logs of the axes with the compensation and with its gain at 0.
+    """
+
+    design: Design
+    wanted: Acceptance
+    value: float
+    unit: str
+    found: float
+    reference: float
+    with_it: tuple[Log, ...]
+    without: tuple[Log, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the metric is within its limit; a number that is not finite is not."""
+        return self.value <= self.wanted.limit
 
 
 def accept(design: Design, wanted: Acceptance, *, seed: int = 0) -> Verdict:

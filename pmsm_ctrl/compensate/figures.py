@@ -11,7 +11,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from pmsm_ctrl.compensate.result import CompensationStudy, Verdict
+    from pmsm_ctrl.compensate.acceptance import Verdict
+    from pmsm_ctrl.compensate.result import CompensationStudy
 
 __all__ = ["acceptance", "gain_sweep"]
 

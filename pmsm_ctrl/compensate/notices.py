@@ -8,7 +8,7 @@ from pmsm_ctrl.compensate.metrics import UNITS
 from pmsm_ctrl.section import Template
 
 if TYPE_CHECKING:
-    from pmsm_ctrl.compensate.result import Verdict
+    from pmsm_ctrl.compensate.acceptance import Verdict
 
 __all__ = ["ACCEPTANCE", "CYCLES", "NOT_COMPENSATED", "UNSAFE", "UNSAFE_DESIGN", "sentence"]
 

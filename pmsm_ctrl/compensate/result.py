@@ -1,4 +1,4 @@
-"""What a study of the compensation returns, and what becomes of one line of the acceptance."""
+"""What a study of the compensation returns."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from enum import StrEnum
 from typing import Any
 
 from pmsm_ctrl.compensate import notices
+from pmsm_ctrl.compensate.acceptance import Verdict
 from pmsm_ctrl.compensate.metrics import UNITS, Metrics
 from pmsm_ctrl.compensate.theory import Hunting
 from pmsm_ctrl.compensate.window import GainWindow
-from pmsm_ctrl.design import Acceptance, Design
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
 
-__all__ = ["CompensationStudy", "Row", "Variant", "Verdict"]
+__all__ = ["CompensationStudy", "Row", "Variant"]
 
 
 class Variant(StrEnum):
@@ -47,38 +47,6 @@ class Row:
     motion: str
     factor: float
     metrics: Metrics
-
-
-@dataclass(frozen=True, eq=False)
-class Verdict:
-    """What became of one line of the acceptance.
-
-    Attributes
-    ----------
-    design : Design
-    wanted : Acceptance
-    value : float
-        The metric, in `unit`.
-    unit : str
-    found, reference : float
-        What a change is made of: the metric with the compensation and with its gain at 0.
-    with_it, without : tuple of Log
-        Logs of the axes with the compensation and with its gain at 0.
-    """
-
-    design: Design
-    wanted: Acceptance
-    value: float
-    unit: str
-    found: float
-    reference: float
-    with_it: tuple[Log, ...]
-    without: tuple[Log, ...]
-
-    @property
-    def passed(self) -> bool:
-        """Whether the metric is within its limit; a number that is not finite is not."""
-        return self.value <= self.wanted.limit
 
 
 @dataclass(frozen=True, eq=False)
