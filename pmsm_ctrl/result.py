@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.section import Block, Notice, Picture, present
@@ -147,7 +148,7 @@ def _pictures(blocks: Iterable[Block]) -> Iterator[Picture]:
 @overload
 def jsonable(value: Mapping[str, Any]) -> dict[str, Any]: ...
 @overload
-def jsonable(value: object) -> Any: ...
+def jsonable(value: Sequence[Any] | NDArray[Any] | Estimate | float | str | None) -> Any: ...
 def jsonable(value: object) -> Any:
     """Turn numpy values, estimates, tuples and NaN into what JSON can hold.
 
