@@ -163,7 +163,7 @@ def _compiled(effect: Effect, kind: str, text: str) -> Any:
     """Return the function ``loop`` of a source text; in plain Python where the term is."""
     if not hasattr(effect.term, "py_func"):
         return _executed(effect, text)
-    module = effect.py_term.__module__
+    module = effect.py_term.__module__ or ""  # none where it was typed at a prompt
     if module.startswith("pmsm_ctrl.effects.") and getattr(sys.modules.get(module), "term", None) is effect.term:
         return soundly_cached(numba.njit(**OPTIONS)(_filed(f"{kind}_{module.rpartition('.')[2]}", module, text)))
     # An own effect may change between two runs without numba noticing, so its loop is never kept on disk.
