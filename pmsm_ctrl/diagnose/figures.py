@@ -1,4 +1,4 @@
-"""Figures of the diagnosis: ladder, residual maps, worst stretch, contributions. Colours of Okabe and Ito."""
+"""Figures of the diagnosis: falling error, residual maps, worst stretch, contributions. Colours of Okabe and Ito."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pmsm_ctrl.diagnose.result import Diagnosis, Structure
 
 __all__ = [
-    "Plane", "contributions", "contributions_figure", "ladder_figure", "maps_figure", "plane_of", "rms_within",
+    "Plane", "contributions", "contributions_figure", "error_figure", "maps_figure", "plane_of", "rms_within",
     "structure_figure", "worst_stretch", "worst_stretch_figure",
 ]  # fmt: skip
 
@@ -57,38 +57,38 @@ def _torque_label(d: Diagnosis, what: str = "") -> str:
     return f"{d.record.drive}{what} [{d.record.unit('torque')}]"
 
 
-# ---- ladder ---------------------------------------------------------------------------------------------------------
+# ---- falling error --------------------------------------------------------------------------------------------------
 
 
-def ladder_figure(d: Diagnosis) -> Figure:
-    """Draw the relative error of every balance on every rung, on the log and on the held-out record."""
+def error_figure(d: Diagnosis) -> Figure:
+    """Draw the relative error of every balance after every step, on the log and on the held-out record."""
     from matplotlib.figure import Figure
 
     channels = list(d.errors["base"])
-    rungs = ["design\nas given", "parameters\nrefitted", *(f"+ {name}" for name in _names(d))]
+    models = ["design\nas given", "parameters\nrefitted", *(f"+ {name}" for name in _names(d))]
     figure = Figure(figsize=(9.0, 3.6 if len(channels) == 1 else 2.6 * len(channels) + 0.8), layout="constrained")
     panels = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, channel in zip(panels, channels, strict=True):
-        own = [d.errors[rung][channel]["relative"] for rung in ("nominal", "base")]
+        own = [d.errors[model][channel]["relative"] for model in ("nominal", "base")]
         own += [s.error_after[channel]["relative"] for s in d.steps]
-        _rungs(axes, list(range(len(own))), own, BLUE, "o-", "log", (0, 7))
+        _steps(axes, list(range(len(own))), own, BLUE, "o-", "log", (0, 7))
         if d.steps and channel in d.steps[0].holdout_before:
             other = [d.steps[0].holdout_before[channel]["relative"]]
             other += [s.holdout_after[channel]["relative"] for s in d.steps]
-            _rungs(axes, list(range(1, 1 + len(other))), other, VERMILION, "s--", "held-out record", (0, 7))
+            _steps(axes, list(range(1, 1 + len(other))), other, VERMILION, "s--", "held-out record", (0, 7))
         floor = d.errors["noise_floor"][channel]["relative"] * 100
         axes.axhline(floor, color=BLACK, linestyle=":", label=f"noise floor, {floor:.3g} %")
         axes.set_ylim(0.0, 1.28 * axes.get_ylim()[1])
         axes.set_ylabel(f"{_balance(d, channel)} error [%]")
         axes.legend(fontsize="small", loc="best")
         axes.grid(alpha=0.3)
-    panels[-1].set_xticks(range(len(rungs)), rungs, fontsize="small", rotation=0 if len(rungs) < 6 else 20)
-    panels[-1].set_xlim(-0.4, len(rungs) - 0.6)
-    panels[0].set_title("Relative error, rung by rung")
+    panels[-1].set_xticks(range(len(models)), models, fontsize="small", rotation=0 if len(models) < 6 else 20)
+    panels[-1].set_xlim(-0.4, len(models) - 0.6)
+    panels[0].set_title("Relative error, step by step")
     return figure
 
 
-def _rungs(
+def _steps(
     axes: Any, x: list[int], values: Sequence[float], colour: str, style: str, label: str, offset: tuple[int, int]
 ) -> None:
     axes.plot(x, 100 * np.array(values), style, color=colour, label=label)
@@ -144,7 +144,8 @@ def _edges(values: Array, count: int) -> Array:
     low, high = np.quantile(values, [0.005, 0.995])
     even = np.linspace(low, high if high > low else low + 1.0, count + 1)
     full = np.quantile(values, np.linspace(0.005, 0.995, count + 1))
-    return 0.5 * (even + np.maximum(full, low))
+    edges: Array = 0.5 * (even + np.maximum(full, low))
+    return edges
 
 
 def _explained(omega: Array, other: Array, residual: Array) -> float:

@@ -234,7 +234,7 @@ class Diagnosis(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the schema ``pmsm-ctrl/diagnosis/1``."""
-        return jsonable({
+        out: dict[str, Any] = jsonable({
             "schema": "pmsm-ctrl/diagnosis/1",
             "verdict": self.verdict.value,
             "log": self.log_name,
@@ -249,3 +249,4 @@ class Diagnosis(Result):
             "calibration": vars(self.calibration) if self.calibration is not None else None,
             **self.doubts(),
         })  # fmt: skip
+        return out

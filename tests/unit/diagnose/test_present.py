@@ -1,0 +1,145 @@
+"""The words of a diagnosis, on results that are written down by hand."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.diagnose import notices
+from pmsm_ctrl.diagnose.policy import POLICY
+from pmsm_ctrl.diagnose.present import _candidates, _errors, _found, verdict_text
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
+from pmsm_ctrl.diagnose.result import Calibration, Diagnosis, DiagnosisStep, Ranked, Verdict
+from pmsm_ctrl.diagnose.unexplained import resemblance
+from pmsm_ctrl.result import Estimate
+from pmsm_ctrl.section import Notice
+
+
+def errors(torque: float) -> dict[str, dict[str, Any]]:
+    return {"torque": {"rms": torque, "unit": "N m", "relative": torque}}
+
+
+STRIBECK = DiagnosisStep(
+    "stribeck", "stribeck", "Stribeck friction", ("viscous_power",),
+    {"dF_s": Estimate(0.00801, "N m", 0.00011), "delta": Estimate(1.834, "1")},
+    errors(0.05), errors(0.02), errors(0.06), errors(0.03),
+    {"p_holm": 0.0, "blocks": 16, "block_gain": 5234.0, "block_stderr": 262.0},
+)  # fmt: skip
+RANKING = (
+    Ranked("stribeck", 0.4, 0.0),
+    Ranked("constant_load", 0.001, 0.3, Refusal(Reason.NOT_SIGNIFICANT, {"p": 0.9}),
+           {"T_0": Estimate(0.000594, "N m")}),
+    Ranked("unbalance", 0.001, 0.3, Refusal(Reason.NOT_SIGNIFICANT, {"p": 0.9}),
+           {"a_s": Estimate(0.00021, "N m"), "a_c": Estimate(0.0002, "N m")}),
+    Ranked("dead_time", 0.001, 1.0, Refusal(Reason.PARAMETER_AT_BOUND), {"dU": Estimate(float("inf"), "V")}),
+)  # fmt: skip
+
+
+@pytest.fixture
+def found() -> Diagnosis:
+    ladder = {"nominal": errors(0.07), "base": errors(0.05), "final": errors(0.02), "noise_floor": errors(0.019)}
+    return Diagnosis(
+        Verdict.EFFECTS_MISSING, SimpleNamespace(name="axis"), ladder, (STRIBECK,), RANKING, (), None,  # type: ignore[arg-type]
+        (Notice("speed_lag", "the logged speed lags the torque by 0.17 ms (corrected)"),), None, None,
+        None, None,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def test_the_verdict_names_the_effects(found: Diagnosis) -> None:
+    assert verdict_text(found) == "1 missing effect: Stribeck friction"
+    two = replace(found, steps=(STRIBECK, replace(STRIBECK, title="Delay between channels")))
+    assert verdict_text(two) == "2 missing effects: Stribeck friction, Delay between channels"
+
+
+@pytest.mark.parametrize("verdict", [v for v in Verdict if v is not Verdict.EFFECTS_MISSING])
+def test_every_other_verdict_has_words(found: Diagnosis, verdict: Verdict) -> None:
+    assert verdict_text(replace(found, verdict=verdict, steps=()))
+
+
+def test_the_error_falls_model_by_model(found: Diagnosis) -> None:
+    table = _errors(found)
+    assert table.header == ("model", "torque", "held-out torque")
+    assert table.rows == (
+        ("design as given", "7.00 %", ""), ("parameters refitted", "5.00 %", "6.00 %"),
+        ("+ stribeck", "2.00 %", "3.00 %"), ("noise floor", "1.90 %", ""),
+    )  # fmt: skip
+    assert _errors(replace(found, steps=())).header == ("model", "torque")
+
+
+def test_numbers_have_the_digits_they_deserve(found: Diagnosis) -> None:
+    assert _found(found).rows == (
+        ("stribeck", "dF_s = 0.00801 ± 0.00011 N m, delta = 1.834", "< 1e-12", "5230 ± 260", "viscous_power"),
+    )
+
+
+def test_the_table_of_candidates_says_what_the_log_would_have_shown(found: Diagnosis) -> None:
+    assert [row[-1] for row in _candidates(found).rows] == [
+        "not significant (p = 0.9, Holm); detectable here above 0.59 mN m",
+        "not significant (p = 0.9, Holm); detectable here above a_s 0.21 mN m, a_c 0.2 mN m",
+        "rejected: parameter at its bound; not detectable on this log",
+    ]
+
+
+def test_json_has_sentences_and_codes(found: Diagnosis) -> None:
+    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert data["verdict"] == "effects_missing"
+    assert data["warning_codes"] == ["speed_lag"]
+    assert data["warnings"] == ["the logged speed lags the torque by 0.17 ms (corrected)"]
+    accepted, refused = data["ranking"][:2]
+    assert (accepted["accepted"], accepted["why_not"], accepted["why_not_code"]) == (True, "", "")
+    assert (refused["accepted"], refused["why_not_code"]) == (False, "not_significant")
+    assert refused["shown_from"]["T_0"]["unit"] == "N m"
+    assert (data["unexplained"], data["unexplained_code"]) == ("", "")
+
+
+@pytest.mark.parametrize(("alarms", "warned"), [(0, False), (1, False), (2, True)])
+def test_false_alarms_in_words(alarms: int, warned: bool) -> None:
+    rate = Calibration(20, ("delay",) * alarms)
+    assert bool(notices.of_calibration(rate)) is warned
+    text = notices.calibration_text(rate)
+    assert text.startswith(f"{alarms} false alarm{'' if alarms == 1 else 's'} in 20 simulations")
+    assert ("(delay)" in text) is (alarms > 0)
+
+
+# ---- structure that a refused effect resembles ------------------------------------------------------------------
+
+
+def resembling(gain: float, reason: Reason, p_value: float = 1e-20) -> Any:
+    """A spring that would explain `gain` of 100, in the second of two balances; four samples a balance."""
+    t = np.linspace(0.0, 1.0, 200)
+    trial = SimpleNamespace(
+        gain=gain, p_value=p_value, plain_direction=np.array([0.1, 0.1, 3.0, 3.0]),
+        candidate=SimpleNamespace(effect=SimpleNamespace(id="compliance", label=lambda shape: "compliance")),
+        group=SimpleNamespace(shape={}),
+    )  # fmt: skip
+    record = SimpleNamespace(
+        channels=("torque", "u_d"), drive="torque", t=t, mask=np.ones(200, dtype=bool), weight=np.ones((2, 200)),
+        signals={"omega": np.ones(200), "alpha": np.sin(20.0 * t)}, at_grid=lambda x: x, cutoff=40.0,
+        prepared=SimpleNamespace(t=t, motion="rotary", cutoff=40.0),
+    )  # fmt: skip
+    fit = SimpleNamespace(
+        trials=(trial,), solved=SimpleNamespace(chi2=100.0), plain=SimpleNamespace(rows=4), record=record,
+        weights=SimpleNamespace(channel=np.array([0, 0, 1, 1])), residual=np.stack([0.0 * t, np.sin(20.0 * t)]),
+    )  # fmt: skip
+    refused = {"compliance": Refusal(reason, {"gain": 1.0, "stderr": 2.0})}
+    return resemblance(SimpleNamespace(fit=fit, refused=refused), POLICY)  # type: ignore[arg-type]
+
+
+def test_what_only_cross_validation_refused_is_unexplained_when_it_is_large() -> None:
+    found = resembling(3.1, Reason.NOT_CONFIRMED)
+    assert (found.channel, found.coordinate, found.resembles) == ("u_d", "acceleration", "compliance")
+    assert found.share == pytest.approx(0.031)
+    assert "compliance would explain 3 % of it, but is not confirmed by cross-validation" in found.notice.text
+    x, forward, _ = found.curve
+    assert forward[np.isfinite(forward)] == pytest.approx(x[np.isfinite(forward)], abs=0.06)
+
+
+def test_other_refusals_and_small_shares_are_no_structure() -> None:
+    assert resembling(2.9, Reason.NOT_CONFIRMED) is None
+    assert resembling(50.0, Reason.BALANCE_WORSE) is None
+    assert resembling(50.0, Reason.NOT_CONFIRMED, p_value=0.02) is None
