@@ -23,19 +23,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """Measured and simulated signals through the same processing.
+    """Measured and simulated channels through the same processing on the log's thinned grid, shape (m,) each.
 
-    Attributes
-    ----------
-    measured, simulated : dict of channel to array, shape (m,)
-        On the log's thinned grid; empty where the simulation failed.
-    mask : bool array, shape (m,)
-        Samples that count.
-    control : str
-        "speed" or "position".
-    added_current : bool
-        Whether a current beside the speed controller's output was found in the log and fed in.
-    notices : tuple of Notice
+    They are empty where the simulation failed. `added_current` says that a current beside the speed controller's output
+    was found in the log and fed in.
     """
 
     measured: Mapping[str, Array]
@@ -49,16 +40,7 @@ class ClosedLoop:
 def closed_loop(design: Design, log: Log, processing: Processing) -> ClosedLoop | None:
     """Simulate the drive with the log's reference, from the log's first state; sensors without noise.
 
-    Parameters
-    ----------
-    design : Design
-    log : Log
-    processing : Processing
-
-    Returns
-    -------
-    ClosedLoop or None
-        None where the log has no speed reference, or the design no loops or no electrical data.
+    Returns None where the log has no speed reference, or the design no loops or no electrical data.
     """
     if design.loops is None or not design.motor.electrical or "omega_ref" not in log:
         return None

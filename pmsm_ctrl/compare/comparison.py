@@ -141,7 +141,7 @@ class Comparison(Result):
             | {"motion": {**vars(s.motion), "kind": s.motion.kind.value}}
             for s in log.stretches
         ]
-        return jsonable({
+        plain: dict[str, Any] = jsonable({
             "schema": "pmsm-ctrl/comparison/1",
             **self.doubts(),
             "log": log.name,
@@ -155,6 +155,7 @@ class Comparison(Result):
                 {"method": s.method, "errors": _plain(s.errors)} for s in other.simulated
             ],
         })  # fmt: skip
+        return plain
 
 
 def _plain(errors: Mapping[str, ChannelError]) -> dict[str, Any]:

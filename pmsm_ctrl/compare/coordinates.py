@@ -32,16 +32,9 @@ SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: close together wh
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What a model knows of the drive.
+    """Predicted torque, shape (m,), N m, inertia, and torque constant where the log has a current.
 
-    Attributes
-    ----------
-    torque : array, shape (m,)
-        Drive torque as the model predicts it: against the measured one its own noise would be a dependence.
-    J : float
-        Inertia that this prediction holds, kg m^2 (kg).
-    per_ampere : float or None
-        Torque constant; None where the log has a torque and no current.
+    Against the measured torque its own noise would be a dependence. The predicted one holds J times the acceleration.
     """
 
     torque: Array
@@ -84,17 +77,8 @@ class Curve:
 def grid_coordinates(prepared: Prepared, drive: Drive, noise: float = 0.0) -> dict[str, Array]:
     """Return coordinates of shape (m,) on the thinned grid.
 
-    Parameters
-    ----------
-    prepared : Prepared
-    drive : Drive
-    noise : float
-        Of the torque, rms. The current loop answers what it measures wrongly with a torque, so that small changes of
-        the acceleration mirror the noise of the measured current.
-
-    Returns
-    -------
-    dict of str to array
+    `noise` is that of the torque, rms: the current loop answers what it measures wrongly with a torque, so that small
+    changes of the acceleration mirror the noise of the measured current.
     """
     s, keep = prepared.signals, prepared.keep
     alpha = prepared.column(prepared.alpha)
@@ -150,21 +134,7 @@ def _confirmed(prepared: Prepared, alpha: Array, J: float) -> Array:
 def curves(
     prepared: Prepared, coordinates: dict[str, Array], residual: Array, mask: Mask, weight: Array
 ) -> list[Curve]:
-    """Return the curves that this log can show; a coordinate that hardly varies has none.
-
-    Parameters
-    ----------
-    prepared : Prepared
-    coordinates : dict of str to array, shape (m,)
-    residual, weight : array, shape (m,)
-        Relative inverse noise level beside the residual.
-    mask : bool array, shape (m,)
-        Samples that count.
-
-    Returns
-    -------
-    list of Curve
-    """
+    """Return the curves that this log can show; a coordinate that hardly varies has none. Arrays have shape (m,)."""
     direction = coordinates["direction"]
     share = float(np.mean(direction[mask] > 0.0))
     both = policy.ONE_WAY < share < 1.0 - policy.ONE_WAY

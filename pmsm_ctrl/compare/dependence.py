@@ -39,15 +39,7 @@ class Objection(Enum):
 
 @dataclass(frozen=True)
 class Extent:
-    """Where a curve is large.
-
-    Attributes
-    ----------
-    low, high : float or None
-        Of the coordinate; None where the curve is large up to that end.
-    direction : int
-        1 or -1 where it is so moving forward or backward alone.
-    """
+    """Where a curve is large: from `low` to `high`, None up to that end; 1 or -1 moving forward or backward alone."""
 
     low: float | None
     high: float | None
@@ -56,16 +48,7 @@ class Extent:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Measured and predicted channel on the thinned grid.
-
-    Attributes
-    ----------
-    t, measured, predicted : array, shape (m,)
-        Time in s, and the channel in `unit`.
-    mask : bool array, shape (m,)
-        Samples that count.
-    unit : str
-    """
+    """Measured and predicted channel on the thinned grid, shape (m,); `mask` marks the samples that count."""
 
     t: Array
     measured: Array
@@ -81,14 +64,9 @@ class Trace:
 
 @dataclass(frozen=True)
 class Relevance:
-    """How large a dependence must be.
+    """How large a dependence must be: a share of the residual's mean square, and a size as a share of the channel, rms.
 
-    Attributes
-    ----------
-    share : float
-        Least share of the residual's mean square.
-    size : float or None
-        Least size of a curve, as a share of the measured channel; None: by the kind of channel.
+    None for the size takes that of the kind of channel.
     """
 
     share: float = policy.SHARE
@@ -235,23 +213,9 @@ class ResidualStructure:
 def residual_structure(
     prepared: Prepared, trace: Trace, drive: Drive, relevance: Relevance | None = None, skipped: Collection[str] = ()
 ) -> ResidualStructure:
-    """Find what a residual depends on.
+    """Find what the residual of one channel of a log depends on.
 
-    Parameters
-    ----------
-    prepared : Prepared
-        The log.
-    trace : Trace
-        One of its channels.
-    drive : Drive
-        Torque and inertia of the model.
-    relevance : Relevance, optional
-    skipped : collection of str
-        Coordinates that this log knows too badly.
-
-    Returns
-    -------
-    ResidualStructure
+    `skipped` are coordinates that this log knows too badly.
     """
     residual = trace.residual
     # a residual depends on what changes slowly most of the time: its noise is what changes from sample to sample
@@ -328,7 +292,7 @@ def _away_from_reversals(prepared: Prepared, omega: Array) -> Mask:
 
     turned = np.concatenate([[False], omega[1:] * omega[:-1] < 0.0]).astype(np.int8)
     reach = round(policy.REVERSAL * prepared.thinned_rate / prepared.cutoff)
-    return maximum_filter1d(turned, 2 * reach + 1) == 0
+    return np.asarray(maximum_filter1d(turned, 2 * reach + 1) == 0)
 
 
 def _modelled(

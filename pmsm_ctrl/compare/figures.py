@@ -39,12 +39,7 @@ def outline(t: Array, y: Array, bins: int = 500) -> tuple[Array, Array]:
 
 
 def traces_figure(record: Record) -> Figure:
-    """Draw measured, predicted and residual of every channel; shade the worst stretches.
-
-    Parameters
-    ----------
-    record : Record
-    """
+    """Draw measured, predicted and residual of every channel; shade the worst stretches."""
     traces = record.traces
     figure = Figure(figsize=(8.0, 3.4 * len(traces)), layout="constrained")
     axes = np.atleast_1d(figure.subplots(2 * len(traces), 1, sharex=True, height_ratios=[2, 1] * len(traces)))
@@ -71,13 +66,7 @@ def traces_figure(record: Record) -> Figure:
 
 
 def structure_figure(record: Record, channel: str = "torque") -> Figure:
-    """Draw the shares, the residual over every coordinate with its curve, and the spectrum over the angle.
-
-    Parameters
-    ----------
-    record : Record
-    channel : str
-    """
+    """Draw the shares, the residual over every coordinate with its curve, and the spectrum over the angle."""
     found, residual = record.structure[channel], record.traces[channel].residual
     spectral = [d for d in found.dependences if d.spectrum is not None]
     panels = 1 + len(found.dependences) + len(spectral)
@@ -174,12 +163,7 @@ def _spectrum_panel(axes: Axes, d: Dependence, unit: str) -> None:
 
 
 def stretches_figure(record: Record) -> Figure:
-    """Draw measured against predicted in the worst stretches, with the speed below.
-
-    Parameters
-    ----------
-    record : Record
-    """
+    """Draw measured against predicted in the worst stretches, with the speed below."""
     trace, count = record.traces["torque"], max(1, len(record.stretches))
     figure = Figure(figsize=(3.6 * count, 4.2), layout="constrained")
     axes = figure.subplots(2, count, squeeze=False, sharex="col", height_ratios=[2, 1])

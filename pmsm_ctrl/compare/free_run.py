@@ -28,17 +28,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """The mechanical model driven by the measured torque, restarted in windows.
+    """The mechanical model driven by the measured torque, restarted every `window` s.
 
-    Attributes
-    ----------
-    t, omega, theta : array, shape (windows, steps)
-        Time, and simulated speed and position.
-    omega_meas, theta_meas : array, shape (windows, steps)
-    window : float
-        s.
-    notices : tuple of Notice
-        Effects that could not take part.
+    Arrays have shape (windows, steps): time in s, simulated and measured speed and position. The notices name effects
+    that could not take part.
     """
 
     t: Array
@@ -73,20 +66,9 @@ class FreeRun:
 def free_run(design: Design, prepared: Prepared, window: float = policy.WINDOW) -> FreeRun | None:
     """Run the design's mechanics from the measured torque, restarted from the measured state every `window` s.
 
-    All windows run side by side. Dry friction is set-valued: where the speed meets zero within a step the axis
-    rests, and it moves on when torque exceeds what friction can hold. Midpoint rule otherwise.
-
-    Parameters
-    ----------
-    design : Design
-    prepared : Prepared
-    window : float
-        s.
-
-    Returns
-    -------
-    FreeRun or None
-        None for a log that is shorter than two windows.
+    All windows run side by side. Dry friction is set-valued: where the speed meets zero within a step the axis rests,
+    and it moves on when torque exceeds what friction can hold. Midpoint rule otherwise. Returns None for a log that is
+    shorter than two windows.
     """
     every = max(1, int(policy.STEP * prepared.rate * (1 + 1e-9)))
     h = every / prepared.rate

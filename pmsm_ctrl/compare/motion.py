@@ -33,16 +33,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Motion:
-    """A piece of motion.
-
-    Attributes
-    ----------
-    kind : Kind
-    direction : int
-        1 forward, -1 backward, of the mean speed.
-    low, high : float
-        Least and greatest speed, rad/s (m/s), without their sign.
-    """
+    """A piece of motion: its kind, its direction (1 or -1), and least and greatest speed without sign, rad/s (m/s)."""
 
     kind: Kind
     direction: int
@@ -51,19 +42,7 @@ class Motion:
 
 
 def motion_of(omega: Array, fast: float) -> Motion:
-    """Return what the axis was doing.
-
-    Parameters
-    ----------
-    omega : array, shape (n,)
-        Speed of the piece, rad/s (m/s).
-    fast : float
-        The fast speed of the whole log.
-
-    Returns
-    -------
-    Motion
-    """
+    """Return the motion of speeds of shape (n,), rad/s (m/s); `fast` is the fast speed of the whole log."""
     size = np.abs(omega)
     top, mean = float(size.max()), float(omega.mean())
     direction = 1 if mean > 0.0 else -1

@@ -26,12 +26,7 @@ OBJECTIONS = {
 
 
 def coordinate_words(d: Dependence) -> str:
-    """Return a coordinate as a sentence says it.
-
-    Parameters
-    ----------
-    d : Dependence
-    """
+    """Return a coordinate as a sentence says it."""
     if d.coordinate == "speed" and np.isfinite(d.backward).any():
         return "speed and direction"
     if d.orders and d.rank:
@@ -41,12 +36,7 @@ def coordinate_words(d: Dependence) -> str:
 
 
 def largest_words(d: Dependence) -> str:
-    """Return where the curve of a dependence is large.
-
-    Parameters
-    ----------
-    d : Dependence
-    """
+    """Return where the curve of a dependence is large."""
     if d.coordinate == "direction":
         return f"{d.forward[1]:+.2g} forward, {d.backward[0]:+.2g} backward"
     if d.orders:
@@ -65,12 +55,7 @@ def largest_words(d: Dependence) -> str:
 
 
 def structure_words(found: ResidualStructure) -> str:
-    """Return what a residual depends on as one sentence without a full stop.
-
-    Parameters
-    ----------
-    found : ResidualStructure
-    """
+    """Return what a residual depends on as one sentence without a full stop."""
     parts = []
     if found.offset_significant:
         parts.append(f"{100 * found.offset_share:.0f} % of the residual is a constant {found.offset:+.2g} {found.unit}")
@@ -86,14 +71,7 @@ def structure_words(found: ResidualStructure) -> str:
 
 
 def motion_words(motion: Motion, unit: str) -> str:
-    """Return what an axis was doing.
-
-    Parameters
-    ----------
-    motion : Motion
-    unit : str
-        Of the speed.
-    """
+    """Return what an axis was doing; `unit` is that of the speed."""
     way = "forward" if motion.direction > 0 else "backward"
     low, high = f"{motion.low:.3g}", f"{motion.high:.3g} {unit}"
     match motion.kind:

@@ -17,18 +17,7 @@ Mask = NDArray[np.bool_]
 
 
 def waves(theta: Array, orders: Sequence[int]) -> Array:
-    """Return cosine and sine of every order.
-
-    Parameters
-    ----------
-    theta : array, shape (n,)
-        rad.
-    orders : sequence of int
-
-    Returns
-    -------
-    array, shape (n, 2 len(orders))
-    """
+    """Return cosine and sine of every order at angles of shape (n,), rad: shape (n, 2 len(orders))."""
     return np.column_stack([f(k * theta) for k in orders for f in (np.cos, np.sin)])
 
 
@@ -40,29 +29,12 @@ def order_spectrum(
     highest: int = policy.HIGHEST_ORDER,
     friction: bool = True,
 ) -> tuple[Array, Array]:
-    """Amplitude of the mechanical orders 1 to `highest`, and how much each stands out.
+    """Return amplitude and score of the mechanical orders 1 to `highest`, shape (highest,) each.
 
-    Every order has a wave that is the same either way and, where the axis moves both ways and unless `friction` is
-    told to stay out, one that turns with the direction, as friction at a place does.
-
-    Parameters
-    ----------
-    prepared : Prepared
-    residual, weight : array, shape (m,)
-        On the thinned grid; the weight is the relative inverse noise level.
-    mask : bool array, shape (m,)
-        Samples that count.
-    highest : int
-        Highest order.
-    friction : bool
-        Whether a wave may change its sign with the direction.
-
-    Returns
-    -------
-    amplitude : array, shape (highest,)
-        Of the larger of the two waves, in the residual's unit; NaN where no turn is slow enough to pass the filter.
-    score : array, shape (highest,)
-        Gain of the weighted sum of squares over what is left per sample.
+    Every order has a wave that is the same either way and, where the axis moves both ways and `friction` is allowed,
+    one that changes its sign with the direction. The amplitude is that of the larger, NaN where no turn is slow enough
+    to pass the filter; the score is the gain of the weighted sum of squares over the residual's per sample. Residual,
+    mask and weight (relative inverse noise level) have shape (m,).
     """
     signed = prepared.signals["omega"][prepared.keep]
     theta, omega, direction = prepared.signals["theta"][prepared.keep], np.abs(signed), np.sign(signed)
@@ -115,25 +87,11 @@ def _solved(gram: Array, right: Array, power: Array, count: Array, base: int) ->
 def strongest_orders(
     prepared: Prepared, residual: Array, mask: Mask, weight: Array, count: int
 ) -> tuple[Array, list[int], int]:
-    """Return the spectrum and the orders that stand out.
+    """Return the spectrum, the orders that stand out, best first and `count` at most, and how many could be judged.
 
-    One order at a time is taken out of the residual before the next is looked for: it leaks into its neighbours.
-
-    Parameters
-    ----------
-    prepared, residual, mask, weight
-        As for `order_spectrum`.
-    count : int
-        Most orders.
-
-    Returns
-    -------
-    spectrum : array, shape (2, highest)
-        Amplitude of every order, and the one that noise alone exceeds in one order of a hundred spectra.
-    orders : list of int
-        Best first.
-    seen : int
-        Orders that could be judged.
+    One order at a time is taken out of the residual before the next is looked for: it leaks into its neighbours. The
+    spectrum has shape (2, highest): amplitude of every order, and the one that noise alone exceeds in one order of a
+    hundred spectra.
     """
     first, score = order_spectrum(prepared, residual, mask, weight)
     seen = int(np.sum(score > 0.0))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compare.comparison import ChannelError, Comparison, Record
 from pmsm_ctrl.compare.notices import OBJECTIONS, largest_words, motion_words, structure_words
 from pmsm_ctrl.rendering.numbers import number, percent, probability
 from pmsm_ctrl.section import Picture, Section, Table, present
 from pmsm_ctrl.units import axis_unit, drives
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__: list[str] = []
 
@@ -74,25 +78,27 @@ def _stretches(log: Record, speed_unit: str) -> Table | str:
     return Table(("time [s]", "motion", f"rms [{unit}]"), rows, "Worst stretches of time")
 
 
+def _drawn(name: str, record: Record) -> Figure:
+    from pmsm_ctrl.compare import figures
+
+    draw: Callable[[Record], Figure] = getattr(figures, name)
+    return draw(record)
+
+
 def _pictures(result: Comparison) -> Iterator[Picture]:
     log, holdout = result.log, result.holdout
 
-    def figures():  # type: ignore[no-untyped-def]
-        from pmsm_ctrl.compare import figures
-
-        return figures
-
     yield Picture(
-        lambda: figures().traces_figure(log),
+        lambda: _drawn("traces_figure", log),
         "A residual with a pattern is a missing effect"
         + ("; the worst stretches are shaded." if log.stretches else "."),
     )
     yield Picture(
-        lambda: figures().structure_figure(log),
+        lambda: _drawn("structure_figure", log),
         "The residual over every coordinate. A curve that stays on zero means that the model is right there; shares "
         "are those of the residual's mean square, by cross-validation.",
     )
     if log.stretches:
-        yield Picture(lambda: figures().stretches_figure(log), "The worst stretches, with the speed below.")
+        yield Picture(lambda: _drawn("stretches_figure", log), "The worst stretches, with the speed below.")
     if holdout is not None:
-        yield Picture(lambda: figures().traces_figure(holdout), "The same parameters on the holdout record.")
+        yield Picture(lambda: _drawn("traces_figure", holdout), "The same parameters on the holdout record.")

@@ -18,17 +18,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Stretch:
-    """A stretch of time in which a prediction fails.
-
-    Attributes
-    ----------
-    start, stop : float
-        s, on the log's clock.
-    rms : float
-        Of the residual, in its unit.
-    motion : Motion
-        What the axis was doing.
-    """
+    """A stretch of time, s, in which a prediction fails; the residual's rms and the motion in it."""
 
     start: float
     stop: float
@@ -39,18 +29,7 @@ class Stretch:
 def worst_stretches(t: Array, residual: Array, mask: Mask, omega: Array, count: int = 3) -> tuple[Stretch, ...]:
     """Return the worst stretches, worst first, none overlapping another; none where none stands out.
 
-    Parameters
-    ----------
-    t, residual, omega : array, shape (m,)
-        Time in s, measured less predicted, and speed, on a uniform grid.
-    mask : bool array, shape (m,)
-        Samples that count.
-    count : int
-        Most stretches.
-
-    Returns
-    -------
-    tuple of Stretch
+    Time in s, residual and speed on a uniform grid, and the mask of samples that count, have shape (m,).
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -83,13 +62,7 @@ def worst_stretches(t: Array, residual: Array, mask: Mask, omega: Array, count: 
 
 
 def run_around(true: Mask, place: int) -> tuple[int, int]:
-    """Return the first and the last sample of the run of true ones that holds a place.
-
-    Parameters
-    ----------
-    true : bool array, shape (n,)
-    place : int
-    """
+    """Return the first and the last sample of the run of true ones that holds a place."""
     false = np.flatnonzero(~true)
     after = int(np.searchsorted(false, place))
     first = int(false[after - 1]) + 1 if after > 0 else 0

@@ -20,19 +20,9 @@ Array = NDArray[np.float64]
 
 
 def predicted_voltages(design: Design, prepared: Prepared) -> tuple[dict[str, Array], tuple[Notice, ...]]:
-    """Predict u_d and u_q by the dq voltage equations and the design's voltage effects.
+    """Predict u_d and u_q, shape (n,), V, by the dq voltage equations and the design's voltage effects.
 
-    Parameters
-    ----------
-    design : Design
-    prepared : Prepared
-
-    Returns
-    -------
-    predicted : dict of ``u_d`` and ``u_q`` to array, shape (n,)
-        At the log's own rate, V; empty when the design or the log lacks what is needed.
-    notices : tuple of Notice
-        Effects that could not take part.
+    Empty when the design or the log lacks what is needed; the notices name effects that could not take part.
     """
     signals, motor = prepared.signals, design.motor
     if not motor.electrical or any(name not in signals for name in ("i_d", "i_q", "u_d", "u_q")):

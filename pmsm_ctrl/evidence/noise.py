@@ -119,7 +119,7 @@ def autocorrelation(a: Array, n: int) -> Array:
     size = 1 << max(12, int(np.ceil(np.log2(4 * n))))
     response = np.fft.rfft(np.concatenate([[1.0], a]), size)
     power = np.fft.irfft(1.0 / np.maximum(np.abs(response) ** 2, 1e-300), size)
-    return power[:n] / power[0]
+    return np.asarray(power[:n] / power[0])
 
 
 def fit_noise(

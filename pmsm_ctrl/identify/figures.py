@@ -24,17 +24,7 @@ Array = NDArray[np.float64]
 def measured_against_predicted(
     t: Array, measured: Array, predicted: Array, mask: NDArray[np.bool_], quantity: str, unit: str
 ) -> Figure:
-    """Draw measured and predicted over the residual.
-
-    Parameters
-    ----------
-    t, measured, predicted : array, shape (n,)
-        Time in s, and both signals in `unit`.
-    mask : bool array, shape (n,)
-        Samples that are drawn.
-    quantity, unit : str
-        For the axes.
-    """
+    """Draw measured and predicted, shape (n,), over the residual; samples outside the mask are left out."""
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     hidden = np.where(mask, 1.0, np.nan)
@@ -53,12 +43,7 @@ def measured_against_predicted(
 
 
 def friction_over_speed(result: SweepResult) -> Figure:
-    """Draw torque against speed with the joint line, and the residual.
-
-    Parameters
-    ----------
-    result : SweepResult
-    """
+    """Draw torque against speed with the joint line, and the residual."""
     torque_unit, speed_unit = axis_unit("N m", result.motion), axis_unit("rad/s", result.motion)
     omega = np.array([level.omega for level in result.levels])
     torque = np.array([level.torque for level in result.levels])

@@ -84,7 +84,7 @@ class Identification(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
-        return jsonable({
+        plain: dict[str, Any] = jsonable({
             "schema": "pmsm-ctrl/identification/1",
             "log": self.log_name,
             "method": self.method,
@@ -104,6 +104,7 @@ class Identification(Result):
             "notes": [note.text for note in self.remarks],
             "least_squares_bias": None if self.bias is None else vars(self.bias),
         })  # fmt: skip
+        return plain
 
 
 @dataclass(frozen=True, eq=False)

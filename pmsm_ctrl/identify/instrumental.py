@@ -60,37 +60,17 @@ class BiasTest:
 def instrumental(
     design: Design, log: Log, replay: Replay, processing: tuple[Processing, Processing], inertia: bool = True
 ) -> tuple[Problem, Fit, BiasTest, tuple[Notice, ...]]:
-    """Solve a regression by instrumental variables.
+    """Solve a regression by instrumental variables, and test whether least squares is biased.
 
     The noise-free drive is simulated with the last estimates, the columns of that log are the instruments of the
     next, until nothing moves. What the processing itself makes of the noise-free log (the residual it leaves) is
-    subtracted from the target.
-
-    Parameters
-    ----------
-    design : Design
-    log : Log
-    replay : Replay
-        The log's experiment.
-    processing : (Processing, Processing)
-        Of the estimates, and of the least squares that is tested for bias: instruments bear a wider band.
-    inertia : bool
-        Whether the inertia is searched; it is the design's otherwise.
-
-    Returns
-    -------
-    problem : Problem
-        With the target that was explained.
-    fit : Fit
-    test : BiasTest
-    notices : tuple of Notice
+    subtracted from the target. `processing` is that of the estimates, and that of the least squares that is tested:
+    instruments bear a wider band. Without `inertia` the design's is taken.
 
     Raises
     ------
     LogError
         When the simulated drive does not move.
-    SimulationError
-        When the design's loops are not stable on the plant that the log suggests.
     """
     wide, usual = processing
     prepared, narrow = prepare(design, log, wide), prepare(design, log, usual)
@@ -140,17 +120,6 @@ def bias_test(problem: Problem, ordinary: Fit, unbiased: Fit) -> BiasTest:
 
     The difference of the two estimates is linear in the noise, ``d = D e``, so that its covariance under the
     hypothesis is ``s^2 D R D'`` with the residual's correlation R: no assumption of white noise.
-
-    Parameters
-    ----------
-    problem : Problem
-        What both estimates explain.
-    ordinary, unbiased : Fit
-        By least squares and by instrumental variables.
-
-    Returns
-    -------
-    BiasTest
     """
     from scipy.special import fdtrc
 

@@ -85,19 +85,7 @@ _NEEDS = (Cause.NOT_EXCITED, Cause.COLLINEAR, Cause.NO_ACCELERATION)
 
 
 def not_identifiable(lost: Unidentifiable, needs: str) -> Notice:
-    """Return why a parameter gets no number.
-
-    Parameters
-    ----------
-    lost : Unidentifiable
-    needs : str
-        What excitation shows the parameter; empty where that is not known.
-
-    Returns
-    -------
-    Notice
-        Its code is that of the cause.
-    """
+    """Return why a parameter gets no number; `needs` says what excitation shows it, where that is known."""
     names = {key: ", ".join(value) for key, value in lost.detail.items() if isinstance(value, tuple)}
     text = _CAUSES[lost.cause].format(**{**lost.detail, **names})
     if needs and lost.cause in _NEEDS:

@@ -79,27 +79,9 @@ def output_error(
 ) -> tuple[Problem, Fit, tuple[Notice, ...]]:
     """Fit the inertia and all parameters of the design's effects by simulation.
 
-    Parameters
-    ----------
-    design : Design
-    problem : Problem
-        The regression of the same log; its solution is the start.
-    prepared : Prepared
-        The log as it was logged: the simulation has the measurement effects of the design.
-    replay : Replay
-        The log's experiment.
-
-    Returns
-    -------
-    problem : Problem
-        Linear at the solution: the columns are the sensitivities.
-    fit : Fit
-    notices : tuple of Notice
-
-    Raises
-    ------
-    SimulationError
-        When the design's loops are not stable on the plant of the first guess.
+    Starts from the solution of the log's regression. The log is prepared as it was logged: the simulation has the
+    measurement effects of the design. Returns the problem that is linear at the solution, its columns the
+    sensitivities.
     """
     ordinary = solve(problem)
     columns = _parameters(design, problem)
@@ -196,6 +178,9 @@ def _fitted(
         except SimulationError:
             return np.full(int(mask.sum()), policy.UNSTABLE)
 
+    def jacobian(x: Array) -> Array:
+        return slopes_at(x)[mask] * scale / force
+
     def slopes_at(x: Array) -> Array:
         if x.tobytes() not in slopes:
             made = model.slopes(full(x), free.tolist())
@@ -203,13 +188,14 @@ def _fitted(
             slopes[x.tobytes()] = made
         return slopes[x.tobytes()]
 
-    bounds = [np.array([getattr(model.columns[k], side) for k in free]) / scale for side in ("lower", "upper")]
-    inside = np.clip(start[free] / scale, *bounds)
+    low = np.array([model.columns[k].lower for k in free]) / scale
+    high = np.array([model.columns[k].upper for k in free]) / scale
+    inside = np.clip(start[free] / scale, low, high)
     slopes[inside.tobytes()] = first
     # A sum of squares that falls by a ten thousandth moves a parameter by a fraction of its standard error; the
     # linear problem that follows takes that step as well.
     found = least_squares(
-        residual, inside, jac=lambda x: slopes_at(x)[mask] * scale / force, bounds=bounds, x_scale="jac", xtol=1e-5,
+        residual, inside, jac=jacobian, bounds=(low, high), x_scale="jac", xtol=1e-5,
         ftol=1e-4, max_nfev=policy.FIT_ROUNDS,
     )  # fmt: skip
     failed = NOT_CONVERGED(method="the fit by simulation", rounds=policy.FIT_ROUNDS, names="")

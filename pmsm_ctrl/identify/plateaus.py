@@ -23,16 +23,9 @@ Array = NDArray[np.float64]
 class Plateau:
     """One constant reference speed.
 
-    Attributes
-    ----------
-    omega_ref, omega, torque : float
-        Reference, and means over the settled part, rad/s and N m (m/s and N).
-    stderr, dof : float
-        Standard error of the mean torque, its autocorrelation allowed for, and its degrees of freedom.
-    start, settled, stop : float
-        Begin of the plateau, of its settled part, and end, s.
-    trusted : bool
-        Whether it settled at all; others do not take part in a fit.
+    Means over its settled part, rad/s and N m (m/s and N), the standard error of the torque with its degrees of
+    freedom, the autocorrelation allowed for, and begin, begin of the settled part and end, s. One that did not settle
+    is not trusted.
     """
 
     omega_ref: float
@@ -47,20 +40,10 @@ class Plateau:
 
 
 def settled_from(values: Array) -> tuple[int, bool]:
-    """Return the first settled sample of a record, and whether it settles at all.
+    """Return the first settled sample of a record, shape (n,), and whether it settles at all.
 
     The start is cut where the marginal standard error of the rest is least (K. P. White, Simulation 69 (1997) 323),
-    within the first three quarters. The rest is settled when its two halves agree, within their errors or within
-    1e-4 of the level.
-
-    Parameters
-    ----------
-    values : array, shape (n,)
-
-    Returns
-    -------
-    start : int
-    settled : bool
+    within the first three quarters. The rest is settled when its two halves agree.
     """
     n = len(values)
     batch = max(1, n // 200)
@@ -81,19 +64,10 @@ def settled_from(values: Array) -> tuple[int, bool]:
 
 
 def find_plateaus(design: Design, log: Log) -> tuple[Plateau, ...]:
-    """Find and average the plateaus of a staircase.
+    """Find and average the plateaus of a staircase, in order of time.
 
-    Parameters
-    ----------
-    design : Design
-        Gives the torque constant the evaluation assumes.
-    log : Log
-        With ``omega_ref``, ``omega`` or ``theta``, and ``torque`` or ``i_q``.
-
-    Returns
-    -------
-    tuple of Plateau
-        In order of time, standstill left out: friction is set-valued there.
+    Standstill is left out: friction is set-valued there. The log needs ``omega_ref``, ``omega`` or ``theta``, and
+    ``torque`` or ``i_q``.
 
     Raises
     ------

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pmsm_ctrl.identify.identification import Identification
 from pmsm_ctrl.identify.paper import PaperRow, PaperTable
 from pmsm_ctrl.identify.staircase import SweepResult
 from pmsm_ctrl.rendering.numbers import number, percent
 from pmsm_ctrl.result import Estimate
-from pmsm_ctrl.section import Picture, Section, Table, present
+from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.units import drives
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__: list[str] = []
 
@@ -29,7 +33,7 @@ def _(result: Identification) -> Section:
         f"{METHODS[result.method]}: {len(result.estimates)} of {asked} parameters identified; the residual is "
         f"{percent(result.relative_error)} of the {quantity}."
     )
-    blocks = [verdict, *result.notices, *(f"Note: {note.text}." for note in result.remarks)]
+    blocks: list[Block] = [verdict, *result.notices, *(f"Note: {note.text}." for note in result.remarks)]
     if result.estimates:
         rows = tuple(
             (name, *_figures(e, result.intervals[name]), number(e.nominal or 0.0, 5))
@@ -78,12 +82,18 @@ def _bias_table(result: Identification) -> Table:
     return Table(header, rows, "Bias of least squares")
 
 
-def _residual_figure(result: Identification):  # type: ignore[no-untyped-def]
+def _residual_figure(result: Identification) -> Figure:
     from pmsm_ctrl.identify.figures import measured_against_predicted
 
     p = result.shown
     predicted = p.torque - result.unexplained
     return measured_against_predicted(p.t, p.torque, predicted, p.mask, drives(result.design.motion), p.unit)
+
+
+def _sweep_figure(result: SweepResult) -> Figure:
+    from pmsm_ctrl.identify.figures import friction_over_speed
+
+    return friction_over_speed(result)
 
 
 @present.register
@@ -94,11 +104,7 @@ def _(result: SweepResult) -> Section:
         for symbol in ("F_c", "F_v")
     )
 
-    def figure():  # type: ignore[no-untyped-def]
-        from pmsm_ctrl.identify.figures import friction_over_speed
-
-        return friction_over_speed(result)
-
+    caption = "Points on the line and a residual without a pattern: F_c and F_v are the whole friction."
     return Section(
         f"Speed sweep of {result.design.name}",
         (
@@ -106,7 +112,7 @@ def _(result: SweepResult) -> Section:
             f"model-to-measurement error of the line is {result.rms_percent:.2f} % rms.",
             *result.notices,
             Table(("fit", *_HEADER), rows, "Friction from the settled speeds"),
-            Picture(figure, "Points on the line and a residual without a pattern: F_c and F_v are the whole friction."),
+            Picture(lambda: _sweep_figure(result), caption),
         ),
     )
 
@@ -124,18 +130,13 @@ def _(result: PaperTable) -> Section:
         for r in result.rows
     )
 
-    def figure():  # type: ignore[no-untyped-def]
-        from pmsm_ctrl.identify.figures import friction_over_speed
-
-        return friction_over_speed(result.sweeps[0])
-
     return Section(
         "The reference paper's table",
         (
             *result.notices,
             Table(("case", "parameter", "unit", "injected", "paper", *evaluated), rows),
             hypothesis,
-            Picture(figure, "The first case: averaged torque against speed."),
+            Picture(lambda: _sweep_figure(result.sweeps[0]), "The first case: averaged torque against speed."),
         ),
     )
 

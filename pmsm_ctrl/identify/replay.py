@@ -33,20 +33,9 @@ Array = NDArray[np.float64]
 class Replay:
     """The experiment of one log, ready to be run on any plant.
 
-    Attributes
-    ----------
-    controller : Design
-        Its loops run in the simulated drive.
-    scenario : Scenario
-        The references of the log; any time may be asked for.
-    t : array, shape (n,)
-        Uniform time of the log, s, counted from its begin.
-    channels : dict of str to array, shape (n,)
-        The log on that time base.
-    divider : int
-        Control periods per sample of the log.
-    notes : tuple of Notice
-        What was found of a current beside the speed controller's output.
+    The loops of the controller run in the simulated drive; the scenario holds the references of the log at any time.
+    Time, s from the begin of the log, and channels of the log have shape (n,); `divider` is the number of control
+    periods per sample. The notes tell of a current beside the speed controller's output.
     """
 
     controller: Design
@@ -62,21 +51,7 @@ class Replay:
         return any(note.code == REPLAYED_CURRENT.code for note in self.notes)
 
     def run(self, plant: Design) -> Log:
-        """Return the log that a plant without sensor noise gives, on the time grid of the original.
-
-        Parameters
-        ----------
-        plant : Design
-
-        Returns
-        -------
-        Log
-
-        Raises
-        ------
-        SimulationError
-            When this plant is not stable with the design's loops.
-        """
+        """Return the log that a plant without sensor noise gives, on the time grid of the original."""
         ideal = plant.replace(sensor={"encoder_counts": 0, "current_noise": 0.0, "log_divider": self.divider})
         log = simulate(self.controller, self.scenario, truth=ideal)
         if len(log) == len(self.t) and abs(log.t[-1] - self.t[-1]) < 0.01 * log.period:
@@ -90,15 +65,6 @@ class Replay:
 
 def build_replay(design: Design, log: Log) -> Replay:
     """Read the experiment from a log: ``theta_ref`` (position control) or ``omega_ref`` (speed control).
-
-    Parameters
-    ----------
-    design : Design
-    log : Log
-
-    Returns
-    -------
-    Replay
 
     Raises
     ------
@@ -265,18 +231,6 @@ def plant_with(design: Design, columns: Iterable[Column], values: Iterable[float
     """Return the plant with these parameter values, moved inside their bounds.
 
     Its torque constant is the one that the evaluation assumes, so that torque means the same on both sides.
-
-    Parameters
-    ----------
-    design : Design
-    columns : iterable of Column
-        Parameters that change.
-    values : iterable of float
-        One each, SI units.
-
-    Returns
-    -------
-    Design
     """
     changed: dict[int, dict[str, float]] = {}
     inertia = design.J

@@ -30,16 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Level:
-    """Mean over the repeats of one reference speed.
-
-    Attributes
-    ----------
-    omega, torque : float
-        rad/s and N m (m/s and N).
-    stderr, dof : float
-        Standard error of the torque and its degrees of freedom.
-    repeats : int
-    """
+    """Mean over the repeats of one reference speed: rad/s and N m (m/s and N), and the standard error of the torque."""
 
     omega: float
     torque: float
@@ -52,15 +43,8 @@ class Level:
 class Line:
     """Straight line F_c + F_v omega through one direction or, symmetrically, through both.
 
-    Attributes
-    ----------
-    F_c, F_v : Estimate
-    dof : float
-        Degrees of freedom of the standard errors, which come from the scatter about the line.
-    misfit : float
-        Scatter about the line over the scatter expected from the plateaus' own errors (1 is good).
-    p_value : float
-        Probability of such a misfit or a larger one if a line is right.
+    The standard errors come from the scatter about the line, with `dof` degrees of freedom. `misfit` is that scatter
+    over the one expected from the plateaus' own errors (1 is good), `p_value` the probability of it if a line is right.
     """
 
     F_c: Estimate
@@ -223,16 +207,7 @@ def simulated_records(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> list[Log]:
-    """Simulate the staircase several times, with independent noise per record.
-
-    Parameters
-    ----------
-    design, truth, repeats, seed, progress
-        As for `sweep`.
-
-    Returns
-    -------
-    list of Log
+    """Simulate the staircase `repeats` times, with independent noise per record; the arguments are those of `sweep`.
 
     Raises
     ------

@@ -236,7 +236,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
         signals["i_d"] = _intended_i_d(log, prepared, signals["i_d"])
     _add_slopes(signals, prepared)
     driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
-    direction, sure, kink = _direction(signals["omega"], driving, prepared, prefilter(processing, prepared))
+    direction, sure, kink = _direction(signals["omega"], driving, prepared, prefilter(prepared))
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
@@ -250,7 +250,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
         steady = edge_weight(np.gradient(np.unwrap(on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)
         slow = slow * steady
         sound = sound & (steady > 0.02)
-    weight = [slow * reversal_weight(log, prepared, signals, kink, processing)]
+    weight = [slow * reversal_weight(log, prepared, signals, kink)]
     for name in channels[1:]:
         level = np.hypot(target[1], target[2])
         weight.append(weight[0] * voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)))

@@ -34,17 +34,10 @@ INFORMATION = 0.97
 
 
 def signal_band(log: Log) -> float:
-    """Return the low-pass that a comparison or a diagnosis needs: the default, or more where the drive signal has more.
+    """Return the low-pass of a comparison or a diagnosis, Hz: the default, or more where the drive signal has more.
 
-    Parameters
-    ----------
-    log : Log
-
-    Returns
-    -------
-    float
-        Hz. `PASSED` of the power of ``torque`` or ``i_q`` above its noise floor lies below two thirds of it; the
-        floor is the level of the uppermost quarter of the spectrum.
+    `PASSED` of the power of ``torque`` or ``i_q`` above its noise floor lies below two thirds of it; the floor is the
+    level of the uppermost quarter of the spectrum.
     """
     from scipy.signal import welch
 
@@ -64,17 +57,9 @@ def signal_band(log: Log) -> float:
 
 
 def widest_band(design: Design, log: Log) -> float:
-    """Return the low-pass of a method that noise in the motion does not bias.
+    """Return the low-pass of a method that noise in the motion does not bias, Hz.
 
-    Parameters
-    ----------
-    design : Design
-    log : Log
-
-    Returns
-    -------
-    float
-        Hz; wider where the design has an effect whose shape a simulation can fit.
+    It is wider where the design has an effect whose shape a simulation can fit.
     """
     return float(min(SHAPES, log.rate / 4.0) if _has_shapes(design) else min(UNBIASED, log.rate / 8.0))
 
@@ -90,23 +75,7 @@ def regression_problem(design: Design, log: Log, processing: Processing) -> Prob
     A wider band is taken only where the default one finds every parameter, lest the drive's answer to noise counts as
     excitation. The inertia keeps a narrower band of its own where noise of the acceleration would bias it by more than
     `NEGLIGIBLE_BIAS`: errors in a column shrink its parameter by the share of the column's power that is theirs
-    (W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1).
-
-    Parameters
-    ----------
-    design : Design
-    log : Log
-    processing : Processing
-        A cutoff given here is taken.
-
-    Returns
-    -------
-    Problem
-
-    Raises
-    ------
-    LogError
-        When a channel is missing or the axis hardly moves.
+    (W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1). A cutoff given in `processing` is taken.
     """
     usual = build_problem(design, log, processing)
     widest = widest_band(design, log)

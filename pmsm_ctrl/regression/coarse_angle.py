@@ -22,21 +22,8 @@ BEARABLE = 0.02
 def without_coarse_angle(design: Design, log: Log, cutoff: float) -> tuple[Log, tuple[Notice, ...]]:
     """Leave the angle out where its digits do not suffice for an acceleration and the log has a speed as well.
 
-    The error of a step q, even over q and white, has an rms of q / sqrt(12), of which a low-pass at f lets through
-    sqrt(2 f / rate). Twice differentiated that is (2 pi f)^2 / sqrt(5) times as much.
-
-    Parameters
-    ----------
-    design : Design
-    log : Log
-    cutoff : float
-        Low-pass of the evaluation, Hz.
-
-    Returns
-    -------
-    log : Log
-        Without ``theta`` where it was left out.
-    notes : tuple of Notice
+    The error of a step q, even over q and white, has an rms of q / sqrt(12), of which a low-pass at f (`cutoff`, Hz)
+    lets through sqrt(2 f / rate). Twice differentiated that is (2 pi f)^2 / sqrt(5) times as much.
     """
     step = growing_steps(log["theta"]) if "theta" in log else 0.0
     if step == 0.0:

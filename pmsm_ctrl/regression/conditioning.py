@@ -27,7 +27,7 @@ from pmsm_ctrl.regression.signals import logged_torque
 from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.section import Notice
 
-__all__ = ["Prepared", "Processing", "condition", "default_cutoff", "prepare"]
+__all__ = ["PREFILTER", "Prepared", "Processing", "condition", "default_cutoff", "prepare"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -36,6 +36,11 @@ Mask = NDArray[np.bool_]
 FEWEST = 100
 # SI units; no sensor resolves less.
 SMALLEST = 1e-15
+# Low-pass of the signals before they are differentiated, in cutoffs.
+PREFILTER = 2.5
+# Time cut at both ends and around gaps, in periods of the cutoff: what the steep filter guessed before the record has
+# faded to 0.4 % by then.
+EDGE = 4.0
 # Default low-pass, Hz: friction and inertia of a servo axis show below it.
 USUAL = 40.0
 # Low-pass of the speed, Hz, from which rests and reversals are found that are to be blanked: a low-pass rounds off the
@@ -57,22 +62,10 @@ class Processing:
         Low-pass of the acceleration as an instrument, Hz, where that is less than `cutoff`: the inertia is then found
         from this band alone, since the noise of a measured acceleration grows with the square of the frequency.
         None: it is found from the whole band.
-    prefilter : float or None
-        Low-pass of the signals before they are differentiated, Hz. None: 2.5 times the cutoff; where `blank` holds
-        `KEEN` if that is more and the encoder is fine enough.
-    derivative : {"nine_point", "central", "spectral"}
+    derivative : {"nine_point", "central"}
         "central" loses 1 % at 30 Hz on a 1 kHz log; it is there to reproduce other people's figures.
     standstill : float
         Speeds below this share of the 99 % quantile are masked: friction is set-valued there.
-    standstill_speed : float
-        The same as an absolute speed, rad/s (m/s); the larger of the two holds.
-    edge : float or None
-        Time cut at both ends and around gaps, s. None: four periods of the cutoff.
-        The steep filter rings a little longer: what it guessed before the record fades to 0.4 % within that time.
-    reversal : float
-        Time cut on either side of every reversal, s. The moment at which a filtered speed changes its sign is not
-        quite that at which the axis did; one period of the cutoff removes that error, and a few samples. Zero, as
-        the authors of the method have it, keeps them.
     through_reversals : bool
         Whether samples at rest take part where the rest is shorter than the filter's memory, as at a reversal:
         for an evaluation that simulates the rest. Longer rests never take part.
@@ -85,12 +78,8 @@ class Processing:
 
     cutoff: float | None = None
     inertia_cutoff: float | None = None
-    prefilter: float | None = None
-    derivative: Literal["nine_point", "central", "spectral"] = "nine_point"
+    derivative: Literal["nine_point", "central"] = "nine_point"
     standstill: float = 0.002
-    standstill_speed: float = 0.0
-    edge: float | None = None
-    reversal: float = 0.0
     through_reversals: bool = False
     blank: bool | None = None
 
@@ -162,19 +151,8 @@ class Prepared:
 def prepare(design: Design, log: Log, processing: Processing | None = None, *, as_logged: bool = False) -> Prepared:
     """Check a log, then filter, differentiate and mask it.
 
-    Parameters
-    ----------
-    design : Design
-        Gives the torque constant and, for an electrical motor, the reluctance torque.
-    log : Log
-        With ``theta`` or ``omega``, and ``torque`` or ``i_q``; position and torque are preferred.
-    processing : Processing, optional
-    as_logged : bool
-        Leave in what the design's measurement effects put into the channels, for who models it.
-
-    Returns
-    -------
-    Prepared
+    The design gives the torque constant and, for an electrical motor, the reluctance torque. `as_logged` leaves in what
+    its measurement effects put into the channels, for who models it.
 
     Raises
     ------
@@ -191,16 +169,7 @@ def prepare(design: Design, log: Log, processing: Processing | None = None, *, a
 
 
 def condition(design: Design, log: Log, processing: Processing, as_logged: bool = False) -> Prepared:
-    """Filter, differentiate and mask a log that was checked and whose angle is fine enough.
-
-    Parameters
-    ----------
-    design, log, processing, as_logged
-        As for `prepare`.
-
-    Returns
-    -------
-    Prepared
+    """Filter, differentiate and mask a log that was checked and whose angle is fine enough; see `prepare`.
 
     Raises
     ------
@@ -234,10 +203,9 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
     signals["t"] = t - t[0]  # terms that drift count from the begin of the log
     for name in {"i_d", "i_q"} & signals.keys():
         signals[f"d{name}"] = derivative(signals[name], 1.0 / rate, processing.derivative)
-    edge = processing.edge if processing.edge is not None else 4.0 / cutoff
     rest = _resting(signals["omega"], rate, cutoff, processing)
     moving = np.ones(len(t), dtype=bool) if processing.blank else ~rest
-    moving = _sound(moving, good, round(edge * rate))
+    moving = _sound(moving, good, round(EDGE * rate / cutoff))
     # A drive that runs at the log's own rate holds its torque between samples: nothing is missed then.
     decimated = design.motor.electrical and design.drive.f_control > 1.5 * rate
     spikes = _spikes(raw["torque"] if "torque" in raw else raw["i_q"]) if decimated else np.arange(0)
@@ -307,11 +275,11 @@ def _moved(
         clean = (lambda x: low_pass(x, rate, wide)) if wide < 0.45 * rate else (lambda x: x)
         return *_motion(raw, 1.0 / rate, clean, processing.derivative, where), clean
 
-    usual = processing.prefilter if processing.prefilter is not None else 2.5 * cutoff
+    usual = PREFILTER * cutoff
     if not processing.blank:
         return *made(usual), False
     most = NERVOUS * _turns(made(cutoff)[0]["omega"], processing)
-    for wide in (max(usual, KEEN), usual) if processing.prefilter is None else (usual,):
+    for wide in (max(usual, KEEN), usual):
         signals, alpha, clean = made(wide)
         if _turns(signals["omega"], processing) <= most:
             return signals, alpha, clean, True
@@ -319,7 +287,7 @@ def _moved(
 
 
 def _slow(omega: Array, processing: Processing) -> float:
-    return max(processing.standstill * float(np.quantile(np.abs(omega), 0.99)), processing.standstill_speed)
+    return processing.standstill * float(np.quantile(np.abs(omega), 0.99))
 
 
 def _turns(omega: Array, processing: Processing) -> int:
@@ -367,9 +335,6 @@ def _resting(omega: Array, rate: float, cutoff: float, processing: Processing) -
             rest[max(0, start - memory) : stop + memory] = True
         elif stop - start <= memory and processing.through_reversals:
             rest[start:stop] = False
-    near = round(processing.reversal * rate)
-    for k in turns if near else ():
-        rest[max(0, k + 1 - near) : k + 1 + near] = True
     return rest
 
 

@@ -22,25 +22,17 @@ _STENCILS: dict[str, tuple[float, ...]] = {
 
 
 def derivative(values: Array, period: float, method: str = "nine_point") -> Array:
-    """Differentiate samples of a uniform grid.
+    """Differentiate samples of a uniform grid, shape (n,), their period in s.
 
-    Parameters
-    ----------
-    values : array, shape (n,)
-    period : float
-        Sampling period, s.
-    method : {"nine_point", "central", "spectral"}
-        Spectral differentiates the sine series of the signal without its chord, mirrored oddly at both ends.
+    The last few samples at either end are of second order only.
 
-    Returns
-    -------
-    array, shape (n,)
-        The last few samples at either end are of second order only.
+    Raises
+    ------
+    RequestError
+        For an unknown method.
     """
-    if method == "spectral":
-        return _spectral(values, period)
     if method not in _STENCILS:
-        raise RequestError(f"derivative '{method}': known are nine_point, central, spectral")
+        raise RequestError(f"derivative '{method}': known are nine_point, central")
     weights = _STENCILS[method]
     reach, n = len(weights), len(values)
     out = np.gradient(values, period)
@@ -50,17 +42,6 @@ def derivative(values: Array, period: float, method: str = "nine_point") -> Arra
             inner += weight * (values[reach + j : n - reach + j] - values[reach - j : n - reach - j])
         out[reach : n - reach] = inner / period
     return out
-
-
-def _spectral(values: Array, period: float) -> Array:
-    n = len(values)
-    slope = (values[-1] - values[0]) / (n - 1)
-    bent = values - (values[0] + slope * np.arange(n))
-    periodic = np.concatenate([bent, -bent[-2:0:-1]])
-    spectrum = np.fft.rfft(periodic)
-    frequency = 2j * np.pi * np.fft.rfftfreq(len(periodic), period)
-    frequency[-1] = 0.0  # the sine at the Nyquist frequency has no derivative on the grid
-    return np.fft.irfft(spectrum * frequency, len(periodic))[:n] + slope / period
 
 
 def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False, step: int = 1) -> Array:

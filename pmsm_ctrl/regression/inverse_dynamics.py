@@ -6,7 +6,7 @@ method: M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Syst. Technol
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,22 +35,8 @@ Mask = NDArray[np.bool_]
 class Column:
     """One parameter of the regression.
 
-    Attributes
-    ----------
-    name : str
-        The parameter's symbol, with ``#2`` and so on for further instances of an effect.
-    values : array, shape (m,)
-        Filtered term per unit of the parameter.
-    unit : str
-        Unit of the parameter on this kind of axis.
-    nominal, lower, upper : float
-        The design's value and the effect's bounds.
-    effect : str
-        Id of the effect; empty for the inertia.
-    entry : int
-        Position among the design's effects; -1 where it is none of them.
-    symbol : str
-        The parameter's symbol.
+    `name` is its symbol, with ``#2`` and so on for further instances of an effect; `values`, shape (m,), the filtered
+    term per unit of the parameter; `entry` the position of its effect among the design's, -1 for none of them.
     """
 
     name: str
@@ -115,7 +101,8 @@ class Problem:
     @property
     def nominal(self) -> Array:
         """What the design's own values explain of the target, shape (m,), without any fit."""
-        return self.matrix() @ np.array([column.nominal for column in self.columns])
+        nominal: Array = self.matrix() @ np.array([column.nominal for column in self.columns])
+        return nominal
 
     @property
     def inertia(self) -> int | None:
@@ -154,35 +141,20 @@ class _Term:
 def build_problem(
     design: Design, log: Log | Prepared, processing: Processing | None = None, inertia: bool = True
 ) -> Problem:
-    """Build the regression of a design's torque effects on a log.
+    """Build the regression of a design's torque effects on a log; nonlinear parameters are held at the design's values.
 
-    Nonlinear parameters are held at the design's values.
-
-    Parameters
-    ----------
-    design : Design
-    log : Log or Prepared
-    processing : Processing, optional
-        Filter, derivative and mask of a log that is not prepared yet.
-    inertia : bool
-        Whether the inertia is a column; otherwise ``J alpha`` with the design's J is subtracted from the target.
-
-    Returns
-    -------
-    Problem
+    Without `inertia` as a column, ``J alpha`` with the design's J is subtracted from the target.
 
     Raises
     ------
     LogError
         When a channel is missing that a term reads, or the axis hardly moves.
-    DesignError
-        When the design names an unknown effect.
     """
     prepared = log if isinstance(log, Prepared) else prepare(design, log, processing)
     torque = prepared.signals["torque"] if prepared.acting is None else prepared.acting
     terms, left_out = _terms(design, prepared, torque)
     if prepared.acting is None and any(term.reads_torque for term in terms):
-        terms, _ = _terms(design, prepared, _acting_torque(design, prepared, terms))
+        terms, _ = _terms(design, prepared, _acting_torque(design, prepared))
     target = prepared.column(prepared.signals["torque"])
     if "T_load" in prepared.signals:
         target -= prepared.column(prepared.signals["T_load"])
@@ -238,7 +210,7 @@ def _terms(design: Design, prepared: Prepared, torque: Array) -> tuple[list[_Ter
     return terms, left_out
 
 
-def _acting_torque(design: Design, prepared: Prepared, terms: list[_Term]) -> Array:
+def _acting_torque(design: Design, prepared: Prepared) -> Array:
     """Return the drive torque that the motion takes, shape (n,), for terms that are a share of it.
 
     The measured torque holds its own noise, and in a regression it would explain itself: friction by load with a share
@@ -246,28 +218,20 @@ def _acting_torque(design: Design, prepared: Prepared, terms: list[_Term]) -> Ar
     with what that gives.
     """
     measured = prepared.signals["torque"]
-    load = prepared.signals.get("T_load", np.zeros_like(measured))
-    for again in (True, False):
-        free = [prepared.alpha, *_free(terms)]
-        fixed = load + sum(_fixed(term) for term in terms)
+    acting: Array = measured
+    for _ in range(2):
+        fixed = prepared.signals.get("T_load", np.zeros_like(measured)).copy()
+        free = [prepared.alpha]
+        for term in _terms(design, prepared, acting)[0]:
+            fixed += term.rest
+            if term.reads_torque:
+                fixed += sum(term.parameters[symbol] * part for symbol, part in term.parts.items())
+            else:
+                free += term.parts.values()
         rows = np.column_stack([prepared.column(part) for part in free])[prepared.mask]
         size = np.linalg.norm(rows, axis=0)
         size[size == 0.0] = 1.0
         target = prepared.column(measured - fixed)[prepared.mask]
         values = np.linalg.lstsq(rows / size, target, rcond=1e-9)[0] / size
         acting = fixed + sum(value * part for value, part in zip(values.tolist(), free, strict=True))
-        if again:
-            terms, _ = _terms(design, prepared, acting)
     return acting
-
-
-def _free(terms: list[_Term]) -> Iterator[Array]:
-    for term in terms:
-        if not term.reads_torque:
-            yield from term.parts.values()
-
-
-def _fixed(term: _Term) -> Array:
-    if not term.reads_torque:
-        return term.rest
-    return term.rest + sum(term.parameters[symbol] * part for symbol, part in term.parts.items())

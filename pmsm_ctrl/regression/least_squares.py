@@ -39,14 +39,7 @@ class Cause(Enum):
 
 @dataclass(frozen=True)
 class Combination:
-    """What is known of parameters that cannot be told apart: their weighted sum.
-
-    Attributes
-    ----------
-    weights : dict of column name to float
-    value, stderr : float
-    unit : str
-    """
+    """What is known of parameters that cannot be told apart: their weighted sum."""
 
     weights: Mapping[str, float]
     value: float
@@ -56,19 +49,10 @@ class Combination:
 
 @dataclass(frozen=True)
 class Unidentifiable:
-    """A parameter that the log does not show.
+    """A parameter that the log does not show: the cause, its effect's id (empty for the inertia), and the figures.
 
-    Attributes
-    ----------
-    cause : Cause
-    effect : str
-        Id of its effect; empty for the inertia.
-    detail : dict of str to value
-        What the cause is known from.
-    known : Combination or None
-        Of it and the parameters it cannot be told from.
-    held : bool
-        Whether the others were estimated with the design's value in its place.
+    `known` is a sum of it and others that is known; `held` says that the others were estimated with the design's value
+    in its place.
     """
 
     cause: Cause
@@ -121,15 +105,7 @@ class Fit:
 
 
 def t_quantile(coverage: float, dof: float) -> float:
-    """Return the half-width of a two-sided interval in standard errors.
-
-    Parameters
-    ----------
-    coverage : float
-        0 to 1.
-    dof : float
-        Degrees of freedom of Student's t; infinite for the normal distribution.
-    """
+    """Return the half-width of a two-sided interval in standard errors, by Student's t; normal for infinite `dof`."""
     from scipy.special import ndtri, stdtrit
 
     upper = 0.5 + coverage / 2.0
@@ -152,10 +128,6 @@ def solve(problem: Problem, instruments: Array | None = None, ratio: float | Non
         The inertia gets no number when its torque is less than this multiple of the residual: without instruments,
         so little acceleration may be the loops' answer to noise, and the inertia found from it falls short. None: no
         such limit.
-
-    Returns
-    -------
-    Fit
     """
     mask = problem.mask
     x, y = problem.matrix(), problem.target

@@ -20,42 +20,23 @@ Array = NDArray[np.float64]
 
 
 def drive_torque(design: Design, i_d: ArrayLike, i_q: ArrayLike) -> Array:
-    """Return the torque that currents make, with the torque constant that the evaluation assumes.
+    """Return the torque that currents make, N m (N), with the torque constant that the evaluation assumes.
 
-    Parameters
-    ----------
-    design : Design
-        With pole pairs and inductances the reluctance torque is included.
-    i_d, i_q : array, shape (n,), or float
-        Currents, A.
-
-    Returns
-    -------
-    array, shape (n,), or float
-        N m (N).
+    Currents in A, arrays of shape (n,) or numbers. With pole pairs and inductances the reluctance torque is included.
     """
     motor = design.motor
     if motor.p is None or motor.L_d is None or motor.L_q is None:
         return design.K_t_assumed * np.asarray(i_q, dtype=np.float64)
     psi_f = psi_f_from(design.K_t_assumed, motor.p)
     # the kernel's own Python source works on arrays as well
-    return torque_em.py_func(motor.p, psi_f, motor.L_d, motor.L_q, i_d, i_q)
+    torque: Array = torque_em.py_func(motor.p, psi_f, motor.L_d, motor.L_q, i_d, i_q)
+    return torque
 
 
 def logged_torque(design: Design, channels: Mapping[str, Array], label: str = "") -> Array:
-    """Return the drive torque of a log: its torque channel, or else the torque of its currents.
+    """Return the drive torque of a log, N m (N), shape (n,): its torque channel, or else the torque of its currents.
 
-    Parameters
-    ----------
-    design : Design
-    channels : mapping of str to array, shape (n,)
-    label : str
-        Beginning of an error message: the file's name and a colon.
-
-    Returns
-    -------
-    array, shape (n,)
-        N m (N).
+    `label` begins an error message.
 
     Raises
     ------
@@ -72,17 +53,7 @@ def logged_torque(design: Design, channels: Mapping[str, Array], label: str = ""
 
 
 def term_signals(design: Design, signals: Mapping[str, Array]) -> dict[str, Array | float]:
-    """Return the signals by the names that terms read: those of the log, and the pole pairs.
-
-    Parameters
-    ----------
-    design : Design
-    signals : mapping of str to array, shape (n,)
-
-    Returns
-    -------
-    dict of str to array or float
-    """
+    """Return the signals by the names that terms read: those of the log, and the pole pairs."""
     known: dict[str, Array | float] = dict(signals)
     if design.motor.p is not None:
         known["p"] = float(design.motor.p)
@@ -90,41 +61,16 @@ def term_signals(design: Design, signals: Mapping[str, Array]) -> dict[str, Arra
 
 
 def missing_signals(effect: Effect, known: Mapping[str, Array | float]) -> str:
-    """Return the signals that a term reads and the log does not have.
-
-    Parameters
-    ----------
-    effect : Effect
-    known : mapping of str to array or float
-        As returned by `term_signals`.
-
-    Returns
-    -------
-    str
-        Names, separated by commas; empty when none is missing.
-    """
+    """Return the names of the signals that a term reads and that are not known, separated by commas."""
     return ", ".join(name for name in effect.signals if name not in known)
 
 
 def evaluable_terms(
     design: Design, enters: str, known: Mapping[str, Array | float]
 ) -> tuple[list[tuple[Effect, dict[str, float]]], dict[str, str]]:
-    """Return the design's effects that these signals can evaluate sample by sample, without any fit.
+    """Return the active effects that enter this balance and can be evaluated from known signals without any fit.
 
-    Parameters
-    ----------
-    design : Design
-    enters : {"torque", "voltage"}
-        The balance.
-    known : mapping of str to array or float
-        As returned by `term_signals`.
-
-    Returns
-    -------
-    terms : list of (Effect, dict of str to float)
-        Active effects with their parameters.
-    left_out : dict of str to str
-        Effect id -> why.
+    With them, those left out: effect id -> why.
     """
     terms: list[tuple[Effect, dict[str, float]]] = []
     left_out: dict[str, str] = {}

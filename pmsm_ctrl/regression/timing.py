@@ -25,24 +25,11 @@ JUMP = 12.0
 
 
 def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]]:
-    """Bring a log to one uniform time grid.
+    """Bring a log to one uniform time grid: time in s and channels of shape (n,), samples outside gaps, and notes.
 
     Where time stamps jitter by more than a thousandth of a period, the channels are resampled with a cubic spline,
     unless the motion is smoother with the samples taken at equal steps: then a clock took them, and only the stamps
     are late. A hole of more than five periods is bridged and marked.
-
-    Parameters
-    ----------
-    log : Log
-
-    Returns
-    -------
-    t : array, shape (n,)
-        s.
-    channels : dict of str to array, shape (n,)
-    good : bool array, shape (n,)
-        False inside a hole.
-    notes : tuple of Notice
 
     Raises
     ------
@@ -107,24 +94,11 @@ def unwrapped(theta: Array) -> Array:
 
 
 def punctual(log: Log, t: Array, cutoff: float, jumps: bool = True) -> Mask:
-    """Return samples away from time stamps that are off by more than half a period.
+    """Return samples, shape (n,), away from time stamps that are off by more than half a period.
 
-    Such a stamp, or the count that went with it, makes the speed jump: where there are any, samples around jumps of
-    the speed are left out as well. Where that would be nearly everywhere, nothing is left out.
-
-    Parameters
-    ----------
-    log : Log
-    t : array, shape (n,)
-        Uniform time, s.
-    cutoff : float
-        Low-pass of the evaluation, Hz: one and a half of its periods are left out on either side.
-    jumps : bool
-        Whether jumps of the speed count.
-
-    Returns
-    -------
-    bool array, shape (n,)
+    Such a stamp, or the count that went with it, makes the speed jump: where there are any, samples around jumps of the
+    speed are left out as well, unless `jumps` are dealt with elsewhere. Where that would be nearly everywhere, nothing
+    is left out. `t` is the uniform time, s; one and a half periods of the cutoff, Hz, are left out on either side.
     """
     good = np.ones(len(t), dtype=bool)
     late = np.flatnonzero(np.abs(np.diff(log.t) - log.period) > LATE * log.period)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.conditioning import Prepared, Processing
+from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
 from pmsm_ctrl.regression.filters import low_pass
 
 __all__ = [
@@ -37,9 +37,7 @@ WRONG_TORQUE = 0.02
 WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
 
 
-def reversal_weight(
-    log: Log, prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], processing: Processing
-) -> Array:
+def reversal_weight(log: Log, prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float]) -> Array:
     """Weight around reversals: the moment at which friction turns is known only so well.
 
     Friction jumps by twice its level F, the acceleration by 2 F / J, and the low-pass before differentiation rounds
@@ -49,7 +47,7 @@ def reversal_weight(
     rate, omega = prepared.rate, signals["omega"]
     if level <= 0.0 or J <= 0.0:
         return np.ones(len(prepared.keep))
-    wide = prefilter(processing, prepared)
+    wide = prefilter(prepared)
     rounded = ROUNDED * 2.0 * level / J / (2.0 * np.pi * wide)
     turns = np.flatnonzero(np.diff(np.sign(omega)) != 0)
     slope = np.abs(low_pass(prepared.alpha, rate, prepared.cutoff))[turns]
@@ -132,6 +130,6 @@ def voltage_weight(design: Design, prepared: Prepared, signals: Mapping[str, Arr
     return 1.0 / (1.0 + (wrong / noise) ** 2)
 
 
-def prefilter(processing: Processing, prepared: Prepared) -> float:
+def prefilter(prepared: Prepared) -> float:
     """Cutoff of the low-pass before differentiation, Hz."""
-    return processing.prefilter if processing.prefilter is not None else 2.5 * prepared.cutoff
+    return PREFILTER * prepared.cutoff

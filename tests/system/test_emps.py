@@ -31,7 +31,7 @@ def pulses(measured: Callable[[str], Path], design: Design) -> Log:
     return read_log(measured("emps/DATA_EMPS_PULSES.mat"), design)
 
 
-@pytest.mark.parametrize("derivative", ["nine_point", "central", "spectral"])
+@pytest.mark.parametrize("derivative", ["nine_point", "central"])
 def test_the_authors_figures(design: Design, record: Log, derivative: str) -> None:
     result = identify(design, record, processing=Processing(derivative=derivative))  # type: ignore[arg-type]
     print(result.summary())
