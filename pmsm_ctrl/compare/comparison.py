@@ -54,7 +54,15 @@ class ChannelError:
 
     @classmethod
     def of(cls, measured: Array, predicted: Array, unit: str, floor: float = float("nan")) -> ChannelError:
-        """Return the error of samples of shape (n,)."""
+        """Return the error of measured and predicted samples.
+
+        Parameters
+        ----------
+        measured, predicted : array, shape (n,)
+        unit : str
+        floor : float
+            Rms that noise alone makes.
+        """
         residual = measured - predicted
         size = float(np.linalg.norm(measured))
         return cls(

@@ -32,9 +32,16 @@ SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: close together wh
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Predicted torque, shape (m,), N m, inertia, and torque constant where the log has a current.
+    """What a model knows of the drive.
 
-    Against the measured torque its own noise would be a dependence. The predicted one holds J times the acceleration.
+    Attributes
+    ----------
+    torque : array, shape (m,)
+        As the model predicts it: against the measured one its own noise would be a dependence.
+    J : float
+        Inertia in that prediction.
+    per_ampere : float or None
+        Torque constant; None where the log has a torque and no current.
     """
 
     torque: Array
@@ -48,6 +55,7 @@ class Curve:
 
     Attributes
     ----------
+    name, unit : str
     x : array, shape (m,)
         The coordinate itself.
     base : array, shape (m, b)

@@ -48,7 +48,15 @@ class Extent:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Measured and predicted channel on the thinned grid, shape (m,); `mask` marks the samples that count."""
+    """Measured and predicted channel on the thinned grid.
+
+    Attributes
+    ----------
+    t, measured, predicted : array, shape (m,)
+    mask : bool array, shape (m,)
+        Samples that count.
+    unit : str
+    """
 
     t: Array
     measured: Array
@@ -64,9 +72,14 @@ class Trace:
 
 @dataclass(frozen=True)
 class Relevance:
-    """How large a dependence must be: a share of the residual's mean square, and a size as a share of the channel, rms.
+    """How large a dependence must be.
 
-    None for the size takes that of the kind of channel.
+    Attributes
+    ----------
+    share : float
+        Of the residual's mean square.
+    size : float or None
+        Rms as a share of the channel's; None: by the kind of channel.
     """
 
     share: float = policy.SHARE

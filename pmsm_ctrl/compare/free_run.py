@@ -28,10 +28,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """The mechanical model driven by the measured torque, restarted every `window` s.
+    """The mechanical model driven by the measured torque, restarted in windows.
 
-    Arrays have shape (windows, steps): time in s, simulated and measured speed and position. The notices name effects
-    that could not take part.
+    Attributes
+    ----------
+    t, omega, theta, omega_meas, theta_meas : array, shape (windows, steps)
+        Time, and speed and position, simulated and measured.
+    window : float
+        s.
+    notices : tuple of Notice
+        Effects that could not take part.
     """
 
     t: Array

@@ -18,7 +18,14 @@ K_T_HYPOTHESIS = 1.0
 
 @dataclass(frozen=True)
 class PaperCase:
-    """Friction put into the simulation, and what the paper's evaluation returned (None: not simulated there)."""
+    """Friction put into the simulation, and what the paper's evaluation returned (None: not simulated there).
+
+    Attributes
+    ----------
+    name : str
+    F_c, F_v, paper_F_c, paper_F_v : float
+        N m and N m s/rad.
+    """
 
     name: str
     F_c: float

@@ -33,9 +33,18 @@ Array = NDArray[np.float64]
 class Replay:
     """The experiment of one log, ready to be run on any plant.
 
-    The loops of the controller run in the simulated drive; the scenario holds the references of the log at any time.
-    Time, s from the begin of the log, and channels of the log have shape (n,); `divider` is the number of control
-    periods per sample. The notes tell of a current beside the speed controller's output.
+    Attributes
+    ----------
+    controller : Design
+        Its loops run in the simulated drive.
+    scenario : Scenario
+        The references of the log at any time.
+    t, channels : array and dict of arrays, shape (n,)
+        The log on a uniform time base, s from its begin.
+    divider : int
+        Control periods per sample.
+    notes : tuple of Notice
+        On a current beside the speed controller's output.
     """
 
     controller: Design

@@ -101,6 +101,10 @@ class Prepared:
         False at standstill, at the edges and around gaps.
     keep : int array, shape (m,)
         Indices of the thinned grid, moving or not.
+    rate, cutoff : float
+        Of the log and of the low-pass, Hz.
+    motion : {"rotary", "linear"}
+    notes : tuple of Notice
     weight : array, shape (n,), or None
         What every column is multiplied by before it is filtered: 0 where nothing is to be explained, 1 elsewhere.
     inertia_cutoff : float or None

@@ -35,8 +35,19 @@ Mask = NDArray[np.bool_]
 class Column:
     """One parameter of the regression.
 
-    `name` is its symbol, with ``#2`` and so on for further instances of an effect; `values`, shape (m,), the filtered
-    term per unit of the parameter; `entry` the position of its effect among the design's, -1 for none of them.
+    Attributes
+    ----------
+    name : str
+        The symbol, with ``#2`` and so on for further instances of an effect.
+    values : array, shape (m,)
+        Filtered term per unit of the parameter.
+    unit : str
+    nominal, lower, upper : float
+        The design's value and the effect's bounds.
+    effect, symbol : str
+        Id of the effect, empty for the inertia, and the parameter's symbol.
+    entry : int
+        Position among the design's effects; -1 where it is none of them.
     """
 
     name: str

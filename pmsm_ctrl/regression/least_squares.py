@@ -49,10 +49,19 @@ class Combination:
 
 @dataclass(frozen=True)
 class Unidentifiable:
-    """A parameter that the log does not show: the cause, its effect's id (empty for the inertia), and the figures.
+    """A parameter that the log does not show.
 
-    `known` is a sum of it and others that is known; `held` says that the others were estimated with the design's value
-    in its place.
+    Attributes
+    ----------
+    cause : Cause
+    effect : str
+        Id of its effect; empty for the inertia.
+    detail : dict of str to value
+        The figures behind the cause.
+    known : Combination or None
+        Of it and the parameters it cannot be told from.
+    held : bool
+        Whether the others were estimated with the design's value in its place.
     """
 
     cause: Cause
