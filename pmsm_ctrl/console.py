@@ -17,7 +17,8 @@ from pmsm_ctrl.errors import CacheWarning, PmsmCtrlError, RequestError
 from pmsm_ctrl.files import require_writable, write_text
 
 if TYPE_CHECKING:
-    from pmsm_ctrl.result import Result, Section
+    from pmsm_ctrl.result import Result
+    from pmsm_ctrl.section import Section
 
 __all__ = [
     "BAD_INPUT",

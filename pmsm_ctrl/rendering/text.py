@@ -14,7 +14,7 @@ __all__ = ["to_text"]
 
 NARROWEST = 80
 WIDEST_PROSE = 100  # longer lines are hard to read
-GAP = 2  # blanks between two columns
+GAPS = (2, 1)  # blanks between two columns; the narrow gap where the table fits only so
 
 
 def to_text(section: Section, width: int | None = None) -> str:
@@ -77,27 +77,40 @@ def _table(table: Table, width: int) -> list[str]:
         return [*caption, "(no rows)"]
     count = len(table.header)
     rows = [(*row, *("",) * (count - len(row))) for row in table.rows]
-    widths = _widths(list(zip(table.header, *rows, strict=True)), width - GAP * (count - 1))
-    if widths is None:
-        return [*caption, *_records(table.header, rows, width)]
     right = numeric_columns(table)
-    lines = [line for row in (table.header, tuple("-" * w for w in widths), *rows) for line in _row(row, widths, right)]
-    return [*caption, *lines]
+    for gap in GAPS:
+        widths = _widths(list(zip(table.header, *rows, strict=True)), width - gap * (count - 1))
+        if widths is not None:
+            ruled = (table.header, tuple("-" * w for w in widths), *rows)
+            return [*caption, *(line for row in ruled for line in _row(row, widths, right, gap))]
+    return [*caption, *_records(table.header, rows, width)]
 
 
 def _widths(columns: list[tuple[str, ...]], room: int) -> list[int] | None:
-    """Return the columns' widths: as wide as their cells, else shrunk down to their longest words; None if too wide."""
-    widths = [max(_columns(cell) for cell in column) for column in columns]
-    least = [max((_columns(word) for cell in column for word in cell.split()), default=0) for column in columns]
+    """Return the columns' widths: as wide as their cells, else shrunk down to their longest words; None if too wide.
+
+    A column of width w wraps a text of n characters into about n / w lines, so that the column to shrink is the one
+    with the smallest sum of n / w^2.
+    """
+    natural = [max(_columns(cell) for cell in column) for column in columns]
+    least = [max((_columns(word) for cell in column for word in _words(cell)), default=0) for column in columns]
+    if sum(least) > room:
+        return None
+    text = [sum(map(_columns, column)) for column in columns]
+    widths = list(natural)
     while sum(widths) > room:
-        k = max(range(len(widths)), key=lambda k: (widths[k] > least[k], widths[k]))
-        if widths[k] <= least[k]:
-            return None
-        widths[k] -= 1
+        wide = (k for k in range(len(widths)) if widths[k] > least[k])
+        widths[min(wide, key=lambda k: text[k] / widths[k] ** 2)] -= 1
+    # a wrapped cell rarely fills its column: the rest goes to the columns that gain most from it
+    widths = [max(_columns(line) for cell in column for line in _wrap(cell, max(1, w)))
+              for column, w in zip(columns, widths, strict=True)]  # fmt: skip
+    while sum(widths) < min(room, sum(natural)):
+        narrow = (k for k in range(len(widths)) if widths[k] < natural[k])
+        widths[max(narrow, key=lambda k: text[k] / widths[k] ** 2)] += 1
     return widths
 
 
-def _row(cells: tuple[str, ...], widths: list[int], right: tuple[bool, ...]) -> Iterator[str]:
+def _row(cells: tuple[str, ...], widths: list[int], right: tuple[bool, ...], gap: int) -> Iterator[str]:
     """Yield the lines of one row, its cells wrapped to their columns."""
     wrapped = [_wrap(cell, max(1, w)) for cell, w in zip(cells, widths, strict=True)]
     for k in range(max(map(len, wrapped))):
@@ -106,12 +119,12 @@ def _row(cells: tuple[str, ...], widths: list[int], right: tuple[bool, ...]) -> 
             text = lines[k] if k < len(lines) else ""
             blank = " " * (w - _columns(text))
             parts.append(blank + text if r else text + blank)
-        yield (" " * GAP).join(parts).rstrip()
+        yield (" " * gap).join(parts).rstrip()
 
 
 def _records(header: tuple[str, ...], rows: list[tuple[str, ...]], width: int) -> Iterator[str]:
     """Yield a table row by row, one line a cell; the first cell heads its record."""
-    margin = 2 + max(map(_columns, header)) + GAP
+    margin = 2 + max(map(_columns, header)) + GAPS[0]
     for row in rows:
         yield from _wrap(f"{header[0]}: {row[0]}", width)
         for name, cell in zip(header[1:], row[1:], strict=True):
@@ -126,7 +139,7 @@ def _wrap(text: str, width: int) -> list[str]:
     """Break a text at its blanks, and a word only when it is longer than a line; at least one line."""
     lines: list[str] = []
     line = ""
-    for word in text.split():
+    for word in _words(text):
         while _columns(word) > width:
             if line:
                 lines.append(line)
@@ -142,6 +155,11 @@ def _wrap(text: str, width: int) -> list[str]:
         elif word:
             line = f"{line} {word}" if line else word
     return [*lines, line] if line or not lines else lines
+
+
+def _words(text: str) -> list[str]:
+    """Split a text at its blanks, but not between a number and its percent sign."""
+    return [word.replace("\0", " ") for word in text.replace(" %", "\0%").split()]
 
 
 def _columns(text: str) -> int:

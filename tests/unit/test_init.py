@@ -175,7 +175,10 @@ def test_a_plain_axis_is_identified_from_a_log(capsys: pytest.CaptureFixture[str
     ("words", "said"),
     [
         (["--machine", "plane", *options(PLAIN)], "did you mean 'plain'?"),
-        (["--machine", "plain", *options(PLAIN), "--resistance", "1 Ohm line"], "--resistance does not apply to a plain"),
+        (
+            ["--machine", "plain", *options(PLAIN), "--resistance", "1 Ohm line"],
+            "--resistance does not apply",
+        ),
         (["--machine", "linear", *options({**LINEAR, "encoder": "0 um"})], "a step of 0.1 nm to 10 mm"),
         (["--machine", "linear", *options({**LINEAR, "inertia": "1.6 kg cm2"})], "accepted: kg, g"),
         (["--machine", "linear", *options(PLAIN)], "accepted: N/A peak"),
