@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 __all__ = ["ACCEPTANCE", "CYCLES", "NOT_COMPENSATED", "UNSAFE", "UNSAFE_DESIGN", "sentence"]
 
 ACCEPTANCE = Template("acceptance_failed", "acceptance {line}")
-NOT_COMPENSATED = Template("not_compensated", "{note}")
+NOT_COMPENSATED = Template(
+    "not_compensated", "{effect} cannot be compensated: the drive cannot evaluate it from its own signals"
+)
 UNSAFE_DESIGN = Template(
     "design_gain_unsafe",
     "the design's gain of {gain:.0f} % with {source}-speed feedforward is not safe; the highest safe gain is "

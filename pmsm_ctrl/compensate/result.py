@@ -85,7 +85,7 @@ class CompensationStudy(Result):
         """Reasons to doubt the compensation."""
         failed = (verdict for verdict in self.verdicts if not verdict.passed)
         out = [notices.ACCEPTANCE(line=notices.sentence(verdict)) for verdict in failed]
-        out += [notices.NOT_COMPENSATED(note=note) for note in self.not_compensated]
+        out += [notices.NOT_COMPENSATED(effect=effect) for effect in self.not_compensated]
         gain, source = self.design.compensation.gain, self.design.compensation.source
         window = self.windows.get("reference" if source == "adaptive" else source)
         if window is not None and gain > window.safe:

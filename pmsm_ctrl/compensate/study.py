@@ -98,7 +98,7 @@ def compensate(
         windows[source] = replace(window, hint=describing_function_limit(base, source))
         advance(0.5 + 0.5 * (done + 1) / len(SOURCES))
     verdicts = tuple(accept(design, wanted, seed=seed) for wanted in design.acceptance)
-    return CompensationStudy(design, tuple(table), windows, full.notes, hunting(base), verdicts)
+    return CompensationStudy(design, tuple(table), windows, full.left_out, hunting(base), verdicts)
 
 
 def _compared(runs: _Runs, base: Design, every: tuple[str, ...]) -> Iterator[Row]:

@@ -1,7 +1,7 @@
-"""Friction compensation as it runs in the drive: the believed effects, evaluated in the speed controller's period.
+"""Friction compensation in the drive: the terms of the compensated effects, evaluated once per speed period.
 
-The terms are the effects' own. Their values travel as further columns of the references, so that a changed gain or
-parameter needs no new kernel, and values that change with time (an adaptive compensation) need nothing special.
+Their parameters are further columns of the references, so that a changed gain or parameter needs no new kernel, and
+parameters may change with time (adaptive compensation).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ __all__ = ["FIRST", "Feedforward", "compensation_lines"]
 
 Array = NDArray[Any]
 
-FIRST = 6  # references come first in a row of inputs
+FIRST = 6  # columns of references, before those of the compensation
 HEAD = 5  # gain, smoothing width, number of the source, K_t, p
-# The speed whose friction is fed forward: the drive's own; the motion's; that plus what the position controller adds.
+# Speed of the feedforward: measured; of the reference; of the reference plus the position controller's output.
 SOURCES = {"measured": 0.0, "reference": 1.0, "adaptive": 1.0, "commanded": 2.0}
-# What a compensator in the drive can read. Torque is what the controller asks for without it.
+# Signals that a compensator in the drive can read. `torque` is the controller's demand without compensation.
 READABLE = ("omega", "direction", "theta", "torque", "i_q", "i_d", "p")
 
 
@@ -39,19 +39,29 @@ class Feedforward:
     values : array, shape (m,)
         Gain, smoothing width in rad/s, the source's number, K_t, p, then the parameters in order.
     names : tuple of str
-        What the values are: ``gain``, ``smoothing``, ``source``, ``K_t``, ``p``, ``coulomb.F_c``, ...
-    notes : tuple of str
-        Effects that a compensator cannot evaluate.
+        Names of the values: ``gain``, ``smoothing``, ``source``, ``K_t``, ``p``, ``coulomb.F_c``, ...
+    left_out : tuple of str
+        Ids of the effects that a drive cannot evaluate from its own signals.
     """
 
     effects: tuple[Effect, ...]
     values: Array
     names: tuple[str, ...]
-    notes: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, design: Design) -> Feedforward | None:
-        """Read the compensation of a design; None when its gain is 0 or none of its effects does anything.
+        """Read the compensation of a design.
+
+        Parameters
+        ----------
+        design : Design
+            Its ``[compensation]``.
+
+        Returns
+        -------
+        Feedforward or None
+            None when the gain is 0 or all compensated effects are zero.
 
         Raises
         ------
@@ -70,17 +80,17 @@ class Feedforward:
                 )
         head = (chosen.gain, chosen.smoothing, SOURCES[chosen.source], design.K_t_assumed)
         values, names = [*head, float(design.motor.p or 0)], ["gain", "smoothing", "source", "K_t", "p"]
-        effects, notes = [], []
+        effects, left_out = [], []
         for effect, parameters in bound_effects(design):
             if effect.id not in chosen.effects or not effect.active(parameters):
                 continue
             if effect.enters != "torque" or effect.has_state or not set(effect.signals) <= set(READABLE):
-                notes.append(f"{effect.id} cannot be compensated: the drive cannot evaluate it from its own signals")
+                left_out.append(effect.id)
                 continue
             effects.append(effect)
             values += parameters.values()
             names += [f"{effect.id}.{symbol}" for symbol in parameters]
-        return cls(tuple(effects), np.array(values), tuple(names), tuple(notes)) if effects else None
+        return cls(tuple(effects), np.array(values), tuple(names), tuple(left_out)) if effects else None
 
     def widen(self, inputs: Array) -> Array:
         """Return the references with the compensation's values beside them, shape (n, 6 + m)."""

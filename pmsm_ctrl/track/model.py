@@ -1,7 +1,6 @@
-"""What the filters share: one step of the shaft, one look at a new sample, the uncertainty of a fresh start.
+"""What filterpy's filter and its compiled twin share: the shaft's equation, the gating of a sample, the noise.
 
-filterpy's filters and their compiled twin both call these functions, so the physics, the gating and the noise
-are written once; friction is evaluated by the effects' own terms.
+Both call these functions, so that each is written once; friction is evaluated by the effects' own terms.
 """
 
 # mypy: disable-error-code="no-any-return"
@@ -24,18 +23,18 @@ __all__ = [
 ]  # fmt: skip
 
 
-# Called from Python by filterpy's filters, and compiled into the twin's loop (1.2 x faster than calls).
+# Called from Python by the tracker, and inlined into the twin's loop (1.2 x faster than calls).
 def shared(function: Callable[..., Any]) -> Any:
-    """Compile for both callers."""
+    """Compile for both callers, Python and the twin."""
     return soundly_cached(numba.njit(**{**OPTIONS, "forceinline": True})(function))
 
 
-# States in the order of the full vector; what is not estimated has no variance and drops out of the algebra.
+# States in the order of the full vector; a state that is not estimated has zero variance.
 STATES = ("omega", "F_c", "F_v", "T_load", "J", "theta")
 SIZE = len(STATES)
 OMEGA, F_C, F_V, T_LOAD, INERTIA, THETA = range(SIZE)
 
-# What became of a sample.
+# How a sample was used.
 EVENTS = (
     "predicted", "updated", "constant speed", "standstill", "started", "rejected", "implausible", "invalid", "gap",
     "change",
@@ -54,16 +53,16 @@ SETTINGS = PRIOR + SIZE
     TORQUE, KNOWN, SURGE, DUE, TREND, CALM, SEEN,
 ) = range(19)  # fmt: skip
 MEMORY = 19
-NEVER = -1e30  # time of the last sample before there is one; no NaN, which stops some controllers
+NEVER = -1e30  # time of the last sample before the first one; not NaN, which stops some controllers
 
 SPREAD_TIME = 1.0  # s over which the spread of abs(omega) is judged
-SPREAD_LIMIT = 0.02  # below this relative spread, F_c and F_v cannot be told apart
-REJECTS_ARE_CHANGE = 3.0  # so many rejected updates in a row are not outliers but a change of the axis
-# Innovations that keep pushing friction the same way: exponential mean over about 10, whose standard deviation
-# is sqrt(w / (2 - w)) for white ones. Beyond 5.5 of those friction has changed: once in 10 h by chance at 100 Hz.
+SPREAD_LIMIT = 0.02  # relative spread below which F_c and F_v are not separately observable
+REJECTS_ARE_CHANGE = 3.0  # consecutive rejected updates that count as a change of the axis
+# Innovations with a persistent sign: an exponential mean over about 10, of standard deviation sqrt(w / (2 - w)) for
+# white ones. Above 5.5 of those friction has changed; by chance once in 10 h at 100 Hz.
 TREND_WEIGHT = 0.1
 TREND_LIMIT = 5.5 * (TREND_WEIGHT / (2.0 - TREND_WEIGHT)) ** 0.5
-CALM_TIME = 0.5  # s of motion after a change before the next one is looked for
+CALM_TIME = 0.5  # s of motion after a change before the next one is detected
 
 
 @shared
@@ -78,7 +77,7 @@ def acceleration(
     known: float,
     dt: float,
 ) -> tuple[float, float, float, float, float, float]:
-    """Mean acceleration over `dt` while the direction lasts, and its derivatives by omega, F_c, F_v, T_load, J.
+    """Mean acceleration over `dt` in one direction, and its derivatives by omega, F_c, F_v, T_load, J.
 
     ``J alpha = torque - F_c sgn(omega) - F_v omega - T_load - known``, the friction taken at the middle of the
     step (explicit midpoint rule). `torque` is the drive's, `known` that of all further effects, N m.
@@ -96,9 +95,9 @@ def acceleration(
 
 @shared
 def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-def]
-    """Look at a new sample and return its event; `m` (MEMORY numbers) is brought up to date.
+    """Classify a new sample, update the memory `m` and return the event.
 
-    `friction` is the present estimate of its level in N m; it widens what acceleration counts as plausible.
+    `friction` is the estimated level in N m; it widens the range of plausible accelerations.
     """
     if not (isfinite(t) and isfinite(z) and isfinite(torque) and isfinite(known)):
         return INVALID
@@ -117,9 +116,9 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
     if not dt <= s[MAX_GAP]:
         m[RUNNING] = 0.0
         if s[FROM_ANGLE] != 0.0:
-            m[SEEN] = 0.0  # a mean over the gap says nothing
+            m[SEEN] = 0.0  # the mean speed over the gap is no measurement
         return GAP
-    # What the torque can do within the step, three times over, and eight standard deviations of noise.
+    # Three times the change of speed that the torque can cause, and eight standard deviations of noise.
     step = abs(speed - last) - 8.0 * s[SPEED_NOISE]
     if seen != 0.0 and step > 0.0:
         reach = 3.0 * dt * (abs(m[TORQUE]) + abs(m[SURGE]) + abs(m[KNOWN]) + friction)
@@ -152,7 +151,7 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
 
 @shared
 def judge(m, s, y, S, direction):  # type: ignore[no-untyped-def]
-    """Whether an innovation `y` of variance `S` is taken in, rejected, or the sign of a change of the axis."""
+    """Decide whether an innovation `y` of variance `S` is used, rejected, or shows a change of the axis."""
     if y * y > s[GATE] * S:
         m[REJECTS] += 1.0
         if m[REJECTS] < REJECTS_ARE_CHANGE:
@@ -191,7 +190,7 @@ def fresh_speed(m, s, by_F_c, P_cc, alpha):  # type: ignore[no-untyped-def]
 
 @shared
 def process_variance(m, s):  # type: ignore[no-untyped-def]
-    """Variance of the torque's integral over a step, (N m s)^2: noise, and what a surge between samples hides."""
+    """Variance of the torque's integral over a step, (N m s)^2: noise, and the unknown instant of a torque step."""
     white = s[TORQUE_DENSITY] * m[DT]
     surge = m[SURGE] * m[DT]
     return white + max(surge * surge - 18.0 * white, 0.0) / 12.0  # 3 standard deviations of a difference are noise

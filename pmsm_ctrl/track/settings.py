@@ -1,4 +1,4 @@
-"""What the tracker assumes about noise and drift, taken from the design where the caller does not say."""
+"""The tracker's settings: noise and drift, from the design where they are not given."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Settings:
-    """How the tracker weighs what it believes against what it sees.
+    """Which channel the tracker reads, what it estimates, and its noise, drift and gating.
 
     Attributes
     ----------
     measure : {"theta", "omega"}
-        What is compared with the prediction. The angle has white noise, its own quantisation. The drive's speed is
-        a filtered difference of angles: it lags, which the filter allows for, and its noise is nearly white only
-        when looked at every few milliseconds.
+        The measured channel. The noise of the angle is its quantisation, which is white. The drive's speed is a
+        filtered difference of angles: it lags, which the measurement equation contains, and its noise is nearly
+        white only when it is used every few milliseconds.
     estimate : tuple of {"T_load", "J"}
         Further states beside F_c and F_v.
     drift : float
-        How far F_c and F_v wander, as a share of the design's value per square root of a second. With the
+        Random walk of F_c and F_v, as a share of the design's value per square root of a second. With the
         reference motor 0.01 gives a memory of about 0.7 s.
     drift_T_load : float or None
         The same for the load torque, N m/sqrt(s); None: as much as F_c.
@@ -45,10 +45,10 @@ class Settings:
         Time between two measurement updates, s; prediction runs at every sample. Over some milliseconds the
         errors of single samples (aliased current, correlated speed noise) no longer matter.
     standstill : float or None
-        Speed below which friction is taken for set-valued and left alone, rad/s. None: five standard deviations
-        of the measured speed.
+        Speed below which friction is set-valued and not updated, rad/s. None: five standard deviations of the
+        measured speed.
     gate : float
-        Normalised innovation squared beyond which a measurement is rejected.
+        Normalised innovation squared above which a measurement is rejected.
     max_gap : float
         Longest step that is bridged by prediction, s.
     torque_noise : float or None
@@ -100,7 +100,7 @@ def start(design: Design) -> Array:
 
 
 def memory() -> Array:
-    """Return what is carried from sample to sample, before the first one."""
+    """Return the filter's memory before the first sample."""
     m = np.zeros(model.MEMORY)
     m[model.T_LAST] = model.NEVER
     return m
@@ -109,14 +109,14 @@ def memory() -> Array:
 def numbers(design: Design, settings: Settings, log_period: float) -> Array:
     """Return the fixed numbers of a run in the kernels' order.
 
-    The current controller answers to the noise of every one of its samples, logged or not, and so shakes the
-    true current. With D control periods per logged sample, the torque integral over a logged period errs by
-    (1 + 1/D) of a logged sample's noise and 1/D of each of the others: variance (1 + 3/D) of the logged one's.
+    The current controller responds to the noise of all its samples, logged or not, and so disturbs the true current.
+    With D control periods per logged sample, the error of the torque integral over a logged period is (1 + 1/D) of a
+    logged sample's noise and 1/D of each of the others: variance (1 + 3/D) of the logged one's.
 
     Raises
     ------
     RequestError
-        When nothing says how large F_c and F_v may be, or how noisy the torque is.
+        When F_c or F_v is 0 in the design and has no prior.
     """
     s = np.zeros(model.SETTINGS)
     D = design.sensor.log_divider
@@ -161,7 +161,7 @@ def _angle_noise(design: Design, settings: Settings) -> float:
 def _speed_filter(design: Design, angle: float) -> tuple[float, float]:
     """Lag and noise of the drive's speed: the difference over a speed period, then a first-order filter.
 
-    With gain a per period T_s, white angle noise of variance r comes out with 2 a^2 r / ((2 - a) T_s^2).
+    With gain a per period T_s, white angle noise of variance r gives speed noise of variance 2 a^2 r / ((2 - a) T_s^2).
     """
     T_s, time_constant = design.drive.speed_period, design.sensor.speed_filter
     a = smoothing(T_s, time_constant)
@@ -178,8 +178,8 @@ def _slow_states(design: Design, settings: Settings) -> tuple[Array, Array]:
         if not prior[k] > 0.0:
             name = model.STATES[k]
             raise RequestError(
-                f"{design.source or design.name}: {name} is 0 in the design, so nothing says how large it may be; "
-                f"give the design a start value or the tracker prior_{name}"
+                f"{design.source or design.name}: {name} is 0 in the design, so its prior is unknown; "
+                f"give the design a start value, or prior_{name} in the tracker's settings"
             )
     if "T_load" in settings.estimate:
         given = settings.prior_T_load

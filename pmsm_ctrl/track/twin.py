@@ -1,7 +1,7 @@
-"""The compiled twin of the extended filter: plain loops over whole logs, the same algebra as filterpy's.
+"""The compiled twin of filterpy's extended Kalman filter: plain loops over whole logs, the same algebra.
 
-Full vectors of six states; a state that is not estimated has zero variance, so it takes no part. The
-covariance update is Joseph's form, which keeps it symmetric and positive definite for any gain.
+Vectors of six states; a state that is not estimated has zero variance and takes no part. The covariance update is
+Joseph's form, which keeps it symmetric and positive definite for any gain.
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -54,7 +54,7 @@ __all__ = ["run"]
 
 @inlined
 def grow(P, s, slow, dt):
-    """Let the slow states wander for `dt`; never beyond what was believed before the first sample."""
+    """Add the random walk of the slow states over `dt`, up to the prior variance."""
     for i in range(1, slow):
         room = s[PRIOR + i] - P[i, i]
         if room > 0.0:
@@ -63,7 +63,7 @@ def grow(P, s, slow, dt):
 
 @inlined
 def predict(x, P, m, s, slow, a, u):
-    """Carry the mean and covariance one step on; only the speed and the angle move, the rest is their memory.
+    """Advance mean and covariance by one step; only speed and angle change.
 
     With the speed's row `a` of the Jacobian, the angle's is ``dt/2 (a + e_omega) + e_theta``: products with it
     follow from those with `a`. Returns the direction of motion.
@@ -108,7 +108,7 @@ def predict(x, P, m, s, slow, a, u):
 
 @inlined
 def restart(x, P, m, s, z):
-    """Take speed and angle from the last samples alone; friction and its covariance stay as they are."""
+    """Initialise speed and angle from the last samples; friction and its covariance stay."""
     direction = 1.0 if m[SPEED] > 0.0 else -1.0
     alpha, _, d_c, _, _, _ = acceleration(
         m[SPEED], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE_LAST], m[KNOWN_LAST], 0.0
@@ -126,7 +126,7 @@ def restart(x, P, m, s, z):
 
 @inlined
 def rest(x, P, m, s, z):
-    """At standstill: the speed is what is measured; friction, set-valued, is left alone."""
+    """At standstill: use the measured speed; friction is set-valued there and stays."""
     x[OMEGA] = m[SPEED]
     for i in range(SIZE):
         P[OMEGA, i] = P[i, OMEGA] = 0.0
@@ -142,7 +142,7 @@ def rest(x, P, m, s, z):
 
 @inlined
 def distrust(P, m, s, y):
-    """After an abrupt change of the axis: friction and load are no better known than before the first sample."""
+    """After an abrupt change of the axis: reset the variances of friction and load to the prior."""
     for i in range(1, SIZE - 1):
         P[i, i] += max(s[PRIOR + i] - P[i, i], 0.0)
     P[OMEGA, OMEGA] += y * y if s[FROM_ANGLE] == 0.0 else (y / max(s[INTERVAL], m[DT])) ** 2
@@ -201,7 +201,7 @@ def joseph(P, K, h, u, v, noise):
 
 @inlined
 def update(x, P, m, s, z, direction, h, u, v, K):
-    """Take the measurement in, or reject it; return the event, the innovation and its variance."""
+    """Use the measurement or reject it; return the event, the innovation and its variance."""
     y = z - measure(x, m, s, direction, h)
     S = innovation_variance(P, h, s, u)
     innovation, variance = y, S
