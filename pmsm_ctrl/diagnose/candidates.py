@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,6 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import LogView, Search
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.columns import Group, UnavailableError, candidate_group
 
 __all__ = ["Candidate", "candidates_for"]
 
@@ -37,14 +36,6 @@ class Candidate:
     grid: tuple[Mapping[str, float], ...]
     searched: int = 1
     why_not: str = ""
-
-    def groups(self, record: Record) -> Iterator[Group]:
-        """Columns for every shape of the grid."""
-        for shape in self.grid:
-            try:
-                yield candidate_group(record, self.effect, shape)
-            except UnavailableError:
-                return
 
     @property
     def free(self) -> int:

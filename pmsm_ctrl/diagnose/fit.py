@@ -23,7 +23,7 @@ from pmsm_ctrl.diagnose.search import (
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
-from pmsm_ctrl.regression.columns import as_candidate, effect_group
+from pmsm_ctrl.regression.columns import effect_group, seen_as_candidate
 from pmsm_ctrl.regression.model import (
     OWN,
     Model,
@@ -237,4 +237,6 @@ def _bristles(design: Design, effects: Mapping[str, Effect]) -> list[Accepted]:
 def _refined(record: Record, solved: Solved, whitener: Whitener, trials: list[Trial]) -> list[Trial]:
     """Refine the shapes of the few that matter."""
     best = sorted((t for t in trials if not t.wrong_sign), key=lambda t: -t.score)[:6]
-    return [refine(record, solved, whitener, t, as_candidate) if t in best and t.score > 0.0 else t for t in trials]
+    return [
+        refine(record, solved, whitener, t, seen_as_candidate) if t in best and t.score > 0.0 else t for t in trials
+    ]

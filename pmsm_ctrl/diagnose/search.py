@@ -14,7 +14,7 @@ from pmsm_ctrl.evidence.linalg import Added, added, gram_of, projection_on_all
 from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.columns import Group
+from pmsm_ctrl.regression.columns import Group, candidate_groups
 from pmsm_ctrl.regression.model import Model, NoiseCovariance, Solved
 
 __all__ = [
@@ -166,19 +166,21 @@ def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tupl
     lost : int
         Most columns that were fitted away in a balance.
     """
-    laid = tuple((candidate, tuple(candidate.groups(record))) for candidate in candidates)
+    laid = tuple(
+        (candidate, tuple(candidate_groups(record, candidate.effect, candidate.grid))) for candidate in candidates
+    )
     groups = [group for _, some in laid for group in some]
     places: list[dict[int, slice]] = [{} for _ in groups]
     grams, entering = [], []
     residual, lost = np.zeros(record.target.shape), 0
     for row in range(len(record.channels)):
         inside = np.flatnonzero(np.any(model.matrix[row], axis=0))
-        blocks = [record.target[row][:, None], model.matrix[row][:, inside]]
+        blocks = [record.target[row][None], model.matrix[row][:, inside].T]
         end = 1 + len(inside)
         for place, group in zip(places, groups, strict=True):
-            columns = group.values[row]
-            if np.any(columns):
-                place[row] = slice(end, end + columns.shape[1])
+            columns = group.rows[row]
+            if columns is not None:
+                place[row] = slice(end, end + len(columns))
                 end = place[row].stop
                 blocks.append(columns)
         if row == 0:
@@ -190,8 +192,8 @@ def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tupl
         residual[row] = record.target[row]
         start = 0
         for block in blocks[1:]:
-            residual[row] -= block @ coefficients[start : start + block.shape[1]]
-            start += block.shape[1]
+            residual[row] -= coefficients[start : start + len(block)] @ block
+            start += len(block)
         residual[row][weight == 0.0] = 0.0
         lost = max(lost, rank)
         grams.append(gram[:end, :end])
@@ -229,15 +231,15 @@ def _effective(weight: Array) -> float:
 
 
 def _smooth(record: Record) -> Array:
-    """Hat functions of speed and of time, shape (m, k): what no effect of the catalogue may explain of the torque."""
+    """Hat functions of speed and of time, shape (k, m): what no effect of the catalogue may explain of the torque."""
     key = ("hat functions",)
     if key not in record.kept:
         out = []
         for x in (record.at_grid(record.signals["omega"]), record.t):
             knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, KNOTS)))
             out += [np.interp(x, knots, hat) for hat in np.eye(len(knots))]
-        record.kept[key] = np.stack(out, axis=-1)
-    return record.kept[key]
+        record.kept[key] = np.array(out)
+    return np.asarray(record.kept[key])
 
 
 def try_all(laid: Offer, solved: Solved, weights: Whitener) -> list[Trial | None]:
@@ -256,37 +258,32 @@ def try_all(laid: Offer, solved: Solved, weights: Whitener) -> list[Trial | None
     for row, channel in enumerate(weights.channels):
         rest[row, weights.used] = channel.scale * solved.rest_of(row)
     count = len(solved.values)
-    out: list[Trial | None] = []
     places = iter(laid.places)
-    for candidate, groups in laid.candidates:
-        best: Trial | None = None
-        for group in groups:
-            k = len(group.symbols)
-            gram, beside, along = np.zeros((k, k)), np.zeros((count, k)), np.zeros(k)
-            for row, place in next(places).items():
-                whole, inside, level = laid.grams[row], laid.entering[row], weights.channels[row].sigma
-                gram += whole[place, place] / level**2
-                beside[inside] += whole[1 : 1 + len(inside), place] / level**2
-                along += rest[row] @ group.values[row]
-            # the fit's basis is its whitened columns, and the priors, times `inverse`
-            shared = solved.inverse.T @ beside
-            trial = _trial(candidate, group, added(gram, shared, along), (solved, weights))
-            if best is None or (not trial.wrong_sign, trial.score) > (not best.wrong_sign, best.score):
-                best = trial
-        out.append(best)
-    return out
+
+    def tried(candidate: Candidate, group: Group) -> Trial:
+        k = len(group.symbols)
+        gram, beside, along = np.zeros((k, k)), np.zeros((count, k)), np.zeros(k)
+        for row, place in next(places).items():
+            whole, inside, level = laid.grams[row], laid.entering[row], weights.channels[row].sigma
+            gram += whole[place, place] / level**2
+            beside[inside] += whole[1 : 1 + len(inside), place] / level**2
+        for row, columns in group.entering:
+            along += columns @ rest[row]
+        # the fit's basis is its whitened columns, and the priors, times `inverse`
+        return _trial(candidate, group, added(gram, solved.inverse.T @ beside, along), (solved, weights))
+
+    return [_best([tried(candidate, group) for group in groups]) for candidate, groups in laid.candidates]
 
 
-def try_candidate(
-    record: Record, solved: Solved, whitener: Whitener, candidate: Candidate, shapes: Iterable[Group] | None = None
-) -> Trial | None:
+def try_candidate(record: Record, solved: Solved, whitener: Whitener, candidate: Candidate) -> Trial | None:
     """Return the candidate at the best of its shapes, or None when it has no column on this log."""
-    best: Trial | None = None
-    for group in shapes if shapes is not None else candidate.groups(record):
-        trial = try_group(solved, whitener, candidate, group)
-        if best is None or (not trial.wrong_sign, trial.score) > (not best.wrong_sign, best.score):
-            best = trial
-    return best
+    groups = candidate_groups(record, candidate.effect, candidate.grid)
+    return _best(try_group(solved, whitener, candidate, group) for group in groups)
+
+
+def _best(trials: Iterable[Trial]) -> Trial | None:
+    """Return the trial of the highest score, one of the right sign where there is any."""
+    return max(trials, key=lambda trial: (not trial.wrong_sign, trial.score), default=None)
 
 
 def try_group(solved: Solved, whitener: Whitener, candidate: Candidate, group: Group) -> Trial:
@@ -317,10 +314,9 @@ def rows_of(solved: Solved, whitener: Whitener, group: Group) -> Rows:
     group : Group
     """
     own, shared = {}, np.zeros((solved.rank, len(group.symbols)))
-    for row, columns in enumerate(group.values):
-        if np.any(columns):
-            own[row] = whitener.part(row, columns)
-            shared += solved.mixing[solved.parts[row]].T @ (solved.bases[row] @ own[row].T)
+    for row, columns in group.entering:
+        own[row] = whitener.part(row, columns)
+        shared += solved.mixing[solved.parts[row]].T @ (solved.bases[row] @ own[row].T)
     return Rows(own, shared)
 
 

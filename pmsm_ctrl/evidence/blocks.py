@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.evidence.noise import burg, memory_of, schwarz, stretches
+from pmsm_ctrl.evidence.linalg import gram_of, projection_on_all
 from pmsm_ctrl.evidence.tests import f_tail, rank_test
+from pmsm_ctrl.evidence.whitening import ChannelWhitener, channel_whitener, inflation
 
 __all__ = ["Bench", "Noise", "Outcome", "bench", "equal_blocks", "left_out_gains", "noise_of"]
 
@@ -24,7 +25,14 @@ Index = list[int]
 
 BLOCKS = 16
 LONGEST_GAP = 1.0  # s left out on either side of a block that is judged
-MOST_ORDER = 16
+MOST_ORDER = 16  # of the autoregressive model
+MOST_WEIGHT = 2.0  # of a calm sample, in those of a usual one
+# Samples for each direction that is fitted away, and the fewest directions of a short log.
+SAMPLES_PER_DIRECTION, FEWEST_DIRECTIONS = 8, 8
+# Curves of one coordinate overlap more than effects do: eigenvalues below this share of the largest are none.
+CURVE_RANK_TOLERANCE = 1e-8
+# The gap in memories of the noise, and in periods of the filter: both have died away by then.
+GAP_MEMORIES, GAP_PERIODS = 3.0, 4.0
 # Least share of a column that the base must leave for it to be something new.
 INDEPENDENT = 0.02
 FEWEST_BLOCKS = 4  # whose gains have a standard error
@@ -47,10 +55,9 @@ class Noise:
     left : array, shape (m,)
         What all columns together leave over; zero where a sample does not count.
     weight : array, shape (m,)
-        Relative inverse level, at most 2; zero where a sample does not count.
-    models, variances : of autoregressive orders 0, 1, ...; the last one is used
-    memory : float
-        Time after which it has forgotten all but 5 % of itself, s.
+        Relative inverse level, at most `MOST_WEIGHT`; zero where a sample does not count.
+    whitener : ChannelWhitener
+        Of the samples that count.
     lost : int
         Columns that were fitted away.
     """
@@ -58,29 +65,8 @@ class Noise:
     rms: float
     left: Array
     weight: Array
-    models: tuple[Array, ...]
-    variances: Array
-    pieces: tuple[slice, ...]
-    memory: float
+    whitener: ChannelWhitener
     lost: int
-
-    def whiten(self, columns: Array) -> Array:
-        """Return rows of unit variance without correlation from columns of shape (m, k); shape (used, k)."""
-        order = len(self.models) - 1
-        weighted = columns * self.weight[:, None]
-        out = []
-        coefficients = np.concatenate([[1.0], self.models[order]])
-        for piece in self.pieces:
-            part = weighted[piece]
-            done = coefficients[0] * part
-            for lag in range(1, min(order, len(part) - 1) + 1):
-                done[lag:] += coefficients[lag] * part[:-lag]
-            done /= np.sqrt(self.variances[order])
-            for k in range(min(order, len(part))):  # the first samples know fewer before them
-                before = part[:k][::-1]
-                done[k] = (part[k] + self.models[k] @ before) / np.sqrt(self.variances[k])
-            out.append(done)
-        return np.concatenate(out)
 
 
 def noise_of(residual: Array, columns: Sequence[Array], mask: Mask, rate: float) -> Noise:
@@ -90,49 +76,36 @@ def noise_of(residual: Array, columns: Sequence[Array], mask: Mask, rate: float)
     ----------
     residual : array, shape (m,)
     columns : arrays of shape (m, k)
+    mask : bool array, shape (m,)
+        Samples that count.
     rate : float
         Of the thinned grid, Hz.
     """
+    blocks = [residual[None], *(np.ascontiguousarray(some.T) for some in columns)]
     weight = mask.astype(np.float64)
-    everything = np.hstack(columns)
     for _ in range(2):
-        left, lost = _left(residual * weight, everything * weight[:, None], mask)
-        level = _level(np.divide(left, weight, out=np.zeros_like(left), where=weight > 0.0), mask, rate)
+        left, lost = _left(blocks, weight)
+        level = _level(np.where(mask, left, 0.0), mask, rate)
         weight = np.where(mask, 1.0 / level, 0.0)
         weight *= np.sqrt(mask.sum() / np.sum(weight**2))
-        weight = np.minimum(weight, 2.0)
-    left, lost = _left(residual * weight, everything * weight[:, None], mask)
-    pieces = stretches(mask)
-    n = int(mask.sum())
-    inflate = n / max(n - lost, n // 4)
-    limit = max(0, min(MOST_ORDER, n // 20, max(p.stop - p.start for p in pieces) // 3))
-    models, variances = burg([left[piece] for piece in pieces], limit)
-    variances = np.maximum(variances * inflate, 1e-300)
-    best = schwarz(variances, n)
-    plain = np.divide(left, weight, out=np.zeros_like(left), where=weight > 0.0) * np.sqrt(inflate)
-    return Noise(
-        rms=float(np.sqrt(np.mean(plain[mask] ** 2))),
-        left=plain,
-        weight=weight,
-        models=tuple(models[: best + 1]),
-        variances=variances[: best + 1],
-        pieces=tuple(pieces),
-        memory=memory_of(models[best], rate),
-        lost=lost,
-    )
+        weight = np.minimum(weight, MOST_WEIGHT)
+    left, lost = _left(blocks, weight)
+    whitener = channel_whitener(left * weight, weight, mask, rate, lost, MOST_ORDER)
+    plain = np.where(mask, left, 0.0) * np.sqrt(inflation(int(mask.sum()), lost))
+    return Noise(float(np.sqrt(np.mean(plain[mask] ** 2))), plain, weight, whitener, lost)
 
 
-def _left(target: Array, columns: Array, mask: Mask) -> tuple[Array, int]:
-    """What the columns leave of the target, and how many directions were fitted away."""
-    size = np.linalg.norm(columns, axis=0)
-    a = columns[:, size > 0.0] / size[size > 0.0]
-    values, vectors = np.linalg.eigh(a.T @ a)
-    kept = values > 1e-8 * values[-1]
-    room = max(8, int(mask.sum()) // 8)  # a short log has no room for all: what the columns share comes first
-    kept[: max(0, len(kept) - room)] = False
-    basis = a @ (vectors[:, kept] / np.sqrt(values[kept]))
-    left = target - basis @ (basis.T @ target)
-    return left - basis @ (basis.T @ left), int(kept.sum())
+def _left(blocks: Sequence[Array], weight: Array) -> tuple[Array, int]:
+    """What columns leave of the target, which is the first block; and how many directions were fitted away."""
+    gram = gram_of(blocks, weight)
+    # a short log has no room for all: what the columns share comes first
+    room = max(FEWEST_DIRECTIONS, int(np.count_nonzero(weight)) // SAMPLES_PER_DIRECTION)
+    coefficients, rank = projection_on_all(gram[1:, 1:], gram[1:, 0], room, CURVE_RANK_TOLERANCE)
+    left, start = blocks[0][0].copy(), 0
+    for block in blocks[1:]:
+        left -= coefficients[start : start + len(block)] @ block
+        start += len(block)
+    return left, rank
 
 
 def _level(left: Array, mask: Mask, rate: float) -> Array:
@@ -242,8 +215,9 @@ def bench(noise: Noise, t: Array, residual: Array, mask: Mask, columns: Array, c
     """Lay out a residual of shape (m,) and columns of shape (m, k) for judging."""
     both = np.column_stack([residual, columns])
     both[:, 1:] /= np.maximum(np.sqrt(np.mean(both[mask, 1:] ** 2, axis=0)), 1e-300)
-    plain, white = both[mask], noise.whiten(both)
-    gap = min(LONGEST_GAP, max(3.0 * noise.memory, 4.0 / cutoff))
+    plain = both[mask]
+    white = noise.whitener(plain.T).T
+    gap = min(LONGEST_GAP, max(GAP_MEMORIES * noise.whitener.memory, GAP_PERIODS / cutoff))
     free = int(mask.sum()) - noise.lost
     return Bench(t[mask], plain, white, plain.T @ plain, white.T @ white, gap, free)
 

@@ -84,9 +84,9 @@ def own_shares(columns: Array) -> Array:
         0 to 1.
     """
     size = np.linalg.norm(columns, axis=0)
-    triangle = np.linalg.qr(columns / np.where(size > 0.0, size, 1.0), mode="r")
+    triangle = np.linalg.qr(columns / np.where(size > 0.0, size, 1.0))[1]
     shares = np.zeros(len(size))
-    for k in np.flatnonzero(size):
+    for k in np.flatnonzero(size).tolist():
         others = np.delete(triangle, k, axis=1)
         column = triangle[:, k]
         shares[k] = np.linalg.norm(column - others @ np.linalg.lstsq(others, column, rcond=RANK_TOLERANCE)[0])
@@ -98,15 +98,15 @@ def gram_of(blocks: Sequence[Array], weight: Array) -> Array:
 
     Parameters
     ----------
-    blocks : arrays of shape (m, k)
-        Columns side by side.
+    blocks : arrays of shape (k, m)
+        Columns, one a row.
     weight : array, shape (m,)
 
     Returns
     -------
     array, shape (columns, columns)
     """
-    ends = np.cumsum([block.shape[1] for block in blocks])
+    ends = np.cumsum([len(block) for block in blocks])
     total = int(ends[-1]) if len(ends) else 0
     out = np.zeros((total, total))
     buffer = np.empty((total, CHUNK))
@@ -116,12 +116,14 @@ def gram_of(blocks: Sequence[Array], weight: Array) -> Array:
             continue
         part = buffer[:, : len(part_weight)]
         for block, end in zip(blocks, ends, strict=True):
-            np.multiply(block[start : start + CHUNK].T, part_weight, out=part[end - block.shape[1] : end])
+            np.multiply(block[:, start : start + CHUNK], part_weight, out=part[end - len(block) : end])
         out += part @ part.T
     return out
 
 
-def projection_on_all(gram: Array, right: Array, room: int) -> tuple[Array, int]:
+def projection_on_all(
+    gram: Array, right: Array, room: int, tolerance: float = GRAM_RANK_TOLERANCE
+) -> tuple[Array, int]:
     """Return the coefficients of a least-squares fit of all columns, and how many directions it has.
 
     Parameters
@@ -132,6 +134,8 @@ def projection_on_all(gram: Array, right: Array, room: int) -> tuple[Array, int]
         Their products with the target.
     room : int
         Most directions that are fitted: those that the columns have in common come first.
+    tolerance : float
+        Eigenvalues below this share of the largest are none.
 
     Returns
     -------
@@ -142,7 +146,7 @@ def projection_on_all(gram: Array, right: Array, room: int) -> tuple[Array, int]
     alive = size > 0.0
     size = size[alive]
     values, vectors = np.linalg.eigh(gram[np.ix_(alive, alive)] / np.outer(size, size))
-    kept = values > GRAM_RANK_TOLERANCE * values[-1]
+    kept = values > tolerance * values[-1]
     kept[: max(0, len(kept) - room)] = False
     along = vectors[:, kept].T @ (right[alive] / size)
     coefficients = np.zeros(len(gram))

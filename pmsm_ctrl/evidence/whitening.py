@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.noise import burg, memory_of, schwarz, stretches
 
-__all__ = ["ChannelWhitener", "Whitener", "channel_whitener", "make_whitener"]
+__all__ = ["ChannelWhitener", "Whitener", "channel_whitener", "inflation", "make_whitener"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -107,25 +107,25 @@ class Whitener:
         return np.repeat(np.arange(len(self.channels)), len(self.used))
 
     def part(self, row: int, values: Array) -> Array:
-        """Whiten columns of one channel.
+        """Whiten signals of one channel.
 
         Parameters
         ----------
         row : int
             The channel.
-        values : array, shape (m,) or (m, k)
+        values : array, shape (m,) or (k, m)
             All samples.
 
         Returns
         -------
         array, shape (n,) or (k, n)
         """
-        rows = values[self.used].T
+        rows = values[..., self.used]
         return self.channels[row](np.atleast_2d(rows)).reshape(rows.shape)
 
     def __call__(self, values: Array) -> Array:
         """Whiten values of shape (channels, m) or (channels, m, k) into shape (rows,) or (rows, k)."""
-        return np.concatenate([self.part(row, values[row]).T for row in range(len(self.channels))])
+        return np.concatenate([self.part(row, values[row].T).T for row in range(len(self.channels))])
 
 
 def make_whitener(
@@ -175,8 +175,7 @@ def channel_whitener(
     n = int(mask.sum())
     limit = max(0, min(most, n // SAMPLES_PER_ORDER, int(lengths.max()) // STRETCH_PER_ORDER))
     models, variances = burg(pieces, limit)
-    inflate = n / max(n - lost, int(LEAST_FREE * n))
-    variances = np.maximum(np.asarray(variances) * inflate, SMALLEST_VARIANCE)
+    variances = np.maximum(np.asarray(variances) * inflation(n, lost), SMALLEST_VARIANCE)
     best = schwarz(variances, n)
     filters = np.zeros((best + 1, best + 1))
     for order in range(best + 1):
@@ -184,3 +183,14 @@ def channel_whitener(
     position = np.arange(n) - np.repeat(np.cumsum(lengths) - lengths, lengths)
     sigma = float(np.sqrt(variances[0]))
     return ChannelWhitener(weight[mask], position, filters, sigma, memory_of(models[best], rate))
+
+
+def inflation(n: int, lost: int) -> float:
+    """Return the variance of noise over that of what a fit leaves of it.
+
+    Parameters
+    ----------
+    n, lost : int
+        Samples, and columns that were fitted away.
+    """
+    return n / max(n - lost, int(LEAST_FREE * n))

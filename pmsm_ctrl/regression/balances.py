@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +34,13 @@ from pmsm_ctrl.sampling import speed_lag
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
 
-__all__ = ["CHANNELS", "MODELLED", "Memo", "Record", "make_record", "with_direction", "with_modelled_torque"]
+__all__ = ["CHANNELS", "MODELLED", "Memo", "Record", "Rows", "make_record", "with_direction", "with_modelled_torque"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Memo = dict[tuple[object, ...], Array]
+# Columns in each balance, shape (k, m), None where they do not enter it.
+Rows = tuple[Array | None, ...]
+Memo = dict[tuple[object, ...], Any]
 
 CHANNELS = ("torque", "u_d", "u_q")
 # Signals that follow from what a model predicts; all others stay what they were measured.
@@ -156,22 +159,33 @@ class Record:
         full: Array = upfirdn(taps, np.pad(values, SINC, mode="edge"), step)
         return full[2 * SINC * step :][: len(self.prepared.t)]
 
-    def stack(self, columns: Mapping[str, Array]) -> Array:
-        """Return a column over all balances, shape (channels, m), from those it enters at the log's rate."""
-        return self.stack_all([columns])[..., 0]
+    def stack_all(self, parts: Sequence[Mapping[str, Array]], filtered: bool = False) -> Rows:
+        """Return several columns in the balances that any of them enters, filtered in one go.
 
-    def stack_all(self, parts: Sequence[Mapping[str, Array]], filtered: bool = False) -> Array:
-        """Return several columns over all balances, shape (channels, m, k), filtered in one go.
+        Parameters
+        ----------
+        parts : sequence of dict of balance to array, shape (n,)
+            At the log's rate.
+        filtered : bool
+            Whether they are linear in what was filtered before: then they are thinned alone.
 
-        Columns that are linear in what was `filtered` before are not filtered again.
+        Returns
+        -------
+        per balance array, shape (k, m), or None
         """
-        out = np.zeros((*self.target.shape, len(parts)))
-        for row, name in enumerate(self.channels):
+        out: list[Array | None] = []
+        for name in self.channels:
             places = [k for k, part in enumerate(parts) if name in part]
-            if places:
-                values = np.stack([np.broadcast_to(parts[k][name], self.prepared.t.shape) for k in places])
-                out[row][:, places] = (self.at_grid(values) if filtered else self.prepared.column(values)).T
-        return out
+            if not places:
+                out.append(None)
+                continue
+            values = np.stack([np.broadcast_to(parts[k][name], self.prepared.t.shape) for k in places])
+            columns = self.at_grid(values) if filtered else self.prepared.column(values)
+            if len(places) < len(parts):
+                some, columns = columns, np.zeros((len(parts), columns.shape[1]))
+                columns[places] = some
+            out.append(columns)
+        return tuple(out)
 
     def rate_of(self, values: Array) -> Array:
         """Time derivative at the log's rate."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import UnavailableError
-from pmsm_ctrl.regression.balances import MODELLED, Memo, Record
+from pmsm_ctrl.regression.balances import MODELLED, Memo, Record, Rows
 
-__all__ = ["Group", "UnavailableError", "as_candidate", "candidate_group", "effect_group"]
+__all__ = ["Group", "UnavailableError", "candidate_groups", "effect_group", "seen_as_candidate"]
 
 Array = NDArray[np.float64]
 
-# Bytes of columns that are kept from one fit to the next, roughly.
-MOST_KEPT = 100e6
+# Bytes of columns that are kept from one fit to the next, roughly, and of signals that are filtered at once.
+MOST_KEPT, AT_ONCE = 100e6, 24e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,20 +29,43 @@ class Group:
     effect : Effect or None
         None for what every axis has (inertia, winding).
     symbols : names of the linear parameters
-    values : array, shape (channels, m, k)
+    rows : per balance array, shape (k, m), or None
+        The columns, in the balances that they enter.
     shape : the nonlinear parameters that the columns were built with
     entry : position in the design's list, or -1
     """
 
     effect: Effect | None
     symbols: tuple[str, ...]
-    values: Array
+    rows: Rows
     shape: Mapping[str, float]
     entry: int = -1
+
+    @property
+    def entering(self) -> Iterator[tuple[int, Array]]:
+        """The balances that the columns enter, by number, with the columns, shape (k, m)."""
+        return ((row, columns) for row, columns in enumerate(self.rows) if columns is not None)
+
+    @property
+    def values(self) -> Array:
+        """The columns over all balances, shape (channels, m, k)."""
+        m = max((columns.shape[1] for _, columns in self.entering), default=0)
+        out = np.zeros((len(self.rows), m, len(self.symbols)))
+        for row, columns in self.entering:
+            out[row] = columns.T
+        return out
 
 
 def effect_group(record: Record, effect: Effect, shape: Mapping[str, float], entry: int = -1) -> Group:
     """Return the columns of an effect on a log, its nonlinear parameters given by `shape`.
+
+    Parameters
+    ----------
+    record : Record
+    effect : Effect
+    shape : mapping
+    entry : int
+        Position in the design's list, or -1.
 
     Raises
     ------
@@ -65,38 +88,64 @@ def _memo(record: Record, effect: Effect, key: tuple[object, ...]) -> Memo:
     if key in record.kept:
         return record.kept
     modelled = not MODELLED.isdisjoint(effect.structure.reads(effect))
-    full = len(record.kept) * record.target.nbytes > MOST_KEPT
-    return record.memo if modelled or full else record.kept
+    columns = 2 * record.target[0].nbytes  # two, in the torque balance alone: most are such
+    return record.memo if modelled or len(record.kept) * columns > MOST_KEPT else record.kept
 
 
 def _key(effect: Effect, shape: Mapping[str, float]) -> tuple[object, ...]:
     return (effect.id, id(effect.term), *sorted(shape.items()))
 
 
-def candidate_group(record: Record, effect: Effect, shape: Mapping[str, float]) -> Group:
-    """Return the columns by which an effect that is not in the model yet is judged, and remember no others.
+def candidate_groups(record: Record, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> list[Group]:
+    """Return, for every shape, the columns by which an effect that is not in the model yet is judged.
 
-    Raises
-    ------
-    UnavailableError
-        When the log or the design lacks what the effect needs.
+    They are filtered side by side, and remembered; none where the log or the design lacks what the effect needs.
+
+    Parameters
+    ----------
+    record : Record
+    effect : Effect
+    shapes : sequence of mapping
+        Nonlinear parameters.
     """
-    whole = _key(effect, shape)
-    key = ("seen", *whole)
-    memo = _memo(record, effect, key)
-    if key in memo:
-        return Group(effect, effect.structure.symbols(effect), memo[key], dict(shape))
-    group = effect_group(record, effect, shape)
-    seen = as_candidate(record, group)
-    if seen is not group:
-        memo[key] = seen.values
-        _memo(record, effect, whole).pop(whole, None)
-    return seen
+    structure = effect.structure
+    if structure.available(record, effect):
+        return []
+    symbols = structure.symbols(effect)
+    keys = [("seen", *_key(effect, shape)) for shape in shapes]
+    missing = [k for k, key in enumerate(keys) if key not in _memo(record, effect, key)]
+    batch = max(1, int(AT_ONCE / (len(record.prepared.t) * 8 * max(1, len(symbols)))))
+    for start in range(0, len(missing), batch):
+        some = missing[start : start + batch]
+        try:
+            parts = [part for k in some for part in structure.columns(record, effect, shapes[k])]
+        except UnavailableError:
+            return []
+        stacked = record.stack_all(parts, structure.filtered(record))
+        for position, k in enumerate(some):
+            own = slice(position * len(symbols), (position + 1) * len(symbols))
+            rows = tuple(None if columns is None else columns[own].copy() for columns in stacked)
+            group = seen_as_candidate(record, Group(effect, symbols, rows, shapes[k]))
+            _memo(record, effect, keys[k])[keys[k]] = group.rows
+    return [
+        Group(effect, symbols, _memo(record, effect, key)[key], dict(shape))
+        for key, shape in zip(keys, shapes, strict=True)
+    ]
 
 
-def as_candidate(record: Record, group: Group) -> Group:
-    """Return the columns by which an effect that is not in the model yet is judged: nothing made of noise."""
+def seen_as_candidate(record: Record, group: Group) -> Group:
+    """Return the columns by which an effect that is not in the model yet is judged: nothing made of noise.
+
+    Parameters
+    ----------
+    record : Record
+    group : Group
+    """
     if group.effect is None:
         return group
-    values = group.effect.structure.judged(record, group.effect, group.values, group.shape)
-    return group if values is group.values else replace(group, values=values)
+    values = group.values
+    seen = group.effect.structure.judged(record, group.effect, values, group.shape)
+    if seen is values:
+        return group
+    rows = tuple(None if columns is None else seen[row].T.copy() for row, columns in enumerate(group.rows))
+    return replace(group, rows=rows)

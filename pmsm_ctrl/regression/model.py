@@ -81,12 +81,15 @@ class Model:
         names : tuple of str
         nominal, sigma : array, shape (k,)
         """
-        matrix = np.concatenate([group.values for group in groups], axis=-1)
-        ends = np.cumsum([len(group.symbols) for group in groups]).tolist()
-        views = [
-            replace(group, values=matrix[..., end - len(group.symbols) : end])
-            for group, end in zip(groups, ends, strict=True)
-        ]
+        m = next(columns.shape[1] for _, columns in groups[0].entering)
+        matrix = np.zeros((len(groups[0].rows), m, len(nominal)))
+        views, end = [], 0
+        for group in groups:
+            own = slice(end, end := end + len(group.symbols))
+            for row, columns in group.entering:
+                matrix[row][:, own] = columns.T
+            rows = tuple(None if columns is None else matrix[row][:, own].T for row, columns in enumerate(group.rows))
+            views.append(replace(group, rows=rows))
         return cls(tuple(views), names, nominal, sigma, matrix)
 
     def plus(self, group: Group, prior: float = np.inf) -> Model:
@@ -193,10 +196,16 @@ def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]
     record : Record
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
-    columns = record.stack_all([term.parts for term in terms])
-    groups = [Group(None, (term.name,), columns[..., k : k + 1], {}) for k, term in enumerate(terms)]
+    stacked = record.stack_all([term.parts for term in terms])
+    groups = []
+    for k, term in enumerate(terms):
+        rows = tuple(
+            columns[k : k + 1] if columns is not None and name in term.parts else None
+            for name, columns in zip(record.channels, stacked, strict=True)
+        )
+        groups.append(Group(None, (term.name,), rows, {}))
     nominal, sigma = [term.nominal for term in terms], [term.sigma for term in terms]
-    if noise_share(record, columns[0, :, 0]) >= MOST_NOISE:
+    if noise_share(record, record.acceleration()) >= MOST_NOISE:
         sigma[0] = HELD * design.J
     notes = []
     for entry, (effect, values) in enumerate(bound_effects(design)):
@@ -207,7 +216,7 @@ def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]
         except UnavailableError as why:
             notes.append(f"the design's {effect.id} is left out: {why}")
             continue
-        if not np.any(group.values):
+        if not any(np.any(columns) for _, columns in group.entering):
             notes.append(f"the design's {effect.id} is never excited")
         groups.append(group)
         nominal += [values[s] for s in group.symbols]
@@ -408,7 +417,7 @@ def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
     bases, triangles, along, rest = [], [], [], []
     for row, matrix in enumerate(model.matrix):
         entering = np.flatnonzero(np.any(matrix, axis=0))
-        columns = whitener.part(row, matrix[:, entering])
+        columns = whitener.part(row, matrix[:, entering].T)
         size = np.linalg.norm(columns, axis=1)
         basis, triangle = np.linalg.qr((columns / np.where(size > 0.0, size, 1.0)[:, None]).T)
         full = np.zeros((len(triangle), count))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from pmsm_ctrl.compare.notices import coordinate_words, structure_words
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.evidence.blocks import bench, noise_of
 from pmsm_ctrl.evidence.tests import holm
+from pmsm_ctrl.evidence.whitening import ChannelWhitener
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared, prepare
@@ -162,7 +164,7 @@ def test_f_test_against_scipy(rng: np.random.Generator) -> None:
     y = 0.05 * x[:, 0] + rng.standard_normal(n)
     mask = np.ones(n, dtype=bool)
     noise = noise_of(y, [x], mask, 100.0)
-    flat = type(noise)(**{**vars(noise), "weight": np.ones(n), "models": (np.zeros(0),), "variances": np.array([1.0])})
+    flat = replace(noise, whitener=ChannelWhitener(np.ones(n), np.arange(n), np.ones((1, 1)), 1.0, 0.01))
     beta, rss, *_ = np.linalg.lstsq(x, y, rcond=None)
     gain = float(y @ y - rss[0])
     assert bench(flat, t, y, mask, x, 40.0).significance([], [1, 2]) == pytest.approx(

@@ -11,7 +11,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.regression.balances import Record, make_record, with_direction, with_modelled_torque
-from pmsm_ctrl.regression.columns import candidate_group, effect_group
+from pmsm_ctrl.regression.columns import candidate_groups, effect_group
 from pmsm_ctrl.simulate import simulate
 
 
@@ -30,7 +30,7 @@ def test_columns_that_are_kept_are_those_of_the_record_that_is_asked(record: Rec
         lambda r: with_modelled_torque(r, slow),
         lambda r: with_direction(r, np.clip(r.signals["omega"], -1.0, 1.0)),
     )
-    for build in (effect_group, candidate_group):
+    for build in (effect_group, lambda record, effect, shape: candidate_groups(record, effect, [shape])[0]):
         build(record, effect, shape)  # remembered, whatever comes next
         for other in others:
             fresh = replace(other(record), memo={}, kept={})
