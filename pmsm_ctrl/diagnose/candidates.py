@@ -25,6 +25,7 @@ class Candidate:
 
     Attributes
     ----------
+    effect : Effect
     grid : tuple of shapes (values of the nonlinear parameters)
     searched : int
         Independent shapes tried, paid for in the significance.

@@ -20,10 +20,14 @@ class Case:
 
     Attributes
     ----------
+    design : Design
+    record : Record
     effects : dict of id to Effect
         The candidates.
     holdout : Record or None
         Another record of the same axis.
+    policy : Policy
+        The decision thresholds.
     fits : list of Fitted
         Those of the selections made so far: the same effects of the same shapes are not fitted twice.
     """

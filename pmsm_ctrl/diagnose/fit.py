@@ -48,7 +48,7 @@ PARSIMONY = 0.98
 
 @dataclass(frozen=True, eq=False)
 class Accepted:
-    """An effect that was taken in, with its nonlinear parameters."""
+    """An accepted effect, with its nonlinear parameters."""
 
     effect: Effect
     shape: Mapping[str, float]
@@ -63,6 +63,17 @@ class Fitted:
     ----------
     record : Record
         With modelled torque in its signals.
+    model : Model
+    whitener, weights : Whitener
+        The noise with its correlation, and without: the weights of the estimate.
+    solved, plain : Solved
+        The model solved with either.
+    trials : tuple of Trial
+        Every candidate that has columns on this log, the one that explains most first.
+    closed : tuple of Candidate
+        The others.
+    notes : tuple of str
+        What of the design this log cannot evaluate.
     accepted : tuple of Accepted
         The effects, with the nonlinear parameters that this fit holds.
     """
@@ -202,7 +213,8 @@ def in_order(trials: list[Trial]) -> list[Trial]:
 
 def _true_torque(model: Model, fit: Solved) -> Array:
     """Torque that acts: the balance without what is only measured wrongly."""
-    return fit.predicted()[0] - _false_torque(model, fit.values)
+    torque: Array = fit.predicted()[0] - _false_torque(model, fit.values)
+    return torque
 
 
 def _false_torque(model: Model, values: Array) -> Array:

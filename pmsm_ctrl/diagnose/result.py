@@ -112,6 +112,10 @@ class Deviation:
 
     Attributes
     ----------
+    parameter : str
+    nominal, estimate, stderr : float
+        In `unit`.
+    unit : str
     flagged : bool
         Whether it is significantly outside.
     note : str
@@ -139,6 +143,7 @@ class Structure:
     share : float
         Part of the residual's mean square that a smooth curve explains, by cross-validation; or else the effect that
         it resembles.
+    p_value : float
     curve : (array, array, array)
         Coordinate, and fitted residual moving forward and backward, SI units; means where nothing was fitted.
     notice : Notice

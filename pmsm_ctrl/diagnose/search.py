@@ -68,6 +68,9 @@ class Trial:
 
     Attributes
     ----------
+    candidate : Candidate
+    group : Group
+        Its columns at that shape.
     gain : float
         Fall of the whitened sum of squares.
     score : float
@@ -77,6 +80,10 @@ class Trial:
     values, stderr : array, shape (k,)
     judge, plain_judge : (Solved, Whitener)
         What tells `direction` and `plain_direction`.
+    wrong_sign : bool
+        Whether a parameter lies where physics does not allow it.
+    singular : bool
+        Whether the model has its columns already.
     slow : bool
         Whether the estimate's own weights judged it, not the prewhitened rows.
     plain_gain : float
@@ -376,7 +383,8 @@ def least_shown(solved: Solved, whitener: Whitener, group: Group, level: float, 
         return np.full(parts.shape[1], np.inf)
     # what is left of the columns beside the model, in standard deviations of the noise
     seen = np.linalg.norm(np.linalg.pinv(own.back * own.size[:, None]) @ (own.size[:, None] * parts), axis=0)
-    return np.sqrt(noncentrality(level, own.rank)) / np.maximum(seen, 1e-300)
+    amounts: Array = np.sqrt(noncentrality(level, own.rank)) / np.maximum(seen, 1e-300)
+    return amounts
 
 
 def plain_evidence(covariance: NoiseCovariance, candidate: Candidate, group: Group) -> tuple[float, float]:

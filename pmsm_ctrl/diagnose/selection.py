@@ -34,6 +34,7 @@ class Evidence:
         Of the F-test, the searched shapes paid for; and corrected for the number of candidates.
     size : float
         Contribution over the rms of the balance.
+    cross_validation : CrossValidation
     """
 
     gain: float
@@ -76,7 +77,16 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The whole way: the fits before and after every step, and why the remaining candidates were refused."""
+    """Everything accepted so far.
+
+    Attributes
+    ----------
+    fits : tuple of Fitted
+        Before the first step and after each.
+    steps : tuple of Step
+    refused : dict of name to Refusal
+        Why the remaining candidates were refused.
+    """
 
     fits: tuple[Fitted, ...]
     steps: tuple[Step, ...] = ()
