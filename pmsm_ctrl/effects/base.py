@@ -25,6 +25,11 @@ class Parameter:
 
     Attributes
     ----------
+    symbol, unit, description : str
+    start : float
+        The value of a design that does not give one.
+    lower, upper : float
+        Bounds, which a design has to keep.
     linear : bool
         Whether it multiplies a column of the regression; the others are searched.
     soft : bool
@@ -55,6 +60,7 @@ class Effect:
     ----------
     id, title, equation, source
         Name in designs, title, LaTeX, and where the equation comes from.
+    parameters : tuple of Parameter
     enters : {"torque", "voltage", "measurement"}
         A torque term is the torque that opposes motion (friction positive for positive speed):
         ``T_em = J alpha + sum of terms + T_load``. A voltage term stands on the side of the drop:
@@ -164,11 +170,23 @@ class Effect:
         return tuple(p for p in self.parameters if not p.linear)
 
     def active(self, values: Mapping[str, float]) -> bool:
-        """Whether these parameter values do anything at all."""
+        """Whether these parameter values do anything at all.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            A value for every parameter.
+        """
         return any(values[symbol] != 0.0 for symbol in self.amplitudes)
 
     def label(self, values: Mapping[str, float]) -> str:
-        """Return the id, with the order where the values have one: ``cogging 24``."""
+        """Return the id, with the order where the values have one: ``cogging 24``.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Parameters or a shape.
+        """
         return f"{self.id} {values[self.order]:g}" if values.get(self.order) else self.id
 
     def standing(self, values: Mapping[str, float], **signals: float) -> float:
@@ -203,6 +221,10 @@ class Effect:
     def parameter(self, symbol: str) -> Parameter:
         """Return the parameter with this symbol.
 
+        Parameters
+        ----------
+        symbol : str
+
         Raises
         ------
         RequestError
@@ -218,6 +240,12 @@ class Effect:
 
     def values(self, entry: EffectEntry, where: str = "") -> dict[str, float]:
         """Return all parameter values of a design's entry; what is left out takes its start value.
+
+        Parameters
+        ----------
+        entry : EffectEntry
+        where : str
+            What an error begins with.
 
         Raises
         ------

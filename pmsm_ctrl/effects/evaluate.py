@@ -132,6 +132,7 @@ def compiled_loop(
 
     Parameters
     ----------
+    effect : Effect
     kind : str
         A name for what the loop does; one loop per kind and term is compiled.
     write : function of Effect

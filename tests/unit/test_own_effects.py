@@ -15,12 +15,17 @@ from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.effects import CATALOGUE, Effect
 from pmsm_ctrl.effects.structures import LogView, UnavailableError
 from pmsm_ctrl.effects.structures.interface import Known
+from pmsm_ctrl.export.tables import cogging_table
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record, make_record
 from pmsm_ctrl.regression.columns import candidate_group, effect_group
-from pmsm_ctrl.simulate import scenario
+from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.simulate.compose import source
+from pmsm_ctrl.simulate.motions import Limits
+from pmsm_ctrl.simulate.run import prepare
+from pmsm_ctrl.tune.linearise import rigid, second_mass
+from pmsm_ctrl.tune.robust import varied
 from tests.unit.renamed import names_of, renamed
 from tests.unit.simulate.composed import simulate_composed
 
@@ -65,6 +70,44 @@ def test_the_kernel_has_the_same_lines(effect: Effect) -> None:
 
 
 @each_effect
+def test_the_simulation_starts_from_the_same_numbers(effect: Effect, design: Design) -> None:
+    own = renamed(effect)
+    design = design.without_effect(effect.id)
+    motion = scenario("identification", design)
+    plain = prepare(design, motion, truth=design.with_effect(effect.id, dict(effect.example)))
+    mine = prepare(design, motion, truth=design.with_own_effects(own).with_effect(own.id, dict(own.example)))
+    assert mine.effects == plain.effects
+    np.testing.assert_array_equal(mine.states(), plain.states())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["compliance", "backlash", "presliding", "delay", "encoder_eccentricity"])
+def test_the_simulation_gives_the_same_log(name: str, design: Design) -> None:
+    effect = CATALOGUE[name]
+    own = renamed(effect)
+    mine = design.with_own_effects(own).with_effect(own.id, dict(own.example))
+    motion = scenario("sweep", design, speed_max=20.0, speed_step=20.0)
+    log = simulate(mine, motion, seed=1)
+    wanted = simulate(design.with_effect(effect.id, dict(effect.example)), motion, seed=1)
+    for channel in wanted:
+        np.testing.assert_allclose(log[channel], wanted[channel], rtol=1e-7, atol=1e-9, err_msg=channel)
+
+
+@each_effect
+def test_tuning_scenarios_and_tables_take_it_for_what_it_is(effect: Effect, design: Design) -> None:
+    own = renamed(effect)
+    design = design.without_effect(effect.id)
+    plain = design.with_effect(effect.id, dict(effect.example))
+    mine = design.with_own_effects(own).with_effect(own.id, dict(own.example))
+    assert second_mass(mine) == second_mass(plain)
+    assert [e.id == own.id for e in rigid(mine).effects] == [e.id == effect.id for e in rigid(plain).effects]
+    heavier = varied(mine, {"J": 0.2}).parameters(own.id), varied(plain, {"J": 0.2}).parameters(effect.id)
+    assert back(effect, heavier[0]) == heavier[1]
+    assert Limits.of(mine) == Limits.of(plain)
+    assert cogging_table(mine) == cogging_table(plain)
+
+
+@each_effect
 def test_the_columns_the_search_and_the_bounds_are_the_same(effect: Effect, record: Record) -> None:
     own, names = renamed(effect), names_of(effect)
     assert effect.structure.available(record, effect) == own.structure.available(record, own)
@@ -97,8 +140,6 @@ def wrong_log(design: Design, effect: Effect, values: Mapping[str, float]) -> Lo
     truth = design.with_effect(effect.id, dict(values))
     motion = scenario("identification", design)
     if effect.has_state:
-        from pmsm_ctrl.simulate import simulate
-
         return simulate(design, motion, truth=truth, seed=3)
     return simulate_composed(design, motion, truth, seed=3)
 

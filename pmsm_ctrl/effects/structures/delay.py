@@ -60,7 +60,13 @@ class Delay(Structure):
     def simulated(
         self, effect: Effect, values: Mapping[str, float], machine: Machine, dry: float, label: str
     ) -> dict[str, float]:
-        """Return the values where the delay line is long enough for them."""
+        """Return the values where the delay line is long enough for them.
+
+        Raises
+        ------
+        DesignError
+            When it is not.
+        """
         longest = machine.period * (LINE - 2)
         if not 0.0 <= values[self.age] <= longest:
             raise DesignError(f"{label}.{self.age}: found {values[self.age]:g} s; 0 to {longest:g} s can be simulated")

@@ -7,6 +7,7 @@ make of it. Nothing outside `pmsm_ctrl.effects` asks which structure an effect h
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
@@ -208,7 +209,7 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Structure:
+class Structure(ABC):
     """How the simulation wires a term, and what follows from that everywhere else.
 
     Its fields name the parameters that play a role in it, so that an effect is free to call them what it likes. The
@@ -232,6 +233,7 @@ class Structure:
     # -- simulation
 
     @staticmethod
+    @abstractmethod
     def lines(wired: Sequence[tuple[int, Effect]], offset: int, dry: Sequence[tuple[int, Effect]]) -> Lines:
         """Return the lines for the marks of the drive kernel's template.
 
@@ -244,7 +246,6 @@ class Structure:
         dry : sequence of (int, Effect)
             The active dry frictions.
         """
-        raise NotImplementedError
 
     @staticmethod
     def start(omega: float, theta: float) -> tuple[float, ...] | float:
@@ -258,6 +259,10 @@ class Structure:
 
         Parameters
         ----------
+        effect : Effect
+        values : mapping of str to float
+            A value for every parameter.
+        machine : Machine
         dry : float
             Dry friction at rest of all effects, N m.
         label : str
@@ -292,6 +297,7 @@ class Structure:
         """Signals from which the columns follow."""
         return frozenset(effect.signals)
 
+    @abstractmethod
     def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
         """Return what the effect adds to each balance per unit of each of its `symbols`, shape (n,), at the log's rate.
 
@@ -300,7 +306,6 @@ class Structure:
         UnavailableError
             When the log or the design lacks what the effect needs.
         """
-        raise NotImplementedError
 
     def filtered(self, balances: Balances) -> bool:
         """Whether the columns follow from signals that are filtered already, and need not be filtered again."""
@@ -309,8 +314,7 @@ class Structure:
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns by which an effect that is not in the model yet is judged, shape (channels, m, k).
 
-        A friction that bends over a range of speed only where the bend lasts for as long as the filters smooth: one
-        that is over at once is an error of the moment of reversal.
+        `values` are those of the model. What is made of noise, or of errors of the filters, is zero.
         """
         return values
 
@@ -329,7 +333,7 @@ class Structure:
 
         None where the log lacks a channel that would tell how large the effect is.
         """
-        raise NotImplementedError
+        return None
 
     # -- search
 

@@ -53,7 +53,13 @@ class Term(Structure):
         return frozenset((*effect.signals, *(CURRENTS if effect.channels == CURRENTS else ())))
 
     def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
-        """Return the term per unit, and for a sensor's error what follows from it to first order."""
+        """Return the term per unit, and for a sensor's error what follows from it to first order.
+
+        Raises
+        ------
+        UnavailableError
+            When no parameter multiplies a column.
+        """
         values = {p.symbol: p.start for p in effect.parameters} | dict(shape)
         terms, _ = columns(effect, readable(balances), values)
         if not terms:
@@ -62,7 +68,10 @@ class Term(Structure):
         return [_entering(balances, effect, terms[symbol] * slow, shape) for symbol in self.symbols(effect)]
 
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
-        """Return the columns without the moments at which a bend over the speed is over at once."""
+        """Return the columns without the moments at which a bend over the speed is over before the filters show it.
+
+        What is left there is an error of the moment of reversal.
+        """
         if not effect.bends_over:
             return values
         quick = np.abs(balances.acceleration()) * (SMOOTHED / balances.cutoff) > shape[effect.bends_over]

@@ -104,7 +104,13 @@ class Transmission(Structure):
     def simulated(
         self, effect: Effect, values: Mapping[str, float], machine: Machine, dry: float, label: str
     ) -> dict[str, float]:
-        """Return the values where the load is a part of the total inertia."""
+        """Return the values where the load is a part of the total inertia.
+
+        Raises
+        ------
+        DesignError
+            When it is not.
+        """
         if not 0.0 < values[self.load] < machine.J:
             raise DesignError(
                 f"{label}.{self.load}: found {values[self.load]:g}, but the load's share should lie between 0 and the "
