@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.section import Block, Notice, Picture, present
-from pmsm_ctrl.section import Section as Blocks
+from pmsm_ctrl.section import Block, Notice, Picture, Section, present
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Estimate", "Result", "Section", "jsonable"]
+__all__ = ["Estimate", "Result", "jsonable"]
 
 
 @dataclass(frozen=True)
@@ -56,20 +55,6 @@ class Estimate:
         return self.value - half, self.value + half
 
 
-@dataclass(frozen=True)
-class Section:
-    """One section of a report: text paragraphs, tables and figures, each figure with a sentence saying what to see.
-
-    `captions` are the headings of the tables in their order; a table whose heading is left out has none.
-    """
-
-    title: str
-    paragraphs: tuple[str, ...] = ()
-    tables: tuple[tuple[tuple[str, ...], tuple[tuple[str, ...], ...]], ...] = ()  # (header, rows)
-    figures: tuple[tuple[Figure, str], ...] = ()
-    captions: tuple[str, ...] = ()
-
-
 class Result(ABC):
     """Interface of a verb's result. Leaves are frozen dataclasses whose room registers them with `present`.
 
@@ -102,7 +87,7 @@ class Result(ABC):
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
 
-    def section(self) -> Any:
+    def section(self) -> Section:
         """Return what the result has to say, as blocks."""
         return present(self)
 
@@ -141,7 +126,7 @@ def _pictures(blocks: Iterable[Block]) -> Iterator[Picture]:
     for block in blocks:
         if isinstance(block, Picture):
             yield block
-        elif isinstance(block, Blocks):
+        elif isinstance(block, Section):
             yield from _pictures(block.blocks)
 
 

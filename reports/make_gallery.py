@@ -24,7 +24,7 @@ from pmsm_ctrl.log import Log, Provenance
 from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.report import Headline, render
 from pmsm_ctrl.report.catalogue import save_figure
-from pmsm_ctrl.section import Notice, Picture, Section, Table
+from pmsm_ctrl.section import Picture, Section, Table
 
 ROOT = Path(__file__).resolve().parent.parent
 GALLERY = Path("reports/gallery")
@@ -254,7 +254,7 @@ def emps() -> None:
              (f"{held[0]:.2f} to {held[1]:.2f} %", "the same on the record held out"),
              ("3.11 %", "what the authors' own extended model leaves")),
         ),
-        notices=[Notice("", text) for text in found.warnings], design_toml=design.to_toml(), command=command("emps"),
+        notices=found.notices, design_toml=design.to_toml(), command=command("emps"),
         facts={"log, SHA-256": log.provenance.sha256, "holdout, SHA-256": pulses.provenance.sha256,
                "design": design.source},
     )  # fmt: skip

@@ -6,7 +6,6 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis
 from pmsm_ctrl.identify import SweepResult
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.report.page import converted
 from pmsm_ctrl.report.result import Headline
 from pmsm_ctrl.units import drives
 
@@ -68,11 +67,11 @@ def of_diagnosis(design: Design, log: Log, found: Diagnosis) -> Headline:
     name = log.provenance.file or "a given log"
     done = f"The axis {design.name} was diagnosed from {name}, {log.duration:.3g} s at {log.rate:.4g} Hz."
     before, after = (100.0 * plain["errors"][rung]["torque"]["relative"] for rung in ("nominal", "final"))
-    verdict = next(block for block in converted(found.section()).blocks if isinstance(block, str))
+    verdict = next(block for block in found.section().blocks if isinstance(block, str))
     count = len(plain["steps"])
     numbers = (
         (f"{before:.2f} %", f"relative {drives(design.motion)} error of the design as given"),
         (f"{after:.2f} %", "relative error with the effects that were found"),
         (f"{count}", f"missing effect{'' if count == 1 else 's'}"),
     )
-    return Headline(done, verdict.removeprefix("Verdict: "), plain["verdict"] == "consistent" or None, numbers)
+    return Headline(done, verdict, plain["verdict"] == "consistent" or None, numbers)

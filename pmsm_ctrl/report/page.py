@@ -9,10 +9,9 @@ from typing import Any
 
 from pmsm_ctrl.rendering import to_html
 from pmsm_ctrl.report.result import Headline
-from pmsm_ctrl.result import Section as OldSection
-from pmsm_ctrl.section import Block, Notice, Picture, Section, Table
+from pmsm_ctrl.section import Notice, Section
 
-__all__ = ["converted", "render", "versions"]
+__all__ = ["render", "versions"]
 
 _LIBRARIES = ("pmsm-ctrl", "numpy", "scipy", "numba", "matplotlib", "control", "filterpy")
 
@@ -30,7 +29,7 @@ def versions() -> dict[str, str]:
 
 def render(
     title: str,
-    sections: Iterable[Any],
+    sections: Iterable[Section],
     *,
     headline: Headline | None = None,
     notices: Sequence[Notice] = (),
@@ -55,7 +54,10 @@ def render(
     command : str
         The command that makes this page again.
     """
-    shown = [_view(number, section, title) for number, section in enumerate(sections, start=1)]
+    shown = [  # a title that the page has already is not written again
+        {"title": section.title, "html": to_html(section, number=number, heading=section.title != title)}
+        for number, section in enumerate(sections, start=1)
+    ]
     text: str = _template().render(
         title=title,
         headline=headline,
@@ -67,29 +69,6 @@ def render(
         command=command,
     )
     return text
-
-
-def _view(number: int, section: Any, page_title: str) -> dict[str, str]:
-    """Return a section for the template; a title that the page has already is not written again."""
-    section = converted(section)
-    html = to_html(section, number=number, heading=section.title != page_title)
-    return {"id": f"section-{number}", "title": section.title, "html": html}
-
-
-def converted(old: Any) -> Section:
-    """Return a section of rooms that do not speak in blocks yet as one that does."""
-    if isinstance(old, Section):
-        return old
-    assert isinstance(old, OldSection)
-    plain: list[Block] = []
-    doubts: list[Block] = []
-    for text in old.paragraphs:
-        kind, _, rest = text.partition(": ")
-        (doubts.append(Notice("", rest)) if kind.lower() == "warning" else plain.append(text))
-    captions = (*old.captions, *("",) * len(old.tables))
-    tables: list[Block] = [Table(*table, caption=c) for table, c in zip(old.tables, captions, strict=False)]
-    pictures: list[Block] = [Picture(lambda figure=figure: figure, caption) for figure, caption in old.figures]  # type: ignore[misc]
-    return Section(old.title, (*doubts, *plain, *tables, *pictures))
 
 
 def _template() -> Any:

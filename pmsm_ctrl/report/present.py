@@ -13,7 +13,6 @@ import numpy as np
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.report.history import Entry
-from pmsm_ctrl.report.page import converted
 from pmsm_ctrl.report.result import CatalogueEntry, Study
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
@@ -53,7 +52,7 @@ def parts(study: Study) -> tuple[Section, ...]:
     order = MEASURED_ORDER if "diagnose" in study.results else SIMULATED_ORDER
     shown = []
     for verb in (*(v for v in order if v in study.results), *(v for v in study.results if v not in order)):
-        section = converted(study.results[verb].section())
+        section = study.results[verb].section()
         introduction = (INTRODUCTIONS[verb],) if verb in INTRODUCTIONS else ()
         shown.append(replace(section, blocks=(*introduction, *section.blocks)))
     return (*shown, history_section(study.history)) if study.history else tuple(shown)

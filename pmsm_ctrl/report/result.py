@@ -21,13 +21,6 @@ __all__ = ["CatalogueEntry", "Headline", "Study"]
 Array = NDArray[np.float64]
 
 
-def _notices(result: Result) -> tuple[Notice, ...]:
-    """Notices of a result, also of a room that does not give them codes yet."""
-    if hasattr(result, "notices"):
-        return result.notices
-    return tuple(Notice("", text) for text in result.warnings)
-
-
 @dataclass(frozen=True)
 class Headline:
     """The first screen: what was done, the verdict, and the numbers that matter most.
@@ -80,7 +73,7 @@ class Study(Result):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Reasons to doubt the numbers, of the input and of every part, each once."""
-        parts = (notice for result in self.results.values() for notice in _notices(result))
+        parts = (notice for result in self.results.values() for notice in result.notices)
         return tuple(dict.fromkeys((*self.doubts_of_input, *parts)))
 
     def to_dict(self) -> dict[str, Any]:

@@ -30,7 +30,6 @@ NOT_YET = {
     "evidence",
     "kernels",
     "regression",
-    "result",
 }
 
 MODULES = [

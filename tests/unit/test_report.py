@@ -8,7 +8,6 @@ import shutil
 import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -247,10 +246,8 @@ def test_diagnosis_report_shows_the_way_down(hidden_cogging: Diagnosis) -> None:
     assert len(text) < 1_500_000
 
 
-def figures(section: Any) -> list[Any]:
-    if hasattr(section, "blocks"):
-        return [block.draw() for block in section.blocks if isinstance(block, Picture)]
-    return [figure for figure, _ in section.figures]
+def figures(section: Section) -> list[Figure]:
+    return [block.draw() for block in section.blocks if isinstance(block, Picture)]
 
 
 def test_every_figure_has_units_on_its_axes(hidden_cogging: Diagnosis) -> None:
