@@ -1,0 +1,51 @@
+"""What a sample is worth: less around edges faster than the sampling, and around reversals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import Prepared, prepare
+from pmsm_ctrl.regression.weights import EDGE_PERIODS, edge_weight, reversal_weight
+from pmsm_ctrl.simulate import scenario, simulate
+
+
+@pytest.fixture(scope="module")
+def log(designs) -> Log:
+    design = Design.read(designs / "seed_motor.toml")
+    return simulate(design, scenario("triangle", design, speed=50.0, period=2.0, cycles=4.0), seed=1)
+
+
+@pytest.fixture(scope="module")
+def prepared(designs, log: Log) -> Prepared:
+    return prepare(Design.read(designs / "seed_motor.toml"), log)
+
+
+@pytest.mark.parametrize("height", [0.5, 2.0])
+def test_an_edge_takes_the_weight_of_the_samples_that_it_rings_into(prepared: Prepared, height: float) -> None:
+    t = prepared.t
+    raw = np.sin(t) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    middle = 0.5 * (t[0] + t[-1])
+    raw[t > middle] += height
+    weight = edge_weight(raw, prepared, EDGE_PERIODS)
+    away = np.abs(t[prepared.keep] - middle)
+    assert weight[away < 1.0 / prepared.cutoff].max() < (0.2 if height < 1.0 else 0.001)
+    assert weight[away > 20.0 / prepared.cutoff].min() > 0.99
+
+
+def test_a_smooth_signal_keeps_its_weight(prepared: Prepared) -> None:
+    raw = np.sin(prepared.t) + 0.01 * np.random.default_rng(2).standard_normal(prepared.t.size)
+    assert edge_weight(raw, prepared, EDGE_PERIODS).min() > 0.95
+
+
+def test_a_reversal_counts_the_less_the_more_friction_turns_there(log: Log, prepared: Prepared) -> None:
+    signals = {**prepared.signals, "torque_meas": log["i_q"] * 1.032, "i_q_meas": log["i_q"]}
+    turn = np.flatnonzero(np.diff(np.sign(prepared.signals["omega"])) != 0)
+    away = np.min(np.abs(prepared.keep[:, None] - turn), axis=1) / prepared.rate
+    at = [reversal_weight(log, prepared, signals, (level, 9e-5)) for level in (0.0, 0.02, 0.06)]
+    assert (at[0] == 1.0).all()
+    near = away < 0.5 / prepared.cutoff
+    assert at[2][near].mean() < at[1][near].mean() < 0.5
+    assert min(weight[away > 3.0 / prepared.cutoff].min() for weight in at) == 1.0
