@@ -45,6 +45,7 @@ LONGEST_GAP = 1.0  # s left out on either side of a block that is judged
 # The gap in memories of the noise, and in periods of the filter: both have died away by then.
 GAP_MEMORIES, GAP_PERIODS = 3.0, 4.0
 BLOCKS = 16
+NEGLIGIBLE = 1e-6  # length of a column beside noise of variance 1: by less a value is beyond a bound by rounding alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +308,7 @@ def _trial(candidate: Candidate, group: Group, own: Added, judge: tuple[Solved, 
     p = f_tail(own.gain / k, k, max(solved.rows - solved.rank - k, 1)) * max(candidate.searched, 1)
     values = own.values
     return Trial(
-        candidate, group, own.gain, score, min(1.0, p), values, own.stderr, judge, _wrong_sign(group, values, solved)
+        candidate, group, own.gain, score, min(1.0, p), values, own.stderr, judge, _wrong_sign(group, own, solved)
     )
 
 
@@ -411,11 +412,16 @@ def plain_evidence(covariance: NoiseCovariance, candidate: Candidate, group: Gro
     return gain, min(1.0, p)
 
 
-def _wrong_sign(group: Group, values: Array, solved: Solved) -> bool:
-    """Whether a linear parameter lies where physics does not allow it."""
+def _wrong_sign(group: Group, own: Added, solved: Solved) -> bool:
+    """Whether a linear parameter lies where physics does not allow it; not where rounding alone puts it there."""
     assert group.effect is not None
     bounds = group.effect.structure.bounds(group.effect, solved.known)
-    return any(not bounds[s][0] <= v <= bounds[s][1] for s, v in zip(group.symbols, values, strict=True))
+    for symbol, value, size in zip(group.symbols, own.values.tolist(), own.size.tolist(), strict=True):
+        low, high = bounds[symbol]
+        slack = NEGLIGIBLE / max(size, 1e-300)
+        if not low - slack <= value <= high + slack:
+            return True
+    return False
 
 
 def blocked_gain(
