@@ -40,22 +40,29 @@ def order_spectrum(
     theta, omega, direction = prepared.signals["theta"][prepared.keep], np.abs(signed), np.sign(signed)
     both = friction and bool(policy.ONE_WAY < np.mean(direction[mask] > 0.0) < 1.0 - policy.ONE_WAY)
     amplitude, score = np.full(highest, np.nan), np.zeros(highest)
-    step = np.exp(1j * theta)
-    turning = np.ones_like(step)
+    # in order of speed, those slow enough for an order come first
+    slow = np.flatnonzero(mask)[np.argsort(omega[mask], kind="stable")]
+    omega, step, d, r = omega[slow], np.exp(1j * theta[slow]), direction[slow], residual[slow]
+    w = weight[slow] ** 2
+    products = np.column_stack([w, w * d, w * d * d, w * r, w * r * d])
     limit = 2.0 * np.pi * prepared.cutoff * policy.PASSED
-    travel = omega / prepared.thinned_rate
-    seen_orders, sums = [], []
+    travelled = np.cumsum(omega / prepared.thinned_rate)
+    turning, seen, once, twice = np.ones_like(step), [], [], []
     for k in range(1, highest + 1):
-        turning = turning * step
-        seen = mask & (k * omega < limit)
-        if int(seen.sum()) < policy.FEWEST or k * float(travel[seen].sum()) < 4.0 * np.pi:
+        n = int(np.searchsorted(omega, limit / k))
+        turning = turning[:n] * step[:n]
+        if n < policy.FEWEST or k * travelled[n - 1] < 4.0 * np.pi:
             continue
-        seen_orders.append(k - 1)
-        sums.append(_sums(turning[seen], weight[seen], residual[seen], direction[seen]))
-    if not sums:
+        seen.append((k, n))
+        once.append(_real(turning) @ products[:n])
+        twice.append(_real(turning * turning) @ products[:n, :3])
+    if not seen:
         return amplitude, score
-    places = np.array(seen_orders)
-    gram, right, power, count = (np.array(parts) for parts in zip(*sums, strict=True))
+    orders, count = np.array(seen).T
+    places = orders - 1
+    none = np.cumsum(products, axis=0)[count - 1]
+    power = np.cumsum(w * r * r)[count - 1]
+    gram, right = _normal_equations(none, np.array(once), np.array(twice))
     # where the direction hangs on the angle, the wave that is the same either way is left
     for base, used in ((1, [0, 2, 3]), (2, [0, 1, 2, 3, 4, 5]))[: 1 + both]:
         sizes, scores, well = _solved(gram[:, used][:, :, used], right[:, used], power, count, base)
@@ -63,12 +70,32 @@ def order_spectrum(
     return amplitude, score
 
 
-def _sums(turning: NDArray[np.complex128], w: Array, r: Array, d: Array) -> tuple[Array, Array, float, int]:
-    """Normal equations of one order: constant, direction, the wave that is the same either way, the one that turns."""
-    wave = [turning.real, turning.imag]
-    a = np.column_stack([np.ones(len(r)), d, *wave, *(x * d for x in wave)]) * w[:, None]
-    b = w * r
-    return a.T @ a, a.T @ b, float(b @ b), len(r)
+def _real(waves_at: NDArray[np.complex128]) -> Array:
+    """Real and imaginary parts, shape (2, n)."""
+    return waves_at.view(np.float64).reshape(-1, 2).T
+
+
+def _normal_equations(none: Array, once: Array, twice: Array) -> tuple[Array, Array]:
+    """Return the normal equations of every order, shapes (k, 6, 6) and (k, 6).
+
+    The columns are a constant, the direction d, the cosine and the sine that are the same either way, and both times d.
+    Given are weighted sums of 1, d, d^2, r and r d: alone, shape (k, 5), and times cosine and sine of the order, shape
+    (k, 2, 5), and of twice the order, shape (k, 2, 3), since the product of two waves has that order.
+    """
+    gram, right = np.zeros((len(none), 6, 6)), np.zeros((len(none), 6))
+    for i in range(2):  # the power of d that comes with a column
+        right[:, i] = none[:, 3 + i]
+        right[:, 2 + 2 * i : 4 + 2 * i] = once[:, :, 3 + i]
+        for j in range(2):
+            waves_i, waves_j, power = slice(2 + 2 * i, 4 + 2 * i), slice(2 + 2 * j, 4 + 2 * j), i + j
+            gram[:, i, j] = none[:, power]
+            gram[:, i, waves_j] = once[:, :, power]
+            gram[:, waves_j, i] = once[:, :, power]
+            cosine, sine = twice[:, 0, power], twice[:, 1, power]
+            even = none[:, power]
+            block = [[even + cosine, sine], [sine, even - cosine]]
+            gram[:, waves_i, waves_j] = 0.5 * np.moveaxis(np.array(block), -1, 0)
+    return gram, right
 
 
 def _solved(gram: Array, right: Array, power: Array, count: Array, base: int) -> tuple[Array, Array, Mask]:

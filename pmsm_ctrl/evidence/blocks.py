@@ -306,7 +306,7 @@ def left_out_gains(
         Sum of squares that there was to explain in these blocks.
     """
     channels, n, columns = rows.shape
-    gains, total = [], 0.0
+    grams, judged = [], []
     for start, stop in edges:
         near = slice(*np.searchsorted(t, [start - gap, stop + gap]))
         test = slice(*np.searchsorted(t, [start, stop]))
@@ -314,20 +314,27 @@ def left_out_gains(
         if channels * (test.stop - test.start) < FEWEST_ROWS or left < ROWS_PER_COLUMN * columns:
             continue
         excluded = rows[:, near].reshape(-1, columns)
-        gram = full - excluded.T @ excluded
-        judged = rows[:, test].reshape(-1, columns)
-        y, x = judged[:, 0], judged[:, 1:]
-        small = y - x[:, :base] @ _ridge_solution(gram[: base + 1, : base + 1], ridge) if base else y
-        big = y - x @ _ridge_solution(gram, ridge)
-        gains.append(float(small @ small - big @ big))
-        total += max(float(y @ y), float(small @ small))
-    return (np.array(gains) if len(gains) >= FEWEST_BLOCKS else np.zeros(0)), total
+        grams.append(full - excluded.T @ excluded)
+        judged.append(rows[:, test].reshape(-1, columns))
+    if len(grams) < FEWEST_BLOCKS:
+        return np.zeros(0), 0.0
+    training = np.array(grams)
+    small = _ridge_solutions(training[:, : base + 1, : base + 1], ridge) if base else np.zeros((len(grams), 0))
+    big = _ridge_solutions(training, ridge)
+    gains, total = [], 0.0
+    for block, few, all_of_them in zip(judged, small, big, strict=True):
+        y = block[:, 0]
+        before, after = y - block[:, 1 : base + 1] @ few, y - block[:, 1:] @ all_of_them
+        gains.append(float(before @ before - after @ after))
+        total += max(float(y @ y), float(before @ before))
+    return np.array(gains), total
 
 
-def _ridge_solution(gram: Array, ridge: float) -> Array:
-    """Coefficients of the columns for the target, which comes first in the Gram matrix."""
-    size = np.sqrt(np.maximum(np.diag(gram)[1:], 0.0))
+def _ridge_solutions(grams: Array, ridge: float) -> Array:
+    """Coefficients of the columns for the target, which comes first in each Gram matrix, shape (blocks, k)."""
+    size = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2)[:, 1:], 0.0))
     size[size == 0.0] = 1.0
-    scaled = gram[1:, 1:] / np.outer(size, size)
-    shrunk = scaled + ridge * np.trace(scaled) / len(scaled) * np.eye(len(scaled))
-    return np.linalg.solve(shrunk, gram[1:, 0] / size) / size
+    scaled = grams[:, 1:, 1:] / (size[:, :, None] * size[:, None, :])
+    k = scaled.shape[-1]
+    scaled += (ridge * np.trace(scaled, axis1=1, axis2=2) / k)[:, None, None] * np.eye(k)
+    return np.linalg.solve(scaled, (grams[:, 1:, 0] / size)[..., None])[..., 0] / size

@@ -207,7 +207,11 @@ def added(gram: Array, shared: Array, along: Array) -> Added:
     """
     size = np.sqrt(np.diag(gram))
     size = np.where(size > 0.0, size, 1.0)
-    left = (gram - shared.T @ shared) / np.outer(size, size)
+    left = (gram - shared.T @ shared) / (size[:, None] * size)
+    if len(left) == 1:  # most are: no decomposition
+        own = float(left[0, 0])
+        back = np.full((1, 1), 1.0 / (np.sqrt(own) * size[0])) if own > OWN_SHARE**2 else np.zeros((1, 0))
+        return Added(back, back[0] * along[0], size)
     values, vectors = np.linalg.eigh(left)
     kept = values > OWN_SHARE**2
     back = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]

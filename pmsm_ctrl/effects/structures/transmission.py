@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -219,11 +219,14 @@ class Transmission(Structure):
         Discretised bilinearly: exact at the load's own frequency, or where that lies above the band, at the end of the
         band.
         """
-        from scipy.signal import bilinear, lfilter
+        from scipy.signal import lfilter
 
         exact = min(shape[FREQUENCY], 2.0 * np.pi * balances.cutoff)
-        above, below = spring_response(shape[FREQUENCY], shape[DAMPING])
-        b, a = bilinear(above, below, 0.5 * exact / np.tan(0.5 * exact * balances.period))
+        fast = exact / np.tan(0.5 * exact * balances.period)  # s is fast (z - 1) / (z + 1)
+        w, damped = shape[FREQUENCY] ** 2, 2.0 * shape[DAMPING] * shape[FREQUENCY] * fast
+        first = fast**2 + damped + w
+        b = np.array([-1.0, 2.0, -1.0]) * fast**2 / first
+        a = np.array([first, 2.0 * (w - fast**2), fast**2 - damped + w]) / first
         return np.asarray(lfilter(b, a, balances.signals["alpha"]))
 
     def _behind_gap(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> Array:
@@ -242,13 +245,13 @@ class Transmission(Structure):
         return out - s["alpha"]
 
 
-def spring_response(w_a: float, zeta: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Numerator and denominator in s of a load's acceleration on its spring less the rotor's, over the rotor's.
+def _response(s: NDArray[Any], w_a: float, zeta: float) -> NDArray[Any]:
+    """Acceleration of a load on its spring less the rotor's, over the rotor's, at Laplace variables `s`.
 
     From J_load theta_l'' = k (theta - theta_l) + d (omega - omega_l) with the load's own frequency
     ``w_a = sqrt(k / J_load)`` in rad/s and damping ``zeta``: -s^2 / (s^2 + 2 zeta w_a s + w_a^2).
     """
-    return (-1.0, 0.0, 0.0), (1.0, 2.0 * zeta * w_a, w_a * w_a)
+    return -s * s / (s * s + 2.0 * zeta * w_a * s + w_a * w_a)
 
 
 def _of(effect: Effect) -> Transmission:
@@ -258,9 +261,8 @@ def _of(effect: Effect) -> Transmission:
 
 def _passed(shape: Mapping[str, float], cutoff: float) -> float:
     """What a spring makes of white noise in the band, rms: one that rings is shaken by little."""
-    s = 2j * np.pi * np.linspace(0.0, cutoff, 4001)[1:]
-    above, below = spring_response(shape[FREQUENCY], shape[DAMPING])
-    return float(np.sqrt(np.mean(np.abs(np.polyval(above, s) / np.polyval(below, s)) ** 2)))
+    response = _response(2j * np.pi * np.linspace(0.0, cutoff, 4001)[1:], shape[FREQUENCY], shape[DAMPING])
+    return float(np.sqrt(np.mean(response.real**2 + response.imag**2)))
 
 
 def _coarse() -> Iterator[tuple[float, float]]:
@@ -287,8 +289,7 @@ def _ringing(log: LogView) -> Iterator[tuple[float, float, float]]:
     top = max(1.2 * balances.cutoff, LOWEST)
     for zeta in RINGING:
         for w in 2.0 * np.pi * np.geomspace(LOWEST, top, int(np.log(top / LOWEST) / (1.2 * zeta)) + 1):
-            above, below = spring_response(float(w), zeta)
-            column = np.polyval(above, s) / np.polyval(below, s) * motion
+            column = _response(s, float(w), zeta) * motion
             along = scale * float(np.vdot(wanted, column).real)
             beside = scale * float(np.vdot(own, column).real)
             left = level * float(np.vdot(column, column).real) - beside**2 / size
