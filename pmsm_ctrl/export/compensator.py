@@ -13,7 +13,7 @@ from pmsm_ctrl.export.trees import constant, name
 from pmsm_ctrl.export.writers import symbols_of
 from pmsm_ctrl.simulate.feedforward import READABLE
 
-__all__ = ["Terms", "compensator"]
+__all__ = ["Terms", "compensator", "direction_lines"]
 
 _SPEEDS = {
     "measured": "measured speed, rad/s",
@@ -95,7 +95,7 @@ def compensator(design: Design) -> Block:
     chosen = design.compensation
     adaptive = {e.id: _TRACKED[e.id][0] for e, _ in effects if chosen.source == "adaptive" and e.id in _TRACKED}
     terms = Terms(effects, adaptive)
-    lines = _direction(chosen.smoothing)
+    lines = direction_lines(chosen.smoothing)
     lines += ["torque = K_t * i_q", *terms.lines("feedforward"), "i_q_add = gain * feedforward / K_t"]
     constants = [
         Value("K_T", "N m/A, torque constant", design.K_t_assumed),
@@ -130,7 +130,8 @@ def compensator(design: Design) -> Block:
     )  # fmt: skip
 
 
-def _direction(width: float) -> list[str]:
+def direction_lines(width: float = 0.0) -> list[str]:
+    """Return the lines for the sign of the speed, linear between +- `width` rad/s."""
     if width > 0.0:
         return ["direction = min(max(omega / smoothing, -1.0), 1.0)"]
     return ["direction = 0.0", "if omega > 0.0:", "    direction = 1.0", "elif omega < 0.0:", "    direction = -1.0"]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export.blocks import Block, Value, identifier
-from pmsm_ctrl.export.compensator import Terms
+from pmsm_ctrl.export.compensator import Terms, direction_lines
 from pmsm_ctrl.export.program import Flattener, body_of
 from pmsm_ctrl.export.trees import Statements, base, constant, expressions, name, read
 from pmsm_ctrl.export.writers import symbols_of
@@ -196,17 +196,10 @@ def _text(settings: Settings, inputs: tuple[Value, ...], terms: Terms, salient: 
     torque = "torque_em(p, psi_f, L_d, L_q, i_d, i_q)" if salient else "K_t * i_q"
     inner = [f"torque = {torque}", "drive = torque - T_load"]
     if terms.calls:
-        speed = "theta" if settings.measure == "theta" else ""
-        if speed:
+        if settings.measure == "theta":
             inner += ["omega = 0.0", "if m[T_LAST] > NEVER and time_s > m[T_LAST]:",
                       "    omega = (theta - m[Z_LAST]) / (time_s - m[T_LAST])"]  # fmt: skip
-        inner += [
-            "direction = 0.0",
-            "if omega > 0.0:",
-            "    direction = 1.0",
-            "elif omega < 0.0:",
-            "    direction = -1.0",
-        ]
+        inner += direction_lines()
     inner += [*terms.lines("known_torque"), "..."]
     head = ["innovation = 0.0", "innovation_variance = 0.0", "event = INVALID", f"if {valid}:"]
     return head + [f"    {line}" for line in inner]

@@ -211,20 +211,11 @@ def _keep(statements: Statements, wanted: set[str]) -> Statements:
 
 def kinds(statements: Statements) -> dict[str, str]:
     """Return the scalars of a flat program and whether each is a "real", an "integer" or a "flag"."""
-    pairs = list(_pairs(statements))
-    inputs = set().union(*(read(value) for _, value in pairs if value is not None)) - {target for target, _ in pairs}
-    found: dict[str, str] = dict.fromkeys(inputs, "real")
-    for _ in range(len(pairs) + 1):
-        before = dict(found)
-        for target, value in pairs:
-            kind = _kind(value, found)
-            if kind and found.get(target, kind) != kind:
-                kind = "real"
-            if kind:
-                found[target] = kind
-        if found == before:
-            break
-    return {text: kind for text, kind in found.items() if text not in inputs}
+    found: dict[str, str] = {}
+    for target, value in _pairs(statements):
+        kind = _kind(value, found)
+        found[target] = kind if found.get(target, kind) == kind else "real"
+    return found
 
 
 def _pairs(statements: Statements) -> Iterator[tuple[str, ast.expr | None]]:
@@ -244,7 +235,7 @@ def _kind(value: ast.expr | None, found: dict[str, str]) -> str:
     if isinstance(value, ast.Constant):
         return "flag" if isinstance(value.value, bool) else "integer" if isinstance(value.value, int) else "real"
     if isinstance(value, ast.Name):
-        return found.get(value.id, "")
+        return found.get(value.id, "real")
     if isinstance(value, ast.Compare | ast.BoolOp) or (
         isinstance(value, ast.UnaryOp) and isinstance(value.op, ast.Not)
     ):
