@@ -1,0 +1,136 @@
+"""Break the heart on purpose and see that the fast suite catches it: ``python -m tests.benchmarks.mutations``.
+
+Every mutation changes one line in a copy of the tree and runs the tests named with it, which pass on the unchanged tree
+and are part of what the README's command runs. The exit status is 1 where one is not caught.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class Mutation:
+    """One change: what it breaks, the file inside the package, the text and what takes its place, and the tests."""
+
+    what: str
+    file: str
+    old: str
+    new: str
+    tests: str
+
+
+MUTATIONS = (
+    Mutation("sign of a friction term", "effects/viscous.py",
+             "return F_v * omega", "return -F_v * omega", "unit/test_effects.py -k viscous"),
+    Mutation("sign of the induced voltage", "kernels/balance.py",
+             "p * omega * (L_d * i_d + psi_f)", "p * omega * (L_d * i_d - psi_f)", "unit/test_docs.py -k textbook"),
+    Mutation("threshold: significance 0.01 -> 0.1", "diagnose/policy.py",
+             "significance: float = 0.01", "significance: float = 0.1", "unit/diagnose/test_criteria.py"),
+    Mutation("threshold: three standard errors of cross-validation -> one", "diagnose/criteria.py",
+             "found.gain > asked * found.stderr", "found.gain > found.stderr", "unit/diagnose/test_criteria.py"),
+    Mutation("column: what does not hang on the parameter stays in", "effects/evaluate.py",
+             "**off, p.symbol: 1.0}) - rest", "**off, p.symbol: 1.0})", "unit/test_effects.py"),
+    Mutation("column of another record is remembered", "regression/columns.py",
+             "modelled = not MODELLED.isdisjoint", "modelled = False and MODELLED.isdisjoint",
+             "unit/regression/test_columns.py"),
+    Mutation("unit: a speed in rpm", "units.py",
+             "2.0 * math.pi / 60.0", "math.pi / 60.0", "unit/test_units.py"),
+    Mutation("filter: cutoff at half its frequency", "regression/filters.py",
+             "butter(4, cutoff, fs=rate", "butter(4, 0.5 * cutoff, fs=rate", "unit/regression"),
+    Mutation("filter: one more step of delay in the derivative", "regression/filters.py",
+             "values[reach + j : n - reach + j] - values[reach - j : n - reach - j]",
+             "values[reach + j : n - reach + j] - values[reach - j + 1 : n - reach - j + 1]", "unit/regression"),
+    Mutation("weight: edges count in full", "regression/weights.py",
+             "return 1.0 / (1.0 + (passed * edge) ** 2) ** 2", "return 1.0 / (1.0 + 0.0 * (passed * edge) ** 2) ** 2",
+             "unit/regression/test_weights.py"),
+    Mutation("weight: reversals count in full", "regression/weights.py",
+             "return 1.0 / (1.0 + (wrong / max(noise, 1e-300)) ** 2)", "return 1.0 / (1.0 + 0.0 * wrong)",
+             "unit/regression/test_weights.py"),
+    Mutation("Holm: every rank pays for one test less", "evidence/tests.py",
+             "(len(p_values) - rank)", "(len(p_values) - rank - 1)", "unit/diagnose/test_statistics.py -k holm"),
+    Mutation("Holm: a later p-value may fall below an earlier one", "evidence/tests.py",
+             "worst = max(worst, min(1.0", "worst = max(0.0, min(1.0", "unit/diagnose/test_statistics.py -k holm"),
+    Mutation("F-test: degrees of freedom swapped", "evidence/tests.py",
+             "fdtrc(k, dof, f)", "fdtrc(dof, k, f)", "unit/diagnose/test_statistics.py -k f_tail"),
+    Mutation("prior: the datasheet's value is taken for zero", "regression/model.py",
+             "model.nominal[known] / model.sigma[known]", "0.0 * model.nominal[known] / model.sigma[known]",
+             "unit/regression/test_model.py"),
+    Mutation("prior: tolerances twice as tight", "regression/model.py",
+             "np.diag(1.0 / model.sigma[known])", "np.diag(2.0 / model.sigma[known])", "unit/regression/test_model.py"),
+    Mutation("delay's sign", "effects/structures/delay.py",
+             "np.clip(t + values[self.age]", "np.clip(t - values[self.age]",
+             "unit/regression/test_measurement_correction.py"),
+    Mutation("bound: parameters may not come near it", "diagnose/criteria.py",
+             "low - slack <= value", "low + slack <= value", "unit/diagnose/test_criteria.py"),
+    Mutation("order of acceptance: the worst candidate first", "diagnose/fit.py",
+             "t.at_bound, -t.plain_gain)", "t.at_bound, t.plain_gain)", "system/test_hidden_effects.py -k beside_it"),
+    Mutation("order: cogging at the order next to it", "compare/orders.py",
+             "seen_orders.append(k - 1)", "seen_orders.append(k)", "unit/compare/test_dependence.py -k orders"),
+    Mutation("blocks: the gap is used to fit", "evidence/blocks.py",
+             "[start - gap, stop + gap]", "[start, stop]", "unit/evidence/test_left_out_blocks.py"),
+    Mutation("whitening: the level is that of the noise before it is whitened", "evidence/whitening.py",
+             "np.sqrt(variances[order])", "np.sqrt(variances[0])", "unit/diagnose/test_statistics.py -k whitening"),
+    Mutation("standard errors of independent samples", "regression/model.py",
+             "stderr=np.sqrt(np.maximum(np.diag(covariance.of_fit()), 0.0))", "stderr=covariance.fit.stderr",
+             "unit/diagnose/test_statistics.py"),
+    Mutation("held-out record: a larger error passes", "diagnose/criteria.py",
+             "if ratio >= 1.0 else None", "if ratio < 1.0 else None", "unit/diagnose/test_criteria.py"),
+    Mutation("ties: everything is equivalent", "diagnose/selection.py",
+             "size - shared < policy.tie(size)", "size - shared > policy.tie(size)", "unit/diagnose/test_selection.py"),
+)  # fmt: skip
+
+
+def outcome(tree: Path, tests: str) -> tuple[str, float]:
+    """Run tests in a copy of the tree; return what became of them, and the time in s."""
+    first, *more = tests.split()
+    line = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", f"tests/{first}", *more]
+    environment = os.environ | {"PYTHONPATH": str(tree), "PMSM_CTRL_CACHE": str(tree / "cache")}
+    start = time.perf_counter()
+    done = subprocess.run(line, cwd=tree, env=environment, capture_output=True, text=True, check=False)
+    names = {0: "not caught", 1: "caught", 2: "caught"}  # 2: not even importable
+    return names.get(done.returncode, f"pytest ended with {done.returncode}"), time.perf_counter() - start
+
+
+def main() -> None:
+    """Print one row a mutation."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.mutations", description=__doc__)
+    parser.add_argument("--only", default="", help="mutations whose name or file contains this")
+    chosen = parser.parse_args()
+    wanted = [m for m in MUTATIONS if chosen.only in m.what or chosen.only in m.file]
+    missed = []
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder) / "main"
+        shutil.copytree(ROOT, tree, ignore=shutil.ignore_patterns(".*", "__pycache__", "site", "build", "*.egg-info"))
+        sound = {tests: outcome(tree, tests)[0] == "not caught" for tests in {mutation.tests for mutation in wanted}}
+        print("| what is broken | where | outcome | s | tests |\n|---|---|---|---|---|")
+        for mutation in wanted:
+            path = tree / "pmsm_ctrl" / mutation.file
+            text = path.read_text(encoding="utf-8")
+            if text.count(mutation.old) != 1:
+                result, seconds = f"stands {text.count(mutation.old)} times in the file", 0.0
+            elif not sound[mutation.tests]:
+                result, seconds = "the tests fail without it", 0.0
+            else:
+                path.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
+                result, seconds = outcome(tree, mutation.tests)
+                path.write_text(text, encoding="utf-8")
+            if result != "caught":
+                missed.append(mutation)
+            print(f"| {mutation.what} | {mutation.file} | {result} | {seconds:.1f} | {mutation.tests} |", flush=True)
+    print(f"{len(wanted) - len(missed)} of {len(wanted)} caught")
+    sys.exit(1 if missed else 0)
+
+
+if __name__ == "__main__":
+    main()
