@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare import policy
 from pmsm_ctrl.compare.coordinates import Curve, Drive, curves, grid_coordinates
 from pmsm_ctrl.compare.stretches import run_around
-from pmsm_ctrl.evidence.blocks import Bench, Noise, Outcome, bench, noise_of
+from pmsm_ctrl.evidence.residual import Bench, Noise, Outcome, bench, noise_of
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.conditioning import Prepared
 
@@ -295,7 +295,7 @@ def _case(
         base[curve.name] = [1, 2][: curve.base.shape[1]]
         own[curve.name] = list(range(len(columns) + 1, len(columns) + 1 + curve.own.shape[1]))
         columns += list(curve.own.T)
-    laid = bench(noise, trace.t, trace.residual, trace.mask, np.column_stack(columns), cutoff)
+    laid = bench(noise, trace.t, trace.residual, np.column_stack(columns), policy.GAP / cutoff)
     return _Case(trace.residual, trace.mask, laid, base, own, relevance.share, relevance.least(trace), direction)
 
 

@@ -22,6 +22,8 @@ ALIKE = 0.97
 MOST = 3
 # Periods of the cutoff around a reversal that are left out.
 REVERSAL = 2.0
+# Periods of the cutoff that are left out on either side of a block of the cross-validation, at least.
+GAP = 4.0
 # A direction that holds less than this share of the samples has no curve of its own.
 ONE_WAY = 0.03
 # Share of its greatest height above which a curve counts as large.

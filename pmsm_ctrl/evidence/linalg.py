@@ -121,9 +121,7 @@ def gram_of(blocks: Sequence[Array], weight: Array) -> Array:
     return out
 
 
-def projection_on_all(
-    gram: Array, right: Array, room: int, tolerance: float = GRAM_RANK_TOLERANCE
-) -> tuple[Array, int]:
+def projection_on_all(gram: Array, right: Array, room: int) -> tuple[Array, int]:
     """Return the coefficients of a least-squares fit of all columns, and how many directions it has.
 
     Parameters
@@ -134,8 +132,6 @@ def projection_on_all(
         Their products with the target.
     room : int
         Most directions that are fitted: those that the columns have in common come first.
-    tolerance : float
-        Eigenvalues below this share of the largest are none.
 
     Returns
     -------
@@ -146,7 +142,7 @@ def projection_on_all(
     alive = size > 0.0
     size = size[alive]
     values, vectors = np.linalg.eigh(gram[np.ix_(alive, alive)] / np.outer(size, size))
-    kept = values > tolerance * values[-1]
+    kept = values > GRAM_RANK_TOLERANCE * values[-1]
     kept[: max(0, len(kept) - room)] = False
     along = vectors[:, kept].T @ (right[alive] / size)
     coefficients = np.zeros(len(gram))

@@ -13,7 +13,7 @@ from pmsm_ctrl.compare.coordinates import Drive, _with_play
 from pmsm_ctrl.compare.dependence import ResidualStructure, Trace, residual_structure
 from pmsm_ctrl.compare.notices import coordinate_words, structure_words
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.evidence.blocks import bench, noise_of
+from pmsm_ctrl.evidence.residual import bench, noise_of
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.evidence.whitening import ChannelWhitener
 from pmsm_ctrl.importers import read_log
@@ -164,10 +164,11 @@ def test_f_test_against_scipy(rng: np.random.Generator) -> None:
     y = 0.05 * x[:, 0] + rng.standard_normal(n)
     mask = np.ones(n, dtype=bool)
     noise = noise_of(y, [x], mask, 100.0)
-    flat = replace(noise, whitener=ChannelWhitener(np.ones(n), np.arange(n), np.ones((1, 1)), 1.0, 0.01))
+    white = ChannelWhitener(np.ones(n), np.arange(n), np.ones((1, 1)), 1.0, 0.01)
+    flat = replace(noise, whitener=white)
     beta, rss, *_ = np.linalg.lstsq(x, y, rcond=None)
     gain = float(y @ y - rss[0])
-    assert bench(flat, t, y, mask, x, 40.0).significance([], [1, 2]) == pytest.approx(
+    assert bench(flat, t, y, x, 0.1).significance([], [1, 2]) == pytest.approx(
         float(f.sf(gain / 2.0, 2, n - noise.lost)), rel=1e-6
     )
 
