@@ -93,10 +93,12 @@ def test_hunting_is_gone_with_the_commanded_speed(design: Design, T_n: float, K_
     )
     motion = scenario("s_curve", design, distance=0.5, speed=5.0, acceleration=50.0, jerk=1000.0, dwell=3.0, cycles=1.0)
     base, found = baseline(hunting), {}
+    # Coulomb and viscous friction alone, in the same kernel
+    simple = base.with_effect("stribeck", {"dF_s": 1e-12, "w_s": 1.0, "delta": 2.0})
     for name, believed in (
         ("none", base),
         ("commanded", compensated(base, ["coulomb", "viscous", "stribeck"], source="commanded", gain=0.9)),
-        ("simple", compensated(base, ["coulomb", "viscous"], source="commanded")),
+        ("simple", compensated(simple, ["coulomb", "viscous", "stribeck"], source="commanded")),
     ):
         found[name] = measure(simulate(believed, motion, truth=hunting, seed=1, keep_truth=True))
     assert found["none"].cycle_amplitude > 0.01
@@ -154,7 +156,7 @@ def test_kernel_does_what_the_terms_say(rich: Design) -> None:
     loops = still.loops
     assert loops is not None
     quiet = still.replace(sensor={"current_noise": 0.0})
-    believed = compensated(quiet, ["coulomb", "viscous", "stribeck"], gain=0.7)
+    believed = compensated(quiet, ["coulomb", "viscous", "stribeck", "cogging"], gain=0.7)  # at theta = 0 no cogging
     first = [simulate(d, motion, truth=quiet)["i_q_ref"][0] for d in (believed, quiet)]
     friction = 0.0213 + 0.000168 * 3.0 + 0.01 * np.exp(-((3.0 / 2.0) ** 2))
     assert first[0] - first[1] == pytest.approx(0.7 * friction / 1.032, rel=1e-12)

@@ -28,6 +28,14 @@ def design(request: pytest.FixtureRequest) -> Design:
     return Design.read(request.config.rootpath / "designs" / "seed_motor.toml")
 
 
+@pytest.fixture(scope="module")
+def rich(design: Design) -> Design:
+    """Return the design with Stribeck friction and cogging."""
+    return design.with_effect("stribeck", {"dF_s": 0.01, "w_s": 2.0, "delta": 2.0}).with_effect(
+        "cogging", {"a_s": 0.004, "a_c": 0.0, "order": 24.0}
+    )
+
+
 def test_references_are_their_own_derivatives(design: Design) -> None:
     for name, trial in study_trials(design).items():
         for motion in trial.motions:
@@ -86,12 +94,11 @@ def test_a_drift_of_the_design_stays_its_own(design: Design) -> None:
 # -- the tracker in the loop --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("added", [{}, {"cogging": {"a_s": 0.004, "a_c": 0.0, "order": 24.0}}])
-def test_loop_feeds_what_a_tracker_says_of_its_log(design: Design, added: dict[str, dict[str, float]]) -> None:
+@pytest.mark.parametrize("name", ["design", "rich"])
+def test_loop_feeds_what_a_tracker_says_of_its_log(request: pytest.FixtureRequest, name: str) -> None:
     """The in-loop twin, fed in stretches, ends where filterpy's tracker ends when it is fed the finished log."""
-    for effect, values in added.items():
-        design = design.with_effect(effect, values)
-    chosen = ["coulomb", "viscous", *added]
+    design = request.getfixturevalue(name)
+    chosen = [entry.id for entry in design.effects]
     believed = compensated(baseline(design), chosen, source="adaptive", factor=0.8)
     motion = scenario("reversal", design, speed=20.0, cycles=2.0)
     run = simulate_adaptive(believed, motion, truth=design, seed=3)
@@ -116,9 +123,8 @@ def test_drift_is_followed(design: Design) -> None:
         assert np.abs(np.mean(run.fed["F_c"][moving] / true[moving]) - 1.0) < 0.03
 
 
-def test_without_friction_fed_it_is_a_plain_simulation(design: Design) -> None:
+def test_without_friction_fed_it_is_a_plain_simulation(rich: Design) -> None:
     """No F_c or F_v in the compensation: nothing to renew, and the log is `simulate`'s, bit for bit."""
-    rich = design.with_effect("cogging", {"a_s": 0.004, "a_c": 0.0, "order": 24.0})
     motion = scenario("reversal", rich, speed=2.0, cycles=1.0)
     for believed in (baseline(rich), compensated(baseline(rich), ["cogging"], source="adaptive")):
         run = simulate_adaptive(believed, motion, truth=rich, seed=5)
