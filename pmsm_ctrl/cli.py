@@ -326,6 +326,9 @@ def track(
 def compensate(
     design: DesignArgument,
     truth: TruthOption = None,
+    step: Annotated[
+        float, typer.Option("--step", metavar="PERCENT", min=1.0, max=150.0, help="step of the gain sweep to 150 %")
+    ] = 10.0,
     seed: SeedOption = 0,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
@@ -333,10 +336,12 @@ def compensate(
 ) -> None:
     """Compare friction compensations and find the safe gains. Status 1 when the acceptance fails."""
     from pmsm_ctrl.compensate import compensate as run_compensation
+    from pmsm_ctrl.compensate import sweep_gains
 
     believed = read_design(design, effects)
     with progress_bar(f"compensate {believed.name}") as progress:
-        result = run_compensation(believed, truth=design_if_given(truth, effects), seed=seed, progress=progress)
+        plant, gains = design_if_given(truth, effects), sweep_gains(0.01 * step)
+        result = run_compensation(believed, truth=plant, gains=gains, seed=seed, progress=progress)
     finish("compensate", result, json_file=json_file, report=report)
     if not result.accepted:
         raise typer.Exit(NEGATIVE)

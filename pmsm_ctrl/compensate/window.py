@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compensate.metrics import Metrics
 
-__all__ = ["FACTORS", "GAINS", "GainWindow", "gain_window"]
+__all__ = ["FACTORS", "GAINS", "GainWindow", "gain_window", "sweep_gains"]
 
 Array = NDArray[np.float64]
 
-GAINS = tuple(round(0.1 * k, 2) for k in range(16))
+HIGHEST = 1.5  # gain at which a sweep ends
 FACTORS = (0.8, 1.0, 1.2)  # on the compensated parameters
 WORSE = 1.05  # largest RMS error of a safe gain, as a share of that without compensation
 LARGER = 1.5  # amplitude from which a limit cycle is attributed to the compensation, relative to that without
@@ -52,6 +52,20 @@ class GainWindow:
     safe: float
     best: float
     hint: float | None = None
+
+
+def sweep_gains(step: float) -> tuple[float, ...]:
+    """Return the gains of a sweep from 0 to 1.5.
+
+    Parameters
+    ----------
+    step : float
+        Between two gains.
+    """
+    return tuple(round(step * k, 6) for k in range(int(HIGHEST / step + 1e-9) + 1))
+
+
+GAINS = sweep_gains(0.1)
 
 
 def gain_window(
