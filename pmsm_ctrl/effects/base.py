@@ -131,7 +131,8 @@ class Effect:
     @property
     def py_term(self) -> Callable[..., Any]:
         """The term as plain Python, for reading and for checking the compiled one."""
-        return getattr(self.term, "py_func", self.term)
+        plain: Callable[..., Any] = getattr(self.term, "py_func", self.term)
+        return plain
 
     # Read at every sample of a live stream, where asking for the signature anew takes longer than the term.
     @cached_property

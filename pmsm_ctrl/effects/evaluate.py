@@ -151,13 +151,14 @@ def _columns_loop(effect: Effect) -> Callable[..., Any]:
     call = called(effect, **{name: f"{name}[_at]" for name in effect.signals})
     target = ", ".join(f"_out[{row}, _at]" for row in range(len(effect.channels)))
     head = f"def loop(_out, {', '.join(given)}):\n    for _at in range(_out.shape[1]):\n"
-    loop = _compiled(effect, "column", f"{head}        {target} = {call}\n")
+    loop: Any = _compiled(effect, "column", f"{head}        {target} = {call}\n")
     if hasattr(loop, "py_func"):
         array = numba.types.Array(numba.types.float64, 1, "C", readonly=True)
         scalars = [numba.types.float64] * (len(effect.arguments) - len(effect.signals))
         loop.compile(numba.types.void(numba.float64[:, ::1], *([array] * len(effect.signals)), *scalars))
         loop.disable_compile()
-    return loop
+    compiled: Callable[..., Any] = loop
+    return compiled
 
 
 def _compiled(effect: Effect, kind: str, text: str) -> Any:
@@ -174,7 +175,8 @@ def _compiled(effect: Effect, kind: str, text: str) -> Any:
 def _executed(effect: Effect, text: str) -> Callable[..., Any]:
     scope: dict[str, Any] = {"term": effect.term}
     exec(text, scope)
-    return scope["loop"]
+    loop: Callable[..., Any] = scope["loop"]
+    return loop
 
 
 def _filed(name: str, module: str, loop: str) -> Callable[..., Any]:
@@ -193,4 +195,5 @@ def _filed(name: str, module: str, loop: str) -> Callable[..., Any]:
     loaded = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = loaded
     spec.loader.exec_module(loaded)
-    return loaded.loop
+    function: Callable[..., Any] = loaded.loop
+    return function

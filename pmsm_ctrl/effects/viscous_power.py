@@ -13,7 +13,7 @@ from pmsm_ctrl.kernels import kernel
 @kernel
 def term(omega: float, direction: float, k: float, n: float) -> float:
     """k abs(omega)^n sgn(omega)."""
-    return k * abs(omega) ** n * direction
+    return k * abs(omega) ** n * direction  # type: ignore[no-any-return]
 
 
 def search(log: LogView) -> Iterator[dict[str, float]]:

@@ -186,7 +186,7 @@ class Added:
     @property
     def stderr(self) -> Array:
         """Standard errors of the coefficients where rows have unit variance, shape (k,)."""
-        return np.sqrt(np.sum(self.back**2, axis=1))
+        return np.asarray(np.sqrt(np.sum(self.back**2, axis=1)))
 
 
 def added(gram: Array, shared: Array, along: Array) -> Added:

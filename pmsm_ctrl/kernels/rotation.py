@@ -59,4 +59,4 @@ def quantise(theta: float, counts: float) -> float:
 @kernel
 def normal(noise: Any) -> float:
     """Draw from the standard normal distribution; a function of its own because it takes 0.4 s to compile."""
-    return noise.standard_normal()
+    return noise.standard_normal()  # type: ignore[no-any-return]

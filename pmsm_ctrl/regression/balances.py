@@ -5,6 +5,7 @@ Up to three balances: torque, u_d and u_q. Every balance and every column goes t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -196,12 +197,13 @@ class Record:
         key = ("alpha",)
         if key not in self.kept:
             self.kept[key] = self.shaped(self.signals["alpha"])
-        return self.kept[key]
+        shaped: Array = self.kept[key]
+        return shaped
 
     def noise_of(self, values: Array) -> float:
         """Noise of a thinned signal, rms: what it holds in the upper half of the band, as a median."""
         fast = values - low_pass(values, self.rate, 0.5 * self.cutoff)
-        return 1.4826 * np.sqrt(2.0) * float(np.median(np.abs(fast)))
+        return 1.4826 * math.sqrt(2.0) * float(np.median(np.abs(fast)))
 
     def shaft_noise(self) -> float:
         """Noise of the acceleration, rms."""

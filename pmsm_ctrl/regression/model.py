@@ -142,7 +142,7 @@ class Solved:
     @property
     def rank(self) -> int:
         """Directions of the model."""
-        return self.mixing.shape[1]
+        return int(self.mixing.shape[1])
 
     @property
     def q(self) -> Array:

@@ -85,7 +85,7 @@ def edge_weight(raw: Array, prepared: Prepared, periods: float) -> Array:
         ringing = _highest(fast, 2 * round((periods + further) * rate / prepared.cutoff) + 1)[prepared.keep] / noise
         edge = np.maximum(edge, left * (ringing - usual))
     passed = np.sqrt(2.0 * prepared.cutoff / rate)
-    return 1.0 / (1.0 + (passed * edge) ** 2) ** 2
+    return np.asarray(1.0 / (1.0 + (passed * edge) ** 2) ** 2)
 
 
 def _scatter(raw: Array, rate: float) -> float:
@@ -127,7 +127,7 @@ def voltage_weight(design: Design, prepared: Prepared, signals: Mapping[str, Arr
     slope = np.hypot(signals["di_d"], signals["di_q"])
     steep = _highest(low_pass(slope, rate, prepared.cutoff), 2 * round(0.5 * rate / prepared.cutoff) + 1)
     wrong = np.hypot(WRONG_INDUCTIVE * L * steep[prepared.keep], WRONG_VOLTAGE * np.abs(u))
-    return 1.0 / (1.0 + (wrong / noise) ** 2)
+    return np.asarray(1.0 / (1.0 + (wrong / noise) ** 2))
 
 
 def prefilter(prepared: Prepared) -> float:
