@@ -251,7 +251,7 @@ def _response(s: NDArray[Any], w_a: float, zeta: float) -> NDArray[Any]:
     From J_load theta_l'' = k (theta - theta_l) + d (omega - omega_l) with the load's own frequency
     ``w_a = sqrt(k / J_load)`` in rad/s and damping ``zeta``: -s^2 / (s^2 + 2 zeta w_a s + w_a^2).
     """
-    return -s * s / (s * s + 2.0 * zeta * w_a * s + w_a * w_a)
+    return np.asarray(-s * s / (s * s + 2.0 * zeta * w_a * s + w_a * w_a))
 
 
 def _of(effect: Effect) -> Transmission:
