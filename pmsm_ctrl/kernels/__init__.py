@@ -86,6 +86,14 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     A user's own term is compiled anew in every process: numba's cache would not notice a change in another file that
     it imports.
+
+    Parameters
+    ----------
+    function : function
+
+    Returns
+    -------
+    numba dispatcher
     """
     return soundly_cached(numba.njit(**{**OPTIONS, "cache": _in_package(function)})(function))
 
@@ -94,6 +102,14 @@ def uncontracted(function: Callable[..., Any]) -> Any:
     """Compile without fused multiply-add: the same bits as a library in C that was built for every processor.
 
     For filters that stand in the place of scipy's, and cost the same without.
+
+    Parameters
+    ----------
+    function : function
+
+    Returns
+    -------
+    numba dispatcher
     """
     options = {**OPTIONS, "fastmath": False, "cache": _in_package(function)}
     return soundly_cached(numba.njit(**options)(function))
@@ -104,12 +120,30 @@ def inlined(function: Callable[..., Any]) -> Any:
 
     Left alone, LLVM calls the larger pieces, and everything constant in the loop around is worked out again at
     every step (1.2 x). Without wrappers for Python they compile faster.
+
+    Parameters
+    ----------
+    function : function
+
+    Returns
+    -------
+    numba dispatcher
     """
     return soundly_cached(numba.njit(**{**_INLINED, "cache": _in_package(function)})(function))
 
 
 def soundly_cached(dispatcher: Any) -> Any:
-    """Give a compiled function that numba would cache a cache that survives damage."""
+    """Give a compiled function that numba would cache a cache that survives damage.
+
+    Parameters
+    ----------
+    dispatcher : numba dispatcher
+
+    Returns
+    -------
+    numba dispatcher
+        The same one.
+    """
     if _in_package(dispatcher.py_func):
         dispatcher._cache = SoundCache(dispatcher.py_func)
     return dispatcher

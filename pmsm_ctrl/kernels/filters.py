@@ -123,11 +123,13 @@ def whitened(values: Array, position: NDArray[np.int64], filters: Array, out: Ar
 
     Parameters
     ----------
-    values, out : array, shape (k, n)
+    values : array, shape (k, n)
     position : int array, shape (n,)
         Number of samples before each one in its own stretch.
     filters : array, shape (order + 1, order + 1)
         Row o holds the coefficients of lags 0 to o.
+    out : array, shape (k, n)
+        Overwritten.
     """
     order = filters.shape[0] - 1
     columns, n = values.shape

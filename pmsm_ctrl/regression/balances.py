@@ -63,6 +63,9 @@ class Record:
 
     Attributes
     ----------
+    design : Design
+    prepared : Prepared
+        The log, made ready.
     signals : dict of str to array, shape (n,)
         At the log's own rate: what terms read, plus ``alpha``, ``di_d``, ``di_q``.
     channels : tuple of str
@@ -73,11 +76,15 @@ class Record:
         Samples that take part.
     weight : array, shape (channels, m)
         Relative inverse noise level, at most 1: fast transients are aliased and count less.
+    duration : float
+        Of the log, s.
     coarse : array, shape (channels,)
         What the steps of a quantised channel may hide or feign in each balance, in its unit; 0 where noise smooths
         them.
     dry : float
         Rough level of the dry friction, N m (N); 0 when there is none.
+    notes : tuple of Notice
+        Reasons to doubt the balances.
     age : float or None
         Of a logged speed that is all that is known of the motion, as far as it was undone, s: drives filter it. None
         where the log has a position.
@@ -380,6 +387,7 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
 
     Parameters
     ----------
+    record : Record
     predicted : array, shape (m,)
         Torque balance as the model predicts it, on the thinned grid.
     late : float

@@ -25,6 +25,7 @@ def undone(design: Design, t: Array, channels: Mapping[str, Array]) -> tuple[dic
 
     Parameters
     ----------
+    design : Design
     t : array, shape (n,)
         Uniform time base, s.
     channels : mapping of str to array, shape (n,)

@@ -63,6 +63,7 @@ class Model:
     names, nominal : one each per column
     sigma : array
         How far the value may lie from the nominal one, as a prior; infinite where nothing is known.
+    matrix : array, shape (balances, m, columns)
     """
 
     groups: tuple[Group, ...]
@@ -117,6 +118,7 @@ class Solved:
 
     Attributes
     ----------
+    model : Model
     values, stderr : array, shape (k,)
     rest : array, shape (rows + priors,)
         Whitened residual, priors included.

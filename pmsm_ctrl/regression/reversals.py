@@ -51,6 +51,8 @@ def reversals(
         Smoothed speed and position, and what drives it less everything but dry friction, as a share of its level.
     J : float
         Inertia over the level of dry friction, s^2.
+    period : float
+        s.
     reach : int
         Samples on either side that the smoothing of the speed mixes.
     """

@@ -25,13 +25,6 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pmsm_ctrl"
 # Commands document their parameters by the help text of each option; pytest's hooks have pytest's own signatures;
 # the worker and the entry point are scripts.
 EXEMPT = {"cli", "init", "acceptance", "__main__", "importers/worker"}
-# Parts whose docstrings are not complete yet. Empty when all are; then this table goes.
-NOT_YET = {
-    "evidence",
-    "kernels",
-    "regression",
-}
-
 MODULES = [
     name
     for path in sorted(PACKAGE.rglob("*.py"))
@@ -125,12 +118,5 @@ PUBLIC = exported()
 
 @pytest.mark.parametrize("name", MODULES)
 def test_docstrings_are_complete(name: str) -> None:
-    part = name.split("/")[0]
     found = faults(name)
-    if part in NOT_YET:
-        return
     assert not found, "\n".join(found)
-
-
-def test_no_part_is_excused_without_need() -> None:
-    assert {name.split("/")[0] for name in MODULES} >= NOT_YET
