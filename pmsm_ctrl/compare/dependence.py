@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare import policy
 from pmsm_ctrl.compare.coordinates import Curve, Drive, curves, grid_coordinates
 from pmsm_ctrl.compare.stretches import run_around
+from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.evidence.residual import Bench, Noise, Outcome, bench, noise_of
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.conditioning import Prepared
@@ -380,7 +381,7 @@ def _drawn(case: _Case, curve: Curve) -> tuple[Array, Array, Array]:
     """The curve over its coordinate for either direction, where the log has samples."""
     mask = case.mask
     columns = np.hstack([curve.base, curve.own])
-    beta = np.linalg.lstsq(columns[mask], case.residual[mask], rcond=1e-6)[0]
+    beta = factored(columns[mask]).solve(case.residual[mask])
     values, speed = curve.x[mask], curve.name in ("speed", "direction")
     if curve.name == "direction":
         x = np.array([-1.0, 1.0])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare import policy
+from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.regression.conditioning import Prepared
 
 __all__ = ["order_spectrum", "strongest_orders", "waves"]
@@ -132,7 +133,7 @@ def strongest_orders(
     while len(orders) < count:
         shape = waves(theta, orders)
         columns = np.hstack([shape, shape * direction[:, None], np.ones((len(theta), 1)), direction[:, None]])
-        beta = np.linalg.lstsq(columns * w, residual * w[:, 0], rcond=1e-6)[0]
+        beta = factored(columns * w).solve(residual * w[:, 0])
         _, score = order_spectrum(prepared, residual - columns @ beta, mask, weight)
         score[np.array(orders) - 1] = 0.0
         if score.max() < max(policy.ORDER_SCORE, policy.ORDER_SHARE * best):

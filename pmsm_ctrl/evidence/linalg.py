@@ -51,10 +51,17 @@ class Factored:
         Orthonormal columns.
     inverse : array, shape (k, rank)
         The coefficients are ``inverse @ basis.T @ target``.
+    condition : float
+        Condition number of the columns scaled to unit length.
     """
 
     basis: Array
     inverse: Array
+    condition: float
+
+    def solve(self, target: Array) -> Array:
+        """Return the coefficients, shape (k,), for a target of shape (n,)."""
+        return np.asarray(self.inverse @ (self.basis.T @ target))
 
 
 def factored(columns: Array) -> Factored:
@@ -68,7 +75,8 @@ def factored(columns: Array) -> Factored:
     scale[scale == 0.0] = 1.0
     u, s, vt = np.linalg.svd(columns / scale, full_matrices=False)
     kept = s > RANK_TOLERANCE * s[0] if s.size else np.zeros(0, dtype=bool)
-    return Factored(u[:, kept], vt[kept].T / s[kept] / scale[:, None])
+    condition = float(s[0] / s[-1]) if s.size and s[-1] > 0.0 else float("inf")
+    return Factored(u[:, kept], vt[kept].T / s[kept] / scale[:, None], condition)
 
 
 def own_shares(columns: Array) -> Array:

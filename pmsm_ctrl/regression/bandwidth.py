@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff, prepare
 from pmsm_ctrl.regression.filters import derivative, low_pass
@@ -103,16 +104,12 @@ def regression_problem(design: Design, log: Log, processing: Processing) -> Prob
 
 def _information(problem: Problem) -> Array:
     """Return the information on each parameter, the others unknown, for noise of the same density in every band."""
-    inverse = _inverse_normal(problem)[0]
-    return 1.0 / (np.diag(inverse) * problem.rate)
+    return 1.0 / (_variances(problem) * problem.rate)
 
 
-def _inverse_normal(problem: Problem) -> tuple[Array, int]:
-    """Return the inverse of the normal equations, and their number of rows."""
-    x = problem.matrix()[problem.mask]
-    size = np.sqrt(np.mean(x**2, axis=0))
-    size[size == 0.0] = 1.0
-    return np.linalg.pinv((x / size).T @ (x / size)) / np.outer(size, size), len(x)
+def _variances(problem: Problem) -> Array:
+    """Return the variances of the estimates, shape (columns,), for white noise of unit variance."""
+    return np.asarray(np.sum(factored(problem.matrix()[problem.mask]).inverse ** 2, axis=1))
 
 
 def _shrinkage(design: Design, log: Log, problem: Problem) -> float:
@@ -135,6 +132,5 @@ def _shrinkage(design: Design, log: Log, problem: Problem) -> float:
     acceleration = fast * float(np.sum(accelerating**2) / np.sum((one - low_pass(one, rate, rate / 4.0)) ** 2))
     felt = min(rate / design.drive.f_control, 1.0) if design.motor.electrical else 1.0
     acceleration += felt * float(np.mean(fit.residual[problem.mask] ** 2)) / fit.values["J"] ** 2
-    inverse, rows = _inverse_normal(problem)
-    k = problem.names.index("J")
-    return float(abs(fit.values["J"]) * rows * acceleration * inverse[k, k] / fit.stderr["J"])
+    variance = _variances(problem)[problem.names.index("J")] * int(problem.mask.sum())
+    return float(abs(fit.values["J"]) * acceleration * variance / fit.stderr["J"])

@@ -17,6 +17,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.evaluate import columns
 from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.regression.filters import low_pass
@@ -240,9 +241,6 @@ def _acting_torque(design: Design, prepared: Prepared) -> Array:
             else:
                 free += term.parts.values()
         rows = np.column_stack([prepared.column(part) for part in free])[prepared.mask]
-        size = np.linalg.norm(rows, axis=0)
-        size[size == 0.0] = 1.0
-        target = prepared.column(measured - fixed)[prepared.mask]
-        values = np.linalg.lstsq(rows / size, target, rcond=1e-9)[0] / size
+        values = factored(rows).solve(prepared.column(measured - fixed)[prepared.mask])
         acting = fixed + sum(value * part for value, part in zip(values.tolist(), free, strict=True))
     return acting

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.evidence.linalg import OWN_SHARE, factored, own_shares
 from pmsm_ctrl.evidence.noise import NoiseModel, degrees_of_freedom, fit_noise
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 
@@ -17,9 +18,6 @@ __all__ = ["Cause", "Combination", "Fit", "Unidentifiable", "solve", "t_quantile
 
 Array = NDArray[np.float64]
 
-# A column of which less than this share is independent of the others cannot be told from them: measured speeds
-# and accelerations are not exact to much better than 1 %.
-INDEPENDENT_SHARE = 0.01
 # An instrument this much smaller than the column it stands for says that the column is noise.
 WEAK_INSTRUMENT = 1e-3
 # Bias, in standard errors, that is not worth a word: half of one takes the coverage of a 95 % interval to 92 %, and
@@ -141,24 +139,19 @@ def solve(problem: Problem, instruments: Array | None = None, ratio: float | Non
     mask = problem.mask
     x, y = problem.matrix(), problem.target
     instruments = problem.instruments() if instruments is None else instruments
-    scale = np.sqrt(np.mean(x[mask] ** 2, axis=0))
-    scale[scale == 0.0] = 1.0
     explained = x[mask] if instruments is None else _projected(x[mask], instruments[mask])
-    u, s, vt = np.linalg.svd(explained / scale, full_matrices=False)
-    kept = s > 1e-9 * s[0] if s.size else np.zeros(0, dtype=bool)
-    inverse = vt[kept].T / s[kept]  # (columns, rank): scaled pseudo-inverse is inverse @ u'
-    beta = inverse @ (u[:, kept].T @ y[mask])
-    residual = y - (x / scale) @ beta
-    basis = np.zeros((len(y), int(kept.sum())))
-    basis[mask] = u[:, kept]
+    factor = factored(explained)
+    beta = factor.solve(y[mask])
+    residual = y - x @ beta
+    basis = np.zeros((len(y), factor.basis.shape[1]))
+    basis[mask] = factor.basis
     noise = fit_noise(residual, mask, basis=basis)
     meat = basis.T @ noise.toeplitz(basis)  # U'RU, exact across gaps
     free = max(float(mask.sum()) - float(np.trace(meat)), 1.0)  # tr(M R)
     spread = float(residual[mask] @ residual[mask]) / free
-    covariance = spread * inverse @ meat @ inverse.T / np.outer(scale, scale)
+    covariance = spread * factor.inverse @ meat @ factor.inverse.T
     stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     dof = degrees_of_freedom(noise, free, int(mask.sum()))
-    beta = beta / scale
     lost = _inseparable(problem.columns, explained, beta, covariance)
     lost |= _uncertain(problem, beta, stderr * t_quantile(0.95, dof), lost)
     if ratio is not None:
@@ -170,11 +163,11 @@ def solve(problem: Problem, instruments: Array | None = None, ratio: float | Non
         unidentifiable=lost,
         coefficients=beta,
         residual=residual,
-        condition=float(s[0] / s[-1]) if s.size and s[-1] > 0 else float("inf"),
+        condition=factor.condition,
         dof=dof,
         noise=noise,
         spread=spread,
-        weights=inverse @ u[:, kept].T / scale[:, None],
+        weights=factor.inverse @ factor.basis.T,
     )
 
 
@@ -185,30 +178,23 @@ def _projected(x: Array, z: Array) -> Array:
     """
     size = np.sqrt(np.mean(z**2, axis=0))
     enough = size > WEAK_INSTRUMENT * np.sqrt(np.mean(x**2, axis=0))
-    alive = z[:, enough] / size[enough]
-    u, s, _ = np.linalg.svd(alive, full_matrices=False)
-    basis = u[:, s > 1e-6 * s[0]] if s.size else u
+    alive = z[:, enough]
+    basis = factored(alive).basis
     return np.where(enough, basis @ (basis.T @ x), 0.0)
 
 
 def _inseparable(columns: tuple[Column, ...], x: Array, beta: Array, covariance: Array) -> dict[str, Unidentifiable]:
     """Return the columns, values of shape (n, columns), that the motion does not excite, or not apart from others."""
     size = np.sqrt(np.mean(x**2, axis=0))
+    shares = own_shares(x)
     lost: dict[str, Unidentifiable] = {}
-    alive = [k for k in range(len(columns)) if size[k] > 0.0]
+    alike: dict[int, tuple[str, ...]] = {}
     for k, column in enumerate(columns):
         if size[k] == 0.0:
             lost[column.name] = Unidentifiable(Cause.NOT_EXCITED, column.effect)
-    scaled = x[:, alive] / size[alive]
-    alike: dict[int, tuple[str, ...]] = {}
-    for position, k in enumerate(alive):
-        others = np.delete(scaled, position, axis=1)
-        if others.shape[1] == 0:
-            continue
-        weights = np.linalg.lstsq(others, scaled[:, position], rcond=1e-9)[0]
-        share = float(np.sqrt(np.mean((scaled[:, position] - others @ weights) ** 2)))
-        if share < INDEPENDENT_SHARE:
-            alike[k] = tuple(columns[j].name for j in np.delete(alive, position)[np.abs(weights) > 0.05])
+        elif shares[k] < OWN_SHARE:
+            weights = factored(np.delete(x, k, axis=1)).solve(x[:, k]) * np.delete(size, k) / size[k]
+            alike[k] = tuple(np.array([c.name for c in columns if c is not column])[np.abs(weights) > 0.05].tolist())
     sums = _combinations(columns, x, beta, covariance, list(alike))
     for k, partners in alike.items():
         name = columns[k].name
@@ -225,7 +211,7 @@ def _combinations(
     while left:
         first = left[0]
         cosine = x.T @ x[:, first] / (len(x) * np.where(size > 0.0, size, 1.0) * size[first])
-        group = [k for k in left if abs(cosine[k]) > 1.0 - INDEPENDENT_SHARE**2]
+        group = [k for k in left if abs(cosine[k]) > 1.0 - OWN_SHARE**2]
         left = [k for k in left if k not in group]
         if len(group) < 2:
             continue
