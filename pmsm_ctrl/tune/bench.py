@@ -29,6 +29,7 @@ Control = Literal["position", "speed", "current"]
 LoopName = Literal["current", "speed", "position"]
 StepName = Literal["speed", "load", "position"]
 
+LINES = 160  # of a multisine, at most
 RIPPLE_SAMPLES = 8192  # speed periods over which the ripple is taken, after as many to settle
 
 
@@ -50,7 +51,7 @@ class Multisine:
     samples: Array
     lines: NDArray[np.intp]
     period: float
-    periods: int
+    periods: int = 16
 
     @property
     def frequencies(self) -> Array:
@@ -72,21 +73,21 @@ class Multisine:
         return self.samples[np.rint(t / self.period).astype(np.intp) % len(self.samples)]
 
 
-def multisine(period: float, low: float, high: float, *, count: int = 160, periods: int = 8) -> Multisine:
-    """Return a multisine from `low` to `high` (Hz) with at most `count` lines, evenly spaced on a logarithmic axis.
+def multisine(period: float, low: float, high: float) -> Multisine:
+    """Return a multisine from `low` to `high` (Hz), its lines evenly spaced on a logarithmic axis.
 
     The phases are Schroeder's (M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85), for a low crest factor.
     """
     n = 1 << max(6, math.ceil(math.log2(1.0 / (low * period))))
     top = min(high * n * period, 0.47 * n)
-    lines = np.unique(np.rint(np.geomspace(max(1.0, low * n * period), top, count)).astype(np.intp))
+    lines = np.unique(np.rint(np.geomspace(max(1.0, low * n * period), top, LINES)).astype(np.intp))
     order = np.arange(len(lines))
     phases = -math.pi * order * (order - 1) / len(lines)
     k = np.arange(n)
     samples = np.zeros(n)
     for line, phase in zip(lines, phases, strict=True):
         samples += np.cos(2.0 * math.pi * line * k / n + phase)
-    return Multisine(samples / np.abs(samples).max(), lines, period, periods)
+    return Multisine(samples / np.abs(samples).max(), lines, period)
 
 
 def _held(share: Array, divider: int) -> Array:
@@ -146,7 +147,7 @@ class Bench:
         )
         angle = (log["theta"] - log["t"] * self.speed)[-n * periods :]
         # Rounding of the mean speed leaves a slow ramp in the angle; over whole periods it is removed exactly.
-        drift = (angle[-n:].mean() - angle[:n].mean()) / (n * (periods - 1)) if periods > 1 else 0.0
+        drift = (angle[-n:].mean() - angle[:n].mean()) / (n * (periods - 1))
         angle = angle - drift * np.arange(angle.size)
         found = np.fft.rfft(_mean_period(angle, n, periods))[lines] / n
         # The position controller is the number K_v.

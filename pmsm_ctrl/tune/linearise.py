@@ -83,14 +83,6 @@ class Linearisation:
     B: Array
     states: tuple[str, ...] = STATES
 
-    @property
-    def system(self) -> Any:
-        """The model as a control.StateSpace; its outputs are its states."""
-        n = len(self.states)
-        return ct.ss(
-            self.A, self.B, np.eye(n), np.zeros((n, 3)), states=self.states, inputs=INPUTS, outputs=self.states
-        )
-
 
 def _opposing_torque(design: Design) -> Callable[..., float]:
     """Return the sum of the design's torque effects as ``f(omega, theta, direction, i_d, i_q)`` in N m.

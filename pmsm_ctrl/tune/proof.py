@@ -245,7 +245,7 @@ class _Experiment:
         T_s = self.cascade.period
         low = crossover / (8.0 if name == "current" else 15.0)
         high = 0.47 / T_s if name == "current" else min(8.0 * crossover, 0.47 / T_s)
-        return multisine(T_s, low, high, periods=16)
+        return multisine(T_s, low, high)
 
     def amplitude(self, name: LoopName, signal: Multisine) -> float:
         """As large as the limits and friction of constant sign allow, by the linear model."""

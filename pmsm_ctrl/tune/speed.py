@@ -83,7 +83,7 @@ def _default_poles(budget: Delays, damping: float) -> float:
     return 1.0 / (2.0 * math.pi * (1.0 + math.sqrt(2.0)) * budget.speed) / (2.0 * damping)
 
 
-def _believed(cascade: Cascade) -> tuple[float, float]:
+def _assumed(cascade: Cascade) -> tuple[float, float]:
     """Torque constant and inertia that the controller assumes."""
     return cascade.design.K_t_assumed, cascade.design.assumed.J or cascade.design.J
 
@@ -98,7 +98,7 @@ def _symmetrical(cascade: Cascade, budget: Delays, wanted: Specification) -> Spe
             f"speed loop: the symmetrical optimum would need a = {a:.3g}, outside 1.2 to 50; with "
             f"{budget.explain_speed()} its crossover is at most {fastest:.4g} Hz (a = 1.2, 10 deg)"
         )
-    K_p, T_n = symmetrical_optimum(*_believed(cascade), budget.speed, a)
+    K_p, T_n = symmetrical_optimum(*_assumed(cascade), budget.speed, a)
     # The filter cancels the zero of the PI; without it the step overshoots by 43 % at a = 2.
     return SpeedLoop(K_p=K_p, T_n=T_n, reference_filter=T_n)
 
@@ -125,7 +125,7 @@ def _by_poles(cascade: Cascade, budget: Delays, wanted: Specification, limit: fl
         2.0 * damping * asked, limit, least, budget.explain_speed(),
     )  # fmt: skip
     slope = cascade.model.point.friction_slope
-    K_p, T_n = pole_placement(*_believed(cascade), slope, 2.0 * math.pi * asked, damping)
+    K_p, T_n = pole_placement(*_assumed(cascade), slope, 2.0 * math.pi * asked, damping)
     if K_p <= 0.0:
         raise RequestError(
             f"speed loop: friction alone damps more than poles at {asked:g} Hz with damping {damping:g} ask for; "

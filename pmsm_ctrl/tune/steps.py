@@ -84,8 +84,8 @@ def linear_steps(cascade: Cascade, durations: dict[str, float]) -> dict[str, Ste
 def current_headroom(design: Design, i_0: float) -> float:
     """Return the current (A) available for tests around a bias i_0 (A).
 
-    Half of the limit, and no more than the voltage can step: a step of the reference asks for K_p times it at once, and
-    beyond the voltage limit the loop is not linear.
+    Half of the limit, and no more than the voltage can follow: a step of the reference needs K_p times its size at
+    once, and beyond the voltage limit the loop is not linear.
     """
     by_voltage = 0.25 * design.drive.u_dc / math.sqrt(3.0) / design.require_loops().current.K_p
     by_current = 0.5 * (design.drive.i_max - abs(i_0)) if math.isfinite(design.drive.i_max) else math.inf

@@ -31,8 +31,8 @@ from pmsm_ctrl.tune.steps import linear_steps
 __all__ = ["assess", "open_loops", "tune"]
 
 FREE = "current, shaft free"  # the current loop as it is measured: the EMF moves with it
-POINTS = (0.01, 0.1, 1.0, 5.0)  # speeds looked at, as shares of that of the operating point
-LOAD = 0.3  # load looked at, as a share of the drive's largest torque
+POINTS = (0.01, 0.1, 1.0, 5.0)  # speeds judged, as shares of that of the operating point
+LOAD = 0.3  # load judged, as a share of the drive's largest torque
 
 
 def tune(

@@ -125,7 +125,8 @@ def test_the_linear_model_is_the_small_signal_response_of_the_nonlinear_one(seed
     ]
     kick = np.zeros((3, t.size))
     kick[1] = 0.02
-    linear = ct.forced_response(found.system, t, kick).outputs
+    model = ct.ss(found.A, found.B, np.eye(4), np.zeros((4, 3)))
+    linear = ct.forced_response(model, t, kick).outputs
     for k, name in enumerate(("i_d", "i_q", "omega")):
         scale = np.abs(linear[k]).max()
         np.testing.assert_allclose(runs[0][k] - runs[1][k], linear[k], atol=1e-3 * scale, err_msg=name)
