@@ -264,8 +264,7 @@ def _reads_torque(effect: Effect | None) -> bool:
 
 def known(model: Model, values: Array) -> Known:
     """Return what the values of a model say of the axis, for the bounds that hang on it."""
-    by_name = dict(zip(model.names, values.tolist(), strict=True))
-    dry = 0.0
+    F_c = dry = 0.0
     for position, group in enumerate(model.groups):
         effect = group.effect
         if effect is None or not effect.dry or not DRY.issuperset(effect.signals):
@@ -273,7 +272,8 @@ def known(model: Model, values: Array) -> Known:
         off = {p.symbol: 0.0 for p in effect.linear} | dict(group.shape)
         for symbol, value in zip(group.symbols, values[model.columns_of(position)].tolist(), strict=True):
             dry += abs(effect.standing({**off, symbol: value}))
-    return Known(by_name["J"], by_name.get("F_c", 0.0), dry)
+            F_c += value if effect.id == "coulomb" else 0.0
+    return Known(float(values[model.names.index("J")]), F_c, dry)
 
 
 def column_bounds(model: Model, values: Array) -> list[tuple[float, float]]:

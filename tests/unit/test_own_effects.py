@@ -19,7 +19,7 @@ from pmsm_ctrl.export.tables import cogging_table
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record, make_record
-from pmsm_ctrl.regression.columns import candidate_group, effect_group
+from pmsm_ctrl.regression.columns import Group, candidate_groups, effect_group
 from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.simulate.compose import source
 from pmsm_ctrl.simulate.motions import Limits
@@ -122,7 +122,7 @@ def test_the_columns_the_search_and_the_bounds_are_the_same(effect: Effect, reco
     assert back(effect, own.structure.bounds(own, known)) == effect.structure.bounds(effect, known)
     for shape in (found.shapes[0], found.shapes[-1], entered):
         mine = {names.get(symbol, symbol): value for symbol, value in shape.items()}
-        for build in (effect_group, candidate_group):
+        for build in (effect_group, seen):
             wanted = build(record, effect, shape).values
             rounding = 1e-9 * max(float(np.abs(wanted).max()), 1e-300)  # a load behind a gap is followed over a minute
             np.testing.assert_allclose(build(record, own, mine).values, wanted, rtol=0.0, atol=rounding)
@@ -134,6 +134,10 @@ def test_the_columns_the_search_and_the_bounds_are_the_same(effect: Effect, reco
             for factor in (0.5, 1.05, 40.0):
                 there = effect.structure.inside(effect, shape, name, factor * value)
                 assert own.structure.inside(own, mine, names.get(name, name), factor * value) == there
+
+
+def seen(record: Record, effect: Effect, shape: Mapping[str, float]) -> Group:
+    return candidate_groups(record, effect, [shape])[0]
 
 
 def wrong_log(design: Design, effect: Effect, values: Mapping[str, float]) -> Log:

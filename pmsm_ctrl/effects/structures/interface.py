@@ -171,7 +171,7 @@ class LogView:
     def current(self) -> float:
         """Current that is exceeded in a tenth of the log, A peak."""
         s = self.balances.signals
-        return float(np.quantile(np.hypot(s["i_d"], s["i_q"]), 0.9))
+        return float(np.quantile(np.hypot(s.get("i_d", 0.0), s["i_q"]), 0.9))
 
     @property
     def duration(self) -> float:
