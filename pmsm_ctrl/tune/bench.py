@@ -21,13 +21,15 @@ from pmsm_ctrl.simulate import Scenario, simulate
 from pmsm_ctrl.tune.sampled import FAINT
 from pmsm_ctrl.tune.steps import Step
 
-__all__ = ["Bench", "Multisine", "multisine"]
+__all__ = ["LOOPS", "Bench", "LoopName", "Multisine", "StepName", "multisine"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Control = Literal["position", "speed", "current"]
 LoopName = Literal["current", "speed", "position"]
 StepName = Literal["speed", "load", "position"]
+
+LOOPS: tuple[LoopName, ...] = ("current", "speed", "position")
 
 LINES = 160  # of a multisine, at most
 RIPPLE_SAMPLES = 8192  # speed periods over which the ripple is taken, after as many to settle

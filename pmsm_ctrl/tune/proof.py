@@ -16,7 +16,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune import position
-from pmsm_ctrl.tune.bench import Bench, LoopName, Multisine, multisine
+from pmsm_ctrl.tune.bench import LOOPS, Bench, LoopName, Multisine, StepName, multisine
 from pmsm_ctrl.tune.margins import Margins, margins, response
 from pmsm_ctrl.tune.noise import noise
 from pmsm_ctrl.tune.sampled import Cascade, frequencies
@@ -185,7 +185,7 @@ def prove(
     speed = speed if speed is not None else default_speed(design)
     cascade = Cascade.of(design, loops.current, loops.speed, loops.position, at=speed)
     experiment = _Experiment(Bench(design, truth or design, speed, seed), cascade)
-    names: list[LoopName] = ["current", "speed", *(["position"] if cascade.position else [])]  # type: ignore[list-item]
+    names = LOOPS if cascade.position else LOOPS[:2]
     found: dict[str, MeasuredLoop] = {}
     checks: list[Check] = []
     for k, name in enumerate(names):
@@ -343,7 +343,7 @@ def _steps(experiment: _Experiment, found: Mapping[str, Margins]) -> tuple[dict[
     predicted = linear_steps(cascade, lengths)
     inner = cascade.with_gains(position=None)
     peak = np.abs(linear_step(inner, "omega_ref", "i_q_ref", lengths["speed"])[1]).max()
-    sizes = {
+    sizes: dict[StepName, float] = {
         "load": min(bench.design.K_t * room, 0.3 * bench.speed / predicted["load"].overshoot),
         "speed": min(0.3 * bench.speed, room / float(peak)),
     }
@@ -354,7 +354,7 @@ def _steps(experiment: _Experiment, found: Mapping[str, Margins]) -> tuple[dict[
     wait = 2.0 * max(lengths[name] for name in sizes)
     steps = {"current": bench.current_step(cascade.model.point.i_q, room, lengths["current"])}
     for name, size in sizes.items():
-        steps[name] = bench.step(name, size, wait, lengths[name])  # type: ignore[arg-type]
+        steps[name] = bench.step(name, size, wait, lengths[name])
     return steps, [check for name, step in steps.items() for check in _step_checks(name, predicted[name], step)]
 
 

@@ -11,6 +11,7 @@ from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window,
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.result import CompensationStudy
 from pmsm_ctrl.compensate.study import SOURCES
+from pmsm_ctrl.compensate.window import sweep_gains
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.effects import lookup
 from pmsm_ctrl.errors import DesignError, LogError
@@ -266,6 +267,12 @@ def test_window_ends_before_the_first_gain_that_cycles() -> None:
     assert window.safe == 0.6  # 0.6 * 1.2 = 0.72 is below, 0.8 * 1.2 is above
     assert window.best == 0.6
     assert window.cycle[-1] == 0.01
+
+
+def test_gains_of_a_sweep_end_at_150_percent() -> None:
+    assert sweep_gains(0.1) == tuple(round(0.1 * k, 1) for k in range(16))
+    assert sweep_gains(0.4) == (0.0, 0.4, 0.8, 1.2)
+    assert sweep_gains(1.5) == (0.0, 1.5)
 
 
 def test_drives_side_by_side_are_judged_as_one_by_one(design: Design) -> None:
