@@ -19,8 +19,9 @@ from pmsm_ctrl.evidence.whitening import ChannelWhitener
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared, prepare
-from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate import scenario, simulate
 from tests.effort import amount
+from tests.unit.simulate.composed import simulate_composed
 
 # hidden effects at a strength that a drive engineer would call visible
 STRIBECK = {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0}
@@ -205,7 +206,9 @@ def test_hidden_stribeck_is_at_low_speed(seed_motor: Design, motion: str, seed: 
 
 @pytest.mark.parametrize("motion", ["identification", "triangle"])
 def test_hidden_cogging_is_at_its_order(seed_motor: Design, motion: str) -> None:
-    log = simulate(seed_motor, motion, truth=seed_motor.with_effect("cogging", COGGING), seed=3)
+    log = simulate_composed(
+        seed_motor, scenario(motion, seed_motor), seed_motor.with_effect("cogging", COGGING), seed=3
+    )
     first = compare(seed_motor, log).log.structure["torque"].named[0]
     assert (first.coordinate, first.orders) == ("position", (24,))
     assert first.spectrum is not None
@@ -215,7 +218,8 @@ def test_hidden_cogging_is_at_its_order(seed_motor: Design, motion: str) -> None
 
 
 def test_hidden_asymmetry_grows_with_speed_and_keeps_its_sign(seed_motor: Design) -> None:
-    log = simulate(seed_motor, "identification", truth=seed_motor.with_effect("viscous_asymmetry", {"dF_v": 2e-5}))
+    truth = seed_motor.with_effect("viscous_asymmetry", {"dF_v": 2e-5})
+    log = simulate_composed(seed_motor, scenario("identification", seed_motor), truth)
     first = compare(seed_motor, log).log.structure["torque"].named[0]
     assert first.coordinate == "speed"
     assert first.extent.low is not None

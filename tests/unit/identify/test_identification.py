@@ -15,6 +15,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.section import Table
 from pmsm_ctrl.simulate import scenario, simulate
+from tests.effort import amount
 
 TRUE = {"J": 0.01, "F_c": 0.4, "F_v": 0.02, "T_0": -0.05}
 
@@ -55,13 +56,14 @@ def test_known_parameters_return() -> None:
 
 def test_intervals_cover_with_noise() -> None:
     hits = dict.fromkeys(TRUE, 0)
-    for seed in range(60):
+    seeds = amount(20, 60)
+    for seed in range(seeds):
         result = identify(ALL, rich(0.3, seed))
         for name, value in TRUE.items():
             low, high = result.intervals[name]
             hits[name] += low <= value <= high
-    # at 95 % fewer than 52 of 60 happen once in 500
-    assert all(count >= 52 for count in hits.values()), hits
+    # at 95 % fewer than 52 of 60, or 16 of 20, happen once in 500
+    assert all(count >= (52 if seeds == 60 else 16) for count in hits.values()), hits
 
 
 def test_one_speed_cannot_tell_coulomb_viscous_and_load_apart() -> None:
