@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from pmsm_ctrl.rendering.numbers import with_error
+
 __all__ = ["NEVER_SEEN", "Reason", "Refusal"]
 
 
@@ -34,7 +36,7 @@ WORDS: Mapping[Reason, str] = {
     Reason.PARAMETER_AT_BOUND: "rejected: parameter at its bound",
     Reason.NOT_SIGNIFICANT: "not significant (p = {p:.2g}, Holm)",
     Reason.TOO_SMALL: "significant but too small: {percent:.2g} % of the balance where it acts",
-    Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain:.3g} +- {stderr:.2g})",
+    Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",
     Reason.HOLDOUT_WORSE: "rejected: increases the error on the held-out record",
@@ -59,4 +61,7 @@ class Refusal:
     detail: Mapping[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return WORDS[self.reason].format(**self.detail)
+        detail = dict(self.detail)
+        if "stderr" in detail:
+            detail["gain"] = with_error(detail["gain"], detail["stderr"])
+        return WORDS[self.reason].format(**detail)

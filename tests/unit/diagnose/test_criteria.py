@@ -51,8 +51,8 @@ def confirmed(gain: float, whole: float = 1e4, relief: float = 0.0, first: bool 
 def test_cross_validation_asks_for_so_many_standard_errors() -> None:
     assert confirmed(2.81)
     assert not confirmed(2.79)
-    assert str(criteria.cross_validation(CrossValidation(2.0, 1.0, 16, 0.5), 1e4, 0.0, True)) == (
-        "not confirmed by cross-validation (gain 2 +- 1)"
+    assert str(criteria.cross_validation(CrossValidation(3590.0, 3512.0, 16, 0.5), 1e4, 0.0, True)) == (
+        "not confirmed by cross-validation (gain 3600 ± 3500)"
     )
 
 
