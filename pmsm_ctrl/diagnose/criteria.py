@@ -16,6 +16,7 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 __all__ = [
     "CrossValidation",
     "cross_validation",
+    "error_lowered",
     "holdout",
     "inside_bounds",
     "no_voltage_worse",
@@ -82,7 +83,7 @@ def size(share: float, explained: float, policy: Policy = POLICY) -> Refusal | N
         Share of the residual's sum of squares that it explains.
     policy : Policy
     """
-    least = 0.0 if explained > policy.explained else policy.size
+    least = policy.small_size if explained > policy.explained else policy.size
     return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share}) if share < least else None
 
 
@@ -123,6 +124,24 @@ def no_voltage_worse(
     """
     worse = [name for name in after if after[name] > policy.worse * before[name]]
     return Refusal(Reason.BALANCE_WORSE, {"balance": worse[0]}) if worse else None
+
+
+def error_lowered(
+    before: Mapping[str, float], after: Mapping[str, float], relief: float, policy: Policy = POLICY
+) -> Refusal | None:
+    """Check that some error falls, or that the winding returns to its datasheet.
+
+    Parameters
+    ----------
+    before, after : dict of name to float
+        Rms errors.
+    relief : float
+        Fall of the winding's distance from its datasheet, in squares of its tolerances.
+    policy : Policy
+    """
+    if relief > policy.relief or any(after[name] <= policy.lowered * before[name] for name in after):
+        return None
+    return Refusal(Reason.ERROR_NOT_LOWERED)
 
 
 def inside_bounds(

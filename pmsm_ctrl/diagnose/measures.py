@@ -17,6 +17,7 @@ __all__ = [
     "plain_errors",
     "relief",
     "strain",
+    "weighted_errors",
 ]
 
 Array = NDArray[np.float64]
@@ -77,6 +78,12 @@ def contribution(fit: Fitted, trial: Trial) -> float:
         if size > fit.record.coarse[row]:
             best = max(best, size / max(level, 1e-300))
     return best
+
+
+def weighted_errors(fit: Fitted) -> dict[str, float]:
+    """Rms residual per balance; samples that the log's rate could not follow count as little as they did in the fit."""
+    rows = (fit.residual * fit.record.weight)[:, fit.record.mask]
+    return dict(zip(fit.record.channels, np.sqrt(np.mean(rows**2, axis=1)).tolist(), strict=True))
 
 
 def plain_errors(fit: Fitted) -> dict[str, float]:

@@ -31,16 +31,19 @@ class Policy:
         effects left out of the candidates.
     size : float
         Smallest contribution worth a name, as a share of the rms of the balance where it acts. Clean, blind.
-    explained : float
+    small_size, explained : float
         A smaller contribution is enough where it explains this share of the residual's sum of squares: beside a hard
-        acceleration all friction is small. Machines.
+        acceleration all friction is small. Machines; currents in steps of 60 mA.
+    lowered : float
+        An accepted effect must bring the rms error of at least one balance down to this share. Plant: a speed that the
+        drive filtered, and an angle of five digits, let a delay pass without it.
     worse : float
         Ratio by which an effect on the voltages may raise the rms error of a voltage. Machines: a dead time of 0.02 V.
     relief, absurd : float
         Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect. From `relief` on
-        that is reported; from `absurd` on (15 tolerances: no motor has four times the resistance of its datasheet) any
-        cross-validation gain is enough, and a winding so far off is unexplained. Blind on a slow sine, where a dead
-        time is as well a resistance.
+        that is reported, and no error has to fall; from `absurd` on (15 tolerances: no motor has four times the
+        resistance of its datasheet) any cross-validation gain is enough, and a winding so far off is unexplained.
+        Blind on a slow sine, where a dead time is as well a resistance.
     tied_gain, tied_share : float
         Two explanations are equal where their sums of squares differ by less than this, in units of the noise, or by
         less than this share of the gain. Blind.
@@ -59,6 +62,8 @@ class Policy:
         Share by which the torque constant may be off, which scales every torque: less than on a datasheet.
     friction_change : float
         Share by which F_c and F_v change from day to day; more is iron loss or friction that grew. Blind.
+    sound_weight : float
+        Weight below which a sample is not searched for structure: edges of the torque are aliased. A speed sweep.
     structure_share : float
         Least share of the residual's mean square that a curve must explain to be named. Clean.
     resembled_share : float
@@ -81,7 +86,9 @@ class Policy:
     first_block_errors: float = 2.0
     expected_share: float = 0.375
     size: float = 0.004
+    small_size: float = 0.001
     explained: float = 0.012
+    lowered: float = 0.996
     worse: float = 1.1
     relief: float = 25.0
     absurd: float = 225.0
@@ -94,6 +101,7 @@ class Policy:
     tolerance: float = 0.15
     torque_constant: float = 0.02
     friction_change: float = 0.2
+    sound_weight: float = 0.5
     structure_share: float = 0.015
     resembled_share: float = 0.03
     around_reversals: float = 1.5

@@ -21,6 +21,7 @@ class Reason(StrEnum):
     TOO_SMALL = "too_small"
     NOT_CONFIRMED = "not_confirmed"
     BALANCE_WORSE = "balance_worse"
+    ERROR_NOT_LOWERED = "error_not_lowered"
     MODEL_OUT_OF_BOUNDS = "model_out_of_bounds"
     HOLDOUT_WORSE = "holdout_worse"
     NOT_NEEDED = "not_needed"
@@ -38,6 +39,7 @@ WORDS: Mapping[Reason, str] = {
     Reason.TOO_SMALL: "significant but too small: {percent:.2g} % of the balance where it acts",
     Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
+    Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",
     Reason.HOLDOUT_WORSE: "rejected: increases the error on the held-out record",
     Reason.NOT_NEEDED: "not needed by the final model",

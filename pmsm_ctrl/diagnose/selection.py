@@ -10,7 +10,7 @@ from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.diagnose.measures import contribution, cross_validated, plain_errors
+from pmsm_ctrl.diagnose.measures import contribution, cross_validated, plain_errors, strain, weighted_errors
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.refusal import Refusal
@@ -174,15 +174,23 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
 
 def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
     """Return what speaks against an effect once everything was fitted again with it."""
+    old, new = plain_errors(before), plain_errors(after)
+    refusal = None
     if trial.candidate.effect.enters == "voltage":
-        old, new = ({n: rms for n, rms in plain_errors(fit).items() if n != "torque"} for fit in (before, after))
-        refusal = criteria.no_voltage_worse(old, new, policy)
-        if refusal is not None:
-            return refusal
-    model = after.model
-    values = zip(after.plain.values.tolist(), after.plain.stderr.tolist(), strict=True)
-    bounds = dict(zip(model.names, column_bounds(model, after.plain.values), strict=True))
-    return criteria.inside_bounds(dict(zip(model.names, values, strict=True)), bounds, policy)
+        voltages = [name for name in new if name != "torque"]
+        refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, policy)
+    old, new = (
+        plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
+        for fit, plain in ((before, old), (after, new))
+    )
+    names, solved = after.model.names, after.plain
+    values = zip(solved.values.tolist(), solved.stderr.tolist(), strict=True)
+    bounds = dict(zip(names, column_bounds(after.model, solved.values), strict=True))
+    return (
+        refusal
+        or criteria.error_lowered(old, new, strain(before.plain) - strain(solved), policy)
+        or criteria.inside_bounds(dict(zip(names, values, strict=True)), bounds, policy)
+    )
 
 
 def _judge_holdout(case: Case, before: Fitted, after: Fitted) -> Refusal | None:

@@ -61,7 +61,7 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     per_ampere = record.design.K_t_assumed if "i_q" in record.prepared.signals else None
     found: list[tuple[Dependence, str]] = []
     for row, name in enumerate(record.channels):
-        sound = record.mask & (record.weight[row] > 0.0)
+        sound = record.mask & (record.weight[row] > policy.sound_weight)
         if int(sound.sum()) < FEWEST_SAMPLES:
             continue
         level = float(np.sqrt(np.mean(record.target[row][sound] ** 2)))

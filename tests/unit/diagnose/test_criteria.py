@@ -37,7 +37,8 @@ def test_significance() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "explained", "passes"), [(0.0041, 0.0, True), (0.0039, 0.0119, False), (0.0039, 0.0121, True)]
+    ("share", "explained", "passes"),
+    [(0.0041, 0.0, True), (0.0039, 0.0119, False), (0.0039, 0.0121, True), (0.0009, 0.5, False)],
 )
 def test_size_is_that_of_the_balance_or_what_is_explained(share: float, explained: float, passes: bool) -> None:
     assert (criteria.size(share, explained) is None) is passes
@@ -78,6 +79,14 @@ def test_the_voltages_may_not_get_worse_all_samples_alike() -> None:
     assert reason(criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.11, "u_q": 1.0})) is (
         Reason.BALANCE_WORSE
     )
+
+
+def test_an_error_has_to_fall_or_the_winding_to_return() -> None:
+    assert criteria.error_lowered({"torque": 1.0}, {"torque": 0.9959}, 0.0) is None
+    assert criteria.error_lowered({"torque": 1.0, "u_q": 2.0}, {"torque": 1.5, "u_q": 1.99}, 0.0) is None
+    stays = {"torque": 1.0, "u_q": 2.0}, {"torque": 0.9961, "u_q": 2.0}
+    assert reason(criteria.error_lowered(*stays, 24.9)) is Reason.ERROR_NOT_LOWERED
+    assert criteria.error_lowered(*stays, 25.1) is None
 
 
 def test_final_parameters_stay_inside_their_bounds_to_within_their_errors() -> None:
