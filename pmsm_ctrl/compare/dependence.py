@@ -225,11 +225,13 @@ class ResidualStructure:
 
 
 def residual_structure(
-    prepared: Prepared, trace: Trace, drive: Drive, relevance: Relevance | None = None, skipped: Collection[str] = ()
-) -> ResidualStructure:
+    prepared: Prepared, trace: Trace, drive: Drive, relevance: Relevance | None = None, skipped: Collection[str] = (),
+    table: bool = True,
+) -> ResidualStructure:  # fmt: skip
     """Find what the residual of one channel of a log depends on.
 
-    `skipped` are coordinates that this log knows too badly.
+    `skipped` are coordinates that this log knows too badly. Without the `table` those that are not significant are
+    left out, and so is the offset: all the work is left-out blocks.
     """
     residual = trace.residual
     # a residual depends on what changes slowly most of the time: its noise is what changes from sample to sample
@@ -243,11 +245,16 @@ def residual_structure(
     used = trace.mask
     made, noise = _modelled(prepared, coordinates, residual, used)
     case = _case(trace, noise, made, coordinates["direction"], relevance or Relevance(), prepared.cutoff)
-    constant = case.bench.judge([], [1])
+    constant = case.bench.judge([], [1]) if table else None
     offset_sure = constant is not None and case.objection(constant, constant.p_value, certain=0.0) is None
-    alone = {c.name: case.bench.judge(case.base[c.name], case.own[c.name]) for c in made}
+    corrected = _corrected(made, {c.name: case.bench.significance(case.base[c.name], case.own[c.name]) for c in made})
+    alone = {
+        c.name: case.bench.judge(case.base[c.name], case.own[c.name])
+        if table or corrected[c.name] < policy.SIGNIFICANCE
+        else None
+        for c in made
+    }
     chosen = _chosen(case, made, alone)
-    corrected = _corrected(made, {n: o.p_value if o is not None else 1.0 for n, o in alone.items()})
     found = [
         _dependence(case, curve, outcome, corrected[curve.name], chosen)
         for curve in made

@@ -70,7 +70,8 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
         least = max(policy.size * whole, record.coarse[row]) / max(level, 1e-300)
         trace = Trace(record.t, record.target[row], predicted[row], sound, record.unit(name))
         relevance = Relevance(policy.structure_share, least)
-        structure = residual_structure(record.prepared, trace, Drive(predicted[0], J, per_ampere), relevance)
+        drive = Drive(predicted[0], J, per_ampere)
+        structure = residual_structure(record.prepared, trace, drive, relevance, table=False)
         if structure.named:
             found.append((structure.named[0], name))
     if not found:

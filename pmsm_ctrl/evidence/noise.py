@@ -79,21 +79,14 @@ def burg(pieces: list[Array], order: int) -> tuple[list[Array], Array]:
     variances : array, shape (order + 1,)
         Prediction error variance per order.
     """
-    total = sum(len(piece) for piece in pieces)
-    variance = sum(float(piece @ piece) for piece in pieces) / total
-    forward = [piece.copy() for piece in pieces]
-    backward = [piece.copy() for piece in pieces]
-    a = np.zeros(0)
+    from pmsm_ctrl.kernels.filters import reflections
+
+    values = np.concatenate(pieces)
+    found = np.empty(order)
+    reflections(values, np.array([len(piece) for piece in pieces]), found)
+    a, variance = np.zeros(0), float(values @ values) / len(values)
     models, variances = [a], [variance]
-    for _ in range(order):
-        forward = [f[1:] for f in forward]
-        backward = [b[:-1] for b in backward]
-        power = sum(float(f @ f + b @ b) for f, b in zip(forward, backward, strict=True))
-        k = -2.0 * sum(float(f @ b) for f, b in zip(forward, backward, strict=True)) / power if power > 0 else 0.0
-        forward, backward = (
-            [f + k * b for f, b in zip(forward, backward, strict=True)],
-            [b + k * f for f, b in zip(forward, backward, strict=True)],
-        )
+    for k in found.tolist():
         a = np.concatenate([a + k * a[::-1], [k]])
         variance *= 1.0 - k * k
         models.append(a)

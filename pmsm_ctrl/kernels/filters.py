@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.kernels import kernel, uncontracted
 
-__all__ = ["LANES", "coloured_back", "whitened", "zero_phase"]
+__all__ = ["LANES", "coloured_back", "reflections", "whitened", "zero_phase"]
 
 Array = NDArray[np.float64]
 
@@ -163,3 +163,36 @@ def coloured_back(values: Array, position: NDArray[np.int64], filters: Array, ou
             out[c, i] = x
             for lag in range(1, known + 1):
                 out[c, i - lag] -= filters[known, lag] * x
+
+
+@kernel
+def reflections(values: Array, lengths: NDArray[np.int64], out: Array) -> None:
+    """Find the reflection coefficients of an autoregressive process by Burg's method.
+
+    Parameters
+    ----------
+    values : array, shape (n,)
+        Separate stretches of the process, one after the other.
+    lengths : int array
+        Of the stretches.
+    out : array, shape (order,)
+        Filled; zero where the prediction errors vanish.
+    """
+    forward, backward = values.copy(), values.copy()
+    for stage in range(1, out.size + 1):
+        power = along = 0.0
+        start = 0
+        for length in lengths:
+            for i in range(start + stage, start + length):
+                power += forward[i] * forward[i] + backward[i - 1] * backward[i - 1]
+                along += forward[i] * backward[i - 1]
+            start += length
+        k = -2.0 * along / power if power > 0.0 else 0.0
+        out[stage - 1] = k
+        start = 0
+        for length in lengths:
+            for i in range(start + length - 1, start + stage - 1, -1):
+                f, b = forward[i], backward[i - 1]
+                forward[i] = f + k * b
+                backward[i] = b + k * f
+            start += length
