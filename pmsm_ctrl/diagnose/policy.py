@@ -95,7 +95,7 @@ class Policy:
     tied_gain: float = 20.0
     tied_share: float = 0.01
     most_steps: int = 8
-    rival_share: float = 0.9
+    rival_share: float = 0.6
     most_rivals: int = 3
     sure_errors: float = 3.0
     tolerance: float = 0.15
