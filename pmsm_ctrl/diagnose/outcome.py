@@ -190,7 +190,7 @@ def _ranking(selection: Selection, hidden: Mapping[str, Refusal], policy: Policy
 def _shown_from(fit: Fitted, trial: Trial, policy: Policy) -> dict[str, Estimate]:
     """From which amount on the log would show an effect that it does not show: absence of evidence is not evidence."""
     effect, motion = trial.candidate.effect, fit.record.prepared.motion
-    if not effect.structure.amounts_are_linear(trial.group.shape):
+    if not effect.structure.amounts_are_linear:
         return {}  # the size of their column is not their amount
     level = policy.significance / max(len(fit.trials), 1)
     amounts = least_shown(fit.solved, fit.whitener, trial.group, level)

@@ -208,7 +208,7 @@ def _with(case: Case, fit: Fitted, trial: Trial) -> tuple[Accepted, ...]:
     out = [*fit.accepted, Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid)]
     for k, one in enumerate(out):
         structure = one.effect.structure
-        if k == len(out) - 1 and not structure.refined_when_taken(one.shape):
+        if k == len(out) - 1 and not structure.refined_when_taken:
             continue
         if len(one.grid) < 2 or not structure.refined_later(one.effect, one.shape):
             continue

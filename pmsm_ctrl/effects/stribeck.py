@@ -23,7 +23,7 @@ def term(omega: float, direction: float, dF_s: float, w_s: float, delta: float) 
 
 
 def search(log: LogView) -> Iterator[dict[str, float]]:
-    """Yield Stribeck speeds from a hundredth of the log's top speed up, Gaussian and exponential."""
+    """Yield Stribeck speeds from 0.3 to 40 % of the log's top speed, Gaussian and exponential."""
     for w_s in np.geomspace(0.003, 0.4, 9) * log.top_speed:
         for delta in (1.0, 2.0):
             yield {"w_s": float(w_s), "delta": delta}
@@ -36,16 +36,7 @@ effect = Effect(
     source="R. Stribeck, Z. VDI 46 (1902) 1341; L. C. Bo, D. Pavelescu, Wear 82 (1982) 277",
     enters="torque",
     parameters=(
-        Parameter(
-            "dF_s",
-            "N m",
-            0.0,
-            -inf,
-            inf,
-            "breakaway above Coulomb torque; negative: it rises",
-            linear=True,
-            shares_of_F_c=FALLING,
-        ),
+        Parameter("dF_s", "N m", 0.0, -inf, inf, "breakaway less Coulomb torque", linear=True, shares_of_F_c=FALLING),
         Parameter("w_s", "rad/s", 5.0, 1e-9, inf, "Stribeck speed"),
         Parameter("delta", "1", 2.0, 0.3, 4.0, "shape: 2 is Gaussian, 1 exponential", soft=True),
     ),

@@ -137,7 +137,8 @@ class Bristle(Structure):
         """Return the bounds of the factor: a bristle carries the dry friction and nothing else."""
         return {LEVEL: (0.5 * known.dry, 2.0 * known.dry) if known.dry > 0.0 else (0.0, np.inf)}
 
-    def amounts_are_linear(self, shape: Mapping[str, float]) -> bool:
+    @property
+    def amounts_are_linear(self) -> bool:
         """Whether the size of the column is the amount of the effect: it is that of the dry friction."""
         return False
 

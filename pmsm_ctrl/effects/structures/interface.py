@@ -367,7 +367,8 @@ class Structure(ABC):
         """Whether the shape is refined again once further effects are in the model."""
         return bool(set(shape) - self.fixed(effect))
 
-    def refined_when_taken(self, shape: Mapping[str, float]) -> bool:
+    @property
+    def refined_when_taken(self) -> bool:
         """Whether the shape is refined as soon as the effect is in: its candidate left out what is noise."""
         return False
 
@@ -393,7 +394,8 @@ class Structure(ABC):
                 out[symbol] = (p.shares_of_F_c[0] * known.F_c, p.shares_of_F_c[1] * known.F_c)
         return out
 
-    def amounts_are_linear(self, shape: Mapping[str, float]) -> bool:
+    @property
+    def amounts_are_linear(self) -> bool:
         """Whether the size of a column is the amount of the effect."""
         return True
 

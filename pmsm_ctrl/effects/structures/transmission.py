@@ -173,7 +173,8 @@ class Transmission(Structure):
         overdamped = not self.gap and shape.get(DAMPING, 0.0) >= OVERDAMPED
         return overdamped or super().at_bound(effect, shape)
 
-    def refined_when_taken(self, shape: Mapping[str, float]) -> bool:
+    @property
+    def refined_when_taken(self) -> bool:
         """Whether the shape is refined as soon as the effect is in: a spring's, whose candidate left out its noise."""
         return not self.gap
 
@@ -194,7 +195,8 @@ class Transmission(Structure):
         """Return the bounds of the load's inertia: a part of the total."""
         return {self.load: (LEAST_LOAD * known.J, known.J)}
 
-    def amounts_are_linear(self, shape: Mapping[str, float]) -> bool:
+    @property
+    def amounts_are_linear(self) -> bool:
         """Whether the size of the column is the amount of the effect: not that of a gap."""
         return not self.gap
 
