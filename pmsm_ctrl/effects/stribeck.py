@@ -36,7 +36,16 @@ effect = Effect(
     source="R. Stribeck, Z. VDI 46 (1902) 1341; L. C. Bo, D. Pavelescu, Wear 82 (1982) 277",
     enters="torque",
     parameters=(
-        Parameter("dF_s", "N m", 0.0, -inf, inf, "breakaway less Coulomb torque", linear=True, shares_of_F_c=FALLING),
+        Parameter(
+            "dF_s",
+            "N m",
+            0.0,
+            -inf,
+            inf,
+            "breakaway above Coulomb torque; negative: it rises",
+            linear=True,
+            shares_of_F_c=FALLING,
+        ),
         Parameter("w_s", "rad/s", 5.0, 1e-9, inf, "Stribeck speed"),
         Parameter("delta", "1", 2.0, 0.3, 4.0, "shape: 2 is Gaussian, 1 exponential", soft=True),
     ),
