@@ -1,8 +1,7 @@
 """The committed reports: `python reports/make_gallery.py [NAME ...]` writes them again, into reports/gallery/.
 
-Three are what the commands write. The page on EMPS is put together here from results alone: the measured data is not
-ours to hand on, and a curve of it in a picture would be the data. It holds tables, models, and means over bins of a
-hundred samples and more.
+Three are what the commands write. The page on EMPS is made here from results alone, because the measured data must not
+be redistributed: it holds tables, models, and means over bins of a hundred samples and more.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ def reference_experiment() -> None:
     study(design, output=GALLERY / "reference_experiment.html", command=command("reference_experiment"))
 
 
-# What the simulated axis has and the design does not know of.
+# Effects of the simulated axis that the design does not have.
 HIDDEN = (
     ("cogging", {"a_s": 0.006, "a_c": 0.003, "order": 24.0}),
     ("viscous_asymmetry", {"dF_v": 4e-5}),
@@ -67,7 +66,7 @@ def hidden_logs(design: Design) -> tuple[Log, Log]:
 
 
 def hidden_effects() -> None:
-    """Three effects hidden from the design, named again; and the README's picture."""
+    """Three effects hidden from the design and found again; and the picture of the README."""
     design = Design.read("designs/seed_motor.toml")
     log, other = hidden_logs(design)
     done = study(
@@ -84,17 +83,26 @@ def compensation() -> None:
     found = compensate(design)
     variants = list(dict.fromkeys(row.variant for row in found.table if row.variant != "none"))
     best = min(variants, key=lambda name: found.change(name))
-    numbers = [(f"{100 * found.change(best):+.0f} %", f"rms error at reversals with {best}, the worst of the speeds")]
-    numbers.append((f"{100 * found.change(best, 'reversal_peak'):+.0f} %", "peak error within the reversal"))
+    numbers = [
+        (f"{100 * found.change(best):+.0f} %", f"change of the rms error at reversals with {best}, worst of the speeds")
+    ]
+    numbers.append(
+        (f"{100 * found.change(best, 'reversal_peak'):+.0f} %", "change of the peak error within the reversal")
+    )
     safe = next(iter(found.windows.values()))
-    numbers.append((f"{100 * safe.safe:.0f} %", f"safe gain by {safe.source} speed, the sweep ends at 150 %"))
+    numbers.append(
+        (
+            f"{100 * safe.safe:.0f} %",
+            f"highest safe gain with {safe.source}-speed feedforward (the sweep ends at 150 %)",
+        )
+    )
     text = render(
         f"Friction compensation of {design.name}", [_gains(found, variants), found.section()],
         headline=Headline(
             "The reference motor with Stribeck friction and cogging was simulated at low speed, without and with "
-            "friction fed forward, its parameters right and 20 % wrong.",
-            "every line of the design's acceptance holds." if found.accepted else "the acceptance is not met.",
-            found.accepted, tuple(numbers),
+            "friction feedforward, its parameters exact and 20 % wrong.",
+            "All acceptance limits are met." if found.accepted else "An acceptance limit is not met.",
+            found.accepted, numbers,
         ),
         design_toml=design.to_toml(), command=command("compensation"), facts={"design": design.source, "seed": "0"},
     )  # fmt: skip
@@ -142,14 +150,14 @@ def _bars(found: Any, variants: list[str], metrics: tuple[tuple[str, str], ...])
 
 
 def ladder(found: Mapping[str, Any], title: str = "") -> Figure:
-    """Draw the error of every rung, on the record that was fitted and on the one held out."""
+    """Draw the error of every step, on the fitted record and on the held-out one."""
     errors, steps = found["errors"], found["steps"]
     names = ["as identified", *(f"+ {step['effect'].replace('_', ' ')}" for step in steps)]
     own = [errors["base"], *(step["error_after"] for step in steps)]
     other = [steps[0]["holdout_before"], *(step["holdout_after"] for step in steps)]
     figure = Figure(figsize=(7.6, 0.9 + 0.62 * len(names)), layout="constrained")
     axes = figure.subplots()
-    for offset, color, label, rows in ((-0.19, BLUE, "fitted", own), (0.19, VERMILION, "held out", other)):
+    for offset, color, label, rows in ((-0.19, BLUE, "fitted", own), (0.19, VERMILION, "held-out", other)):
         values = [100.0 * row["torque"]["relative"] for row in rows]
         bars = axes.barh(np.arange(len(names)) + offset, values, 0.36, color=color, label=f"{label} record")
         axes.bar_label(bars, [f"{value:.1f} %" for value in values], padding=3, fontsize=9)
@@ -158,7 +166,7 @@ def ladder(found: Mapping[str, Any], title: str = "") -> Figure:
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
     word = "force" if errors["base"]["torque"]["unit"] == "N" else "torque"
-    axes.set_xlabel(f"{word} that the model leaves unexplained [% rms]")
+    axes.set_xlabel(f"{word} error of the model [% rms]")
     axes.margins(x=0.12)
     axes.legend(loc="lower right", frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
@@ -174,7 +182,7 @@ def binned(found: Diagnosis) -> tuple[Figure, int]:
     smallest = 1 << 30
     for fit, color, label in (
         (found.selection.fits[0], VERMILION, "as identified"),
-        (found.selection.fits[-1], BLUE, "with what was missing"),
+        (found.selection.fits[-1], BLUE, "with the missing effects"),
     ):
         speed = fit.record.at_grid(fit.record.signals["omega"])[fit.record.mask]
         residual = fit.residual[0][fit.record.mask]
@@ -192,11 +200,11 @@ def binned(found: Diagnosis) -> tuple[Figure, int]:
 
 
 def friction_curves(before: Design, after: Design) -> Figure:
-    """Draw the friction that the two models hold, over speed."""
+    """Draw the friction of the two models over speed."""
     figure = Figure(figsize=(7.6, 3.4), layout="constrained")
     axes = figure.subplots()
     half = np.geomspace(1e-4, 0.2, 60)
-    for design, color, label in ((before, VERMILION, "as identified"), (after, BLUE, "with what was missing")):
+    for design, color, label in ((before, VERMILION, "as identified"), (after, BLUE, "with the missing effects")):
         for speeds, name in ((half, label), (-half, None)):
             table = friction_table(design, speeds)
             axes.plot(table[:, 0], table[:, 1], color=color, label=name)
@@ -208,7 +216,7 @@ def friction_curves(before: Design, after: Design) -> Figure:
 
 def steps_table(found: Mapping[str, Any]) -> Table:
     """Return the accepted effects with parameters, evidence and errors."""
-    header = ("effect", "parameters", "p, corrected", "error after", "held out after", "not to be told from")
+    header = ("effect", "parameters", "p (Holm)", "error after", "held-out error after", "not distinguishable from")
     rows = []
     for step in found["steps"]:
         values = ", ".join(
@@ -225,7 +233,7 @@ def steps_table(found: Mapping[str, Any]) -> Table:
 
 
 def emps() -> None:
-    """The measured axis, by results alone."""
+    """The measured axis, from results alone."""
     data = Path(os.environ.get("PMSM_CTRL_DATA", "../shared/data")) / "emps"
     design = Design.read("designs/emps.toml")
     try:
@@ -243,16 +251,16 @@ def emps() -> None:
     assert smallest >= 100, "a mean over fewer samples comes close to the data"
     sections = [_identified(identified), _missing(identified.design, found, plain, residual, smallest), _origin()]
     text = render(
-        "EMPS: a measured axis, and what its model lacks", sections,
+        "EMPS: a measured axis and its missing effects", sections,
         headline=Headline(
             "The public record of an electro-mechanical positioning system (ball screw, 25 s, 1 kHz) was identified "
             "and diagnosed; a second record, with pulses, was held out.",
-            f"{len(found.steps)} effects are missing from inertia, Coulomb and viscous friction and an offset; the "
-            "first is the one that the authors of the data found years later.",
+            f"{len(found.steps)} effects are missing from the model of inertia, Coulomb and viscous friction and "
+            "offset; the authors of the data found the first of them years later.",
             None,
-            ((f"{first:.2f} to {last:.2f} %", "of the force left unexplained, before and after"),
-             (f"{held[0]:.2f} to {held[1]:.2f} %", "the same on the record held out"),
-             ("3.11 %", "what the authors' own extended model leaves")),
+            ((f"{first:.2f} to {last:.2f} %", "relative force error, before and after"),
+             (f"{held[0]:.2f} to {held[1]:.2f} %", "the same on the held-out record"),
+             ("3.11 %", "error of the authors' extended model")),
         ),
         notices=found.notices, design_toml=design.to_toml(), command=command("emps"),
         facts={"log, SHA-256": log.provenance.sha256, "holdout, SHA-256": pulses.provenance.sha256,
@@ -262,7 +270,7 @@ def emps() -> None:
 
 
 def _identified(identified: Any) -> Section:
-    """What the authors published beside what the regression gives."""
+    """Published values and those of the regression."""
     published = {"J": ("moving mass M", 95.11), "F_v": ("viscous friction F_v", 203.5),
                  "F_c": ("Coulomb friction F_c", 20.39), "T_0": ("offset", -3.16)}  # fmt: skip
     rows = []
