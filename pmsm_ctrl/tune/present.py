@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 FORWARDED = "proportional with feedforward"
+OUTCOMES = {"not_judged": "-"}
 CAUSES = {
     "sensor_errors": "ideal sensors",
     "sensor_errors_and_effects": "ideal sensors and none of the nonlinear effects",
@@ -77,11 +78,12 @@ def _verdict(result: Tuning) -> str:
     proof = result.proof
     if proof is None:
         return f"{result.design.name}: {done}; {met}; not checked in simulation."
-    judged = [check for check in proof.checks if check.outcome != "not_judged"]
-    counts = f"{sum(check.outcome == 'passed' for check in judged)}/{len(judged)} checks passed in simulation"
-    explained = sum(check.outcome == "explained" for check in judged)
-    counts += f" at {number(proof.speed)} rad/s" + (f", {explained} with a known cause" if explained else "")
-    return f"{result.design.name}: {done}; {met}; {counts}."
+    from pmsm_ctrl.tune.proof import Outcome
+
+    passed, explained, failed = (len(proof.having(o)) for o in (Outcome.PASSED, Outcome.EXPLAINED, Outcome.FAILED))
+    counts = f"{passed}/{passed + explained + failed} checks passed in simulation at {number(proof.speed)} rad/s"
+    known = f", {explained} with a known cause" if explained else ""
+    return f"{result.design.name}: {done}; {met}; {counts}{known}."
 
 
 def _method(result: Tuning, loop: str) -> str:
@@ -112,28 +114,28 @@ def _gains(result: Tuning) -> Table:
     return Table(("loop", "gains", "method"), tuple(rows), "Gains")
 
 
-QUANTITIES: tuple[tuple[str, Callable[[Margins], float]], ...] = (
-    ("crossover [Hz]", lambda m: m.crossover),
-    ("bandwidth (-3 dB) [Hz]", lambda m: m.bandwidth),
-    ("phase margin [deg]", lambda m: m.phase_margin),
-    ("gain margin [dB]", lambda m: m.gain_margin_db),
-    ("delay margin [us]", lambda m: 1e6 * m.delay_margin),
-    ("disk margin", lambda m: m.disk_margin),
-    ("sensitivity peak", lambda m: m.sensitivity_peak),
-    ("complementary peak", lambda m: m.complementary_peak),
-)
-BRIEF = tuple(label for label, _ in QUANTITIES if label.startswith(("crossover", "phase", "gain", "sensitivity")))
+QUANTITIES: dict[str, Callable[[Margins], float]] = {
+    "crossover [Hz]": lambda m: m.crossover,
+    "phase margin [deg]": lambda m: m.phase_margin,
+    "gain margin [dB]": lambda m: m.gain_margin_db,
+    "sensitivity peak": lambda m: m.sensitivity_peak,
+    "bandwidth (-3 dB) [Hz]": lambda m: m.bandwidth,
+    "delay margin [us]": lambda m: 1e6 * m.delay_margin,
+    "disk margin": lambda m: m.disk_margin,
+    "complementary peak": lambda m: m.complementary_peak,
+}
+BRIEF = tuple(QUANTITIES)[:4]  # those of the smaller tables
 
 
 def _brief(found: Margins) -> tuple[str, ...]:
     if found.stable is False:
         return _number(found.crossover), "unstable", "unstable", "-"
-    return tuple(_number(get(found)) for label, get in QUANTITIES if label in BRIEF)
+    return tuple(_number(QUANTITIES[label](found)) for label in BRIEF)
 
 
 def _margins(result: Tuning) -> Table:
     names = list(result.margins)
-    rows = [(label, *(_number(get(result.margins[name])) for name in names)) for label, get in QUANTITIES]
+    rows = [(label, *(_number(get(result.margins[name])) for name in names)) for label, get in QUANTITIES.items()]
     highest = (_number(result.highest.get(name, math.nan)) for name in names)
     rows.append(("highest crossover at 45 deg [Hz]", *highest))
     return Table(("margin", *names), tuple(rows), "Margins of the discrete loops as they run")
@@ -141,7 +143,7 @@ def _margins(result: Tuning) -> Table:
 
 def _outcome(check: Check) -> str:
     if check.explanation is None:
-        return "-" if check.outcome == "not_judged" else str(check.outcome)
+        return OUTCOMES.get(check.outcome, check.outcome)
     e = check.explanation
     cause = CAUSES.get(e.cause, f"no {e.cause}")
     return (

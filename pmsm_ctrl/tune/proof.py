@@ -142,9 +142,14 @@ class Proof:
         return tuple(check for check in self.checks if check.outcome is outcome)
 
     @property
+    def failed(self) -> tuple[Check, ...]:
+        """Checks beyond their tolerance without a known cause."""
+        return self.having(Outcome.FAILED)
+
+    @property
     def passed(self) -> bool:
         """Whether no check failed."""
-        return not self.having(Outcome.FAILED)
+        return not self.failed
 
 
 def prove(

@@ -174,13 +174,13 @@ class Tuning(Result):
         limit = self.design.drive.i_max
         if math.isfinite(limit) and ripple > RIPPLE_LIMIT * limit:
             out.append(notices.RIPPLE(ripple=1e3 * ripple, share=100.0 * RIPPLE_LIMIT))
-        for check in self.proof.checks if self.proof is not None else ():
-            if check.outcome == "failed":
-                out.append(notices.CHECK(
-                    subject=check.subject, quantity=check.quantity, unit=check.unit, predicted=check.predicted,
-                    simulated=check.simulated,
-                ))  # fmt: skip
-        return out
+        failed = self.proof.failed if self.proof is not None else ()
+        return out + [
+            notices.CHECK(
+                subject=c.subject, quantity=c.quantity, unit=c.unit, predicted=c.predicted, simulated=c.simulated
+            )
+            for c in failed
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         """Return gains, margins and checks as plain values."""

@@ -137,7 +137,7 @@ def check(
             for source, window in found.items():
                 safe[source][window.safe] += 1
         report(f"# {first + len(drives)} drives, {time.perf_counter() - start:.0f} s, {len(wrong)} cycles inside")
-    report("| by | windows that end at: drives | limit cycles inside |\n|---|---|---|")
+    report("| feedforward with | highest safe gain: drives | limit cycles at safe gains |\n|---|---|---|")
     for source, counted in safe.items():
         ends = ", ".join(f"{100 * gain:.0f} %: {n}" for gain, n in sorted(counted.items()))
         report(f"| {source} speed | {ends} | {sum(c.source == source for c in wrong)} |")
