@@ -87,7 +87,7 @@ def test_the_proof_does_not_hang_on_the_seed(seed, number):
 
 
 def test_a_plant_unlike_the_datasheet_is_found_out_and_explained(seed):
-    # A quarter more inertia: the crossover is a fifth lower than promised.
+    # A quarter more inertia: the crossover is a fifth lower than predicted.
     found = prove(seed.design, truth=seed.design.with_parameters(J=1.25 * seed.design.J))
     check = next(c for c in found.checks if (c.subject, c.quantity) == ("speed loop", "crossover"))
     assert check.simulated < 0.87 * check.predicted
