@@ -60,7 +60,7 @@ def candidates_for(
         if effect.id in present and not effect.repeated:
             continue
         if split and effect.structure.splits_inertia:
-            continue  # an axis has one: `exchange` tries the other in its place
+            continue  # an axis has one: `swap` tries the other in its place
         why = effect.structure.available(record, effect)
         found = Search((), why_not=why) if why else effect.structure.search(effect, view)
         out.append(Candidate(effect, found.shapes, found.tried, found.why_not))

@@ -103,7 +103,7 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
 
 
 def winding_substitutes(selection: Selection, policy: Policy = POLICY) -> Iterator[Notice]:
-    """Yield which parameter of the winding had stood in for an accepted effect, so that a reader can choose.
+    """Yield which parameter of the winding had imitated an accepted effect, so that a reader can choose.
 
     Parameters
     ----------

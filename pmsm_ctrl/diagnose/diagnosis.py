@@ -113,12 +113,11 @@ def diagnose(
 
 
 def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
-    """Select effects, replace those that another one explains better, and say what is left and what to do next."""
-    selection = _select(case, progress=progress)
-    selection = swap(case, selection, lambda case, start: _select(case, start))
-    return outcome(
-        case, selection, unexplained(selection, case.policy), next_experiment(case, selection) if plan else None
-    )
+    """Accept effects, swap those that another one explains better, and add what they do not explain."""
+    selection = swap(case, _select(case, progress=progress), _select)
+    structure = unexplained(selection, case.policy)
+    experiment = next_experiment(case, selection) if plan else None
+    return outcome(case, selection, structure, experiment)
 
 
 def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None = None) -> Selection:
@@ -135,7 +134,7 @@ def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None =
 
 
 def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[str, Effect], policy: Policy) -> Case:
-    """Make the logs ready."""
+    """Condition the log, and the held-out one in the same way."""
     record = _with_age(design, log)
     if holdout is None:
         return Case(design, record, offered, None, policy)
@@ -144,7 +143,7 @@ def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[s
 
 
 def _with_age(design: Design, log: Log) -> Record:
-    """Make a log ready; where it has a speed alone, its lag is estimated with the base model, and corrected."""
+    """Condition a log; where it has a speed alone, the lag of that is estimated with the base model, and corrected."""
     record = make_record(design, log)
     for _ in range(2 if record.age is not None else 0):
         fit = fit_design(design, record, (), {}, explore=False)

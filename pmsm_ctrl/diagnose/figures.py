@@ -313,7 +313,7 @@ def contributions_figure(d: Diagnosis) -> Figure:
     left.set_ylabel(_torque_label(d, ", mean"))
     left.set_title("Means, stacked")
     right.set_ylabel(_torque_label(d, ", rms"))
-    right.set_title("Size of each part, inertia left out")
+    right.set_title("Size of each part without the inertia")
     right.set_ylim(bottom=0.0)
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize="small")
     for axes in (left, right):

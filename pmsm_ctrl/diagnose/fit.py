@@ -1,4 +1,4 @@
-"""The design plus the effects taken in so far, fitted to one log, and every candidate tried on what is left."""
+"""The design plus the effects accepted so far, fitted to one log, and every candidate tried on the residual."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ __all__ = ["Accepted", "Fitted", "errors", "fit_design", "predicted_elsewhere"]
 
 Array = NDArray[np.float64]
 
-# How often at most a delay is met again where it was found: to first order one of two samples comes out a third low.
+# Passes in which a delay is linearised at its last value: to first order one of two samples comes out a third low.
 PASSES = 4
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
 PARSIMONY = 0.98
@@ -99,7 +99,7 @@ def fit_design(
     design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
     explore: bool = True,
 ) -> Fitted:  # fmt: skip
-    """Fit the design with the accepted effects, and try every candidate on what is left."""
+    """Fit the design with the accepted effects, and try every candidate on the residual."""
     given = record
     for one in (*_bristles(design, effects), *accepted):
         structure = one.effect.structure
@@ -180,7 +180,7 @@ def judged(fit: tuple[Solved, Whitener], covariance: NoiseCovariance, trial: Tri
     """Keep a trial's shape and size, found with plain weights, and judge its significance.
 
     Twice: prewhitened, which has the greatest power where a column is right at all frequencies, and with the weights
-    of the estimate, which bears errors of its fast part. The better one counts, and pays for the second try.
+    of the estimate, which tolerates errors of its fast part. The better one counts, at twice its p-value.
     """
     sure = try_group(*fit, trial.candidate, trial.group)
     slow_gain, slow_p = plain_evidence(covariance, trial.candidate, trial.group)

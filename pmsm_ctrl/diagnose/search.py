@@ -18,7 +18,6 @@ from pmsm_ctrl.regression.columns import Group, candidate_groups
 from pmsm_ctrl.regression.model import Model, NoiseCovariance, Solved
 
 __all__ = [
-    "Evidence",
     "Offer",
     "Rows",
     "Trial",
@@ -120,20 +119,6 @@ class Trial:
         """Whether a nonlinear parameter ran into its bound: the shape wants to be another one."""
         effect = self.candidate.effect
         return effect.structure.at_bound(effect, self.group.shape)
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """The gates one accepted or refused candidate went through."""
-
-    gain: float
-    p_value: float
-    p_holm: float
-    blocks: int
-    block_gain: float
-    block_stderr: float
-    p_rank: float
-    material: float
 
 
 @dataclass(frozen=True, eq=False)

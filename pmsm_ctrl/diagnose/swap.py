@@ -1,4 +1,4 @@
-"""Replacing accepted effects: one that was accepted early may only have stood in for two that belong together.
+"""Replacing accepted effects: one that was accepted early may only have imitated two others together.
 
 Accepted one at a time, the most flexible effect comes first: a friction that falls with speed and with time looks like
 a Stribeck curve with a wide bend, until one of the two is in. So each accepted effect is taken out again, and where
@@ -45,7 +45,7 @@ class Rest:
 
 
 def swap(case: Case, found: Selection, select: Callable[[Case, tuple[str, ...]], Selection]) -> Selection:
-    """Return the selection with the effects exchanged that another one can replace, and ties declared equivalent.
+    """Return the selection with the effects replaced that another one explains better, and ties declared equivalent.
 
     Parameters
     ----------

@@ -127,8 +127,8 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
 def impossible_winding(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     """Return the voltage that a parameter of the winding takes up far beyond its datasheet; None where none does.
 
-    A dead time left out is as well a resistance of four times the datasheet's: nothing is left then, and yet no motor
-    of that datasheet explains the log.
+    A dead time that is no candidate is as well a resistance of four times the datasheet's: the residual is noise then,
+    and yet no motor of that datasheet explains the log.
 
     Parameters
     ----------
