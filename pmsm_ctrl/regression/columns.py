@@ -17,7 +17,7 @@ __all__ = ["Group", "UnavailableError", "candidate_groups", "effect_group", "see
 Array = NDArray[np.float64]
 
 # Bytes of columns that are kept from one fit to the next, roughly, and of signals that are filtered at once.
-MOST_KEPT, AT_ONCE = 100e6, 24e6
+MOST_KEPT, AT_ONCE = 100e6, 40e6
 
 
 @dataclass(frozen=True, eq=False)

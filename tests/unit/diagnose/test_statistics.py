@@ -16,56 +16,12 @@ from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.search import least_shown, plain_evidence
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.evidence.blocks import equal_blocks
-from pmsm_ctrl.evidence.tests import f_tail, holm
 from pmsm_ctrl.evidence.whitening import make_whitener
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.model import noise_covariance, solve_model
 from pmsm_ctrl.regression.reversals import timed_sign
 from pmsm_ctrl.simulate import simulate
-
-
-def test_holm_against_the_published_example() -> None:
-    # S. Holm, Scand. J. Statist. 6 (1979) 65, as in R's p.adjust(c(0.01, 0.02, 0.03, 0.04), "holm")
-    assert holm([0.01, 0.02, 0.03, 0.04]) == pytest.approx([0.04, 0.06, 0.06, 0.06])
-    assert holm([0.04, 0.01, 0.03, 0.02]) == pytest.approx([0.06, 0.04, 0.06, 0.06])
-
-
-def test_f_tail_against_tables() -> None:
-    # upper 5 % points of F: F(2, 10) = 4.103, F(5, 20) = 2.711
-    assert f_tail(4.103, 2, 10) == pytest.approx(0.05, abs=2e-4)
-    assert f_tail(2.711, 5, 20) == pytest.approx(0.05, abs=2e-4)
-
-
-def test_blocks_share_the_information_equally(rng: np.random.Generator) -> None:
-    t = np.linspace(0.0, 10.0, 4001)
-    weight = np.where(t < 1.0, 9.0, 1.0) * rng.uniform(0.5, 1.5, t.size)
-    blocks = equal_blocks(weight, t, 8)
-    shares = [weight[(t >= a) & (t < b)].sum() / weight.sum() for a, b in blocks]
-    assert len(blocks) == 8
-    assert shares == pytest.approx([1 / 8] * 8, abs=0.01)
-
-
-def test_whitening_makes_rows_independent(designs, rng: np.random.Generator) -> None:
-    design = Design.read(designs / "seed_motor.toml")
-    record = make_record(design, simulate(design, "identification", seed=1))
-    shape = record.target.shape
-    noise = np.zeros(shape)
-    white = rng.standard_normal(shape)
-    for k in range(1, shape[1]):  # AR(1) with 0.9, as in the false-alarm table of the project's facts
-        noise[:, k] = 0.9 * noise[:, k - 1] + white[:, k]
-    whitener = make_whitener(
-        np.divide(noise, record.weight, out=np.zeros(shape), where=record.weight > 1e-3),
-        record.weight,
-        record.mask,
-        record.rate,
-        0,
-    )
-    rows = whitener(np.divide(noise, record.weight, out=np.zeros(shape), where=record.weight > 1e-3))
-    assert rows.std() == pytest.approx(1.0, abs=0.05)
-    assert abs(np.corrcoef(rows[1:], rows[:-1])[0, 1]) < 0.05
 
 
 @pytest.mark.parametrize("seed", [1, 2])

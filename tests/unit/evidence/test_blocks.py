@@ -1,0 +1,63 @@
+"""Left-out blocks taken off the whole, against fits that never saw them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.evidence.blocks import equal_blocks, left_out_gains
+
+
+def test_gains_are_those_of_fits_without_the_block_and_its_gap(rng: np.random.Generator) -> None:
+    channels, n, base, own, gap = 2, 400, 3, 2, 0.3
+    t = np.arange(n) * 0.05
+    columns = rng.standard_normal((channels, n, base + own))
+    target = columns @ [1.0, -2.0, 0.5, 0.2, 0.1] + rng.standard_normal((channels, n))
+    prior = np.diag([10.0, 0.0, 0.0, 0.0, 0.0])[:1]
+    rows = np.concatenate([target[..., None], columns], axis=2)
+    flat = rows.reshape(-1, 1 + base + own)
+    prior_rows = np.concatenate([[[15.0]], prior], axis=1)
+    full = flat.T @ flat + prior_rows.T @ prior_rows
+    edges = equal_blocks(np.ones((channels, n)), t, 8)
+    gains, total = left_out_gains(rows, full, t, edges, gap, base)
+    expected = []
+    for start, stop in edges:
+        train = (t < start - gap) | (t >= stop + gap)
+        test = (t >= start) & (t < stop)
+        errors = []
+        for k in (base, base + own):
+            x = np.vstack([columns[:, train, :k].reshape(-1, k), prior[:, :k]])
+            y = np.concatenate([target[:, train].ravel(), [15.0]])
+            left = target[:, test] - columns[:, test, :k] @ np.linalg.lstsq(x, y)[0]
+            errors.append(float(np.sum(left**2)))
+        expected.append(errors[0] - errors[1])
+    assert gains == pytest.approx(expected, rel=1e-7)
+    assert total == pytest.approx(float(np.sum(target**2)))
+
+
+def test_a_column_that_shows_in_one_block_alone_gains_nothing(rng: np.random.Generator) -> None:
+    n = 320
+    t = np.arange(n) * 1.0
+    spike = np.where((t >= 100.0) & (t < 110.0), 1.0, 0.0)
+    rows = np.stack([rng.standard_normal(n) + 5.0 * spike, np.ones(n), spike], axis=1)[None]
+    full = rows[0].T @ rows[0]
+    edges = [(20.0 * k, 20.0 * (k + 1)) for k in range(16)]
+    gains, _ = left_out_gains(rows, full, t, edges, 2.0, 1)
+    assert gains[5] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_too_few_blocks_are_none(rng: np.random.Generator) -> None:
+    rows = rng.standard_normal((1, 100, 3))
+    full = rows[0].T @ rows[0]
+    gains, _ = left_out_gains(rows, full, np.arange(100.0), [(0.0, 30.0), (30.0, 60.0), (60.0, 100.0)], 0.0, 1)
+    assert len(gains) == 0
+
+
+def test_blocks_share_the_information_equally(rng: np.random.Generator) -> None:
+    t = np.linspace(0.0, 10.0, 4001)
+    weight = np.where(t < 1.0, 9.0, 1.0) * rng.uniform(0.5, 1.5, t.size)
+    blocks = equal_blocks(weight, t, 8)
+    shares = [weight[(t >= a) & (t < b)].sum() / weight.sum() for a, b in blocks]
+    assert len(blocks) == 8
+    assert shares == pytest.approx([1 / 8] * 8, abs=0.01)
+    assert equal_blocks(np.zeros_like(t), t, 8) == []

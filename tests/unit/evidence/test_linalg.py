@@ -1,0 +1,95 @@
+"""Small factors against tall solves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.evidence.linalg import OWN_SHARE, added, factored, gram_of, own_shares, projection_on_all
+
+
+@pytest.fixture
+def model(rng: np.random.Generator) -> np.ndarray:
+    return rng.standard_normal((600, 5)) * [1.0, 1e-6, 1e3, 1.0, 1e5]
+
+
+def test_factor_solves_as_lstsq_does(model: np.ndarray, rng: np.random.Generator) -> None:
+    y = rng.standard_normal(600)
+    factor = factored(model)
+    expected = np.linalg.lstsq(model / np.linalg.norm(model, axis=0), y)[0] / np.linalg.norm(model, axis=0)
+    assert factor.inverse @ (factor.basis.T @ y) == pytest.approx(expected, rel=1e-10)
+    assert factor.basis.T @ factor.basis == pytest.approx(np.eye(5), abs=1e-12)
+
+
+def test_factor_leaves_out_what_there_is_not(model: np.ndarray) -> None:
+    twice = np.column_stack([model, model[:, 0] + 1e-4 * model[:, 2], np.zeros(600)])
+    assert factored(twice).basis.shape == (600, 5)
+
+
+def test_own_share_is_the_sine_of_the_angle_between_two_columns() -> None:
+    angle = 0.03
+    columns = np.array([[1.0, 7.0 * np.cos(angle), 0.0], [0.0, 7.0 * np.sin(angle), 0.0], [0.0, 0.0, 0.0]])
+    assert own_shares(columns) == pytest.approx([np.sin(angle), np.sin(angle), 0.0], rel=1e-9)
+
+
+def test_gram_is_that_of_the_weighted_columns(rng: np.random.Generator) -> None:
+    blocks = [rng.standard_normal((k, 2500)) for k in (1, 3, 2)]
+    weight = rng.uniform(0.0, 1.0, 2500)
+    weight[1000:2100] = 0.0
+    whole = np.vstack(blocks) * weight
+    assert gram_of(blocks, weight) == pytest.approx(whole @ whole.T, rel=1e-12, abs=1e-10)
+    assert gram_of([], weight).shape == (0, 0)
+
+
+@pytest.mark.parametrize("columns", [1, 3])
+def test_what_columns_add_is_what_the_whole_regression_says(
+    model: np.ndarray, rng: np.random.Generator, columns: int
+) -> None:
+    z = rng.standard_normal((600, columns)) * 1e4 + model[:, :1]
+    y = model @ [1.0, 1e6, -1e-3, 0.0, 1e-5] + 1e-4 * z.sum(axis=1) + rng.standard_normal(600)
+    q = factored(model).basis
+    rest = y - q @ (q.T @ y)
+    found = added(z.T @ z, q.T @ z, z.T @ rest)
+    whole = np.column_stack([model, z])
+    size = np.linalg.norm(whole, axis=0)
+    beta = np.linalg.lstsq(whole / size, y)[0] / size
+    left = y - whole @ beta
+    assert found.rank == columns
+    assert found.values == pytest.approx(beta[5:], rel=1e-9)
+    assert found.gain == pytest.approx(rest @ rest - left @ left, rel=1e-9)
+    covariance = np.linalg.inv((whole / size).T @ (whole / size)) / np.outer(size, size)
+    assert found.stderr == pytest.approx(np.sqrt(np.diag(covariance))[5:], rel=1e-9)
+
+
+@pytest.mark.parametrize(("own", "rank"), [(1.05 * OWN_SHARE, 1), (0.95 * OWN_SHARE, 0)])
+@pytest.mark.parametrize("columns", [1, 2])
+def test_squares_know_a_nearly_dependent_column_as_well_as_the_tall_solve(
+    model: np.ndarray, rng: np.random.Generator, own: float, rank: int, columns: int
+) -> None:
+    """At the share below which a column counts as none its square still has the digits that are needed."""
+    q = factored(model).basis
+    free = rng.standard_normal((600, columns))
+    free -= q @ (q.T @ free)
+    free = np.linalg.qr(free)[0]
+    inside = q[:, :1]
+    z = np.sqrt(1.0 - own**2) * inside + own * free[:, :1]
+    if columns == 2:
+        z = np.column_stack([z, q[:, 1]])
+    y = rng.standard_normal(600)
+    rest = y - q @ (q.T @ y)
+    found = added(z.T @ z, q.T @ z, z.T @ rest)
+    assert found.rank == rank
+    if rank:
+        left = z[:, 0] - q @ (q.T @ z[:, 0])
+        assert found.gain == pytest.approx((left @ rest) ** 2 / (left @ left), rel=1e-9)
+
+
+def test_projection_on_all_leaves_what_lstsq_leaves(rng: np.random.Generator) -> None:
+    columns = rng.standard_normal((40, 900))
+    columns = np.vstack([columns, columns[:3] + columns[3:6], np.zeros(900)])
+    y = rng.standard_normal(900)
+    coefficients, rank = projection_on_all(columns @ columns.T, columns @ y, room=100)
+    expected = y - columns.T @ np.linalg.lstsq(columns.T, y)[0]
+    assert rank == 40
+    assert y - coefficients @ columns == pytest.approx(expected, abs=1e-9)
+    assert projection_on_all(columns @ columns.T, columns @ y, room=7)[1] == 7
