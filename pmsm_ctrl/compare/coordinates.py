@@ -1,7 +1,7 @@
 """What a residual may depend on, and the curves that show it.
 
 Every coordinate brings columns of a smooth curve, one for either direction of motion where the axis moves both ways,
-because friction that drifts or lies at a place changes its sign with the motion.
+because friction that drifts or depends on the position changes its sign with the motion.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ UNITS = {
     "speed": "rad/s", "direction": "", "position": "rad", "acceleration": "rad/s^2", "current": "A", "torque": "N m",
     "force": "N", "temperature": "degC", "time since start": "s",
 }  # fmt: skip
-SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: close together where friction bends
+SPEED_KNOTS = np.geomspace(0.01, 1.0, 7)  # of the fast speed: dense where friction is nonlinear
 
 
 @dataclass(frozen=True, eq=False)

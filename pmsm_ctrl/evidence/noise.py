@@ -1,7 +1,7 @@
-"""Correlated residuals: an autoregressive model of them, and honest standard errors of least squares.
+"""Correlated residuals: an autoregressive model, and standard errors of least squares that allow for it.
 
 The point estimates stay those of ordinary least squares, because whitening shifts the weight to high frequencies,
-where differentiation and timing errors live. Only the standard errors use the noise model: with the residual's
+where differentiation and timing errors are large. Only the standard errors use the noise model: with the residual's
 autocorrelation matrix R, ``cov = s^2 (X'X)^-1 X'R X (X'X)^-1`` and ``s^2 = e'e / tr(M R)``, M the projection that
 made the residual. Unlike a Newey-West kernel this does not cut a long memory short, and gaps of the mask are exact.
 
@@ -191,7 +191,7 @@ class SampleMean:
 
 
 def mean_of(values: Array) -> SampleMean:
-    """Return the mean of a correlated record, shape (n,), with an honest standard error."""
+    """Return the mean of a correlated record, shape (n,), with a standard error that allows for the correlation."""
     n = len(values)
     mean = float(np.mean(values))
     residual = values - mean

@@ -1,8 +1,8 @@
-"""Instrumental variables, and the test that says when least squares is biased.
+"""Instrumental variables, and the test whether least squares is biased.
 
-Least squares is biased where its columns hold the noise they are to be told from: an encoder's noise in speed and
-acceleration, and the current sensor's noise that the loops turn into motion. The instruments are the same columns of
-the simulated, noise-free drive that follows the same reference.
+Least squares is biased where its columns are correlated with the noise of the torque: by the encoder's noise in speed
+and acceleration, and by the current sensor's noise, which the loops turn into motion. The instruments are the same
+columns of the simulated, noise-free drive that follows the same reference.
 
 Sources: A. Janot, P. O. Vandanjon, M. Gautier, IEEE Trans. Control Syst. Technol. 22 (2014) 132 (IDIM-IV);
 J. Durbin, Review of the International Statistical Institute 22 (1954) 23; J. A. Hausman, Econometrica 46 (1978) 1251.

@@ -20,7 +20,7 @@ ADDED_CURRENT = 0.02
 
 # -- instrumental variables --------------------------------------------------------------------------------------
 
-# Most simulations; five are enough from 40 % off.
+# Most simulations; from 40 % off five are enough.
 IV_ROUNDS = 10
 # They end when no parameter moves by more than this share of its standard error.
 IV_CONVERGED = 0.01
@@ -29,7 +29,7 @@ IV_CONVERGED = 0.01
 
 # Most evaluations of the simulated torque in one fit.
 FIT_ROUNDS = 30
-# Differences are taken over this share of a parameter: smaller ones drown in the steps of the simulation.
+# Differences are taken over this share of a parameter: smaller ones are lost in the steps of the simulation.
 DIFFERENCE = 2e-3
 # Over what makes this share of the torque, for a linear parameter that is zero.
 FIRST_DIFFERENCE = 0.01

@@ -1,4 +1,4 @@
-"""The bandwidth of an evaluation: what a log has to tell against what noise in its motion spoils."""
+"""The bandwidth of an evaluation: information that a wider band adds against bias by noise in the motion."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _has_shapes(design: Design) -> bool:
 def regression_problem(design: Design, log: Log, processing: Processing) -> Problem:
     """Build the regression for least squares in the default band, or in a wider one that tells more.
 
-    A wider band is taken only where the default one finds every parameter, lest the drive's answer to noise counts as
+    A wider band is taken only where the default one identifies every parameter: the drive's answer to noise is no
     excitation. The inertia keeps a narrower band of its own where noise of the acceleration would bias it by more than
     `NEGLIGIBLE_BIAS`: errors in a column shrink its parameter by the share of the column's power that is theirs
     (W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1). A cutoff given in `processing` is taken.

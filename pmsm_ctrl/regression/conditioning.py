@@ -23,6 +23,8 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression import notices as words
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.filters import derivative, low_pass
+from pmsm_ctrl.regression.masks import count_reversals, resting, slow_speed, torque_jumps, without_edges
+from pmsm_ctrl.regression.measurement_correction import undone
 from pmsm_ctrl.regression.signals import logged_torque
 from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.section import Notice
@@ -38,16 +40,15 @@ FEWEST = 100
 SMALLEST = 1e-15
 # Low-pass of the signals before they are differentiated, in cutoffs.
 PREFILTER = 2.5
-# Time cut at both ends and around gaps, in periods of the cutoff: what the steep filter guessed before the record has
-# faded to 0.4 % by then.
+# Time cut at both ends and around gaps, in periods of the cutoff: the filter's transient has fallen to 0.4 % by then.
 EDGE = 4.0
 # Default low-pass, Hz: friction and inertia of a servo axis show below it.
 USUAL = 40.0
-# Low-pass of the speed, Hz, from which rests and reversals are found that are to be blanked: a low-pass rounds off the
-# kink that dry friction makes at a reversal, and the rounded speed turns too late.
-KEEN = 250.0
-# Noise turns the axis where there are so many times the reversals that the band of the evaluation has.
-NERVOUS = 1.5
+# Low-pass of the speed, Hz, in which rests and reversals are found for blanking: a narrower one rounds off the kink
+# that dry friction makes at a reversal, and the rounded speed changes its sign too late.
+REST_BAND = 250.0
+# Reversals over those in the band of the evaluation, from which on they are taken for noise.
+MOST_REVERSALS = 1.5
 
 
 @dataclass(frozen=True)
@@ -63,17 +64,17 @@ class Processing:
         from this band alone, since the noise of a measured acceleration grows with the square of the frequency.
         None: it is found from the whole band.
     derivative : {"nine_point", "central"}
-        "central" loses 1 % at 30 Hz on a 1 kHz log; it is there to reproduce other people's figures.
+        "central" loses 1 % at 30 Hz on a 1 kHz log; it reproduces published figures.
     standstill : float
         Speeds below this share of the 99 % quantile are masked: friction is set-valued there.
     through_reversals : bool
         Whether samples at rest take part where the rest is shorter than the filter's memory, as at a reversal:
         for an evaluation that simulates the rest. Longer rests never take part.
     blank : bool or None
-        Whether rests and reversals are set to zero on both sides before the low-pass. Left out after it, they have
-        spread to their neighbours: friction at rest is whatever balances the drive, not the level that its column
-        holds. Not done where the encoder is so coarse that noise turns the axis. None: `identify` does, `prepare`
-        does not.
+        Whether rests and reversals are set to zero on both sides before the low-pass. Masked after it, they have
+        spread to their neighbours: friction at rest is whatever balances the drive, not the level in its column. Not
+        done where the encoder is so coarse that its noise reverses the axis. None: `identify` does, `prepare` does
+        not.
     """
 
     cutoff: float | None = None
@@ -141,7 +142,7 @@ class Prepared:
         return mask if self.weight is None else mask & (self.smooth(self.weight) > 0.5)
 
     def blanked(self, weight: Array | None) -> Prepared:
-        """Return a copy with this weight on top of its own."""
+        """Return a copy with this weight in addition to its own."""
         if weight is None:
             return self
         return replace(self, weight=weight if self.weight is None else self.weight * weight)
@@ -188,8 +189,6 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
     t, raw, good, notes = uniform(log)
     raw, notes = _without_dead_voltages(raw, notes)
     if not as_logged:
-        from pmsm_ctrl.regression.measurement_correction import undone
-
         angle = {"theta": unwrapped(raw["theta"])} if "theta" in raw else {}
         raw, left_in = undone(design, t, raw | angle)
         notes = (*notes, *left_in)
@@ -198,7 +197,6 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
     if not 0 < cutoff < rate / 2:
         raise RequestError(f"cutoff {cutoff:g} Hz: it should lie between 0 and half the log's rate, {rate / 2:g} Hz")
     signals, alpha, clean, blank = _moved(raw, rate, cutoff, processing, where)
-    processing = replace(processing, blank=blank)
     for name in ("i_d", "i_q", "u_d", "u_q", "T_load", "temperature"):
         if name in raw:
             signals[name] = clean(raw[name])
@@ -207,19 +205,19 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
     signals["t"] = t - t[0]  # terms that drift count from the begin of the log
     for name in {"i_d", "i_q"} & signals.keys():
         signals[f"d{name}"] = derivative(signals[name], 1.0 / rate, processing.derivative)
-    rest = _resting(signals["omega"], rate, cutoff, processing)
-    moving = np.ones(len(t), dtype=bool) if processing.blank else ~rest
-    moving = _sound(moving, good, round(EDGE * rate / cutoff))
+    slow = slow_speed(signals["omega"], processing.standstill)
+    rest = resting(signals["omega"], slow, round(rate / cutoff), blank, processing.through_reversals)
+    moving = np.ones(len(t), dtype=bool) if blank else ~rest
+    moving = without_edges(moving, good, round(EDGE * rate / cutoff))
     # A drive that runs at the log's own rate holds its torque between samples: nothing is missed then.
     decimated = design.motor.electrical and design.drive.f_control > 1.5 * rate
-    spikes = _spikes(raw["torque"] if "torque" in raw else raw["i_q"]) if decimated else np.arange(0)
+    spikes = torque_jumps(raw["torque"] if "torque" in raw else raw["i_q"]) if decimated else np.arange(0)
     for k in spikes:
         moving[max(0, k - round(2.0 * rate / cutoff)) : k + round(2.0 * rate / cutoff)] = False
     if len(spikes):
         notes = (*notes, words.TORQUE_JUMPS(percent=100.0 * len(spikes) / len(t)))
     keep = np.arange(0, len(t), _step(rate, cutoff))
-
-    weight = np.where(rest, 0.0, 1.0) if processing.blank else None
+    weight = np.where(rest, 0.0, 1.0) if blank else None
     prepared = Prepared(
         t, signals, alpha, moving, keep, rate, cutoff, log.motion, notes, weight, processing.inertia_cutoff
     )
@@ -230,7 +228,7 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
 
 
 def default_cutoff(rate: float) -> float:
-    """Return the low-pass of an evaluation that is told nothing else, Hz, for a log of this rate, Hz."""
+    """Return the default low-pass, Hz, for a log of this rate, Hz."""
     return min(USUAL, rate / 8.0)
 
 
@@ -239,7 +237,7 @@ def _cutoff(processing: Processing, rate: float) -> float:
 
 
 def _step(rate: float, cutoff: float) -> int:
-    """Return by how much a band is thinned: as near to 2.5 times its width as can be, and never below twice.
+    """Return the factor by which a band is thinned: to a rate near 2.5 times its width, and never below twice.
 
     A band that leaves much of its grid's spectrum empty has a residual whose correlation no short model describes.
     """
@@ -262,7 +260,7 @@ def _without_dead_voltages(
 
 
 def _require_motion(signals: Mapping[str, Array], where: str) -> None:
-    """Refuse a log in which nothing turns or nothing drives; rounding errors are neither."""
+    """Refuse a log without motion or without torque; rounding errors are neither."""
     for name, what in (("omega", "the axis stands still"), ("torque", "the drive makes no torque")):
         if float(np.max(np.abs(signals[name]))) < SMALLEST:
             raise LogError(
@@ -273,7 +271,7 @@ def _require_motion(signals: Mapping[str, Array], where: str) -> None:
 def _moved(
     raw: Mapping[str, Array], rate: float, cutoff: float, processing: Processing, where: str
 ) -> tuple[dict[str, Array], Array, Callable[[Array], Array], bool]:
-    """Return what moves, the acceleration, the low-pass that made them, and whether rests are to be blanked."""
+    """Return the motion, the acceleration, the low-pass that made them, and whether rests are blanked."""
 
     def made(wide: float) -> tuple[dict[str, Array], Array, Callable[[Array], Array]]:
         clean = (lambda x: low_pass(x, rate, wide)) if wide < 0.45 * rate else (lambda x: x)
@@ -282,21 +280,16 @@ def _moved(
     usual = PREFILTER * cutoff
     if not processing.blank:
         return *made(usual), False
-    most = NERVOUS * _turns(made(cutoff)[0]["omega"], processing)
-    for wide in (max(usual, KEEN), usual):
+
+    def reversals(omega: Array) -> int:
+        return count_reversals(omega, slow_speed(omega, processing.standstill))
+
+    most = MOST_REVERSALS * reversals(made(cutoff)[0]["omega"])
+    for wide in (max(usual, REST_BAND), usual):
         signals, alpha, clean = made(wide)
-        if _turns(signals["omega"], processing) <= most:
+        if reversals(signals["omega"]) <= most:
             return signals, alpha, clean, True
     return signals, alpha, clean, False
-
-
-def _slow(omega: Array, processing: Processing) -> float:
-    return processing.standstill * float(np.quantile(np.abs(omega), 0.99))
-
-
-def _turns(omega: Array, processing: Processing) -> int:
-    """Return how often a speed changes its direction."""
-    return int(np.count_nonzero(np.diff(np.sign(omega[np.abs(omega) > _slow(omega, processing)]))))
 
 
 def _motion(
@@ -311,43 +304,3 @@ def _motion(
     else:
         raise LogError(f"{where}neither theta nor omega (present: {', '.join(raw)})", next_command=NextCommand.IMPORT)
     return {"theta": theta, "omega": omega, "direction": np.sign(omega)}, derivative(omega, period, method)
-
-
-def _spikes(torque: Array) -> NDArray[np.int64]:
-    """Return the samples where the torque jumps: what it did in between was not sampled, and is aliased.
-
-    A jump is larger than a fifth of the torque's range and than ten times the scatter of all steps: the answer
-    of a stiff loop to a step of its reference, not the torque of a motion that the log can follow.
-    """
-    step = np.abs(np.diff(torque))
-    span = float(np.subtract(*np.quantile(torque, [0.9999, 0.0001])))
-    scatter = 1.4826 * float(np.median(step))
-    return np.flatnonzero(step > max(0.2 * span, 10.0 * scatter))
-
-
-def _resting(omega: Array, rate: float, cutoff: float, processing: Processing) -> Mask:
-    """Return the samples, shape (n,), at which the axis rests or turns, and what they spoil of their neighbours."""
-    rest = np.abs(omega) <= _slow(omega, processing)
-    turns = np.flatnonzero(np.diff(np.sign(omega)) != 0.0)
-    # A reversal passes; after a rest longer than the filter's memory the neighbours are contaminated as well.
-    memory = round(rate / cutoff)
-    if processing.blank and not processing.through_reversals:
-        rest[turns] = rest[turns + 1] = True
-    change = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(np.int8)))
-    for start, stop in zip(change[::2], change[1::2], strict=True):
-        if stop - start > memory and not processing.blank:
-            rest[max(0, start - memory) : stop + memory] = True
-        elif stop - start <= memory and processing.through_reversals:
-            rest[start:stop] = False
-    return rest
-
-
-def _sound(moving: Mask, good: Mask, edge: int) -> Mask:
-    """Return `moving` without the gaps, what surrounds them, and both ends."""
-    for k in np.flatnonzero(np.diff(good.astype(np.int8))):
-        moving[max(0, k - edge) : k + edge] = False
-    moving &= good
-    if edge:
-        moving[:edge] = False
-        moving[-edge:] = False
-    return moving
