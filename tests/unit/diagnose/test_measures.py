@@ -1,0 +1,72 @@
+"""The numbers that the criteria judge, from fits and trials that are written down by hand."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.measures import contribution, gain_of_rows, plain_errors, relief, strain, weighted_errors
+
+REST = np.array([3.0, -1.0, 2.0, 4.0, 5.0, 6.0])  # three rows of the log, then the priors of J, R and psi_f
+PART = np.array([1.0, 0.5, 0.0, 2.0, 1.0, 4.0])  # what an effect explains of them
+
+
+def solved() -> Any:
+    model = SimpleNamespace(names=("J", "F_c", "R", "psi_f"), sigma=np.array([0.1, np.inf, 0.2, 0.3]))
+    return SimpleNamespace(rest=REST, rows=3, model=model)
+
+
+def test_gain_is_that_of_the_rows_and_relief_that_of_the_winding() -> None:
+    fall = REST**2 - (REST - PART) ** 2
+    assert gain_of_rows(solved(), PART) == pytest.approx(fall[:3].sum())
+    assert relief(solved(), PART) == pytest.approx(fall[4] + fall[5]), "the inertia is no winding"
+    assert strain(solved()) == pytest.approx(5.0**2 + 6.0**2)
+    assert gain_of_rows(solved(), -PART) == 0.0
+
+
+def fit(coarse: float = 0.0) -> Any:
+    """Two balances of 100 samples: rms 10 N m with noise of 2 N m, and 5 V with noise of 0.1 V."""
+    record = SimpleNamespace(
+        channels=("torque", "u_q"), target=np.stack([np.full(100, 10.0), np.full(100, -5.0)]),
+        weight=np.stack([np.ones(100), np.linspace(0.5, 1.0, 100)]), mask=np.arange(100) < 90,
+        coarse=np.array([coarse, coarse]),
+    )  # fmt: skip
+    whitener = SimpleNamespace(channel=np.repeat([0, 1], 90), sigma=(2.0, 0.1))
+    residual = np.stack([np.where(np.arange(100) < 90, 3.0, 99.0), np.full(100, 0.2)])
+    return SimpleNamespace(record=record, whitener=whitener, residual=residual, plain=SimpleNamespace(rows=180))
+
+
+def test_contribution_is_judged_where_it_is_largest() -> None:
+    part = np.zeros(180)
+    part[:10] = 0.5  # of the noise's 2 N m: 1 N m in ten samples of 90, a tenth of the balance
+    trial = SimpleNamespace(plain_direction=part)
+    assert contribution(fit(), trial) == pytest.approx(0.1, rel=0.01)  # type: ignore[arg-type]
+    assert contribution(fit(coarse=0.99), trial) == pytest.approx(0.1, rel=0.01)  # type: ignore[arg-type]
+    assert contribution(fit(coarse=1.01), trial) == 0.0  # type: ignore[arg-type]
+
+
+def test_errors_of_moving_samples_weighted_and_not() -> None:
+    assert plain_errors(fit()) == pytest.approx({"torque": 3.0, "u_q": 0.2})
+    weight = np.linspace(0.5, 1.0, 100)[:90]
+    assert weighted_errors(fit()) == pytest.approx({"torque": 3.0, "u_q": 0.2 * np.sqrt(np.mean(weight**2))})
+
+
+def test_the_same_effects_of_the_same_shapes_are_not_fitted_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    monkeypatch.setattr(sys.modules[Case.__module__], "fit_design", lambda *a: made.append(a[2]))
+    case = Case(None, None, {})  # type: ignore[arg-type]
+    accepted = (SimpleNamespace(effect=SimpleNamespace(id="stribeck"), shape={"w_s": 8.0}),)
+    other = (SimpleNamespace(effect=SimpleNamespace(id="stribeck"), shape={"w_s": 8.1}),)
+    kept = case.keep(SimpleNamespace(accepted=accepted))  # type: ignore[arg-type]
+    assert case.keep(kept) is kept
+    assert len(case.fits) == 1
+    assert case.fit(accepted) is kept  # type: ignore[arg-type]
+    assert made == []
+    case.fit(other)  # type: ignore[arg-type]
+    assert made == [other]
+    assert case.holdout_errors(kept) == {}
