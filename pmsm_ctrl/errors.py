@@ -20,7 +20,7 @@ class NextCommand(Enum):
     TUNE = "pmsm-ctrl tune DESIGN --output NEW_DESIGN"
     MAP = "--map i_q='COLUMN [UNIT]' says which column it is"
     IMPORT = "pmsm-ctrl import LOG"
-    EFFECTS = "pmsm-ctrl effects lists them"
+    EFFECTS = "pmsm-ctrl effects lists them; --effects FILE.py adds your own"
     IDENTIFY = "pmsm-ctrl identify takes a log of any motion"
 
 
