@@ -15,10 +15,13 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import POLICY, Diagnosis, add, diagnose
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.section import Picture
-from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate import Scenario, simulate
+from pmsm_ctrl.simulate.run import prepare
 from pmsm_ctrl.simulate.scenarios import scenario
+from tests.unit.simulate.composed import TERMS, simulate_composed
 
 
 def seeds(first: object, *more: object) -> list[object]:
@@ -28,14 +31,22 @@ def seeds(first: object, *more: object) -> list[object]:
 
 @pytest.fixture(scope="module")
 def blind(project_root: Path) -> ModuleType:
-    """The suite of tests/benchmarks/blind.py; its long form runs on demand."""
+    """The suite of tests/benchmarks/blind.py, its logs from one compiled kernel; its long form runs on demand."""
     spec = importlib.util.spec_from_file_location("blind", project_root / "tests" / "benchmarks" / "blind.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
+    module.__dict__["simulate"] = simulated
     return module
+
+
+def simulated(design: Design, motion: Scenario, *, truth: Design, seed: int) -> Log:
+    """Simulate; where nothing but terms is active, in the kernel that holds all of them."""
+    if {effect.id for effect in prepare(design, motion, truth=truth).active} <= set(TERMS):
+        return simulate_composed(design, motion, truth, seed=seed, keep_truth=False)
+    return simulate(design, motion, truth=truth, seed=seed)
 
 
 def last_caption(result: Diagnosis) -> str:

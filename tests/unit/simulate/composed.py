@@ -24,9 +24,10 @@ TERMS = tuple(effect.id for effect in CATALOGUE.values() if not effect.has_state
 
 
 def simulate_composed(
-    design: Design, motion: Scenario, truth: Design | None = None, *, composed: Iterable[str] = TERMS, seed: int = 0
-) -> Log:
-    """Simulate with the truth in the log; effects of `composed` that the truth lacks have zero amplitude."""
+    design: Design, motion: Scenario, truth: Design | None = None, *, composed: Iterable[str] = TERMS, seed: int = 0,
+    keep_truth: bool = True,
+) -> Log:  # fmt: skip
+    """Simulate, with the truth in the log; effects of `composed` that the truth lacks have zero amplitude."""
     drive = prepare(design, motion, truth=truth)
     values, taken = {}, iter(drive.effects)
     for effect in drive.active:
@@ -39,4 +40,4 @@ def simulate_composed(
     numbers = tuple(value for effect in effects for value in values[effect.id])
     drive = replace(drive, active=effects, effects=numbers)
     compensated = drive.feedforward.effects if drive.feedforward else ()
-    return drive.log(run_kernel(load(effects, compensated), drive, seed), seed, True)
+    return drive.log(run_kernel(load(effects, compensated), drive, seed), seed, keep_truth)
