@@ -53,7 +53,7 @@ class RequestError(PmsmCtrlError):
 
 
 class SimulationError(PmsmCtrlError):
-    """A simulation left the finite numbers; the message says where, when and why."""
+    """A simulation diverged; the message gives the scenario, the time and likely causes."""
 
 
 class CacheWarning(UserWarning):

@@ -105,7 +105,7 @@ def simulate_adaptive(
             n, k, states, plant.array(), drive.controller.array(), drive.effects, inputs, out[row:], noise
         )
         if wrote < 0:
-            raise SimulationError(f"scenario '{motion.name}': the simulation left the finite numbers while adapting")
+            raise SimulationError(f"scenario '{motion.name}': the simulation diverged with the adaptive compensation")
         if where:
             tracker = tracker or _Tracker(design)
             tracker.feed(out[row : row + wrote])

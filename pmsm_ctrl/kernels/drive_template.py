@@ -1,11 +1,11 @@
 """The sampled drive: PMSM, inverter, encoder and cascade controller. A template that `simulate.compose` completes.
 
-It is ordinary Python with marks: a comment ``# <name>`` stands where the active effects bring lines, and at the
-end of a line it stands for the line that they replace. Without effects the marks do nothing and what is left is
-the bare drive, so an effect that is off costs nothing. Every name an effect's lines may use is a local here.
+It is ordinary Python with marks: a comment ``# <name>`` on a line of its own is replaced by the lines of the active
+effects; at the end of a line, it marks a line that they replace. Without effects the marks do nothing, so that an
+effect that is off costs nothing. Every name that an effect's lines may use is a local here.
 
-The held voltage is fixed to the stator for one control period while the rotor turns on; the plant sees it
-through the angle between the two, which is small, hence the polynomial.
+The voltage is constant in the stator frame for one control period while the rotor turns; the plant sees it through
+the angle between the two, which is small, hence the polynomial.
 """
 
 # mypy: ignore-errors
@@ -22,7 +22,7 @@ from pmsm_ctrl.kernels.rotation import cos_small, normal, quantise, sin_small
 
 @inlined
 def shaft_torque(y, t, direction, held, machine, effects):
-    """Torque left to accelerate the shaft in N m."""
+    """Accelerating torque of the shaft in N m."""
     i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]  # noqa: F841 - an effect may read them
     R, L_d, L_q, p, psi_f, J = machine
     # <parameters>
@@ -104,7 +104,7 @@ def step_dry(y, t, h, held, machine, effects):
         elif direction * new[2] < 0.0:
             undecided = False
             if y[2] == 0.0:
-                # The push that started this step reverses inside it: rest until the next one.
+                # The torque that started this step reverses inside it: rest until the next one.
                 direction = 0.0
             else:
                 trial *= y[2] / (y[2] - new[2])
@@ -127,7 +127,7 @@ def step_smooth(y, t, h, held, machine, effects):
 
 @inlined
 def measure(y, p, counts, current_noise, noise, effects):
-    """What the drive's sensors say: angle, and the currents in the frame of that angle."""
+    """Measured angle, and the currents in the frame of that angle."""
     i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]  # noqa: F841 - an effect may read them
     # <parameters>
     theta_m = quantise(theta, counts)  # <encoder>
@@ -160,7 +160,7 @@ def speed_control(gains, memory, theta_m, reference, T_s):
     wanted = K_s * e + I_s + k_alpha * reference[2] + reference[3]
     # <compensation>
     i_q_ref = min(max(wanted, -i_max), i_max)
-    # What the limit takes away is fed back, so that the integrator never winds up.
+    # Anti-windup: the part cut off by the limit is fed back.
     I_s += b_s * (K_s * e + i_q_ref - wanted)
     return (I_s, theta_m, omega_hat, omega_filtered), i_q_ref
 

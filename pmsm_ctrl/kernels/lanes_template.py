@@ -1,10 +1,10 @@
 """Drives side by side: the control period of `drive_template` for LANES drives at once. `simulate.lanes` completes it.
 
-`simulate.lanes` puts this `run` in the place of the drive's own: measurement, controllers, torque balance and
-Runge-Kutta step are the same functions. Every quantity is a row of LANES numbers in one flat array, and every loop
-over the lanes is straight code, which LLVM turns into vector instructions. What needs a decision of its own (the
-voltage limit outside the inscribed circle, a speed that meets zero inside a step) is counted in those loops and
-then done drive by drive, by the functions of the scalar kernel: it is rare.
+`simulate.lanes` replaces the drive's `run` by this one: measurement, controllers, torque balance and Runge-Kutta step
+are the same functions. Every quantity is a row of LANES numbers in one flat array, and every loop over the lanes is
+straight code, which LLVM turns into vector instructions. Rare branches (the voltage limit outside the inscribed
+circle, a speed that meets zero inside a step) are counted in those loops and then computed drive by drive by the
+functions of the scalar kernel.
 """
 
 # mypy: ignore-errors
@@ -29,7 +29,7 @@ EFFECTS = INPUTS + 6 * LANES  # <rows>
 
 @inlined
 def normal(noise):
-    """In the place of the drive's own: here the noise is drawn beforehand and added after `measure`."""
+    """Replaces the drive's own: the noise is drawn beforehand and added after `measure`."""
     return noise
 
 
@@ -73,7 +73,7 @@ def effects_of(x, l):
 
 @kernel
 def measure_all(x, counts, noise, j):
-    """What the sensors of all lanes say; `noise` row `j` holds what was drawn for the two currents."""
+    """Measured angle and currents of all lanes; row `j` of `noise` is that of the two currents."""
     for l in range(LANES):
         y, p = four(x, 0, l), x[MACHINE + 3 * LANES + l]
         theta_m, i_d_m, i_q_m = measure(y, p, counts, 0.0, 0.0, effects_of(x, l))
@@ -99,7 +99,7 @@ def speed_all(x, inputs, j, T_s):
 
 @kernel
 def current_all(x, T, delay):
-    """The current controllers of all lanes; leaves the voltage now held and the next one."""
+    """The current controllers of all lanes; sets the voltage of this period and the next one."""
     outside = 0
     for l in range(LANES):
         i_ref, i_m = (x[10 * LANES + l], x[9 * LANES + l]), (x[I_D_M + l], x[I_Q_M + l])
@@ -132,9 +132,9 @@ def held_of(x, l):
 
 @inlined
 def direction_of(y, t, held, machine, effects):
-    """Direction of dry friction: of motion, or of what starts to move, or 0 while friction holds the shaft.
+    """Direction of dry friction: of the motion, of the impending motion, or 0 while friction holds the shaft.
 
-    All of it is worked out and then chosen: a decision would keep the loop from becoming vectors.
+    All cases are computed and one is selected: a branch would prevent vector instructions.
     """
     forward = shaft_torque(y, t, 1.0, held, machine, effects)
     backward = shaft_torque(y, t, -1.0, held, machine, effects)
@@ -144,7 +144,7 @@ def direction_of(y, t, held, machine, effects):
 
 @kernel
 def step_all(x, t, h):
-    """One plant step of all lanes; the few whose speed meets zero inside it take the scalar kernel's split step."""
+    """One plant step of all lanes; those whose speed meets zero inside it take the scalar kernel's split step."""
     crossed = 0
     for l in range(LANES):
         y, held, machine, effects = four(x, 0, l), held_of(x, l), machine_of(x, l), effects_of(x, l)

@@ -1,7 +1,7 @@
-"""Compose the drive kernel for a set of effects: the template plus the lines each effect brings.
+"""Compose the drive kernel for a set of effects: the template plus the lines of each effect.
 
-A generated source file per combination is compiled once and cached on disk. It is plain Python that can be
-read (`source`), and run without numba (`load(..., compiled=False)`): the readable twin of the kernel.
+Every combination is a generated source file, compiled once and cached on disk. It is plain Python: `source` returns
+it, and ``load(..., compiled=False)`` runs it without numba.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.effects.fingerprint import fingerprint
@@ -27,7 +28,7 @@ __all__ = ["BARE_STATES", "load", "module_of", "source", "structures"]
 
 _LOADING = threading.Lock()  # a module loaded twice would be compiled twice
 _MARK = re.compile(r"#\s<([a-z_ ]+)>\s*$")
-BARE_STATES = 15  # numbers the kernel carries from one call to the next; structures add theirs
+BARE_STATES = 15  # states of the kernel without effects; structures add theirs
 _TEMPLATE = Path(__file__).resolve().parent.parent / "kernels" / "drive_template.py"
 
 
@@ -56,9 +57,20 @@ def _source(effects: tuple[Effect, ...], compensated: tuple[Effect, ...]) -> str
 
 
 def load(effects: Sequence[Effect], compensated: Sequence[Effect] = (), *, compiled: bool = True) -> ModuleType:
-    """Return the module with `run` for these effects; `compiled=False` gives the readable twin in plain Python.
+    """Return the module whose `run` simulates a drive with these effects.
 
-    `compensated` are the effects that the controller feeds forward; their values come with the references.
+    Parameters
+    ----------
+    effects : sequence of Effect
+        The plant's effects, in the order of their parameters.
+    compensated : sequence of Effect
+        Effects of the controller's feedforward; their parameters are columns of the references.
+    compiled : bool
+        False returns the same text in plain Python, for reading and comparison.
+
+    Returns
+    -------
+    module
     """
     plant, drive = tuple(effects), tuple(compensated)
     text = _source(plant, drive)
@@ -66,13 +78,13 @@ def load(effects: Sequence[Effect], compensated: Sequence[Effect] = (), *, compi
 
 
 def module_of(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect, ...]) -> ModuleType:
-    """Return the module of a generated text, with the terms it calls; threads that ask for the same get the same."""
+    """Return the module of a generated text, with the terms it calls; the same one for all threads."""
     with _LOADING:
         return _compiled(text, effects, compensated)
 
 
 def structures(effects: Sequence[Effect]) -> list[tuple[type[Structure], int]]:
-    """Return the structures of effects and where the memory of each begins, in the order of the kernel's states."""
+    """Return the structures of effects and the first state of each, in the order of the kernel's states."""
     present = {type(effect.structure) for effect in effects}
     found, offset = [], BARE_STATES
     for kind in STRUCTURES:
@@ -102,9 +114,9 @@ def _lines(effects: Sequence[Effect]) -> dict[str, list[str]]:
 
 
 def _reuse(text: str) -> str:
-    """Import the functions that no active effect has changed from the template, where they are compiled already.
+    """Import the functions that no effect changes from the template, where they are compiled already.
 
-    Only those whose arguments have the same types in every combination: the rest is compiled anew in any case.
+    Only those whose arguments have the same types in every combination; the others are compiled anew in any case.
     """
     bare = source(())
     unchanged = []
@@ -131,10 +143,9 @@ def _compiled(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect,
     name = f"drive_{digest.hexdigest()[:16]}"
     typed = [e for e in (*effects, *compensated) if not Path(e.py_term.__code__.co_filename).is_file()]
     if typed:
-        # A term typed at a prompt cannot be found again by another process: nothing of it may reach the disk.
+        # A term typed at a prompt has no file, so that another process could not compile it: keep it off the disk.
         module = ModuleType(name)
-        module.__dict__.update({f"e{k}_term": effect.term for k, effect in enumerate(effects)})
-        module.__dict__.update({f"f{k}_term": effect.term for k, effect in enumerate(compensated)})
+        module.__dict__.update(_terms(effects, compensated))
         exec(compile(text, name, "exec"), module.__dict__)  # the package's own text
         return module
     folder = cache_folder() / "generated"
@@ -147,8 +158,7 @@ def _compiled(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect,
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
-    module.__dict__.update({f"e{k}_term": effect.term for k, effect in enumerate(effects)})
-    module.__dict__.update({f"f{k}_term": effect.term for k, effect in enumerate(compensated)})
+    module.__dict__.update(_terms(effects, compensated))
     spec.loader.exec_module(module)
     return module
 
@@ -158,13 +168,18 @@ def _plain(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect, ..
     from pmsm_ctrl.kernels import balance, control, rotation
 
     module = ModuleType("drive_twin")
-    # The same text with `kernel` doing nothing; it is the package's own, not a user's.
+    # The same text without compilation; it is generated by the package, not a user's.
     text = text.replace(
         "from pmsm_ctrl.kernels import inlined, kernel\n", "inlined = kernel = lambda function: function\n"
     )
     exec(compile(text, "drive_twin", "exec"), module.__dict__)
     for library in (balance, control, rotation):
         module.__dict__.update({name: getattr(library, name).py_func for name in library.__all__})
-    module.__dict__.update({f"e{k}_term": effect.py_term for k, effect in enumerate(effects)})
-    module.__dict__.update({f"f{k}_term": effect.py_term for k, effect in enumerate(compensated)})
+    module.__dict__.update(_terms(effects, compensated, "py_term"))
     return module
+
+
+def _terms(effects: Sequence[Effect], compensated: Sequence[Effect], kind: str = "term") -> dict[str, Any]:
+    """Return the functions that a generated text calls, by the names it has for them."""
+    pairs = (("e", effects), ("f", compensated))
+    return {f"{letter}{k}_term": getattr(effect, kind) for letter, group in pairs for k, effect in enumerate(group)}

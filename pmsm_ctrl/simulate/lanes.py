@@ -1,7 +1,7 @@
 """Drives side by side: groups that share one kernel, whose loops over the drives become vector instructions.
 
-A group has one effect combination and one timing; parameters, controllers, references and noise are each drive's
-own. The physics is the scalar kernel's, so that a drive differs from its single run by rounding alone.
+A group has one combination of effects and one timing; every drive has its own parameters, controllers, references
+and noise. The physics is the scalar kernel's, so that a drive differs from its single run by rounding alone.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ __all__ = ["LANES", "WORTH", "Group", "groups", "load_lanes", "simulate_group"]
 Array = NDArray[Any]
 
 LANES = 16
-FEWEST = 6  # drives from which a group with empty lanes is still faster than one by one
-WORTH = 50_000_000  # control periods of a combination from which compiling its group kernel pays
-CHUNK = 1 << 13  # control periods of noise drawn at once: calls hold the interpreter's lock, so few of them
-BLOCK = 1 << 14  # control periods of references worked out at once
+FEWEST = 6  # drives above which a group with empty lanes is faster than single runs
+WORTH = 50_000_000  # control periods of a combination above which compiling its kernel saves time
+CHUNK = 1 << 13  # control periods of noise drawn at once: each call holds the interpreter's lock
+BLOCK = 1 << 14  # control periods of references computed at once
 _TEMPLATE = Path(__file__).resolve().parent.parent / "kernels" / "lanes_template.py"
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Drives that one kernel takes side by side: their numbers in the batch, and what to simulate."""
+    """Drives for one kernel: their numbers in the batch, and the drives."""
 
     numbers: tuple[int, ...]
     drives: tuple[Prepared, ...]
 
 
 def groups(drives: Mapping[int, Prepared], *, always: bool = False) -> list[Group]:
-    """Return groups of drives that fit side by side; who is in none is better simulated alone.
+    """Return groups of drives that can run side by side; all others are simulated one by one.
 
-    With `always` also those whose kernel takes longer to compile than the group saves.
+    With `always` also groups whose kernel takes longer to compile than it saves.
     """
     alike: dict[Any, list[int]] = defaultdict(list)
     for number, drive in drives.items():
@@ -109,7 +109,7 @@ def simulate_group(group: Group, seed: int, keep_truth: bool) -> list[Log] | Non
     Returns
     -------
     list of Log or None
-        A log a drive, in order; None when a state stopped being finite: single runs will tell which.
+        The logs in order; None when a state stopped being finite: single runs find the drive.
     """
     from pmsm_ctrl.kernels.noise import draw
 
@@ -134,12 +134,12 @@ def simulate_group(group: Group, seed: int, keep_truth: bool) -> list[Log] | Non
         if wrote < 0:
             return None
         row += wrote
-    found = zip(group.numbers, group.drives, out, strict=False)  # an empty lane has no drive
+    found = zip(group.numbers, group.drives, out, strict=False)  # without the empty lanes
     return [drive.log(table[:row], seed + number, keep_truth) for number, drive, table in found]
 
 
 def _rows(group: Group, module: ModuleType) -> Array:
-    """Return the kernel's rows at the start, flat; an empty lane repeats the last drive."""
+    """Return the kernel's initial rows, flat; an empty lane repeats the last drive."""
     x = np.zeros((module.EFFECTS // LANES + len(group.drives[0].effects), LANES))
     for lane in range(LANES):
         drive = group.drives[min(lane, len(group.drives) - 1)]

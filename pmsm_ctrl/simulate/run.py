@@ -116,7 +116,7 @@ class Prepared:
         return max(1, round(self.motion.duration / self.plant.period))
 
     def states(self) -> Array:
-        """Return the kernel's states at the start."""
+        """Return the kernel's initial states."""
         return _start(self.motion, self.plant, self.active)
 
     def log(self, table: Array, seed: int, keep_truth: bool) -> Log:
@@ -139,12 +139,25 @@ class Prepared:
 
 
 def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = None) -> Prepared:
-    """Check one drive and read everything its simulation needs; arguments as for `simulate`.
+    """Check one drive and read everything that its simulation needs.
+
+    Parameters
+    ----------
+    design : Design
+        The controller's.
+    scenario : str or Scenario
+        The motion.
+    truth : Design, optional
+        The plant's; `design` itself when left out.
+
+    Returns
+    -------
+    Prepared
 
     Raises
     ------
     DesignError
-        When the plant or the loops are not known well enough to simulate.
+        When data of the plant or the loops are missing.
     RequestError
         When the motion is too long for a log.
     """
@@ -155,8 +168,8 @@ def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = 
     rows = motion.duration / (plant.period * plant.log_divider)
     if rows > MOST_ROWS:
         raise RequestError(
-            f"scenario '{motion.name}': {motion.duration:.3g} s are {rows:.3g} logged samples; at most {MOST_ROWS:.0e} "
-            "were expected: shorten the motion, or raise sensor.log_divider"
+            f"scenario '{motion.name}': {motion.duration:.3g} s are {rows:.3g} logged samples, at most {MOST_ROWS:.0e} "
+            "are possible; shorten the motion, or raise sensor.log_divider"
         )
     bound = [(effect, values) for effect, values in bound_effects(plant_design) if effect.active(values)]
     bound = _as_simulated(bound, plant, plant_design)
@@ -166,7 +179,7 @@ def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = 
 
 
 def _start(motion: Scenario, plant: Plant, active: Sequence[Effect]) -> Array:
-    """Return the kernel's states at the start: everything turns at omega_0, nothing is deflected."""
+    """Return the initial states: both masses at omega_0, nothing deflected."""
     kinds = structures(active)
     states = np.zeros(BARE_STATES + sum(kind.memory for kind, _ in kinds))
     states[2], states[3] = motion.omega_0, motion.theta_0
@@ -178,12 +191,12 @@ def _start(motion: Scenario, plant: Plant, active: Sequence[Effect]) -> Array:
 
 
 def _as_simulated(bound: list[Bound], plant: Plant, design: Design) -> list[Bound]:
-    """Return the effects with their values as the wiring can carry them.
+    """Return the effects with the values that the kernel can simulate.
 
     Raises
     ------
     DesignError
-        For what it cannot carry, and an effect with a state of its own given twice.
+        For an effect with a state of its own given twice.
     """
     where = f"{design.source}: " if design.source else ""
     dry = sum(abs(effect.standing(values, p=float(plant.p))) for effect, values in bound if effect.dry)
@@ -249,7 +262,7 @@ def run_kernel(
 def _diverged(tick: int, plant: Plant, motion: Scenario) -> str:
     t = tick * plant.period
     return (
-        f"scenario '{motion.name}': the simulation left the finite numbers at t = {t:.6g} s "
+        f"scenario '{motion.name}': the simulation diverged at t = {t:.6g} s "
         f"(control period {tick}); a loop is unstable, or the step of {plant.period / plant.steps:.3g} s is too "
         "long for the plant: check the loop gains, or raise drive.plant_steps"
     )

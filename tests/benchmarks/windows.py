@@ -62,7 +62,7 @@ def side_by_side(runs: Mapping[Key, Prepared], seed: int) -> dict[Key, Metrics]:
     for group in groups(dict(enumerate(runs.values())), always=True):
         load_lanes(group)
         logs = simulate_group(group, seed, keep_truth=True)
-        assert logs is not None, "a drive left the finite numbers"
+        assert logs is not None, "a drive diverged"
         for number, log in zip(group.numbers, logs, strict=True):
             found[keys[number]] = measure(log)
     return found

@@ -148,7 +148,7 @@ def test_current_noise_has_the_asked_size(seed_motor):
 
 def test_unstable_loop_says_where_and_when(quiet):
     design = quiet.replace(loops={"current": {"K_p": 1e5, "T_n": 1e-5}}, drive={"u_dc": 1e15})
-    with pytest.raises(SimulationError, match=r"left the finite numbers at t = .* s"):
+    with pytest.raises(SimulationError, match=r"diverged at t = .* s"):
         simulate(design, "sweep")
 
 

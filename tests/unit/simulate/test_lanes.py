@@ -118,5 +118,5 @@ def test_which_drives_go_side_by_side(seed_motor):
 def test_a_drive_that_diverges_is_named(seed_motor):
     drives = varied(seed_motor, 4)
     drives[2] = drives[2].replace(loops={"current": {"K_p": 1e5, "T_n": 1e-5}}, drive={"u_dc": 1e15})
-    with pytest.raises(SimulationError, match=r"^drive 2 of 4: .*left the finite numbers at t = .* s"):
+    with pytest.raises(SimulationError, match=r"^drive 2 of 4: .*diverged at t = .* s"):
         simulate_batch(drives, scenario("sweep", dwell=0.02), lanes=True)
