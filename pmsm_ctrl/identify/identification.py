@@ -23,6 +23,7 @@ from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
+from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 
@@ -281,7 +282,8 @@ def _verdict(bias: BiasTest | None, fit: Fit) -> tuple[Notice, ...]:
     if not bias.bias:
         return (words.BIAS_UNTESTED(),)
     if not bias.biased:
-        return (words.NOT_BIASED(p=bias.p_value),)
+        shown = probability(bias.p_value)
+        return (words.NOT_BIASED(p=bias.p_value, shown=f"p {shown}" if shown[0] == "<" else f"p = {shown}"),)
     parts = (
         f"{name} by {100.0 * bias.bias[name] / fit.values[name]:+.2g} % ({bias.shares[name]:+.1f} standard errors)"
         for name in bias.biased

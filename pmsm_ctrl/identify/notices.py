@@ -53,7 +53,7 @@ BIAS_UNTESTED = Template(
     "bias_untested", "least squares cannot be tested for bias: no parameter is identifiable by both methods"
 )
 NOT_BIASED = Template(
-    "not_biased", "least squares is not biased by more than half a standard error (p = {p:.2g} for no bias)"
+    "not_biased", "least squares is not biased by more than half a standard error ({shown} for no bias)"
 )
 BIASED = Template("biased", "least squares is biased on this log: {names}")
 
