@@ -21,6 +21,7 @@ from pmsm_ctrl.effects import (
     kernel,
     lookup,
 )
+from pmsm_ctrl.effects.evaluate import columns
 from pmsm_ctrl.errors import DesignError, RequestError
 
 # The ids the project has agreed on, built or not yet: look-alikes may name any of them.
@@ -319,3 +320,23 @@ def test_terms_give_the_numbers_of_the_paper(identifier: str, values: dict[str, 
 def test_example_is_complete_and_inside_the_bounds(effect: Effect) -> None:
     assert set(effect.example) == {p.symbol for p in effect.parameters}
     assert effect.active(effect.values(EffectEntry(id=effect.id, parameters=dict(effect.example))))
+
+
+def test_a_term_is_split_into_its_columns_and_what_is_none_of_theirs() -> None:
+    """k abs(omega) omega beside F omega + T, whose k is searched: one column each for F and T, and a rest."""
+
+    @kernel
+    def term(omega: float, F: float, T: float, k: float) -> float:
+        return F * omega + T + k * abs(omega) * omega
+
+    unit = Parameter("F", "N m s/rad", 0.0, -1.0, 1.0, "slope", linear=True)
+    effect = Effect(
+        id="mine", title="t", equation="F", source="s", enters="torque", term=term, needs="n",
+        parameters=(unit, Parameter("T", "N m", 0.0, -1.0, 1.0, "level", linear=True),
+                    Parameter("k", "N m s^2/rad^2", 0.1, 0.0, 1.0, "drag")),
+    )  # fmt: skip
+    omega = np.linspace(-3.0, 3.0, 7)
+    parts, rest = columns(effect, {"omega": omega}, {"F": 0.7, "T": 0.2, "k": 0.1})
+    assert parts["F"] == pytest.approx(omega, abs=1e-12)
+    assert parts["T"] == pytest.approx(1.0)
+    assert rest == pytest.approx(0.1 * np.abs(omega) * omega, abs=1e-12)

@@ -1,14 +1,17 @@
-"""The base model's solution against the normal equations with priors."""
+"""The base model's solution against the normal equations with priors, and its standard errors in coloured noise."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import Record, make_record
-from pmsm_ctrl.regression.model import Model, Solved, base_groups, solve_model
+from pmsm_ctrl.regression.model import Model, Solved, base_groups, noise_covariance, solve_model, with_honest_errors
 from pmsm_ctrl.simulate import scenario, simulate
 
 
@@ -63,3 +66,23 @@ def test_the_solution_is_that_of_the_normal_equations_with_priors(
     assert solved.stderr[there] * scale == pytest.approx(errors, rel=1e-5)
     left = np.concatenate([y - x @ expected, (sure * (nominal * scale - expected))[known[there]]])
     assert solved.chi2 == pytest.approx(left @ left, rel=1e-9)
+
+
+def test_standard_errors_allow_for_the_noises_correlation(record: Record, model: Model) -> None:
+    """Autoregressive noise (0.9) in place of the balances: estimates scatter by their standard errors."""
+    rng = np.random.default_rng(4)
+    there = np.any(model.matrix, axis=(0, 1))
+    free = replace(model, nominal=0.0 * model.nominal, sigma=np.where(there, np.inf, 1.0))
+    honest, naive = [], []
+    for _ in range(12):
+        noise = np.array([lfilter([1.0], [1.0, -0.9], rng.standard_normal(record.target.shape[1])) for _ in range(3)])
+        drawn = replace(record, target=noise / np.maximum(record.weight, 1e-3))
+        given = drawn.target, drawn.weight, drawn.mask, drawn.rate, 0
+        whitener, weights = make_whitener(*given), make_whitener(*given, 0)
+        plain = solve_model(drawn, free, weights)
+        found = with_honest_errors(noise_covariance(plain, weights, whitener))
+        honest.append((found.values / found.stderr)[there])
+        naive.append((plain.values / plain.stderr)[there])
+    # 12 draws of a dozen parameters: the mean of their squares is known to 12 %, were they independent
+    assert 0.7 < np.mean(np.square(honest)) < 1.4
+    assert np.mean(np.square(naive)) > 2.0
