@@ -111,12 +111,12 @@ def test_loop_feeds_what_a_tracker_says_of_its_log(request: pytest.FixtureReques
     assert run.t[-1] == pytest.approx(motion.duration)
 
 
-def test_drift_is_followed(design: Design) -> None:
+def test_drift_is_followed(rich: Design) -> None:
     """Where F_c falls by 40 % with 6 s, what is fed is within 8 % of it at every moment from 2 s on, 3 % on average."""
-    trial = study_trials(design)["warm-up"]
-    believed = compensated(baseline(design), ["coulomb", "viscous"], source="adaptive")
+    trial = study_trials(rich)["warm-up"]
+    believed = compensated(baseline(rich), ["coulomb", "viscous"], source="adaptive")
     for seed in (1, 2, 3):
-        run = simulate_adaptive(believed, trial.motions[0], truth=trial.plant(design), seed=seed)
+        run = simulate_adaptive(believed, trial.motions[0], truth=trial.plant(rich), seed=seed)
         true = 0.0213 * (1.0 - 0.4 * -np.expm1(-run.t / 6.0))
         moving = (run.t > 2.0) & (run.t < 20.0)
         assert np.abs(run.fed["F_c"][moving] / true[moving] - 1.0).max() < 0.08
