@@ -245,9 +245,11 @@ def test_a_damaged_file_of_the_cache_is_compiled_anew(
 ) -> None:
     """What numba alone would end a command with, or run: see `pmsm_ctrl.kernels.cache`."""
     from pmsm_ctrl.kernels import cache as caching
-    from pmsm_ctrl.kernels import kernel
+    from pmsm_ctrl.kernels import cache_folder, kernel
 
-    source = tmp_path / "doubled.py"
+    monkeypatch.setenv("PMSM_CTRL_CACHE", str(tmp_path))
+    source = cache_folder() / "doubled.py"  # what is generated there is kept on disk, as the package's own kernels are
+    source.parent.mkdir()
     source.write_text("def doubled(x):\n    return 2.0 * x\n", encoding="utf-8")
     scope: dict[str, object] = {}
     exec(compile(source.read_text(encoding="utf-8"), str(source), "exec"), scope)
@@ -333,5 +335,5 @@ def test_every_output_is_checked_before_the_work(
     before = record.read_bytes()
     with pytest.raises(SystemExit):
         main(["import", str(record), "--output", str(record)])
-    assert "is the file that is read" in capsys.readouterr().err
+    assert "is the input file" in capsys.readouterr().err
     assert record.read_bytes() == before
