@@ -230,7 +230,14 @@ def notices() -> str:
         found = (held for held in vars(room).values() if isinstance(held, Template))
         lines += [f"| `{template.code}` | {_cell(template.words)} |" for template in found]
         lines.append("")
-    return "\n".join(lines)
+    lines += ["## Why a diagnosis did not accept a candidate", "", "`why_not_code` of its ranking.", ""]
+    reasons = importlib.import_module("pmsm_ctrl.diagnose.refusal").WORDS
+    lines += [
+        "| code | sentence |",
+        "|---|---|",
+        *(f"| `{code}` | {_cell(words)} |" for code, words in reasons.items()),
+    ]
+    return "\n".join([*lines, ""])
 
 
 PAGES: dict[str, Callable[[], str]] = {"commands.md": commands, "design.md": fields, "notices.md": notices}
