@@ -240,7 +240,8 @@ def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) 
         if other.singular:
             singular += [rival] if not other.candidate.free else []
         elif other is not trial and not other.wrong_sign and rival != effect.id:
-            shared = float(along @ other.direction) ** 2 / max(float(other.direction @ other.direction), 1e-300)
+            theirs = other.direction
+            shared = float(along @ theirs) ** 2 / max(float(theirs @ theirs), 1e-300)
             if size - shared < policy.tie(size):
                 found.append(rival)
     return (*found, *(one for one in effect.look_alikes if one in singular and one not in found))

@@ -76,6 +76,7 @@ def _rank_sum_tail(n: int) -> Array:
     return np.cumsum(count[::-1])[::-1] / 2.0**n
 
 
+@lru_cache(maxsize=64)
 def noncentrality(level: float, k: int) -> float:
     """Return the noncentrality at which a chi-square test has a power of one half.
 

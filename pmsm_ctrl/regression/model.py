@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures.interface import Known
 from pmsm_ctrl.evidence.linalg import factored, own_shares
 from pmsm_ctrl.evidence.whitening import Whitener
-from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 
 __all__ = [
@@ -181,12 +181,17 @@ class Solved:
 
 @dataclass(frozen=True, eq=False)
 class _Term:
-    """A column of its own: what it does to each balance at the log's rate, its nominal value and tolerance."""
+    """A column of its own, with its nominal value and tolerance.
+
+    `parts` returns what it does to each balance at the log's rate; `modelled` where that hangs on the current or torque
+    that a model predicts. All others are the same in every fit.
+    """
 
     name: str
-    parts: Mapping[str, Array]
+    parts: Callable[[], Mapping[str, Array]]
     nominal: float
     sigma: float
+    modelled: bool = False
 
 
 def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]:
@@ -198,14 +203,8 @@ def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]
     record : Record
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
-    stacked = record.stack_all([term.parts for term in terms])
-    groups = []
-    for k, term in enumerate(terms):
-        rows = tuple(
-            columns[k : k + 1] if columns is not None and name in term.parts else None
-            for name, columns in zip(record.channels, stacked, strict=True)
-        )
-        groups.append(Group(None, (term.name,), rows, {}))
+    columns = _columns_of(record, terms)
+    groups = [Group(None, (term.name,), columns[term.name], {}) for term in terms]
     nominal, sigma = [term.nominal for term in terms], [term.sigma for term in terms]
     if noise_share(record, record.acceleration()) >= MOST_NOISE:
         sigma[0] = HELD * design.J
@@ -231,15 +230,37 @@ def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]
     return Model.of(groups, tuple(names), np.array(nominal), np.array(sigma)), tuple(notes)
 
 
+def _columns_of(record: Record, terms: Sequence[_Term]) -> dict[str, Rows]:
+    """Return the columns of terms, filtered side by side; what follows from the motion alone is remembered."""
+    out: dict[str, Rows] = {}
+    for term in terms:
+        if not term.modelled and ("base", term.name) in record.kept:
+            out[term.name] = record.kept["base", term.name]
+    missing = [term for term in terms if term.name not in out]
+    parts = [term.parts() for term in missing]
+    stacked = record.stack_all(parts)
+    for k, (term, part) in enumerate(zip(missing, parts, strict=True)):
+        rows = tuple(
+            columns[k : k + 1].copy() if columns is not None and name in part else None
+            for name, columns in zip(record.channels, stacked, strict=True)
+        )
+        out[term.name] = rows
+        if not term.modelled:
+            record.kept["base", term.name] = rows
+    return out
+
+
 def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
     """Inertia, and what is not known of the moments of reversal and of the age of a logged speed."""
-    tolerance = design.motor.tolerance.get("J", TOLERANCE)
-    yield _Term("J", {"torque": record.signals["alpha"]}, design.J, tolerance * design.J)
+    s, tolerance = record.signals, design.motor.tolerance.get("J", TOLERANCE)
+    yield _Term("J", lambda: {"torque": s["alpha"]}, design.J, tolerance * design.J)
     if record.dry > 0.0:
-        turning = -record.dry * record.rate_of(record.signals["direction"])
-        yield _Term("tau_turn", {"torque": turning}, 0.0, TURN + TURN_SAMPLES * record.period)
+        yield _Term(
+            "tau_turn", lambda: {"torque": -record.dry * record.rate_of(s["direction"])}, 0.0,
+            TURN + TURN_SAMPLES * record.period,
+        )  # fmt: skip
     if record.age is not None:
-        yield _Term("tau_speed", {"torque": record.rate_of(record.signals["torque"])}, 0.0, FILTERED)
+        yield _Term("tau_speed", lambda: {"torque": record.rate_of(s["torque"])}, 0.0, FILTERED, True)
 
 
 def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:
@@ -306,27 +327,32 @@ def _winding(design: Design, record: Record) -> Iterator[_Term]:
     zero = np.zeros_like(s["omega"])
     i_d, i_q, di_d, di_q, w, p = s["i_d"], s["i_q"], s["di_d"], s["di_q"], s["omega"], float(motor.p)
     d, q = voltage_d.py_func, voltage_q.py_func
-    parts = {
+
+    def per_unit(R: float, L_d: float, L_q: float, psi_f: float) -> Mapping[str, Array]:
         # the balance is linear in these four: each column is the balance with that parameter 1 and the others 0
-        "R": (d(1.0, 0.0, 0.0, p, i_d, i_q, di_d, w), q(1.0, 0.0, 0.0, p, 0.0, i_d, i_q, di_q, w)),
-        "L_d": (d(0.0, 1.0, 0.0, p, i_d, i_q, di_d, w), q(0.0, 1.0, 0.0, p, 0.0, i_d, i_q, di_q, w)),
-        "L_q": (d(0.0, 0.0, 1.0, p, i_d, i_q, di_d, w), q(0.0, 0.0, 1.0, p, 0.0, i_d, i_q, di_q, w)),
-        "psi_f": (zero, q(0.0, 0.0, 0.0, p, 1.0, i_d, i_q, di_q, w)),
-        "tau_u": (record.rate_of(s["u_d"]), record.rate_of(s["u_q"])),
-        "tau_frame": (p * w * s["u_q"], -p * w * s["u_d"]),
+        u_d = d(R, L_d, L_q, p, i_d, i_q, di_d, w) if not psi_f else zero
+        return {"u_d": u_d, "u_q": q(R, L_d, L_q, p, psi_f, i_d, i_q, di_q, w)}
+
+    parts: dict[str, tuple[Callable[[], Mapping[str, Array]], bool]] = {
+        "R": (lambda: per_unit(1.0, 0.0, 0.0, 0.0), True),
+        "L_d": (lambda: per_unit(0.0, 1.0, 0.0, 0.0), False),
+        "L_q": (lambda: per_unit(0.0, 0.0, 1.0, 0.0), True),
+        "psi_f": (lambda: per_unit(0.0, 0.0, 0.0, 1.0), False),
+        "tau_u": (lambda: {"u_d": record.rate_of(s["u_d"]), "u_q": record.rate_of(s["u_q"])}, False),
+        "tau_frame": (lambda: {"u_d": p * w * s["u_q"], "u_q": -p * w * s["u_d"]}, False),
         # the controller's answer to what is measured beyond the modelled current, noise above all
         # logs and drives share a clock: voltage is sampled just after the reference moved, always the same way
-        "kappa_d": (di_d, zero),
-        "kappa_q": (zero, di_q),
+        "kappa_d": (lambda: {"u_d": di_d}, False),
+        "kappa_q": (lambda: {"u_q": di_q}, True),
     }
-    for name, (u_d, u_q) in parts.items():
+    for name, (part, modelled) in parts.items():
         nominal, sigma = 0.0, np.inf
         if name in TIMING:
             sigma = COMMAND
         elif not name.startswith("kappa"):
             nominal = float(getattr(motor, name))
             sigma = motor.tolerance.get(name, TOLERANCE) * nominal
-        yield _Term(name, {"u_d": u_d, "u_q": u_q}, nominal, sigma)
+        yield _Term(name, part, nominal, sigma, modelled)
 
 
 @dataclass(frozen=True, eq=False)
