@@ -6,7 +6,7 @@ on blocks of time, and large enough to matter. The next one is judged on what th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -225,20 +225,18 @@ class ResidualStructure:
 
 
 def residual_structure(
-    prepared: Prepared, trace: Trace, drive: Drive, relevance: Relevance | None = None, skipped: Collection[str] = (),
-    table: bool = True,
-) -> ResidualStructure:  # fmt: skip
+    prepared: Prepared, trace: Trace, drive: Drive, relevance: Relevance | None = None, table: bool = True
+) -> ResidualStructure:
     """Find what the residual of one channel of a log depends on.
 
-    `skipped` are coordinates that this log knows too badly. Without the `table` those that are not significant are
-    left out, and so is the offset: all the work is left-out blocks.
+    Without the `table` the coordinates that are not significant are left out, and so is the offset: nearly all of the
+    time goes into cross-validation.
     """
     residual = trace.residual
     # a residual depends on what changes slowly most of the time: its noise is what changes from sample to sample
     jumps = np.abs(np.diff(residual[trace.mask]))
     jitter = 1.4826 * float(np.median(jumps)) / np.sqrt(2.0) if trace.unit != "V" else 0.0
-    every = grid_coordinates(prepared, drive, jitter)
-    coordinates = {name: x for name, x in every.items() if name not in skipped}
+    coordinates = grid_coordinates(prepared, drive, jitter)
     used = trace.mask & _away_from_reversals(prepared, coordinates["speed"])
     if int(used.sum()) >= policy.FEWEST:
         trace = replace(trace, mask=used)

@@ -6,34 +6,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from pmsm_ctrl.regression.least_squares import t_quantile
 from pmsm_ctrl.units import axis_unit, drives
 
 if TYPE_CHECKING:
+    from pmsm_ctrl.identify.identification import Identification
     from pmsm_ctrl.identify.staircase import SweepResult
 
-__all__ = ["BLACK", "BLUE", "GREEN", "VERMILION", "friction_over_speed", "measured_against_predicted"]
+__all__ = ["BLACK", "BLUE", "GREEN", "VERMILION", "friction_over_speed", "residual_figure"]
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
 
-Array = NDArray[np.float64]
 
-
-def measured_against_predicted(
-    t: Array, measured: Array, predicted: Array, mask: NDArray[np.bool_], quantity: str, unit: str
-) -> Figure:
-    """Draw measured and predicted, shape (n,), over the residual; samples outside the mask are left out."""
+def residual_figure(result: Identification) -> Figure:
+    """Draw measured and predicted torque over the residual; standstill is left out."""
+    shown, quantity = result.shown, drives(result.design.motion)
+    t, unit = shown.t, shown.unit
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    hidden = np.where(mask, 1.0, np.nan)
-    upper.plot(t, measured * hidden, color=BLACK, linewidth=0.6, alpha=0.6, label="measured")
-    upper.plot(t, predicted * hidden, color=BLUE, linewidth=1.3, label="predicted")
+    hidden = np.where(shown.mask, 1.0, np.nan)
+    upper.plot(t, shown.torque * hidden, color=BLACK, linewidth=0.6, alpha=0.6, label="measured")
+    upper.plot(t, (shown.torque - result.unexplained) * hidden, color=BLUE, linewidth=1.3, label="predicted")
     upper.set_ylabel(f"{quantity} [{unit}]")
     upper.legend(loc="upper right", fontsize="small")
     upper.set_title(f"{quantity.capitalize()}: measured and predicted, filtered; standstill left out")
-    lower.plot(t, (measured - predicted) * hidden, color=VERMILION, linewidth=0.8)
+    lower.plot(t, result.unexplained * hidden, color=VERMILION, linewidth=0.8)
     lower.axhline(0.0, color=BLACK, linewidth=0.5)
     lower.set_ylabel(f"residual [{unit}]")
     lower.set_xlabel("time [s]")

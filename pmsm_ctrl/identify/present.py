@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,7 +49,7 @@ def _(result: Identification) -> Section:
     caption = "The residual below should look like noise; a pattern in it is a missing effect."
     return Section(
         f"Identification of {result.design.name} from {Path(result.log_name).name}",
-        (*blocks, Picture(lambda: _residual_figure(result), caption), _fit_sentence(result, quantity)),
+        (*blocks, Picture(lambda: _drawn("residual_figure", result), caption), _fit_sentence(result, quantity)),
     )
 
 
@@ -82,18 +83,11 @@ def _bias_table(result: Identification) -> Table:
     return Table(header, rows, "Bias of least squares")
 
 
-def _residual_figure(result: Identification) -> Figure:
-    from pmsm_ctrl.identify.figures import measured_against_predicted
+def _drawn(name: str, result: Identification | SweepResult) -> Figure:
+    from pmsm_ctrl.identify import figures
 
-    p = result.shown
-    predicted = p.torque - result.unexplained
-    return measured_against_predicted(p.t, p.torque, predicted, p.mask, drives(result.design.motion), p.unit)
-
-
-def _sweep_figure(result: SweepResult) -> Figure:
-    from pmsm_ctrl.identify.figures import friction_over_speed
-
-    return friction_over_speed(result)
+    draw: Callable[[Identification | SweepResult], Figure] = getattr(figures, name)
+    return draw(result)
 
 
 @present.register
@@ -112,7 +106,7 @@ def _(result: SweepResult) -> Section:
             f"model-to-measurement error of the line is {result.rms_percent:.2f} % rms.",
             *result.notices,
             Table(("fit", *_HEADER), rows, "Friction from the settled speeds"),
-            Picture(lambda: _sweep_figure(result), caption),
+            Picture(lambda: _drawn("friction_over_speed", result), caption),
         ),
     )
 
@@ -136,7 +130,10 @@ def _(result: PaperTable) -> Section:
             *result.notices,
             Table(("case", "parameter", "unit", "injected", "paper", *evaluated), rows),
             hypothesis,
-            Picture(lambda: _sweep_figure(result.sweeps[0]), "The first case: averaged torque against speed."),
+            Picture(
+                lambda: _drawn("friction_over_speed", result.sweeps[0]),
+                "The first case: averaged torque against speed.",
+            ),
         ),
     )
 
