@@ -236,7 +236,7 @@ def compare(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Compare the predictions of a design with a log, channel by channel."""
+    """Compare the predictions of a design with a log. Errors are given by channel."""
     from pmsm_ctrl.compare import compare as run_comparison
 
     believed = read_design(design, effects)
@@ -264,7 +264,7 @@ def diagnose(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Find the physical effects that are missing from the design, and show how the error falls with each."""
+    """Find the physical effects that a design lacks. Shows how the error falls with each."""
     from pmsm_ctrl.diagnose import diagnose as run_diagnosis
 
     believed = read_design(design, effects)
@@ -364,7 +364,7 @@ def export_code(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Write gains, compensator and tracker for a PLC or a drive; into a folder also the tables of the drives."""
+    """Write gains, compensator and tracker as source code. A folder also gets the tables of the drives."""
     from pmsm_ctrl.export import export as run_export
     from pmsm_ctrl.export import export_files
     from pmsm_ctrl.files import write_text
@@ -429,7 +429,7 @@ def import_log(
     mapping: MapOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Show what was understood of a foreign log, and the [log] table that reads it again."""
+    """Show what was understood of a foreign log. Ends with the [log] table that reads it again."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import write_text
     from pmsm_ctrl.importers import describe
