@@ -57,7 +57,7 @@ def torque_jumps(torque: Array) -> NDArray[np.int64]:
 
 def without_edges(moving: Mask, good: Mask, edge: int) -> Mask:
     """Return samples that move, without gaps (not `good`) and `edge` samples around gaps and at both ends."""
-    for k in np.flatnonzero(np.diff(good.astype(np.int8))):
+    for k in np.flatnonzero(np.diff(good.astype(np.int8))) + 1:
         moving[max(0, k - edge) : k + edge] = False
     moving &= good
     if edge:
