@@ -94,6 +94,10 @@ def test_no_effect_structure_or_parameter_is_asked_for_by_name(path: Path) -> No
     assert not wrong, "a declared attribute of the effect, or a method of its structure, should say it: " + str(wrong)
 
 
+def test_no_word_is_allowed_without_need() -> None:
+    assert {(file, name) for file, _, name in outside(PACKAGE)} >= set(ALLOWED)
+
+
 if __name__ == "__main__":
     tree = Path(sys.argv[1]) if len(sys.argv) > 1 else PACKAGE
     places = outside(tree)
