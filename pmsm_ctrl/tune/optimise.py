@@ -34,15 +34,12 @@ class Optimum:
         Mean absolute speed error over the test motion, rad/s.
     margins : Margins
         Of the optimised speed loop.
-    simulations : int
-        How many were run.
     """
 
     design: Design
     cost: float
     cost_before: float
     margins: Margins
-    simulations: int
 
 
 def reversal(design: Design, speed: float, duration: float = 0.6) -> Scenario:
@@ -128,9 +125,8 @@ def optimise(
         options={"maxfev": iterations, "initial_simplex": [[0.0, 0.0], [0.2, 0.0], [0.0, -0.3]], "xatol": 0.01},
     )  # fmt: skip
     best = gains(found.x if found.fun < start else np.zeros(2))
-    return Optimum(
-        _with_speed_loop(design, best), float(min(found.fun, start)), start, margins(open_loop(cascade, best)), runs
-    )
+    cost_found = float(min(found.fun, start))
+    return Optimum(_with_speed_loop(design, best), cost_found, start, margins(open_loop(cascade, best)))
 
 
 def _with_speed_loop(design: Design, gains: SpeedLoop) -> Design:
