@@ -109,10 +109,10 @@ def simulate(
     from pmsm_ctrl.simulate import scenario as named_scenario
     from pmsm_ctrl.simulate import simulate as run_simulation
 
-    believed = read_design(design, effects)
-    motion = named_scenario(scenario, believed, **parse_values(parameters))
+    axis = read_design(design, effects)
+    motion = named_scenario(scenario, axis, **parse_values(parameters))
     with progress_bar(f"simulate {scenario}") as progress:
-        log = run_simulation(believed, motion, truth=design_if_given(truth, effects), seed=seed, progress=progress)
+        log = run_simulation(axis, motion, truth=design_if_given(truth, effects), seed=seed, progress=progress)
     log.write_csv(output)
     print(f"{output}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
     if json_file is not None:
@@ -155,17 +155,17 @@ def tune(
 
     if keep and (robust or current_bandwidth is not None or speed_bandwidth is not None):
         raise RequestError("--keep: excludes --robust and the bandwidths, because the gains of the design are kept")
-    believed = read_design(design, effects)
+    axis = read_design(design, effects)
     try:
-        with progress_bar(f"tune {believed.name}") as progress:
+        with progress_bar(f"tune {axis.name}") as progress:
             if keep:
-                result = assess(believed, prove=prove, seed=seed)
+                result = assess(axis, prove=prove, seed=seed)
             else:
                 wanted = Specification(
                     current=current, speed=speed, current_bandwidth=current_bandwidth, speed_bandwidth=speed_bandwidth,
                     phase_margin=phase_margin, robust=robust,
                 )  # fmt: skip
-                result = run_tuning(believed, wanted, prove=prove, seed=seed, progress=progress)
+                result = run_tuning(axis, wanted, prove=prove, seed=seed, progress=progress)
     except UnstableLoopError as error:
         if report is not None:  # the Nyquist plot of the loop shows more than the line on stderr
             write_report(report, error.section())
@@ -193,15 +193,15 @@ def sweep(
     from pmsm_ctrl.identify import paper_table
     from pmsm_ctrl.identify import sweep as run_sweep
 
-    believed = read_design(design, effects)
+    axis = read_design(design, effects)
     if paper:
         if truth is not None or output is not None:
             raise RequestError("--paper: excludes --truth and --output, because the table has its own two plants")
-        finish("paper", paper_table(believed, repeats=repeats, seed=seed), json_file=json_file, report=report)
+        finish("paper", paper_table(axis, repeats=repeats, seed=seed), json_file=json_file, report=report)
         return
     plant = design_if_given(truth, effects)
-    with progress_bar(f"sweep {believed.name}") as progress:
-        result = run_sweep(believed, truth=plant, repeats=repeats, seed=seed, progress=progress)
+    with progress_bar(f"sweep {axis.name}") as progress:
+        result = run_sweep(axis, truth=plant, repeats=repeats, seed=seed, progress=progress)
     finish("sweep", result, json_file=json_file, report=report)
     write_design(result.design, output)
 
@@ -220,8 +220,8 @@ def identify(
     """Identify inertia and friction from a log."""
     from pmsm_ctrl.identify import identify as run_identification
 
-    believed = read_design(design, effects)
-    result = run_identification(believed, load_log(log, believed, mapping), method=cast("Method", method))
+    axis = read_design(design, effects)
+    result = run_identification(axis, load_log(log, axis, mapping), method=cast("Method", method))
     finish("identify", result, json_file=json_file, report=report)
     write_design(result.design, output)
 
@@ -239,9 +239,9 @@ def compare(
     """Compare the predictions of a design with a log. Errors are given by channel."""
     from pmsm_ctrl.compare import compare as run_comparison
 
-    believed = read_design(design, effects)
-    other = log_if_given(holdout, believed, mapping)
-    result = run_comparison(believed, load_log(log, believed, mapping), holdout=other)
+    axis = read_design(design, effects)
+    other = log_if_given(holdout, axis, mapping)
+    result = run_comparison(axis, load_log(log, axis, mapping), holdout=other)
     finish("compare", result, json_file=json_file, report=report)
 
 
@@ -267,11 +267,11 @@ def diagnose(
     """Find the physical effects that a design lacks. Shows how the error falls with each."""
     from pmsm_ctrl.diagnose import diagnose as run_diagnosis
 
-    believed = read_design(design, effects)
-    other = log_if_given(holdout, believed, mapping)
-    measured = load_log(log, believed, mapping)
+    axis = read_design(design, effects)
+    other = log_if_given(holdout, axis, mapping)
+    measured = load_log(log, axis, mapping)
     with progress_bar(f"diagnose {log.name}") as progress:
-        result = run_diagnosis(believed, measured, holdout=other, progress=progress, calibrate=calibrate)
+        result = run_diagnosis(axis, measured, holdout=other, progress=progress, calibrate=calibrate)
     finish("diagnosis", result, json_file=json_file, report=report)
     write_design(result.design, output)
 
@@ -291,15 +291,15 @@ def add(
     from pmsm_ctrl.effects import catalogue_of, lookup
     from pmsm_ctrl.units import axis_unit
 
-    believed = read_design(design, effects)
-    result = run_adding(believed, load_log(log, believed, mapping), effect)
+    axis = read_design(design, effects)
+    result = run_adding(axis, load_log(log, axis, mapping), effect)
     result.write(output)
-    print(f"{output}: {believed.name} with {effect}")
-    known = catalogue_of(believed)
+    print(f"{output}: {axis.name} with {effect}")
+    known = catalogue_of(axis)
     for entry in result.effects:
         for symbol, value in entry.parameters.items():
             error = f" +- {entry.stderr[symbol]:.2g}" if symbol in entry.stderr else ""
-            unit = axis_unit(lookup(entry.id, known).parameter(symbol).unit, believed.motion)
+            unit = axis_unit(lookup(entry.id, known).parameter(symbol).unit, axis.motion)
             print(f"  {entry.id:<28} {symbol:<8} {value:.5g}{error}{'' if unit == '1' else f' {unit}'}")
     if json_file is not None:
         write_json(json_file, "add", {"effect": effect, "design": result.to_dict()})
@@ -317,8 +317,8 @@ def track(
     """Track F_c and F_v over a log with an extended Kalman filter."""
     from pmsm_ctrl.track import track as run_tracking
 
-    believed = read_design(design, effects)
-    result = run_tracking(believed, load_log(log, believed, mapping))
+    axis = read_design(design, effects)
+    result = run_tracking(axis, load_log(log, axis, mapping))
     finish("track", result, json_file=json_file, report=report)
 
 
@@ -338,10 +338,10 @@ def compensate(
     from pmsm_ctrl.compensate import compensate as run_compensation
     from pmsm_ctrl.compensate import sweep_gains
 
-    believed = read_design(design, effects)
-    with progress_bar(f"compensate {believed.name}") as progress:
+    axis = read_design(design, effects)
+    with progress_bar(f"compensate {axis.name}") as progress:
         plant, gains = design_if_given(truth, effects), sweep_gains(0.01 * step)
-        result = run_compensation(believed, truth=plant, gains=gains, seed=seed, progress=progress)
+        result = run_compensation(axis, truth=plant, gains=gains, seed=seed, progress=progress)
     finish("compensate", result, json_file=json_file, report=report)
     if not result.accepted:
         raise typer.Exit(NEGATIVE)
@@ -369,12 +369,12 @@ def export_code(
     from pmsm_ctrl.export import export_files
     from pmsm_ctrl.files import write_text
 
-    believed = read_design(design, effects)
+    axis = read_design(design, effects)
     if output is not None and not output.suffix:
-        files = export_files(believed, language, flavour=flavour)
+        files = export_files(axis, language, flavour=flavour)
         output.mkdir(parents=True, exist_ok=True)
     else:
-        files = {output.name if output else "": run_export(believed, language, part=part, flavour=flavour)}
+        files = {output.name if output else "": run_export(axis, language, part=part, flavour=flavour)}
     for name, text in files.items():
         if output is None:
             print(text, end="")
@@ -406,14 +406,14 @@ def study(
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.report import study as run_study
 
-    believed = read_design(design, effects)
+    axis = read_design(design, effects)
     if holdout is not None and log is None:
         raise RequestError("--holdout: needs --log, from which the model is identified")
-    measured = log_if_given(log, believed, mapping)
-    other = log_if_given(holdout, believed, mapping)
-    with progress_bar(f"study {believed.name}") as progress:
+    measured = log_if_given(log, axis, mapping)
+    other = log_if_given(holdout, axis, mapping)
+    with progress_bar(f"study {axis.name}") as progress:
         result = run_study(
-            believed, measured, holdout=other, output=output, seed=seed, history=history, command=command_line(),
+            axis, measured, holdout=other, output=output, seed=seed, history=history, command=command_line(),
             progress=progress,
         )  # fmt: skip
     print(result.summary())
@@ -457,7 +457,7 @@ def effects(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """List the effects of the catalogue, or show one in full with its signature."""
+    """List the effects of the catalogue. A named one is shown in full with its signature."""
     from pmsm_ctrl.effects import catalogue_with, lookup
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.rendering import to_text

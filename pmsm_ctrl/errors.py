@@ -18,7 +18,7 @@ class NextCommand(Enum):
     INIT = "pmsm-ctrl init writes a design from a datasheet"
     ELECTRICAL_DATA = "pmsm-ctrl init asks for the electrical data"
     TUNE = "pmsm-ctrl tune DESIGN --output NEW_DESIGN"
-    MAP = "--map i_q='COLUMN [UNIT]' says which column it is"
+    MAP = "--map i_q='COLUMN [UNIT]' names its column"
     IMPORT = "pmsm-ctrl import LOG"
     EFFECTS = "pmsm-ctrl effects lists them; --effects FILE.py adds your own"
     IDENTIFY = "pmsm-ctrl identify takes a log of any motion"

@@ -77,7 +77,7 @@ def _write(
     from pmsm_ctrl.files import write_text
 
     if os.sep in name or not name.strip():
-        raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output says where to write")
+        raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output names the file")
     if target.exists() and not force:
         raise RequestError(f"{target}: exists; --force overwrites it, --output names another file")
     ask = _asking(input) if sys.stdin.isatty() else None

@@ -81,7 +81,7 @@ def scenario_names(incomplete: str) -> list[str]:
 
 
 def read_design(path: Path, own: Iterable[Effect] | None = None) -> Design:
-    """Return the design in a file, carrying these own effects; the module that knows designs is imported here."""
+    """Return the design in a file, carrying these own effects; the module of designs is imported here."""
     from pmsm_ctrl.design import Design
 
     return Design.read(path).with_own_effects(*(own or ()))

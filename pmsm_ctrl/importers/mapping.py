@@ -201,7 +201,7 @@ def _motion(
     chosen: Mapping[str, tuple[int, str, str]],
     scales: Mapping[str, float],
 ) -> str:
-    """The design says which kind of axis it is; without one the units of position and speed do."""
+    """The kind of axis: from the design, or else from the units of position and speed."""
     if design is not None:
         return design.motion
     for channel in ("theta", "omega", "theta_ref", "omega_ref"):
@@ -230,7 +230,7 @@ def _source(table: Table, channel: str, index: int, stated: str, how: str, scale
     si, factor = UNITS[unit]
     if si != target and scale is None:
         accepted = ", ".join(known for known, (known_si, _) in UNITS.items() if known_si == target)
-        hint = '; is the axis linear? then the design says motion = "linear"' if si in ("m", "m/s", "N") else ""
+        hint = '; for a linear axis the design needs motion = "linear"' if si in ("m", "m/s", "N") else ""
         message = f"{place}: unit [{spelled}] does not fit '{channel}' in {target} "
         message += f"(accepted: {accepted}; or a factor in [log.scale]){hint}"
         raise LogError(message, next_command=NextCommand.IMPORT)

@@ -60,7 +60,7 @@ def _facts(report: ImportReport) -> tuple[tuple[str, str], ...]:
 
 
 def _channels(report: ImportReport) -> Table:
-    """Tell of every channel; columns in which nothing stands out are left out."""
+    """Return one row a channel; columns whose cells are all neutral are left out."""
     head = ("channel", "column", "unit", "factor to SI", "how", "range", "step", "at its limit")
     rows = [_row(c) for c in report.channels]
     kept = [k for k in range(len(head)) if {row[k] for row in rows} not in ({"1"}, {"-"})]

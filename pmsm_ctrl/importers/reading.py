@@ -51,7 +51,7 @@ def read_log(
     Raises
     ------
     LogError
-        One line with file and place for whatever is wrong.
+        One line with the file, the place and what is wrong.
     """
     return read_all(path, design, mapping)[0]
 

@@ -127,7 +127,7 @@ _COUNTED = (
 def form_of(cells: Sequence[str]) -> Form | None:
     """Return the one form that fits all cells, None where there is none.
 
-    Dates with slashes that can be read both ways come back under a name that says so.
+    Dates with slashes that fit both orders are returned under a name with both.
     """
     found = []
     for form in FORMS:

@@ -39,9 +39,9 @@ class Column:
     group : int
         Columns of one group share one time base.
     is_time : bool
-        Whether the format itself says that this is the time of its group.
+        Whether the format marks this as the time of its group.
     is_date : bool
-        Whether the file holds dates here, which come out as seconds whatever a mapping calls their unit.
+        Whether the column holds dates, which become seconds whatever unit a mapping names.
     is_text : bool
         Whether the file holds words here; never a channel.
     """

@@ -83,7 +83,7 @@ def _(entry: CatalogueEntry) -> Section:
         effect.title,
         (
             *entry.notices,
-            Table(("item", "what the catalogue knows"), facts, "The effect"),
+            Table(("property", "value"), facts, "The effect"),
             Table(("symbol", "unit", "from", "to", "what it is", "in the regression"), parameters, "Its parameters"),
             *((alike,) if alike.rows else ()),
             *(() if entry.residual is None else (Picture(lambda: _signature(entry), caption),)),

@@ -32,7 +32,7 @@ class Headline:
     verdict : str
         One sentence.
     good : bool or None
-        Colours the verdict, and a word stands beside the colour; None is neutral.
+        Colour of the verdict, and a word beside it; None is neutral.
     numbers : tuple of (value, label)
         Three are best.
     """
@@ -126,7 +126,7 @@ class CatalogueEntry(Result):
         Returns
         -------
         dict
-            What the catalogue knows of the effect.
+            The properties of the effect.
         """
         effect = self.effect
         names = ("id", "title", "enters", "equation", "source", "needs", "validated")
