@@ -15,7 +15,7 @@ import pytest
 
 from pmsm_ctrl import console
 from pmsm_ctrl.cli import app, main
-from pmsm_ctrl.errors import PmsmCtrlError, RequestError
+from pmsm_ctrl.errors import NextCommand, PmsmCtrlError, RequestError
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 PLAIN = (
@@ -411,6 +411,21 @@ def test_an_error_names_the_next_command(
         assert f"next: {next_command}" in message
     else:
         assert "next:" not in message
+
+
+def test_every_next_command_exists() -> None:
+    verbs = {c.name or c.callback.__name__ for c in app.registered_commands if c.callback is not None}
+    named = [member.value.split()[1] for member in NextCommand if member.value.startswith("pmsm-ctrl ")]
+    assert named
+    assert set(named) <= verbs
+
+
+def test_a_pipe_without_greek_letters_gets_the_answer_all_the_same() -> None:
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "pmsm_ctrl", "effects", "cogging"]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert "sin (k?" in run.stdout
 
 
 def completed(words: str) -> list[str]:
