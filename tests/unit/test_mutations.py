@@ -1,0 +1,16 @@
+"""The texts that ``python -m tests.benchmarks.mutations`` changes still stand where it looks, and so do its tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.benchmarks.mutations import MUTATIONS, Mutation
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda mutation: mutation.what)
+def test_a_mutation_changes_one_place_and_names_a_test(project_root: Path, mutation: Mutation) -> None:
+    text = (project_root / "pmsm_ctrl" / mutation.file).read_text(encoding="utf-8")
+    assert text.count(mutation.old) == 1, "change the text in tests/benchmarks/mutations.py with the code"
+    assert (project_root / "tests" / mutation.tests.split()[0]).exists()
