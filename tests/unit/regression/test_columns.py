@@ -43,3 +43,13 @@ def test_no_columns_outlive_the_diagnosis(designs) -> None:
     found = diagnose(design, simulate(design, "identification", seed=2), candidates=("stribeck", "presliding"))
     assert not found.record.kept
     assert all(not fit.record.memo and not fit.record.kept for fit in found.selection.fits)
+
+
+def test_shapes_filtered_side_by_side_are_the_same_to_the_last_bit(record: Record) -> None:
+    effect = CATALOGUE["stribeck"]
+    shapes = [{"w_s": w, "delta": d} for w in (1.0, 3.0, 9.0) for d in (1.0, 2.0)]
+    together = candidate_groups(replace(record, memo={}, kept={}), effect, shapes)
+    for shape, group in zip(shapes, together, strict=True):
+        (alone,) = candidate_groups(replace(record, memo={}, kept={}), effect, [shape])
+        np.testing.assert_array_equal(group.values, alone.values)
+        assert [columns is None for columns in group.rows] == [False, True, True]
