@@ -42,6 +42,7 @@ Array = NDArray[np.float64]
 
 # Passes in which a delay is linearised at its last value: to first order one of two samples comes out a third low.
 PASSES = 4
+MOST_REFINED = 6  # candidates of a round
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
 PARSIMONY = 0.98
 
@@ -248,7 +249,7 @@ def _bristles(design: Design, effects: Mapping[str, Effect]) -> list[Accepted]:
 
 def _refined(record: Record, solved: Solved, whitener: Whitener, trials: list[Trial]) -> list[Trial]:
     """Refine the shapes of the few that matter."""
-    best = sorted((t for t in trials if not t.wrong_sign), key=lambda t: -t.score)[:6]
+    best = sorted((t for t in trials if not t.wrong_sign), key=lambda t: -t.score)[:MOST_REFINED]
     return [
         refine(record, solved, whitener, t, seen_as_candidate) if t in best and t.score > 0.0 else t for t in trials
     ]

@@ -14,6 +14,9 @@ from pmsm_ctrl.regression.model import Solved
 
 __all__ = ["refine"]
 
+MOVES = 4  # of the search for each halving of its steps, at most
+BETTER = 1e-9  # share by which a gain must grow to be more than rounding
+
 
 def refine(
     record: Record,
@@ -37,7 +40,7 @@ def refine(
     rounds = structure.halvings(free)
     best = trial
     halved = 0
-    for _ in range(4 * rounds):
+    for _ in range(MOVES * rounds):
         better = False
         for name in free:
             for sign in (1.0, -1.0):
@@ -45,7 +48,7 @@ def refine(
                 wanted = shape[name] * float(np.exp(sign * step[name]))
                 shape[name] = structure.inside(effect, trial.group.shape, name, wanted)
                 tried = _tried(record, solved, whitener, best, shape, seen)
-                if tried is not None and not tried.wrong_sign and tried.gain > best.gain * (1.0 + 1e-9):
+                if tried is not None and not tried.wrong_sign and tried.gain > best.gain * (1.0 + BETTER):
                     best, better = tried, True
                     break
         if not better:

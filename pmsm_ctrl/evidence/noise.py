@@ -33,6 +33,13 @@ __all__ = [
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+# Correlation below which noise has forgotten itself, and for how long it is followed, s.
+FORGOTTEN, LONGEST_MEMORY = 0.05, 2.0
+# Highest order of an autoregressive model, of the noise of a mean, and the samples that carry one coefficient.
+MOST_ORDER, MOST_ORDER_OF_A_MEAN, SAMPLES_PER_ORDER = 30, 10, 10
+# Shares of the bias that are tried: the first that leaves the model stable.
+CORRECTIONS = (1.0, 0.5, 0.25)
+
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
@@ -103,7 +110,7 @@ def memory_of(a: Array, rate: float) -> float:
     """Return the time after which an autoregressive process has forgotten all but 5 % of itself, s."""
     if len(a) == 0:
         return 1.0 / rate
-    above = np.flatnonzero(np.abs(autocorrelation(a, int(2.0 * rate) + 2)) > 0.05)
+    above = np.flatnonzero(np.abs(autocorrelation(a, int(LONGEST_MEMORY * rate) + 2)) > FORGOTTEN)
     return float((above[-1] + 1) / rate)
 
 
@@ -134,7 +141,7 @@ def fit_noise(
     mask = np.ones(len(residual), dtype=bool) if mask is None else mask
     pieces = [residual[piece] for piece in stretches(mask)]
     n = int(mask.sum())
-    limit = max_order if max_order is not None else min(30, n // 10)
+    limit = max_order if max_order is not None else min(MOST_ORDER, n // SAMPLES_PER_ORDER)
     limit = max(0, min(limit, max(len(piece) for piece in pieces) // 3))
     models, variances = burg(pieces, limit)
     if variances[0] <= 0.0:
@@ -163,7 +170,7 @@ def _corrected(model: NoiseModel, mask: Mask, basis: Array) -> NoiseModel:
         loss = np.sum(u * s_on) + np.sum(s * u_on) - np.sum((u @ core) * u_on)
         seen[lag] = model.correlation[lag] - loss / max(int(pair.sum()), 1)
     bias = -solve_toeplitz(seen[:-1], seen[1:]) - model.a
-    for share in (1.0, 0.5, 0.25):
+    for share in CORRECTIONS:
         a = model.a - share * bias
         if np.max(np.abs(np.roots(np.concatenate([[1.0], a])))) < 1.0 - 1.0 / n:
             return NoiseModel(a, model.variance, autocorrelation(a, n))
@@ -195,7 +202,9 @@ def mean_of(values: Array) -> SampleMean:
     n = len(values)
     mean = float(np.mean(values))
     residual = values - mean
-    noise = fit_noise(residual, max_order=min(10, n // 10), basis=np.full((n, 1), n**-0.5))
+    noise = fit_noise(
+        residual, max_order=min(MOST_ORDER_OF_A_MEAN, n // SAMPLES_PER_ORDER), basis=np.full((n, 1), n**-0.5)
+    )
     if noise.variance <= 0.0:
         return SampleMean(mean, 0.0, float("inf"))
     # R of a shorter memory than the record: the mean's variance is 1'R1 / n^2

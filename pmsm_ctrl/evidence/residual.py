@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = list[int]
 
+# Samples whose rms is the size of a dependence: the tenth where it is largest, and so many at least.
+TENTH, FEWEST_LARGEST = 10, 10
 BLOCKS = 16
 # Longest time left out on either side of a block, s, and of the memory of the noise so many.
 LONGEST_GAP, MEMORIES = 1.0, 3.0
@@ -200,7 +202,7 @@ class Bench:
     def _size(self, base: Index, own: Index) -> float:
         beta, _, _ = _beyond(self.plain_gram, base, own)
         fitted = np.abs(self.plain[:, [*own, *base]] @ beta)
-        count = max(10, len(fitted) // 10)
+        count = max(FEWEST_LARGEST, len(fitted) // TENTH)
         return float(np.sqrt(np.mean(np.partition(fitted, -count)[-count:] ** 2))) if len(fitted) > count else 0.0
 
 

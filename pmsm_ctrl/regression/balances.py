@@ -24,6 +24,7 @@ from pmsm_ctrl.regression.reversals import reversals, timed_sign
 from pmsm_ctrl.regression.timing import punctual
 from pmsm_ctrl.regression.weights import (
     EDGE_PERIODS,
+    MAD,
     edge_weight,
     on_grid,
     prefilter,
@@ -51,6 +52,17 @@ MODELLED = frozenset({"torque", "i_q", "di_q"})
 STANDSTILL = 0.0005
 # Logs of twice this rate and more are thinned to about it first, Hz.
 FAST = 1000.0
+# A log of fewer samples tells nothing; stamps that miss their turn by more than this share of a period jitter.
+FEWEST_SAMPLES, JITTER = 32, 1e-3
+# Band that thinning leaves, in the new rate: steep enough to keep what lies above out.
+THINNED_BAND = 0.4
+# Periods of the cutoff at either end that the filters need to start, and the share of a log that is given up at most.
+EDGES, SHORTEST_EDGE = (4.0, 10.0), 0.05
+REST = 0.004  # s: what is shorter is a reversal
+FEWEST_MIXED = 4  # samples on either side of a reversal that smoothing mixes at least
+STEADY = 0.02  # weight below which a sample's time cannot be believed
+INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d changes no faster
+SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
 # A delay below this share of a sample is met well enough to first order.
@@ -163,7 +175,7 @@ class Record:
         step = round(self.prepared.rate / self.rate)
         if step == 1:
             return values
-        taps = step * firwin(2 * SINC * step + 1, 1.0 / step, window=("kaiser", 8.0))
+        taps = step * firwin(2 * SINC * step + 1, 1.0 / step, window=("kaiser", SIDE_LOBES))
         full: Array = upfirdn(taps, np.pad(values, SINC, mode="edge"), step)
         return full[2 * SINC * step :][: len(self.prepared.t)]
 
@@ -210,7 +222,7 @@ class Record:
     def noise_of(self, values: Array) -> float:
         """Noise of a thinned signal, rms: what it holds in the upper half of the band, as a median."""
         fast = values - low_pass(values, self.rate, 0.5 * self.cutoff)
-        return 1.4826 * math.sqrt(2.0) * float(np.median(np.abs(fast)))
+        return MAD * math.sqrt(2.0) * float(np.median(np.abs(fast)))
 
     def shaft_noise(self) -> float:
         """Noise of the acceleration, rms."""
@@ -239,7 +251,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     LogError
         When a channel is missing, or the axis never moves.
     """
-    log.check_evaluable(32)
+    log.check_evaluable(FEWEST_SAMPLES)
     asked = processing.cutoff if processing is not None else None
     log, few = without_coarse_angle(design, log, asked or signal_band(log))
     log = _thinned(_in_time(design, log, age))
@@ -272,7 +284,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
         # a speed that jumps from sample to sample is a lying time stamp or a lost count
         steady = edge_weight(np.gradient(np.unwrap(on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)
         slow = slow * steady
-        sound = sound & (steady > 0.02)
+        sound = sound & (steady > STEADY)
     weight = [slow * reversal_weight(log, prepared, signals, kink)]
     for name in channels[1:]:
         level = np.hypot(target[1], target[2])
@@ -309,20 +321,20 @@ def _thinned(log: Log) -> Log:
     """Bring a fast log to about 1 kHz: what the balances use lies far below, and long logs stay small."""
     factor = int(log.rate / FAST)
     step = np.diff(log.t)
-    if factor < 2 or float(np.max(np.abs(step - log.period))) > 1e-3 * log.period:
+    if factor < 2 or float(np.max(np.abs(step - log.period))) > JITTER * log.period:
         return log
     channels = {"t": log.t[::factor]}
     for name, values in log.channels.items():
         if name != "t":
             whole = np.unwrap(values) if name == "theta" else values
-            channels[name] = low_pass(whole, log.rate, 0.4 * log.rate / factor, step=factor)
+            channels[name] = low_pass(whole, log.rate, THINNED_BAND * log.rate / factor, step=factor)
     return replace(log, channels=channels, segments=())
 
 
 def _edges(prepared: Prepared) -> Mask:
     """False near both ends, where the filters start: their ringing is down to 0.15 %, or a twentieth is gone."""
     inside = np.ones(len(prepared.t), dtype=bool)
-    periods = max(4.0, min(10.0, 0.05 * len(inside) / prepared.rate * prepared.cutoff))
+    periods = max(EDGES[0], min(EDGES[1], SHORTEST_EDGE * len(inside) / prepared.rate * prepared.cutoff))
     edge = round(periods / prepared.cutoff * prepared.rate)
     inside[:edge] = False
     inside[-edge:] = False
@@ -342,11 +354,11 @@ def _direction(
     direction = timed_sign(omega)
     long = np.zeros(len(omega), dtype=bool)
     for piece in stretches(rests):
-        if piece.stop - piece.start > 0.004 * prepared.rate:
+        if piece.stop - piece.start > REST * prepared.rate:
             long[piece] = True
     free = ~long
     level = J = 0.0
-    reach = max(4, round(prepared.rate / wide))
+    reach = max(FEWEST_MIXED, round(prepared.rate / wide))
     direction[long] = 0.0
     for _ in range(3):  # again with what the reversals say of the level
         columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free]
@@ -368,7 +380,7 @@ def _intended_i_d(log: Log, prepared: Prepared, i_d: Array) -> Array:
     """The d-current without its noise: the reference where it is logged, else the slow part where there is any."""
     if "i_d_ref" in log:
         return on_grid(log, prepared, "i_d_ref")
-    slow = low_pass(i_d, prepared.rate, 0.25 * prepared.cutoff)
+    slow = low_pass(i_d, prepared.rate, INTENDED * prepared.cutoff)
     noise = float(np.std(i_d - slow))
     return slow if float(np.sqrt(np.mean(slow**2))) > 3.0 * noise else np.zeros_like(i_d)
 

@@ -24,6 +24,12 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+MAD = 1.4826  # standard deviation of normal noise over the median of its magnitude
+# A channel's own noise is what it holds above this share of its rate: no motion reaches there.
+UPPER = 0.25
+UNSURE = 0.1  # of a sample: the moment of a reversal is known no better
+# Noise beyond this share of a step smooths the steps; differences below this share of a channel's range are rounding.
+DITHER, ROUNDING = 0.4, 1e-6
 # Height of the highest of a few hundred samples of noise, in its standard deviation.
 NOISE_PEAK = 4.5
 EDGE_PERIODS = 3.0
@@ -51,7 +57,7 @@ def reversal_weight(log: Log, prepared: Prepared, signals: Mapping[str, Array], 
     rounded = ROUNDED * 2.0 * level / J / (2.0 * np.pi * wide)
     turns = np.flatnonzero(np.diff(np.sign(omega)) != 0)
     slope = np.abs(low_pass(prepared.alpha, rate, prepared.cutoff))[turns]
-    unsure = 0.1 / rate + np.minimum(rounded / np.maximum(slope, 1e-12), 1.0 / prepared.cutoff)
+    unsure = UNSURE / rate + np.minimum(rounded / np.maximum(slope, 1e-12), 1.0 / prepared.cutoff)
     wrong = np.zeros(len(omega))
     np.maximum.at(wrong, turns, 2.0 * level * unsure * 2.0 * prepared.cutoff)
     wrong = _highest(wrong, 2 * round(rate / prepared.cutoff) + 1)[prepared.keep]
@@ -73,8 +79,8 @@ def edge_weight(raw: Array, prepared: Prepared, periods: float) -> Array:
     steeply with that, for so many periods of the filter's cutoff on either side as it rings.
     """
     rate = prepared.rate
-    fast = np.abs(raw - low_pass(raw, rate, 0.25 * rate))
-    noise = float(np.hypot(1.4826 * np.median(fast), WRONG_TORQUE * np.std(raw)))
+    fast = np.abs(raw - low_pass(raw, rate, UPPER * rate))
+    noise = float(np.hypot(MAD * np.median(fast), WRONG_TORQUE * np.std(raw)))
     if noise <= 0.0:
         return np.ones(len(prepared.keep))
     peaks = _highest(fast, 2 * round(periods * rate / prepared.cutoff) + 1)[prepared.keep] / noise
@@ -90,7 +96,7 @@ def edge_weight(raw: Array, prepared: Prepared, periods: float) -> Array:
 
 def _scatter(raw: Array, rate: float) -> float:
     """Robust rms of what a channel holds above a quarter of its rate."""
-    return 1.4826 * float(np.median(np.abs(raw - low_pass(raw, rate, 0.25 * rate))))
+    return MAD * float(np.median(np.abs(raw - low_pass(raw, rate, UPPER * rate))))
 
 
 def quantisation_error(raw: Array, rate: float) -> float:
@@ -99,12 +105,12 @@ def quantisation_error(raw: Array, rate: float) -> float:
     Source: B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008, ch. 4 and 19 (dither).
     """
     steps = np.diff(np.unique(raw))
-    steps = steps[steps > 1e-6 * np.ptp(raw)]
+    steps = steps[steps > ROUNDING * np.ptp(raw)]
     if len(steps) == 0:
         return 0.0
     noise = _scatter(raw, rate)
     step = float(steps.min())
-    return 0.5 * step if noise < 0.4 * step else 0.0
+    return 0.5 * step if noise < DITHER * step else 0.0
 
 
 def on_grid(log: Log, prepared: Prepared, name: str) -> Array:
@@ -122,7 +128,7 @@ def _highest(values: Array, reach: int) -> Array:
 def voltage_weight(design: Design, prepared: Prepared, signals: Mapping[str, Array], u: Array, raw: Array) -> Array:
     """Weight of a voltage balance: its model is off by shares of the inductive drop and of the voltage itself."""
     rate = prepared.rate
-    noise = float(np.std(raw - low_pass(raw, rate, 0.25 * rate))) * np.sqrt(2.0 * prepared.cutoff / rate) + 1e-12
+    noise = float(np.std(raw - low_pass(raw, rate, UPPER * rate))) * np.sqrt(2.0 * prepared.cutoff / rate) + 1e-12
     L = max(design.motor.L_d or 0.0, design.motor.L_q or 0.0)
     slope = np.hypot(signals["di_d"], signals["di_q"])
     steep = _highest(low_pass(slope, rate, prepared.cutoff), 2 * round(0.5 * rate / prepared.cutoff) + 1)
