@@ -392,7 +392,7 @@ def study(
     design: DesignArgument,
     log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="a measured log of this axis")] = None,
     holdout: HoldoutOption = None,
-    output: Annotated[Path | None, output_option("FILE", "the report; reports/NAME.html if left out")] = None,
+    output: Annotated[Path | None, output_option("FILE", "the report; default: reports/NAME.html")] = None,
     history: Annotated[
         Path | None,
         typer.Option("--history", metavar="FILE", help="parameters of earlier studies; this study is added"),

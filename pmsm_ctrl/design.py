@@ -347,7 +347,7 @@ class Design(Part):
         """
         try:
             if Path(path).exists() and not (Path(path).is_file() or Path(path).is_dir()):
-                raise DesignError(f"{path}: is no file; a design in TOML was expected")
+                raise DesignError(f"{path}: not a file; a design in TOML was expected")
             if Path(path).stat().st_size > MAX_FILE:
                 raise DesignError(f"{path}: larger than {MAX_FILE >> 20} MB; a design in TOML was expected")
             text = Path(path).read_bytes().decode("utf-8")

@@ -26,7 +26,7 @@ def _option(example: str) -> Any:
 
 def init(
     name: Annotated[str, typer.Argument(metavar="NAME", help="name of the axis")] = "axis",
-    output: Annotated[Path | None, output_option("DESIGN", "the design to write; NAME.toml if left out")] = None,
+    output: Annotated[Path | None, output_option("DESIGN", "the design to write; default: NAME.toml")] = None,
     force: Annotated[bool, typer.Option("--force", help="overwrite an existing design")] = False,
     machine: Annotated[
         Text,

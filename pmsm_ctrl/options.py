@@ -46,7 +46,7 @@ DesignOption = Annotated[Path, typer.Option("--design", "-d", metavar="DESIGN", 
 EffectsOption = Annotated[
     Any,
     typer.Option(
-        "--effects", metavar="FILE.py", parser=_own_effects, help="own effects beside the catalogue: RUNS this file"
+        "--effects", metavar="FILE.py", parser=_own_effects, help="file with own effects; RUNS this file as Python code"
     ),
 ]
 LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="measured or simulated log: CSV, MAT, ...")]
@@ -56,7 +56,9 @@ MapOption = Annotated[
 ]
 JsonOption = Annotated[Path | None, output_option("FILE", "write the result as JSON", "--json")]
 ReportOption = Annotated[Path | None, output_option("FILE", "write the result as one HTML page", "--report")]
-HoldoutOption = Annotated[Path | None, typer.Option("--holdout", metavar="LOG2", help="hold-out log, not fitted")]
+HoldoutOption = Annotated[
+    Path | None, typer.Option("--holdout", metavar="LOG2", help="second log for validation; nothing is fitted to it")
+]
 NewDesignOption = Annotated[Path | None, output_option("NEW_DESIGN", "write the design with the result")]
 MethodOption = Annotated[
     str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")

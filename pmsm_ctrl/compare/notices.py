@@ -13,10 +13,12 @@ __all__ = [
     "largest_words", "motion_words", "structure_words",
 ]  # fmt: skip
 
-NOT_IN_FREE_RUN = Template("not_in_free_run", "{effect} is left out of the free run: {why}")
-NOT_IN_VOLTAGES = Template("not_in_voltages", "{effect} is left out of the voltages: {why}")
-CLOSED_LOOP_FAILED = Template("closed_loop_failed", "no simulation in closed loop: {error}")
-HOLDOUT_IS_LOG = Template("holdout_is_log", "the holdout is the log itself: its error proves nothing")
+NOT_IN_FREE_RUN = Template("not_in_free_run", "{effect} is not part of the free run: {why}")
+NOT_IN_VOLTAGES = Template("not_in_voltages", "{effect} is not part of the predicted voltages: {why}")
+CLOSED_LOOP_FAILED = Template("closed_loop_failed", "the closed-loop simulation is not possible: {error}")
+HOLDOUT_IS_LOG = Template(
+    "holdout_is_log", "hold-out record and log are the same data: the hold-out error validates nothing"
+)
 
 OBJECTIONS = {
     Objection.NOT_SIGNIFICANT: "not significant",
@@ -44,7 +46,7 @@ def largest_words(d: Dependence) -> str:
     extent, unit = d.extent, f" {d.unit}".rstrip()
     low, high = (None if x is None else f"{x:.3g}" for x in (extent.low, extent.high))
     if low is None and high is None:
-        place = "everywhere alike"
+        place = "similar everywhere"
     elif low is None:
         place = f"below {high}{unit}"
     elif high is None:

@@ -26,12 +26,12 @@ def _(result: Comparison) -> Section:
     records = [("log", log)] + ([("holdout", result.holdout)] if result.holdout is not None else [])
     rows = tuple(row for label, record in records for row in _error_rows(label, record, names))
     return Section(
-        f"{result.design.name} against {Path(log.name).name}",
+        f"Comparison of {result.design.name} with {Path(log.name).name}",
         (
             _capital(found[0]),
             *result.notices,
             *(_capital(sentence) for sentence in found[1:]),
-            Table(_HEADER, rows, "Errors, measured less predicted"),
+            Table(_HEADER, rows, "Errors (measured - predicted)"),
             _dependences(result, names["torque"]),
             _stretches(log, axis_unit("rad/s", motion)),
             *_pictures(result),
@@ -64,8 +64,8 @@ def _dependences(result: Comparison, quantity: str) -> Table:
         place = f"largest {largest_words(d)}" if d.objection is None else OBJECTIONS[d.objection]
         beyond = percent(d.added, 0) if d.rank else "-"
         rows.append((name, percent(d.share, 0), beyond, probability(d.p_value), place))
-    header = ("coordinate", "share alone", "share added", "p (Holm)", "where, or why it does not count")
-    return Table(header, tuple(rows), f"What the {quantity} residual depends on, by cross-validation")
+    header = ("coordinate", "share alone", "share added", "p (Holm)", "where, or why it is not counted")
+    return Table(header, tuple(rows), f"Dependence of the {quantity} residual, by cross-validation")
 
 
 def _stretches(log: Record, speed_unit: str) -> Table | str:
@@ -95,8 +95,8 @@ def _pictures(result: Comparison) -> Iterator[Picture]:
     )
     yield Picture(
         lambda: _drawn("structure_figure", log),
-        "The residual over every coordinate. A curve that stays on zero means that the model is right there; shares "
-        "are those of the residual's mean square, by cross-validation.",
+        "The residual over every coordinate. Where a curve stays at zero the model is right; shares "
+        "are shares of the mean square of the residual, by cross-validation.",
     )
     if log.stretches:
         yield Picture(lambda: _drawn("stretches_figure", log), "The worst stretches, with the speed below.")

@@ -76,7 +76,7 @@ def _changes(result: CompensationStudy) -> Table:
          *(f"{100 * result.change(variant, metric, factor, motion):+.0f} %" for _, metric, motion in SHOWN))
         for variant, factor in pairs
     )  # fmt: skip
-    caption = "Change against no compensation: RMS position error; peak and quadrant: largest after a reversal"
+    caption = "Change of the RMS position error against no compensation; peak, quadrant: largest error after a reversal"
     return Table(("compensated", *(title for title, *_ in SHOWN)), rows, caption)
 
 
@@ -109,8 +109,15 @@ def _sweep(result: CompensationStudy) -> Table:
         for w in result.windows.values()
         for gain, rms, peak, cycle in zip(w.gains, w.rms, w.reversal_peak, w.cycle, strict=True)
     )  # fmt: skip
-    header = ("speed", "gain", "worst RMS of that without", "worst reversal peak", "limit cycle [rad]", "judged")
-    return Table(header, rows, "The sweep of the gain", folded=True)
+    header = (
+        "speed",
+        "gain",
+        "worst RMS, without compensation = 100 %",
+        "worst reversal peak",
+        "limit cycle [rad]",
+        "judged",
+    )
+    return Table(header, rows, "Sweep of the gain", folded=True)
 
 
 def _runs(result: CompensationStudy) -> Table:
@@ -119,4 +126,4 @@ def _runs(result: CompensationStudy) -> Table:
         (r.variant, r.motion, f"{100 * (r.factor - 1):+.0f} %", *(f"{v:.3g}" for v in asdict(r.metrics).values()))
         for r in result.table
     )
-    return Table(("compensated", "motion", "parameters", *metrics), rows, "Every run", folded=True)
+    return Table(("compensated", "motion", "parameters", *metrics), rows, "All runs", folded=True)

@@ -38,17 +38,17 @@ TORQUE_CONSTANT = Template(
 SPEED_LAG = Template(
     "speed_lag",
     "the logged speed lags the torque by {lag} ms (corrected): a filter of the drive, or a delay between channels; a "
-    "log with theta tells which",
+    "log with theta distinguishes the two",
 )
 WINDING_SUBSTITUTE = Template(
     "winding_substitute",
-    "{effect}: without it {parameter} would be {value:.3g} {unit}, {ratio:.2g} times its nominal value, and explain "
-    "nearly as much",
+    "{effect}: without it {parameter} would be {value:.3g} {unit}, {ratio:.2g} times its nominal value and explain "
+    "the voltages nearly as well",
 )
 OTHER_ANGLE = Template(
     "other_angle",
-    "{effect}: the voltages do not follow the wrong angle, so the drive commutates by another one; a design cannot "
-    "describe that, and simulating it turns the drive's frame as well",
+    "{effect}: the voltages do not contain the error of the logged angle, so the drive commutates with another sensor; "
+    "a design cannot describe that: in a simulation the error rotates the dq frame of the drive as well",
 )
 BEYOND_BAND = Template(
     "resonance_beyond_band",
@@ -72,7 +72,8 @@ WINDING_IMPOSSIBLE = Template(
 )
 FRICTION_CHANGED = Template(
     "friction_changed",
-    "friction is well above the design's, {amounts}: it increased, or an effect that is not a candidate looks like it",
+    "friction is well above that of the design ({amounts}): it has increased, or an effect outside the candidates "
+    "resembles friction",
 )
 NOT_CALIBRATED = Template("not_calibrated", "too many false alarms on this motion: {calibration}")
 

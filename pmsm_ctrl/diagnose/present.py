@@ -124,15 +124,15 @@ def _pictures(d: Diagnosis) -> Iterator[Picture]:
 
     kind, unit = d.record.drive, d.record.unit("torque")
     before, after, floor = (100 * d.errors[r]["torque"]["relative"] for r in ("base", "final", "noise_floor"))
-    falling = f"No effect was accepted: {after:.2f} % of the {kind} is left, the noise floor is {floor:.2f} %."
-    maps = "A pattern that no effect explains." if d.left is not None else "No pattern is left."
+    falling = f"No effect was accepted: {after:.2f} % of the {kind} is unexplained, the noise floor is {floor:.2f} %."
+    maps = "The pattern is not explained by any effect." if d.left is not None else "There is no significant pattern."
     if d.steps:
         names = ", then ".join(step.name for step in d.steps)
         falling = (
             f"Every step is an accepted effect ({names}): the error falls from {before:.2f} to {after:.2f} % of the "
             f"{kind}; the noise floor is {floor:.2f} %."
         )
-        maps = "A pattern is a missing effect; it fades with every accepted effect."
+        maps = "A pattern shows a missing effect; it becomes smaller with every accepted effect."
     yield Picture(partial(figures.error_figure, d), falling)
     text = f"Mean residual over speed and {figures.plane_of(d).name}, in one colour scale; grey: no samples. {maps}"
     yield Picture(partial(figures.maps_figure, d), text)

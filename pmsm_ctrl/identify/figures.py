@@ -30,7 +30,7 @@ def residual_figure(result: Identification) -> Figure:
     upper.plot(t, (shown.torque - result.unexplained) * hidden, color=BLUE, linewidth=1.3, label="predicted")
     upper.set_ylabel(f"{quantity} [{unit}]")
     upper.legend(loc="upper right", fontsize="small")
-    upper.set_title(f"{quantity.capitalize()}: measured and predicted, filtered; standstill left out")
+    upper.set_title(f"{quantity.capitalize()}: measured and predicted, filtered; without standstill")
     lower.plot(t, result.unexplained * hidden, color=VERMILION, linewidth=0.8)
     lower.axhline(0.0, color=BLACK, linewidth=0.5)
     lower.set_ylabel(f"residual [{unit}]")

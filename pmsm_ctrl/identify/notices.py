@@ -17,7 +17,7 @@ BOUND = Template(
     "{name} = {value:.4g} +- {stderr:.2g} {unit} is beyond its bound {bound:g}; the design takes the bound",
 )
 ILL_CONDITIONED = Template(
-    "ill_conditioned", "condition number {condition:.3g}: some columns are nearly alike on this motion"
+    "ill_conditioned", "condition number {condition:.3g}: some parameters are nearly inseparable on this motion"
 )
 FEW_DEGREES_OF_FREEDOM = Template(
     "few_degrees_of_freedom",
@@ -32,22 +32,23 @@ INERTIA_OFF = Template(
 
 # -- of the methods that simulate
 CURRENT_LIMIT = Template(
-    "current_limit", "the current limit was met: the feedforward in that log is not known and not replayed"
+    "current_limit", "the current limit was reached: the feedforward in this log is unknown and not simulated"
 )
 REPLAYED_CURRENT = Template(
     "replayed_current",
-    "the current reference holds {rms:.2g} A rms beside the speed controller's output; it is replayed",
+    "the current reference contains {rms:.2g} A rms that is not the speed controller's output (feedforward or "
+    "excitation); the simulation adds it",
 )
-NOT_CONVERGED = Template("not_converged", "{method}: not converged after {rounds} rounds{names}")
+NOT_CONVERGED = Template("not_converged", "{method}: not converged after {rounds} iterations{names}")
 WRONG_LOOPS = Template(
     "wrong_loops",
-    "the residual of the simulated drive is {ratio:.2g} times that of inverse dynamics: its loops or references are "
-    "not quite those of the log, and the numbers may be off by more than their errors",
+    "the residual of the simulated drive is {ratio:.2g} times that of inverse dynamics: its loops or references "
+    "differ from those of the log, and the parameters may be off by more than their standard errors",
 )
 DIFFERS = Template(
     "differs_from_inverse_dynamics",
-    "differs from inverse dynamics, in standard errors: {names}; either the loops and references of the simulation are "
-    "not quite those of the log, or noise in the motion biases inverse dynamics: method iv tells",
+    "differs from inverse dynamics, in standard errors: {names}; either the loops and references of the simulation "
+    "differ from those of the log, or noise in the motion biases inverse dynamics: method iv tests this",
 )
 BIAS_UNTESTED = Template(
     "bias_untested", "least squares cannot be tested for bias: no parameter is identifiable by both methods"
@@ -59,12 +60,12 @@ BIASED = Template("biased", "least squares is biased on this log: {names}")
 
 # -- of the speed sweep
 UNSETTLED = Template(
-    "unsettled_plateaus", "{left_out} of {count} plateaus did not settle and are left out ({speeds} {unit})"
+    "unsettled_plateaus", "{left_out} of {count} plateaus did not settle and are not used ({speeds} {unit})"
 )
 MISFIT = Template(
     "misfit",
-    "the points scatter {ratio:.1f} times more about the line than their own errors allow: a straight line is not the "
-    "whole friction",
+    "the points scatter about the line {ratio:.1f} times as much as their standard errors allow: F_c and F_v do not "
+    "describe the friction completely",
 )
 NEGATIVE = Template("negative_friction", "{symbol} = {value:.3g} {unit} is negative; the design takes 0")
 ONE_DIRECTION = Template("one_direction", "only one direction: a constant load is indistinguishable from F_c")
@@ -91,7 +92,7 @@ def not_identifiable(lost: Unidentifiable, needs: str) -> Notice:
     if needs and lost.cause in _NEEDS:
         text += f"; it needs {needs}"
     if lost.known is not None:
-        text += f"; known is {_sum(lost.known)}"
+        text += f"; identifiable: {_sum(lost.known)}"
     if lost.held:
         text += "; held at the design's value"
     return Notice(lost.cause.value, text, lost.detail)

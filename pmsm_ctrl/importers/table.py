@@ -23,7 +23,7 @@ def one_line(text: str) -> str:
 
 def left_out(what: str, names: Sequence[str]) -> tuple[str, ...]:
     """Return the note on channels or columns that hold no numbers; none where there are none."""
-    return (f"{what} that are no numbers left out: {one_line(', '.join(names[:12]))}",) if names else ()
+    return (f"{what} that are not numbers, not used: {one_line(', '.join(names[:12]))}",) if names else ()
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def _table(path: Path, file: str, layout: Layout, columns: tuple[Column, ...], k
 def _text_note(header: Sequence[str], columns: Sequence[int]) -> list[str]:
     """Return the note on columns that hold words; none where there are none."""
     names = (f"'{header[i]}'" if i < len(header) else f"#{i + 1}" for i in columns)
-    return [f"text columns left out: {', '.join(names)}"] if columns else []
+    return [f"text columns not used: {', '.join(names)}"] if columns else []
 
 
 def _load_ragged(

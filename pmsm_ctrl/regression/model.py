@@ -215,10 +215,10 @@ def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]
         try:
             group = effect_group(record, effect, effect.structure.shape(effect, values), entry)
         except UnavailableError as why:
-            notes.append(f"the design's {effect.id} is left out: {why}")
+            notes.append(f"{effect.id} of the design is not part of the model: {why}")
             continue
         if not any(np.any(columns) for _, columns in group.entering):
-            notes.append(f"the design's {effect.id} is never excited")
+            notes.append(f"{effect.id} of the design is not excited by this motion")
         groups.append(group)
         nominal += [values[s] for s in group.symbols]
         sigma += [np.inf] * len(group.symbols)

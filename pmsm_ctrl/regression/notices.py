@@ -11,27 +11,27 @@ __all__ = [
 
 COARSE_ANGLE = Template(
     "coarse_angle",
-    "theta was written with few digits, in steps of up to {step:.2g} {unit}: what depends on the acceleration is not "
-    "to be trusted; write more digits",
+    "theta was written with few digits, in steps of up to {step:.2g} {unit}: results that depend on the "
+    "acceleration, such as the inertia, are unreliable; export more digits",
 )
 SPEED_FOR_COARSE_ANGLE = Template(
     "speed_for_coarse_angle",
-    "theta was written with few digits, in steps of up to {step:.2g} {unit}: the speed is used in its place; write "
+    "theta was written with few digits, in steps of up to {step:.2g} {unit}: the speed is used instead; export "
     "more digits",
 )
-DEAD_VOLTAGES = Template("dead_voltages", "{channels} zero throughout: left out")
+DEAD_VOLTAGES = Template("dead_voltages", "{channels} zero throughout: not used")
 EQUAL_STEPS = Template(
     "equal_steps",
-    "time stamps jitter by up to {jitter:.1f} % of a period, and the motion does not: taken at equal steps",
+    "time stamps jitter by up to {jitter:.1f} % of a period, the motion does not: equal sampling intervals are used",
 )
 RESAMPLED = Template("resampled", "time stamps jitter by up to {jitter:.1f} % of a period: resampled at {rate:.6g} Hz")
-GAPS = Template("gaps", "{count} gap(s) in time, {seconds:.3g} s in all, left out")
+GAPS = Template("gaps", "gaps in time: {count}, {seconds:.3g} s in total, not used")
 TORQUE_JUMPS = Template(
-    "torque_jumps", "the torque jumps between samples ({percent:.2g} % of them): those moments are left out"
+    "torque_jumps", "the torque jumps at {percent:.2g} % of the samples; the samples around these jumps are not used"
 )
 MEASUREMENT_EFFECT_LEFT_IN = Template(
-    "measurement_effect_left_in", "{effect} is not corrected: the log lacks a channel that its term reads"
+    "measurement_effect_left_in", "{effect} is not corrected: the log lacks a channel that its term needs"
 )
 NO_REGRESSION = Template(
-    "no_regression", "{effect} has a state of its own and takes no part in the regression: use method 'output_error'"
+    "no_regression", "{effect} has an internal state and is not part of the regression: use method 'output_error'"
 )

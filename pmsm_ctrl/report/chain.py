@@ -30,7 +30,7 @@ from pmsm_ctrl.tune import Tuning, tune
 
 __all__ = ["study"]
 
-LEFT_OUT = Template("left_out", "left out: {what}, because {why}")
+LEFT_OUT = Template("left_out", "not done: {what}, because {why}")
 
 
 def study(

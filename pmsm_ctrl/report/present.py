@@ -26,7 +26,9 @@ NOTABLE = 3.0  # standard errors between neighbours from which a change is point
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 
 # Context of a part that its own section cannot know.
-INTRODUCTIONS = {"compare": "The model is the design with the identified inertia and friction; no more was fitted."}
+INTRODUCTIONS = {
+    "compare": "The model is the design with the identified inertia and friction; nothing else was fitted."
+}
 # The subject of the headline comes first, the loops last.
 MEASURED_ORDER = ("compare", "diagnose", "identify", "tune", "sweep", "paper")
 SIMULATED_ORDER = ("sweep", "paper", "identify", "compare", "tune")
@@ -70,7 +72,7 @@ def _(study: Study) -> Section:
 def _(entry: CatalogueEntry) -> Section:
     effect = entry.effect
     facts = (
-        ("id in a design", effect.id), ("enters", effect.enters), ("term", _spoken(effect.equation)),
+        ("id", effect.id), ("enters", effect.enters), ("term", _spoken(effect.equation)),
         ("required excitation", effect.needs), ("validated on", effect.validated), ("source", effect.source),
     )  # fmt: skip
     parameters = tuple(
@@ -158,8 +160,8 @@ def history_section(entries: Sequence[Entry]) -> Section:
     changes = _changes(entries, symbols)
     if len(entries) == 1:
         return Section("Parameters over time", ("This is the first entry.", Table(header, rows)))
-    said = changes or ("No parameter has changed by more than its standard errors allow.",)
-    caption = "Bars are two standard errors. A step larger than they are is a change."
+    said = changes or ("No parameter has changed significantly.",)
+    caption = "Bars are two standard errors. A step beyond the bars is a change."
     return Section("Parameters over time", (*said, Table(header, rows), Picture(lambda: _curves(entries), caption)))
 
 

@@ -35,7 +35,7 @@ def draw(tracking: Tracking) -> Figure:
     estimates = tracking.estimates
     for axis, name in zip(axes, names, strict=False):
         _estimate(axis, tracking, name, estimates[name].unit, estimates[name].nominal, shown)
-    axes[0].set_title("Tracked friction with 95 % bands; narrow bands are where the motion shows it")
+    axes[0].set_title("Tracked friction with 95 % bands; narrow where the motion excites it")
     _gating(axes[-2], tracking, shown)
     _innovations(axes[-1], tracking)
     for axis in axes:

@@ -197,7 +197,7 @@ def noise_from_log(design: Design, settings: Settings, samples: Samples, log: Lo
         noise = 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0)
         floor = 1e-4 * float(np.quantile(np.abs(samples.torque), 0.95))
         if not max(noise, floor) > 0.0:
-            raise RequestError(f"{located(log)}the drive torque is zero throughout; tracking needs a drive that pushes")
+            raise RequestError(f"{located(log)}the drive torque is zero throughout; tracking needs a driven motion")
         settings = replace(settings, torque_noise=max(noise, floor))
     if settings.angle_noise is None and design.sensor.encoder_counts == 0 and settings.measure == "theta":
         step = np.abs(np.diff(samples.z))

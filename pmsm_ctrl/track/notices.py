@@ -10,24 +10,26 @@ __all__ = [
 ]  # fmt: skip
 
 EFFECT_LEFT_OUT = Template(
-    "effect_left_out", "{effect} is left out: a tracker that sees the motor alone cannot evaluate it"
+    "effect_left_out", "{effect} is not modelled: the tracker cannot evaluate it from the motor's signals alone"
 )
 NOT_MOVED = Template("not_moved", "the axis never moved long enough: the estimates are the design's values")
 UNMODELLED_TORQUE = Template(
     "unmodelled_torque",
-    "the torque noise is {factor:.2g} times that of the sensors: the log holds torque that the design does not model; "
-    "the bands allow for its size, not for its shape",
+    "the torque noise is {factor:.2g} times that of the sensors: the log contains torque that the design does not "
+    "model; the error bands cover its size, not its shape",
 )
 INCONSISTENT = Template(
     "inconsistent_innovations",
-    "the mean normalised innovation squared is {nis:.2g}, expected 1: the bands are too {fault}",
+    "the mean normalised innovation squared is {nis:.2g}, expected 1: the error bands are too {fault}",
 )
 CONSTANT_SPEED = Template(
     "constant_speed",
     "the speed was constant during {percent:.0f} % of the motion: only the sum F_c + F_v abs(omega) is observable "
     "there, and their ratio was kept",
 )
-NOT_EXCITED = Template("not_excited", "{state} is hardly better known than before the log: the motion does not show it")
-ONE_DIRECTION = Template("one_direction", "the axis turns in one direction: T_load and F_c cannot be told apart")
-CHANGED = Template("changed_abruptly", "friction or load changed abruptly, number of changes: {count}")
+NOT_EXCITED = Template(
+    "not_excited", "the log hardly reduces the uncertainty of {state}: the motion does not excite it"
+)
+ONE_DIRECTION = Template("one_direction", "the axis turns in one direction: T_load and F_c are not separable")
+CHANGED = Template("changed_abruptly", "friction or load changed abruptly (changes: {count})")
 REJECTED = Template("measurements_rejected", "measurements rejected as outliers: {count}")

@@ -32,7 +32,7 @@ def _(tracking: Tracking) -> Section:
             "At standstill the filter keeps the friction. At constant speed only the sum F_c + F_v abs(omega) is "
             "observable, and the ratio of F_c and F_v is kept.",
             _history(tracking),
-            Picture(lambda: _figure(tracking), "The bands are narrow where the motion separates F_c and F_v."),
+            Picture(lambda: _figure(tracking), "The 95 % bands are narrow where the motion separates F_c and F_v."),
         ),
     )
 

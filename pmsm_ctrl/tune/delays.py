@@ -52,7 +52,7 @@ class Delays:
         """Return where the delay of the current loop comes from, in words."""
         return (
             f"{self.current * 1e6:.4g} us of delay ({self.computation * 1e6:.4g} us computation, "
-            f"{self.holding * 1e6:.4g} us holding)"
+            f"{self.holding * 1e6:.4g} us zero-order hold)"
         )
 
     def explain_speed(self) -> str:
@@ -60,7 +60,7 @@ class Delays:
         return (
             f"{self.speed * 1e3:.4g} ms of small time constants (current loop {self.current_loop * 1e3:.3g} ms, "
             f"speed filter {self.speed_filter * 1e3:.3g} ms, difference quotient "
-            f"{self.difference_quotient * 1e3:.3g} ms, holding {self.speed_holding * 1e3:.3g} ms)"
+            f"{self.difference_quotient * 1e3:.3g} ms, zero-order hold {self.speed_holding * 1e3:.3g} ms)"
         )
 
 

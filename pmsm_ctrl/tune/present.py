@@ -91,11 +91,11 @@ def _method(result: Tuning, loop: str) -> str:
     if asked is None:
         return "as given in the design"
     if loop == "position":
-        return FORWARDED if asked.position_gain is None else f"{FORWARDED}, gain as asked"
+        return FORWARDED if asked.position_gain is None else f"{FORWARDED}, gain as specified"
     words = str(getattr(asked, loop)).replace("_", " ")
     bandwidth, slowed = getattr(asked, f"{loop}_bandwidth"), result.slowed.get(loop, 1.0)
     if bandwidth is not None:
-        words += f", {bandwidth:g} Hz asked"
+        words += f", {bandwidth:g} Hz specified"
     return words if slowed == 1.0 else f"{words}, slowed down {slowed:.3g} times to meet the margins"
 
 
@@ -137,8 +137,8 @@ def _margins(result: Tuning) -> Table:
     names = list(result.margins)
     rows = [(label, *(_number(get(result.margins[name])) for name in names)) for label, get in QUANTITIES.items()]
     highest = (_number(result.highest.get(name, math.nan)) for name in names)
-    rows.append(("highest crossover at 45 deg [Hz]", *highest))
-    return Table(("margin", *names), tuple(rows), "Margins of the discrete loops as they run")
+    rows.append(("highest crossover with 45 deg [Hz]", *highest))
+    return Table(("margin", *names), tuple(rows), "Margins of the sampled loops")
 
 
 def _outcome(check: Check) -> str:
@@ -159,7 +159,13 @@ def _checks(result: Tuning) -> tuple[Table, ...]:
         (c.subject, c.quantity, c.unit, _number(c.predicted), _number(c.simulated), _outcome(c))
         for c in result.proof.checks
     )
-    return (Table(("of", "quantity", "unit", "predicted", "simulated", "outcome"), rows, "Checks in simulation"),)
+    return (
+        Table(
+            ("of", "quantity", "unit", "predicted", "simulated", "outcome"),
+            rows,
+            "Checks in simulation (-: for information, not judged)",
+        ),
+    )
 
 
 def _tolerances(result: Tuning) -> Table:
@@ -208,7 +214,7 @@ def _resistance(result: Tuning) -> Table:
         ("current ripple from current noise", _number(1e3 * n.current_ripple), "mA rms"),
         ("torque ripple from both", _number(1e3 * n.torque_ripple), "mN m rms"),
     )  # fmt: skip
-    return Table(("quantity", "value", "unit"), rows, "Resistance to loads and noise")
+    return Table(("quantity", "value", "unit"), rows, "Stiffness and noise")
 
 
 def _folded(result: Tuning) -> tuple[Block, ...]:

@@ -130,7 +130,7 @@ def test_a_pipe_or_a_device_does_not_hang_a_command(tmp_path: Path) -> None:
     for source in (pipe, Path("/dev/zero")):
         with pytest.raises(LogError, match="is a device or a pipe"):
             read_log(source)
-        with pytest.raises(DesignError, match="is no file"):
+        with pytest.raises(DesignError, match="not a file"):
             Design.read(source)
 
 

@@ -24,7 +24,7 @@ def dependence(forward: np.ndarray, backward: np.ndarray, coordinate: str = "cur
 @pytest.mark.parametrize(
     ("forward", "backward", "extent", "words"),
     [
-        (FLAT, FLAT, Extent(None, None, 0), "everywhere alike"),
+        (FLAT, FLAT, Extent(None, None, 0), "similar everywhere"),
         (RISING, RISING, Extent(7.0, None, 0), "above 7 A"),
         (RISING[::-1], RISING[::-1], Extent(None, 3.0, 0), "below 3 A"),
         (MIDDLE, 0.3 * MIDDLE, Extent(4.0, 6.0, 1), "between 4 and 6 A moving forward"),

@@ -198,7 +198,7 @@ def test_a_tracker_that_could_not_work_is_refused(design: Design) -> None:
     with pytest.raises(RequestError, match=r"sensor\.current_noise is 0"):
         export(design.replace(sensor={"current_noise": 0.0}), "c", part="tracker")
     loose = design.with_effect("compliance", {"J_load": 4e-5, "k": 15.0, "d": 0.002})
-    with pytest.raises(RequestError, match="compliance is left out"):
+    with pytest.raises(RequestError, match="compliance is not modelled"):
         export(loose, "c", part="tracker")
     with pytest.raises(RequestError, match="name a folder"):
         export(design, "st", part="tracker", flavour="br")

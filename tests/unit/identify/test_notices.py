@@ -33,6 +33,6 @@ def test_what_is_known_is_the_weighted_sum() -> None:
     lost = Unidentifiable(Cause.COLLINEAR, "coulomb", DETAIL[Cause.COLLINEAR], known, held=True)
     text = not_identifiable(lost, "").text
     assert text == (
-        "not separable from F_v, T_0 on this motion; known is F_c + 50 F_v - T_0 = 0.02965 +- 4.3e-05 N m; "
+        "not separable from F_v, T_0 on this motion; identifiable: F_c + 50 F_v - T_0 = 0.02965 +- 4.3e-05 N m; "
         "held at the design's value"
     )

@@ -125,7 +125,7 @@ def test_text_column_is_left_out(tmp_path: Path) -> None:
     text = "t [s],theta [rad],state,i_q [A]\n0,0,RUN,1\n1,1,RUN,2\n2,2,HOLD,3\n"
     log = read_log(write(tmp_path, text))
     assert log["i_q"].tolist() == [1.0, 2.0, 3.0]
-    assert "text columns left out: 'state'" in log.provenance.notes
+    assert "text columns not used: 'state'" in log.provenance.notes
 
 
 def test_wrapped_angle_is_unwrapped_and_said_so(tmp_path: Path) -> None:

@@ -139,14 +139,14 @@ def test_a_date_beside_a_time_in_numbers_is_left_out(tmp_path: Path) -> None:
     rows = [f"{FORMS['ISO 8601'](moment)};{0.5 * k};{k};{k}" for k, moment in enumerate(MOMENTS)]
     log = read_log(write(tmp_path, "\n".join(["Timestamp;Time [ms];Position;Iq", *rows])))
     np.testing.assert_allclose(log.t, 0.0005 * np.arange(300), rtol=1e-14)
-    assert "text columns left out: 'Timestamp'" in log.provenance.notes
+    assert "text columns not used: 'Timestamp'" in log.provenance.notes
 
 
 def test_date_and_time_in_two_columns(tmp_path: Path) -> None:
     rows = [f"{m:%d.%m.%Y};{m:%H:%M:%S,%f};{k};{k}" for k, m in enumerate(MOMENTS)]
     log = read_log(write(tmp_path, "\n".join(["Datum;Uhrzeit;Position;Iq", *rows])))
     np.testing.assert_allclose(log.t, SECONDS, rtol=1e-15)
-    assert "text columns left out: 'Datum'" in log.provenance.notes
+    assert "text columns not used: 'Datum'" in log.provenance.notes
 
 
 def test_a_column_of_dates_under_any_name(tmp_path: Path) -> None:
