@@ -11,6 +11,7 @@ from pmsm_ctrl.diagnose.notices import calibration_text
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
+from pmsm_ctrl.units import drives
 
 __all__ = ["verdict_text"]
 
@@ -57,7 +58,7 @@ def _(result: Diagnosis) -> Section:
 
 def _errors(d: Diagnosis) -> Table:
     """The falling error, model by model."""
-    channels = list(d.errors["base"])
+    channels, names = list(d.errors["base"]), {"torque": drives(d.design.motion)}
     other = [c for c in channels if d.steps and c in d.steps[0].holdout_before]
     first = d.steps[0].holdout_before if d.steps else {}
     rows: list[tuple[str, Errors, Errors]] = [
@@ -66,7 +67,7 @@ def _errors(d: Diagnosis) -> Table:
         ("noise floor", d.errors["noise_floor"], {}),
     ]  # fmt: skip
     return Table(
-        ("model", *channels, *(f"held-out {c}" for c in other)),
+        ("model", *(names.get(c, c) for c in channels), *(f"held-out {names.get(c, c)}" for c in other)),
         tuple((name, *_relative(own, channels), *_relative(held, other)) for name, own, held in rows),
         "Relative rms error of each balance",
     )

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DRAWN = 4000  # points per curve; more are not visible
+NO_JITTER = 1e-9  # of the period: rounding of the time stamps
 LISTED = 20  # unused columns that are named
 
 
@@ -46,7 +47,8 @@ def _facts(report: ImportReport) -> tuple[tuple[str, str], ...]:
     rows += [("axis", log.motion), ("samples", f"{len(log)}"), ("duration", f"{log.duration:.6g} s")]
     if math.isfinite(base.period) and base.period > 1e-300:
         rows.append(("rate", f"{1.0 / base.period:.6g} Hz (median period {1e3 * base.period:.6g} ms)"))
-        rows.append(("jitter", f"{1e3 * base.jitter_rms:.3g} ms rms, {1e3 * base.jitter_max:.3g} ms at most"))
+        jitter = f"{1e3 * base.jitter_rms:.3g} ms rms, {1e3 * base.jitter_max:.3g} ms at most"
+        rows.append(("jitter", jitter if base.jitter_max > NO_JITTER * base.period else "none"))
         longest = f", the longest {1e3 * base.longest_gap:.4g} ms at t = {base.longest_gap_at:.6g} s"
         rows.append(("gaps", f"{base.gaps}{longest if base.gaps else ''}"))
     if math.isfinite(report.velocity[0]):

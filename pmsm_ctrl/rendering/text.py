@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import unicodedata
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from pmsm_ctrl.section import Block, Notice, Picture, Section, Table
 __all__ = ["to_text"]
 
 NARROWEST = 80
+_UNIT = re.compile(r"\bm?N (m s/rad|s/m|m)\b")
 WIDEST_PROSE = 100  # longer lines are hard to read
 GAPS = (2, 1)  # blanks between two columns; the narrow gap where the table fits only so
 
@@ -158,8 +160,12 @@ def _wrap(text: str, width: int) -> list[str]:
 
 
 def _words(text: str) -> list[str]:
-    """Split a text at its blanks, but not between a number and its percent sign."""
-    return [word.replace("\0", " ") for word in text.replace(" %", "\0%").split()]
+    """Split a text at its blanks, but not within a unit or between a number and its percent sign."""
+    return [word.replace("\0", " ") for word in _UNIT.sub(_bound, text.replace(" %", "\0%")).split()]
+
+
+def _bound(unit: re.Match[str]) -> str:
+    return unit.group().replace(" ", "\0")
 
 
 def _columns(text: str) -> int:
