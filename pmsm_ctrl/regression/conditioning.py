@@ -133,7 +133,8 @@ class Prepared:
 
     def smooth(self, values: Array) -> Array:
         """Filter signals over the log's own grid, shape (..., n), and thin them to shape (..., m)."""
-        return low_pass(values, self.rate, self.cutoff, steep=True, step=int(self.keep[1] - self.keep[0]))
+        step = int(self.keep[1] - self.keep[0]) if len(self.keep) > 1 else len(self.t)
+        return low_pass(values, self.rate, self.cutoff, steep=True, step=step)
 
     @property
     def mask(self) -> Mask:
