@@ -289,6 +289,7 @@ def add(
     """Add an effect to a design, its parameters fitted to a log."""
     from pmsm_ctrl.diagnose import add as run_adding
     from pmsm_ctrl.effects import catalogue_of, lookup
+    from pmsm_ctrl.rendering.numbers import with_error
     from pmsm_ctrl.units import axis_unit
 
     axis = read_design(design, effects)
@@ -298,9 +299,8 @@ def add(
     known = catalogue_of(axis)
     for entry in result.effects:
         for symbol, value in entry.parameters.items():
-            error = f" +- {entry.stderr[symbol]:.2g}" if symbol in entry.stderr else ""
             unit = axis_unit(lookup(entry.id, known).parameter(symbol).unit, axis.motion)
-            print(f"  {entry.id:<28} {symbol:<8} {value:.5g}{error}{'' if unit == '1' else f' {unit}'}")
+            print(f"  {entry.id:<28} {symbol:<8} {with_error(value, entry.stderr.get(symbol, 0.0), unit)}")
     if json_file is not None:
         write_json(json_file, "add", {"effect": effect, "design": result.to_dict()})
 
@@ -423,13 +423,15 @@ def study(
 
 @app.command("import")
 def import_log(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="file of a drive or a logger")],
-    design: Annotated[Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="for its [log] table")] = None,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="log file of a drive or a data logger")],
+    design: Annotated[
+        Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="design whose [log] table is used")
+    ] = None,
     output: Annotated[Path | None, output_option("LOG", "write it as canonical CSV")] = None,
     mapping: MapOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Show what was understood of a foreign log. Ends with the [log] table that reads it again."""
+    """Show how a log file is read. Ends with the [log] table that reads it again."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import write_text
     from pmsm_ctrl.importers import describe

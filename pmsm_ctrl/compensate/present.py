@@ -61,7 +61,7 @@ def _windows(result: CompensationStudy) -> Table:
          "no limit cycle" if w.hint is None else f"a limit cycle from {percent(w.hint, 0)}")
         for w in result.windows.values()
     )  # fmt: skip
-    header = ("feedforward with", "highest safe gain", "best gain", "describing function predicts (not used)")
+    header = ("feedforward with", "highest safe gain", "best gain", "describing function (for information)")
     return Table(header, rows, "Safe gains, by simulation")
 
 

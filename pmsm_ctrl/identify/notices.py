@@ -54,7 +54,7 @@ BIAS_UNTESTED = Template(
     "bias_untested", "least squares cannot be tested for bias: no parameter is identifiable by both methods"
 )
 NOT_BIASED = Template(
-    "not_biased", "least squares is not biased by more than half a standard error ({shown} for no bias)"
+    "not_biased", "bias of least squares: not significantly above half a standard error (zero bias: {shown})"
 )
 BIASED = Template("biased", "least squares is biased on this log: {names}")
 

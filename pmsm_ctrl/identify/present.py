@@ -75,7 +75,7 @@ def _fit_sentence(result: Identification, quantity: str) -> str:
 def _bias_table(result: Identification) -> Table:
     assert result.bias is not None
     test = result.bias
-    header = ("parameter", "least squares less instruments", "standard error", "in errors of least squares", "verdict")
+    header = ("parameter", "least squares - instruments", "standard error", "in standard errors", "verdict")
     rows = tuple(
         (n, f"{d:+.3g}", f"{test.stderr[n]:.2g}", f"{test.shares[n]:+.2f}", "biased" if n in test.biased else "")
         for n, d in test.bias.items()
@@ -98,7 +98,9 @@ def _(result: SweepResult) -> Section:
         for symbol in ("F_c", "F_v")
     )
 
-    caption = "Points on the line and a residual without a pattern: F_c and F_v are the whole friction."
+    caption = (
+        "F_c and F_v describe the friction completely where the points lie on the line and the residual has no pattern."
+    )
     return Section(
         f"Speed sweep of {result.design.name}",
         (
@@ -115,10 +117,10 @@ def _(result: SweepResult) -> Section:
 def _(result: PaperTable) -> Section:
     hypothesis = (
         f"A torque constant of {result.K_t_wrong:g} instead of {result.K_t:g} N m/A in the evaluation alone would "
-        f"shift both by {100 * (result.K_t_wrong / result.K_t - 1):+.1f} %, close to the paper's -3.0 and -3.3 %: a "
-        "hypothesis, the paper does not say."
+        f"shift both by {100 * (result.K_t_wrong / result.K_t - 1):+.1f} %, close to the paper's -3.0 and -3.3 %. This "
+        "is a hypothesis: the paper does not state its torque constant."
     )
-    evaluated = (f"here, K_t {result.K_t:.4g}", f"here, K_t {result.K_t_wrong:.4g}")
+    evaluated = (f"here, K_t = {result.K_t:.4g}", f"here, K_t = {result.K_t_wrong:.4g}")
     rows = tuple(
         (r.case, r.symbol, r.unit, f"{r.injected:.4g}", *(_deviating(r, v) for v in (r.paper, r.ours, r.wrong_K_t)))
         for r in result.rows

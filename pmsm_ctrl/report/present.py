@@ -35,8 +35,8 @@ SIMULATED_ORDER = ("sweep", "paper", "identify", "compare", "tune")
 # LaTeX commands of the equations as plain text.
 SPOKEN = {
     r"\mathrm{sgn}": "sgn", r"\mathrm{dz}": "dz", r"\omega": "ω", r"\theta": "θ", r"\varphi": "φ", r"\delta": "δ",
-    r"\tau": "τ", r"\mu": "μ", r"\Delta": "Δ", r"\zeta": "ζ", r"\alpha": "α", r"\beta": "β", r"\sin": "sin ",
-    r"\cos": "cos ", r"\quad": "  ", r"\to": "->", r"\frac{dθ}{z_s}": "dθ/z_s", r"\sqrt": "sqrt", r"\,": " ",
+    r"\tau": "τ", r"\mu": "μ", r"\Delta": "Δ", r"\zeta": "ζ", r"\alpha": "α", r"\beta": "β", r"\sin": " sin ",
+    r"\cos": " cos ", r"\quad": "  ", r"\to": "->", r"\frac{dθ}{z_s}": "dθ/z_s", r"\sqrt": "sqrt", r"\,": " ",
 }  # fmt: skip
 
 
@@ -135,7 +135,7 @@ def _spoken(equation: str) -> str:
     """Return a LaTeX equation as plain text."""
     for word, sign in SPOKEN.items():
         equation = equation.replace(word, sign)
-    return equation.replace("{", "").replace("}", "").replace("\\", "")
+    return " ".join(equation.replace("{", "").replace("}", "").replace("\\", "").split())
 
 
 def history_section(entries: Sequence[Entry]) -> Section:
