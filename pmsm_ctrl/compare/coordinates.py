@@ -111,14 +111,15 @@ def _with_play(x: Array, half: float) -> Array:
 
     Forward and backward in time, and the mean of both: one alone would lag by the play, up as down.
     """
-    ways = []
-    for values in (x, x[::-1]):
-        out, last = np.empty_like(x), 0.0
-        for k, value in enumerate(values.tolist()):
-            last = min(max(last, value - half), value + half)
-            out[k] = last
-        ways.append(out)
-    return 0.5 * (ways[0] + ways[1][::-1])
+    from pmsm_ctrl.kernels.filters import followed
+
+    if half == 0.0:
+        return x
+    ways = np.empty((2, len(x)))
+    followed(x, half, ways[0])
+    followed(x[::-1].copy(), half, ways[1])
+    mean: Array = 0.5 * (ways[0] + ways[1][::-1])
+    return mean
 
 
 def _confirmed(prepared: Prepared, alpha: Array, J: float) -> Array:

@@ -37,43 +37,36 @@ def order_spectrum(
     to pass the filter; the score is the gain of the weighted sum of squares over the residual's per sample. Residual,
     mask and weight (relative inverse noise level) have shape (m,).
     """
+    from pmsm_ctrl.kernels.orders import wave_sums
+
     signed = prepared.signals["omega"][prepared.keep]
     theta, omega, direction = prepared.signals["theta"][prepared.keep], np.abs(signed), np.sign(signed)
     both = friction and bool(policy.ONE_WAY < np.mean(direction[mask] > 0.0) < 1.0 - policy.ONE_WAY)
     amplitude, score = np.full(highest, np.nan), np.zeros(highest)
     # in order of speed, those slow enough for an order come first
     slow = np.flatnonzero(mask)[np.argsort(omega[mask], kind="stable")]
-    omega, step, d, r = omega[slow], np.exp(1j * theta[slow]), direction[slow], residual[slow]
+    omega, angle, d, r = omega[slow], theta[slow], direction[slow], residual[slow]
     w = weight[slow] ** 2
     products = np.column_stack([w, w * d, w * d * d, w * r, w * r * d])
-    limit = 2.0 * np.pi * prepared.cutoff * policy.PASSED
+    all_orders = np.arange(1, highest + 1)
+    counts = np.searchsorted(omega, 2.0 * np.pi * prepared.cutoff * policy.PASSED / all_orders)
     travelled = np.cumsum(omega / prepared.thinned_rate)
-    turning, seen, once, twice = np.ones_like(step), [], [], []
-    for k in range(1, highest + 1):
-        n = int(np.searchsorted(omega, limit / k))
-        turning = turning[:n] * step[:n]
-        if n < policy.FEWEST or k * travelled[n - 1] < 4.0 * np.pi:
-            continue
-        seen.append((k, n))
-        once.append(_real(turning) @ products[:n])
-        twice.append(_real(turning * turning) @ products[:n, :3])
-    if not seen:
+    seen = counts >= max(policy.FEWEST, 1)
+    seen[seen] = all_orders[seen] * travelled[counts[seen] - 1] >= 4.0 * np.pi
+    if not np.any(seen):
         return amplitude, score
-    orders, count = np.array(seen).T
+    once, twice = np.empty((highest, 2, 5)), np.empty((highest, 2, 3))
+    wave_sums(np.cos(angle), np.sin(angle), products, counts, once, twice)
+    once, twice, orders, count = once[seen], twice[seen], all_orders[seen], counts[seen]
     places = orders - 1
     none = np.cumsum(products, axis=0)[count - 1]
     power = np.cumsum(w * r * r)[count - 1]
-    gram, right = _normal_equations(none, np.array(once), np.array(twice))
+    gram, right = _normal_equations(none, once, twice)
     # where the direction hangs on the angle, the wave that is the same either way is left
     for base, used in ((1, [0, 2, 3]), (2, [0, 1, 2, 3, 4, 5]))[: 1 + both]:
         sizes, scores, well = _solved(gram[:, used][:, :, used], right[:, used], power, count, base)
         amplitude[places[well]], score[places[well]] = sizes[well], scores[well]
     return amplitude, score
-
-
-def _real(waves_at: NDArray[np.complex128]) -> Array:
-    """Real and imaginary parts, shape (2, n)."""
-    return waves_at.view(np.float64).reshape(-1, 2).T
 
 
 def _normal_equations(none: Array, once: Array, twice: Array) -> tuple[Array, Array]:
@@ -99,7 +92,7 @@ def _normal_equations(none: Array, once: Array, twice: Array) -> tuple[Array, Ar
     return gram, right
 
 
-def _solved(gram: Array, right: Array, power: Array, count: Array, base: int) -> tuple[Array, Array, Mask]:
+def _solved(gram: Array, right: Array, power: Array, count: NDArray[np.int64], base: int) -> tuple[Array, Array, Mask]:
     """Amplitude and score of every order beyond the first `base` columns, and where its waves can be told apart."""
     well = np.linalg.cond(gram) <= 1e3
     sound = np.where(well[:, None, None], gram, np.eye(gram.shape[-1]))

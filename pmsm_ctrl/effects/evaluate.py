@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -50,19 +50,12 @@ def column(effect: Effect, signals: Mapping[str, ArrayLike], parameters: Mapping
     RequestError
         When a signal or a parameter is missing, or the lengths differ.
     """
-    arrays = _broadcast(effect, signals)
-    values = []
-    for name in effect.arguments:
-        if name in SIGNALS:
-            continue
-        if name not in parameters:
-            raise RequestError(f"effect '{effect.id}': no value for parameter '{name}' (given: {_list(parameters)})")
-        values.append(float(parameters[name]))
+    arrays, n = _broadcast(effect, signals)
+    values = _values(effect, parameters)
     loop = _LOOPS.get(effect.term)
     if loop is None:
         loop = _LOOPS[effect.term] = _columns_loop(effect)
     width = len(effect.channels)
-    n = arrays[0].size if arrays else _length(signals)
     out = np.empty((width, n))
     loop(out, *arrays, *values)
     return out if width > 1 else out[0]
@@ -83,32 +76,50 @@ def columns(
     rest : array of the same shape
         The whole term where the effect has no linear parameter; zero for a homogeneous one.
     """
-    off = {**parameters, **{p.symbol: 0.0 for p in effect.linear}}
-    rest = column(effect, signals, off)
-    parts = {p.symbol: column(effect, signals, {**off, p.symbol: 1.0}) - rest for p in effect.linear}
-    return parts, rest
+    arrays, n = _broadcast(effect, signals)
+    linear = [p.symbol for p in effect.linear]
+    values = _values(effect, {**parameters, **dict.fromkeys(linear, 0.0)})
+    key = "columns", effect.term, tuple(linear)
+    loop = _LOOPS.get(key)
+    if loop is None:
+        loop = _LOOPS[key] = _columns_loop(effect, linear)
+    width = len(effect.channels)
+    out = np.empty((width * (1 + len(linear)), n))
+    loop(out, *arrays, *values)
+    rest, *parts = out.reshape(1 + len(linear), width, n) if width > 1 else out
+    return dict(zip(linear, parts, strict=True)), rest
+
+
+def _values(effect: Effect, parameters: Mapping[str, float]) -> list[float]:
+    """Parameters of a term in the order of its arguments."""
+    values = []
+    for name in effect.arguments:
+        if name in SIGNALS:
+            continue
+        if name not in parameters:
+            raise RequestError(f"effect '{effect.id}': no value for parameter '{name}' (given: {_list(parameters)})")
+        values.append(float(parameters[name]))
+    return values
 
 
 def _list(names: Mapping[str, Any]) -> str:
     return ", ".join(names) or "none"
 
 
-def _length(signals: Mapping[str, ArrayLike]) -> int:
-    """Length of the longest signal: a constant term has to be as long as the log it belongs to."""
-    return max((np.size(np.asarray(value)) for value in signals.values()), default=1)
-
-
-def _broadcast(effect: Effect, signals: Mapping[str, ArrayLike]) -> list[Array]:
+def _broadcast(effect: Effect, signals: Mapping[str, ArrayLike]) -> tuple[list[Array], int]:
+    """The signals that a term reads, and the length of all: a constant term is as long as the log it belongs to."""
+    n = max((np.size(value) for value in signals.values()), default=1)
     wanted = []
-    n = _length(signals)
     for name in effect.signals:
         if name not in signals:
             raise RequestError(f"effect '{effect.id}': its term reads '{name}', which is not there ({_list(signals)})")
         values = np.asarray(signals[name], dtype=np.float64)
         if values.ndim > 1 or values.size not in (1, n):
             raise RequestError(f"effect '{effect.id}': signal '{name}' has shape {values.shape}, others have ({n},)")
-        wanted.append(np.ascontiguousarray(np.broadcast_to(values.reshape(-1), (n,))))
-    return wanted
+        if values.size != n or values.ndim == 0:
+            values = np.broadcast_to(values.reshape(-1), (n,))
+        wanted.append(np.ascontiguousarray(values))
+    return wanted, n
 
 
 def called(effect: Effect, /, **given: str) -> str:
@@ -145,13 +156,26 @@ def compiled_loop(
     return _LOOPS[key], symbols
 
 
-def _columns_loop(effect: Effect) -> Callable[..., Any]:
-    """Return the loop over the term's arguments, signals first, compiled for arrays."""
+def _columns_loop(effect: Effect, linear: Sequence[str] | None = None) -> Callable[..., Any]:
+    """Return the loop over the term's arguments, signals first, compiled for arrays.
+
+    With the linear parameters, it gives the term without them, and then what each of them adds: one pass, in which the
+    compiler works out once what all of these have in common.
+    """
     given = [*effect.signals, *(name for name in effect.arguments if name not in SIGNALS)]
-    call = called(effect, **{name: f"{name}[_at]" for name in effect.signals})
-    target = ", ".join(f"_out[{row}, _at]" for row in range(len(effect.channels)))
+    at = {name: f"{name}[_at]" for name in effect.signals}
+    width = len(effect.channels)
+    # all into locals before anything is stored: a store ends what the compiler remembers of a sine
+    calls = [called(effect, **at), *(called(effect, **at, **{symbol: "1.0"}) for symbol in linear or ())]
+    lines = [f"{_names(width, part)} = {call}" for part, call in enumerate(calls)]
+    lines += [
+        f"_out[{part * width + row}, _at] = _{part}_{row}{f' - _0_{row}' if part else ''}"
+        for part in range(len(calls))
+        for row in range(width)
+    ]
     head = f"def loop(_out, {', '.join(given)}):\n    for _at in range(_out.shape[1]):\n"
-    loop: Any = _compiled(effect, "column", f"{head}        {target} = {call}\n")
+    text = head + "".join(f"        {line}\n" for line in lines)
+    loop: Any = _compiled(effect, "column" if linear is None else "columns", text)
     if hasattr(loop, "py_func"):
         array = numba.types.Array(numba.types.float64, 1, "C", readonly=True)
         scalars = [numba.types.float64] * (len(effect.arguments) - len(effect.signals))
@@ -159,6 +183,10 @@ def _columns_loop(effect: Effect) -> Callable[..., Any]:
         loop.disable_compile()
     compiled: Callable[..., Any] = loop
     return compiled
+
+
+def _names(width: int, part: int) -> str:
+    return ", ".join(f"_{part}_{row}" for row in range(width))
 
 
 def _compiled(effect: Effect, kind: str, text: str) -> Any:

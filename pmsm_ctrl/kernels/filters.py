@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.kernels import kernel, uncontracted
 
-__all__ = ["LANES", "coloured_back", "reflections", "whitened", "zero_phase"]
+__all__ = ["LANES", "coloured_back", "followed", "reflections", "whitened", "zero_phase"]
 
 Array = NDArray[np.float64]
 
@@ -163,6 +163,15 @@ def coloured_back(values: Array, position: NDArray[np.int64], filters: Array, ou
             out[c, i] = x
             for lag in range(1, known + 1):
                 out[c, i - lag] -= filters[known, lag] * x
+
+
+@kernel
+def followed(values: Array, half: float, out: Array) -> None:
+    """Follow values of shape (n,), from zero, only where they leave a play of `half` around the last one."""
+    last = 0.0
+    for i in range(values.size):
+        last = min(max(last, values[i] - half), values[i] + half)
+        out[i] = last
 
 
 @kernel

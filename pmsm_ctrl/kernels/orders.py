@@ -1,0 +1,62 @@
+"""Sums over the waves of many orders of a turn, in one pass over the samples an order."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.kernels import kernel
+
+__all__ = ["wave_sums"]
+
+Array = NDArray[np.float64]
+
+
+@kernel
+def wave_sums(
+    cosine: Array, sine: Array, products: Array, counts: NDArray[np.int64], once: Array, twice: Array
+) -> None:
+    """Sum products times the wave of every order, and of twice the order.
+
+    Parameters
+    ----------
+    cosine, sine : array, shape (n,)
+        Of the angle.
+    products : array, shape (n, 5)
+    counts : int array, shape (orders,)
+        Samples that an order takes, the first ones; never more than the order before it.
+    once : array, shape (orders, 2, 5)
+        Filled: sums with the cosine and the sine of the order.
+    twice : array, shape (orders, 2, 3)
+        Filled: the same of twice the order, with the first three products.
+    """
+    c, s = np.ones(cosine.size), np.zeros(cosine.size)
+    for k in range(counts.size):
+        a0 = a1 = a2 = a3 = a4 = b0 = b1 = b2 = b3 = b4 = 0.0
+        d0 = d1 = d2 = e0 = e1 = e2 = 0.0
+        for i in range(counts[k]):
+            x = c[i] * cosine[i] - s[i] * sine[i]
+            y = c[i] * sine[i] + s[i] * cosine[i]
+            c[i], s[i] = x, y
+            p0, p1, p2, p3, p4 = products[i, 0], products[i, 1], products[i, 2], products[i, 3], products[i, 4]
+            a0 += x * p0
+            a1 += x * p1
+            a2 += x * p2
+            a3 += x * p3
+            a4 += x * p4
+            b0 += y * p0
+            b1 += y * p1
+            b2 += y * p2
+            b3 += y * p3
+            b4 += y * p4
+            u, v = x * x - y * y, 2.0 * x * y
+            d0 += u * p0
+            d1 += u * p1
+            d2 += u * p2
+            e0 += v * p0
+            e1 += v * p1
+            e2 += v * p2
+        once[k, 0, 0], once[k, 0, 1], once[k, 0, 2], once[k, 0, 3], once[k, 0, 4] = a0, a1, a2, a3, a4
+        once[k, 1, 0], once[k, 1, 1], once[k, 1, 2], once[k, 1, 3], once[k, 1, 4] = b0, b1, b2, b3, b4
+        twice[k, 0, 0], twice[k, 0, 1], twice[k, 0, 2] = d0, d1, d2
+        twice[k, 1, 0], twice[k, 1, 1], twice[k, 1, 2] = e0, e1, e2
