@@ -196,7 +196,7 @@ def read_answer(question: Question, text: str) -> Answer:
         return Answer({"pole_pairs": "p"}.get(question.key, question.key), number, "")
     known = {_essence(name): name for name in question.units}
     if _essence(unit) not in known:
-        problem = f"the unit '{unit}' does not say which" if unit else "the unit is missing"
+        problem = f"the unit '{unit}' is ambiguous" if unit else "the unit is missing"
         raise RequestError(f"{question.option} '{text}': {problem}; accepted: {question.accepted}")
     name = known[_essence(unit)]
     field, factor = question.units[name]

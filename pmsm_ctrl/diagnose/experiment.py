@@ -59,7 +59,9 @@ def next_experiment(case: Case, selection: Selection) -> Mapping[str, Any] | Non
     if power < case.policy.separated:
         reason = case.effects[first].look_alikes.get(second, "no motion of the menu separates them")
         return answer | {"why": f"{reason}; {needs}"}
-    why = f"simulated with {first}, {second} would fit worse by {power:.3g} in twice the log-likelihood; {needs}"
+    why = (
+        f"in a simulation with {first} the fit of {second} is worse by {power:.3g} in twice the log-likelihood; {needs}"
+    )
     return answer | {"profile": best, "parameters": dict(MENU[best]), "why": why}
 
 
