@@ -81,7 +81,7 @@ def structure_figure(record: Record, channel: str = "torque") -> Figure:
             _spectrum_panel(next(here), d, found.unit)
     for left in here:
         left.set_axis_off()
-    figure.suptitle(f"Where the {channel} residual comes from", fontsize=11)
+    figure.suptitle(f"Dependence of the {channel} residual", fontsize=11)
     return figure
 
 
@@ -149,7 +149,7 @@ def _spectrum_panel(axes: Axes, d: Dependence, unit: str) -> None:
     amplitude, level = d.spectrum
     orders = np.arange(1, len(amplitude) + 1)
     axes.vlines(orders, 0.0, amplitude, color=GREY, linewidth=1.2)
-    axes.plot(orders, level, color=BLACK, linestyle=":", linewidth=1.0, label="noise stays below")
+    axes.plot(orders, level, color=BLACK, linestyle=":", linewidth=1.0, label="noise limit")
     axes.legend(fontsize="x-small", loc="best", framealpha=0.7)
     for k in d.orders if d.significant else ():
         axes.plot([k, k], [0.0, amplitude[k - 1]], color=VERMILION, linewidth=2.2)

@@ -31,7 +31,7 @@ def gain_sweep(study: CompensationStudy) -> Figure:
             axis.axvline(100.0 * window.safe, color=colour, linestyle=":", linewidth=1.0)
     upper.axhline(100.0, color="black", linewidth=0.6)
     upper.set(
-        ylabel="worst RMS error [% of that without]",
+        ylabel="worst RMS error\n[% of the uncompensated]",
         title="Gain sweep, parameters right and 20 % wrong (dotted: highest safe gain)",
     )
     upper.legend(fontsize="small")

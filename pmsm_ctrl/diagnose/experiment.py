@@ -57,7 +57,7 @@ def next_experiment(case: Case, selection: Selection) -> Mapping[str, Any] | Non
     needs = f"{first} needs {case.effects[first].needs}"
     answer = {"separates": [first, second], "profile": "", "power": power}
     if power < case.policy.separated:
-        reason = case.effects[first].look_alikes.get(second, "no motion of the menu separates them")
+        reason = case.effects[first].look_alikes.get(second, "none of the simulated motions separates them")
         return answer | {"why": f"{reason}; {needs}"}
     why = (
         f"in a simulation with {first} the fit of {second} is worse by {power:.3g} in twice the log-likelihood; {needs}"

@@ -307,7 +307,7 @@ def contributions_figure(d: Diagnosis) -> Figure:
             rms = np.sqrt(np.bincount(place, parts[name] ** 2, len(x)) / count)
             right.plot(x, rms, color=colour, linestyle="-" if k < 4 else "--", marker=".", ms=4, label=name)
     measured = np.bincount(place, fit.record.target[0][used], len(x)) / count
-    left.plot(x, above + below, color=BLACK, linewidth=1.0, label="their sum")
+    left.plot(x, above + below, color=BLACK, linewidth=1.0, label="sum")
     left.plot(x, measured, "o", color=BLACK, ms=3.5, label="measured")
     left.axhline(0.0, color=BLACK, linewidth=0.5)
     left.set_ylabel(_torque_label(d, ", mean"))
@@ -339,7 +339,7 @@ def structure_figure(d: Diagnosis, found: Structure) -> Figure:
     axes.axhline(0.0, color=BLACK, linewidth=0.5)
     axes.set_xlabel(f"{found.coordinate} [{found.unit}]" if found.unit else found.coordinate)
     axes.set_ylabel(f"{_balance(d, found.channel)} residual [{unit}]")
-    title = f"Resembles {found.resembles}" if found.resembles else "Explained by no effect of the catalogue"
+    title = f"Resembles {found.resembles}" if found.resembles else "Not explained by any effect of the catalogue"
     axes.set_title(f"{title}: {100 * found.share:.0f} % of the residual")
     axes.legend(fontsize="small")
     axes.grid(alpha=0.3)

@@ -20,7 +20,7 @@ LISTED = 20  # unused columns that are named
 @present.register
 def _(report: ImportReport) -> Section:
     count = len(report.notices)
-    verdict = f"Reasons to doubt this log: {count}." if count else "No reason to doubt this log was found."
+    verdict = f"Plausibility checks: {count or 'no'} warning{'' if count == 1 else 's'}."
     guessed = [c.channel for c in report.channels if c.how == "guessed" or c.assumed_unit]
     fixed = [f"Guessed: {', '.join(guessed)}. The [log] table at the end fixes the assignment."] if guessed else []
     more = ", ..." if len(report.unused) > LISTED else ""

@@ -136,9 +136,7 @@ def _notices(notices: Iterator[Block]) -> str:
         for block in notices
         if isinstance(block, Notice)
     )
-    return (
-        f'<div class="warnings" role="note"><strong>Reasons to doubt the numbers</strong>\n<ul>\n{items}</ul>\n</div>\n'
-    )
+    return f'<div class="warnings" role="note"><strong>Warnings</strong>\n<ul>\n{items}</ul>\n</div>\n'
 
 
 def _class(right: bool) -> str:

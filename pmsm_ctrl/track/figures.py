@@ -76,7 +76,7 @@ def _gating(axis: Any, tracking: Tracking, shown: slice) -> None:
 def _innovations(axis: Any, tracking: Tracking) -> None:
     judged = np.flatnonzero(np.isfinite(tracking.normalised))
     judged = judged[:: max(1, judged.size // POINTS)]
-    axis.axhspan(-1.96, 1.96, color=GREEN, alpha=0.15, linewidth=0, label="95 % when consistent")
+    axis.axhspan(-1.96, 1.96, color=GREEN, alpha=0.15, linewidth=0, label="95 % range")
     axis.plot(tracking.t[judged], tracking.normalised[judged], ".", markersize=1.5, color=VERMILION)
-    axis.set_ylabel("innovation [std]")
+    axis.set_ylabel("normalised innovation [1]")
     axis.legend(loc="upper right", fontsize="x-small")

@@ -167,7 +167,7 @@ class Page(HTMLParser):
 def test_html_keeps_the_order_and_says_everything() -> None:
     page = Page(to_html(STUB, number=3))
     wanted = [
-        "3. Friction of axis 1", "Verdict", "Reasons to doubt", "F_s is at its bound", "the speed", "Parameters",
+        "3. Friction of axis 1", "Verdict", "Warnings", "F_s is at its bound", "the speed", "Parameters",
         "0.0213 ± 0.0001", "Figure 3.1.", "Every sample (1 row)", "nan", "Details", "Inside.", "Figure 3.2.",
         "For few", "Hidden.", "if a < b:\n    print()",
     ]  # fmt: skip
