@@ -20,17 +20,16 @@ from pmsm_ctrl.identify.paper import PAPER_CASES
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.report.headline import of_diagnosis, of_simulation
 from pmsm_ctrl.report.history import Entry, extended, history_text, read_history
+from pmsm_ctrl.report.notices import LEFT_OUT
 from pmsm_ctrl.report.page import render, versions
 from pmsm_ctrl.report.present import parts
 from pmsm_ctrl.report.result import Study
 from pmsm_ctrl.result import Result
-from pmsm_ctrl.section import Notice, Template
+from pmsm_ctrl.section import Notice
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.tune import Tuning, tune
 
 __all__ = ["study"]
-
-LEFT_OUT = Template("left_out", "not done: {what}, because {why}")
 
 
 def study(

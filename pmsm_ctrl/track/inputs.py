@@ -147,7 +147,7 @@ def samples_of(design: Design, log: Log, measure: str) -> Samples:
 
 
 def _speed(t: Array, theta: Array, drive: Array) -> Array:
-    """Speed from each angle and the last one before it that was taken in, as on a live stream."""
+    """Speed from each angle and the last used one before it, as on a live stream."""
     speed = np.zeros(t.size)
     later = np.append(True, t[1:] > np.maximum.accumulate(t)[:-1])
     taken = np.flatnonzero(np.isfinite(theta) & np.isfinite(drive) & later)
