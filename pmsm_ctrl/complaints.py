@@ -79,4 +79,4 @@ def _accepted(root: type[BaseModel], loc: tuple[int | str, ...]) -> str:
         return f"accepted: {description}"
     if hasattr(field, "model_fields"):
         return f"accepted: a table with {', '.join(n for n in field.model_fields if n != 'source')}"
-    return "see the README for the fields of a design"
+    return "the docs' page 'A design, field by field' lists the fields"
