@@ -212,7 +212,7 @@ def test_next_experiment_separates_what_one_speed_cannot(blind: ModuleType, desi
     [
         ("presliding", "times as large around reversals as elsewhere"),
         ("backlash", "compliance would explain"),
-        ("iron_loss", "friction is well above the design's"),
+        ("iron_loss", "friction is well above that of the design"),
     ],
 )
 def test_what_is_left_is_unexplained_when_it_only_resembles_an_effect(
