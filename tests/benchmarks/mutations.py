@@ -40,7 +40,7 @@ MUTATIONS = (
     Mutation("threshold: three standard errors of cross-validation -> one", "diagnose/criteria.py",
              "found.gain > asked * found.stderr", "found.gain > found.stderr", "unit/diagnose/test_criteria.py"),
     Mutation("column: what does not hang on the parameter stays in", "effects/evaluate.py",
-             "**off, p.symbol: 1.0}) - rest", "**off, p.symbol: 1.0})", "unit/test_effects.py -k split"),
+             "{f' - _0_{row}' if part else ''}", "", "unit/test_effects.py -k split"),
     Mutation("column of another record is remembered", "regression/columns.py",
              "modelled = not MODELLED.isdisjoint", "modelled = False and MODELLED.isdisjoint",
              "unit/regression/test_columns.py"),
