@@ -19,6 +19,7 @@ __all__ = [
     "error_lowered",
     "holdout",
     "inside_bounds",
+    "no_balance_worse",
     "no_voltage_worse",
     "significance",
     "signs",
@@ -109,6 +110,32 @@ def cross_validation(
     if sure and found.gain > 0.0:
         return None
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
+
+
+def no_balance_worse(
+    before: Mapping[str, float], after: Mapping[str, float], noise: Mapping[str, float], policy: Policy = POLICY
+) -> Refusal | None:
+    """Check that no balance gets worse, unless for much less than another one gains.
+
+    A winding that was bent to stand in for the effect may have served one balance better than the truth does.
+
+    Parameters
+    ----------
+    before, after : dict of balance to float
+        Rms error as the fit weighs it.
+    noise : dict of balance to float
+        Rms noise, in the same units.
+    policy : Policy
+
+    Returns
+    -------
+    Refusal or None
+    """
+    change = {name: (after[name] ** 2 - before[name] ** 2) / noise[name] ** 2 for name in after}
+    for name, more in change.items():
+        if after[name] > policy.balance_worse * before[name] and more > -policy.traded * min(change.values()):
+            return Refusal(Reason.BALANCE_WORSE, {"balance": name})
+    return None
 
 
 def no_voltage_worse(

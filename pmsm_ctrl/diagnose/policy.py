@@ -37,6 +37,9 @@ class Policy:
     lowered : float
         An accepted effect must bring the rms error of at least one balance down to this share. Plant: a speed that the
         drive filtered, and an angle of five digits, let a delay pass without it.
+    balance_worse, traded : float
+        Ratio by which the weighted rms error of a balance may rise with an effect, and more only where that is less
+        than this share of what another balance gains. Blind, pair 11106: a third effect raised an error fivefold.
     worse : float
         Ratio by which an effect on the voltages may raise the rms error of a voltage. Machines: a dead time of 0.02 V.
     relief, absurd : float
@@ -89,6 +92,8 @@ class Policy:
     small_size: float = 0.001
     explained: float = 0.012
     lowered: float = 0.996
+    balance_worse: float = 1.03
+    traded: float = 0.2
     worse: float = 1.1
     relief: float = 25.0
     absurd: float = 225.0

@@ -175,8 +175,9 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
 def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
     """Return what speaks against an effect once everything was fitted again with it."""
     old, new = plain_errors(before), plain_errors(after)
-    refusal = None
-    if trial.candidate.effect.enters == "voltage":
+    noise = dict(zip(after.record.channels, after.weights.sigma.tolist(), strict=True))
+    refusal = criteria.no_balance_worse(weighted_errors(before), weighted_errors(after), noise, policy)
+    if refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
         refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, policy)
     old, new = (

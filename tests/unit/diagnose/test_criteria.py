@@ -74,6 +74,15 @@ def test_cross_validation_by_ranks_and_by_the_winding() -> None:
     assert not confirmed(-0.1, relief=226.0, p_rank=0.0), "a loss is never confirmed"
 
 
+def test_no_balance_may_get_worse_unless_another_one_gains_much_more() -> None:
+    noise = {"torque": 1.0, "u_q": 1.0}
+    old = {"torque": 10.0, "u_q": 1.0}
+    assert criteria.no_balance_worse(old, {"torque": 9.0, "u_q": 1.02}, noise) is None
+    # u_q loses 0.21 of its noise's square, the torque gains 0.5: more than a fifth
+    assert reason(criteria.no_balance_worse(old, {"torque": 99.5**0.5, "u_q": 1.1}, noise)) is Reason.BALANCE_WORSE
+    assert criteria.no_balance_worse(old, {"torque": 5.0, "u_q": 1.1}, noise) is None
+
+
 def test_the_voltages_may_not_get_worse_all_samples_alike() -> None:
     assert criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.09, "u_q": 1.0}) is None
     assert reason(criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.11, "u_q": 1.0})) is (
