@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.diagnose import selection as rounds
-from pmsm_ctrl.diagnose.excitation import own_shares
 from pmsm_ctrl.diagnose.iron_loss import increased
 from pmsm_ctrl.diagnose.outcome import verdict_of
 from pmsm_ctrl.diagnose.policy import POLICY
@@ -195,16 +194,6 @@ def test_friction_that_increased(F_c: float, F_v: float, expected: bool) -> None
     nominal = {"F_c": 1.0, "F_v": 1.0}
     assert increased({"F_c": F_c, "F_v": F_v}, {"F_c": 0.001, "F_v": 0.001}, nominal) is expected
     assert not increased({"F_c": F_c, "F_v": F_v}, {"F_c": 0.1, "F_v": 0.1}, nominal), "not three standard errors"
-
-
-def test_own_share_of_columns() -> None:
-    x = np.linspace(0.0, 1.0, 1001)
-    shares = own_shares(np.column_stack([x, 2.0 * x, x**2, 0.0 * x]))
-    assert shares[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
-    assert np.isnan(shares[3])
-    # x^2 beside x: 1 - (1/4)^2 / (1/3 1/5) = 1/16
-    assert own_shares(np.column_stack([x, x**2])) == pytest.approx([0.25, 0.25], rel=0.01)
-    assert own_shares(x[:, None]) == pytest.approx([1.0])
 
 
 @pytest.mark.parametrize(("R", "stderr", "found"), [(4.3, 0.1, True), (3.1, 0.1, False), (4.3, 1.2, False)])

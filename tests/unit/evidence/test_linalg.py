@@ -93,3 +93,13 @@ def test_projection_on_all_leaves_what_lstsq_leaves(rng: np.random.Generator) ->
     assert rank == 40
     assert y - coefficients @ columns == pytest.approx(expected, abs=1e-9)
     assert projection_on_all(columns @ columns.T, columns @ y, room=7)[1] == 7
+
+
+def test_own_share_of_columns() -> None:
+    x = np.linspace(0.0, 1.0, 1001)
+    shares = own_shares(np.column_stack([x, 2.0 * x, x**2, 0.0 * x]))
+    assert shares[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert shares[3] == 0.0
+    # x^2 beside x: 1 - (1/4)^2 / (1/3 1/5) = 1/16
+    assert own_shares(np.column_stack([x, x**2])) == pytest.approx([0.25, 0.25], rel=0.01)
+    assert own_shares(x[:, None]) == pytest.approx([1.0])
