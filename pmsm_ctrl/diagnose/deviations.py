@@ -13,6 +13,7 @@ from pmsm_ctrl.diagnose.measures import WINDING, relief, strain
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
+from pmsm_ctrl.regression.model import LATENESS
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -31,7 +32,7 @@ def parameter_deviations(design: Design, fit: Fitted, policy: Policy = POLICY) -
     fit : Fitted
     policy : Policy
     """
-    return (*_torque_constant(design, fit, policy), *_machine(design, fit, policy), *_effects(fit))
+    return (*_torque_constant(design, fit, policy), *_machine(design, fit, policy), *_effects(fit), *_timing(fit))
 
 
 def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
@@ -71,6 +72,13 @@ def _effects(fit: Fitted) -> Iterator[Deviation]:
         yield Deviation(name, nominal, value, error, unit, False)
 
 
+def _timing(fit: Fitted) -> Iterator[Deviation]:
+    """By how much the drive signal lags the position: a nuisance, since few logs say how they were sampled."""
+    if LATENESS in fit.model.names:
+        k = fit.model.names.index(LATENESS)
+        yield Deviation(LATENESS, 0.0, float(fit.plain.values[k]), float(fit.plain.stderr[k]), "s", False)
+
+
 def _restored_by(fit: Fitted, policy: Policy) -> str:
     """Name the effects that would bring the winding back to its datasheet."""
     ids = [
@@ -82,7 +90,7 @@ def _restored_by(fit: Fitted, policy: Policy) -> str:
 
 
 def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Policy = POLICY) -> Iterator[Notice]:
-    """Yield what follows from a wrong torque constant, and from a speed that is older than the torque.
+    """Yield what follows from a wrong torque constant, and from a speed that lags the torque.
 
     Parameters
     ----------

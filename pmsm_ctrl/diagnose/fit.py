@@ -30,9 +30,11 @@ from pmsm_ctrl.regression.model import (
     NoiseCovariance,
     Solved,
     base_groups,
+    lateness,
     noise_covariance,
     solve_model,
     with_honest_errors,
+    with_sampling_bounded,
     with_torque_held,
 )
 
@@ -113,6 +115,10 @@ def fit_design(
         model, notes = _assemble(design, record, accepted)
         model = with_torque_held(record, model, OWN)
         rough = solve_model(record, model, rough_weights(record, model))
+        bounded = with_sampling_bounded(record, model, rough.values)
+        if bounded is not model:
+            model = bounded
+            rough = solve_model(record, model, rough_weights(record, model))
         if abs(_delay(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
             break
     present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
@@ -221,7 +227,7 @@ def _true_torque(model: Model, fit: Solved) -> Array:
 def _false_torque(model: Model, values: Array) -> Array:
     out = np.zeros(model.matrix.shape[1])
     for position, group in enumerate(model.groups):
-        if group.effect is not None and group.effect.falsifies_current:
+        if group.misread:
             columns = model.columns_of(position)
             out += model.matrix[0][:, columns] @ values[columns]
     return out
@@ -229,7 +235,7 @@ def _false_torque(model: Model, values: Array) -> Array:
 
 def _delay(model: Model, values: Array) -> float:
     """Delay of the currents that a model has, s, inside its bounds; 0 where it has none."""
-    return sum(
+    return lateness(model, values) + sum(
         group.effect.structure.delay(group.effect, values[model.columns_of(position)].tolist())
         for position, group in enumerate(model.groups)
         if group.effect is not None

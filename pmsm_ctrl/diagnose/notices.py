@@ -12,7 +12,6 @@ __all__ = [
     "BEYOND_BAND",
     "DEPENDENCE",
     "EFFECT_NOT_EXCITED",
-    "FRICTION_CHANGED",
     "NOT_CALIBRATED",
     "NOT_EXCITED",
     "NOT_SEPARABLE",
@@ -69,11 +68,6 @@ WINDING_IMPOSSIBLE = Template(
     "winding_impossible",
     "{parameter} would have to be {value:.3g} {unit}, {ratio:.2g} times its nominal value: the winding is another one, "
     "or a voltage that acts like {like} is missing; no effect of the catalogue explains it",
-)
-FRICTION_CHANGED = Template(
-    "friction_changed",
-    "friction is well above that of the design ({amounts}): it has increased, or an effect outside the candidates "
-    "resembles friction",
 )
 NOT_CALIBRATED = Template("not_calibrated", "too many false alarms on this motion: {calibration}")
 

@@ -13,13 +13,11 @@ from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviation
 from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
 from pmsm_ctrl.diagnose.fit import Fitted, errors
 from pmsm_ctrl.diagnose.fitted_design import fitted_design, fitted_parameters
-from pmsm_ctrl.diagnose.iron_loss import Excess, friction_excess
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Structure, Verdict
 from pmsm_ctrl.diagnose.search import Trial, least_shown
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
-from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
@@ -46,12 +44,6 @@ def outcome(
     steps = list(_steps(case, selection))
     design = fitted_design(case.design, final)
     left = structure.notice if structure is not None else None
-    excess = friction_excess(case, final) if not steps else None
-    if excess is not None and excess.effect is not None:
-        steps.append(_excess_step(case, excess, excess.effect))
-        design = excess.added_to(design, case.design)
-    elif excess is not None:
-        left = left or excess.notice
     blind = not_excited(final, policy)
     hidden = hidden_by_motion(final, case.effects, policy)
     deviations = parameter_deviations(case.design, final, policy)
@@ -124,27 +116,12 @@ def _steps(case: Case, selection: Selection) -> Iterator[DiagnosisStep]:
         )  # fmt: skip
 
 
-def _excess_step(case: Case, excess: Excess, effect: Effect) -> DiagnosisStep:
-    """Return the step that reports friction above the design's."""
-    from scipy.special import ndtr
-
-    p = float(2.0 * ndtr(-min(excess.z, 37.0)))  # beyond 37 the p-value underflows
-    nothing = float("nan")
-    evidence = {
-        "chi2_gain": excess.z**2, "p_value": p, "p_holm": p, "blocks": 0, "block_gain": nothing,
-        "block_stderr": nothing, "p_rank": nothing, "material_share": nothing,
-    }  # fmt: skip
-    before, after = _table(case.record, excess.before), _table(case.record, excess.after)
-    return DiagnosisStep(
-        effect.id, effect.id, effect.title, excess.equivalents, excess.parameters, before, after, {}, {}, evidence
-    )
-
-
 def _evidence(e: Evidence) -> dict[str, Any]:
     cv = e.cross_validation
     return {
         "chi2_gain": e.gain, "p_value": e.p_value, "p_holm": e.p_holm, "blocks": cv.blocks,
         "block_gain": cv.gain, "block_stderr": cv.stderr, "p_rank": cv.p_rank, "material_share": e.size,
+        "explained_share": e.explained,
     }  # fmt: skip
 
 
@@ -157,7 +134,7 @@ def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
     nominal = first.model.nominal.copy()
     for k, name in enumerate(first.model.names):  # nuisances have no nominal value
         free = not np.isfinite(first.model.sigma[k]) and nominal[k] == 0.0
-        if free or (first.model.group_of(k).effect is None and name.startswith("tau_")):
+        if free or (first.model.group_of(k).effect is None and name.startswith(("tau_", "spread_"))):
             nominal[k] = first.plain.values[k]
     residual = first.record.target - first.model.matrix @ nominal
     floor = {}

@@ -63,8 +63,6 @@ class Policy:
         two phases, is one and a half times or twice the design's.
     torque_constant : float
         Share by which the torque constant may be off, which scales every torque: less than on a datasheet.
-    friction_change : float
-        Share by which F_c and F_v change from day to day; more is iron loss or friction that grew. Blind.
     sound_weight : float
         Weight below which a sample is not searched for structure: edges of the torque are aliased. A speed sweep.
     structure_share : float
@@ -105,7 +103,6 @@ class Policy:
     sure_errors: float = 3.0
     tolerance: float = 0.15
     torque_constant: float = 0.02
-    friction_change: float = 0.2
     sound_weight: float = 0.5
     structure_share: float = 0.015
     resembled_share: float = 0.03

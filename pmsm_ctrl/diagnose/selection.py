@@ -34,6 +34,8 @@ class Evidence:
         Of the F-test, the searched shapes paid for; and corrected for the number of candidates.
     size : float
         Contribution over the rms of the balance.
+    explained : float
+        Share of the residual's weighted sum of squares that it explains.
     cross_validation : CrossValidation
     """
 
@@ -41,6 +43,7 @@ class Evidence:
     p_value: float
     p_holm: float
     size: float
+    explained: float
     cross_validation: CrossValidation
 
 
@@ -164,12 +167,13 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
     if refusal is not None:
         return refusal
     share = contribution(fit, trial)
-    refusal = criteria.size(share, trial.plain_gain / fit.plain.chi2, policy)
+    explained = trial.plain_gain / fit.plain.chi2
+    refusal = criteria.size(share, explained, policy)
     if refusal is not None:
         return refusal
     found, whole, relief = cross_validated(fit, trial)
     refusal = criteria.cross_validation(found, whole, relief, not fit.accepted, policy)
-    return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, found)
+    return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found)
 
 
 def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:

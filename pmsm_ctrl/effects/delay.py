@@ -21,9 +21,7 @@ effect = Effect(
     enters="measurement",
     structure=Delay(age="tau"),
     parameters=(
-        Parameter(
-            "tau", "s", 0.0, -3e-3, 3e-3, "age of the logged currents; negative: the angle is older", linear=True
-        ),
+        Parameter("tau", "s", 0.0, -0.1, 0.1, "age of the logged currents; negative: the angle is older", linear=True),
     ),
     term=term,
     example={"tau": 0.0005},

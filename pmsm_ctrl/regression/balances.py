@@ -102,6 +102,9 @@ class Record:
         where the log has a position.
     late : float or None
         Delay of the currents about which its column is taken, s; None as long as the terms read measured currents.
+    sampling : float
+        How far from the position's time the drive signal may have been sampled, s: one period of the log, or of the
+        speed loop, whose steps are always sampled at the same place.
     memo, kept : dict
         Columns that were built: those of this record, and those of the measured motion alone, which are the same
         whatever torque a model predicts.
@@ -120,6 +123,7 @@ class Record:
     notes: tuple[Notice, ...] = ()
     age: float | None = None
     late: float | None = None
+    sampling: float = 0.0
     memo: Memo = field(default_factory=dict, repr=False)
     kept: Memo = field(default_factory=dict, repr=False)
 
@@ -253,6 +257,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     """
     log.check_evaluable(FEWEST_SAMPLES)
     asked = processing.cutoff if processing is not None else None
+    sampling = max(log.period, design.drive.speed_period if design.motor.electrical else 0.0)
     log, few = without_coarse_angle(design, log, asked or signal_band(log))
     log = _thinned(_in_time(design, log, age))
     processing = processing or Processing(standstill=STANDSTILL, cutoff=signal_band(log))
@@ -295,7 +300,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     return Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], (*few, *prepared.notes),
-        None if "theta" in log else age,
+        None if "theta" in log else age, sampling=sampling,
     )  # fmt: skip
 
 

@@ -33,6 +33,7 @@ class Group:
         The columns, in the balances that they enter.
     shape : the nonlinear parameters that the columns were built with
     entry : position in the design's list, or -1
+    sampling : whether the columns say how the drive signal was sampled, and not what acts on the axis
     """
 
     effect: Effect | None
@@ -40,6 +41,12 @@ class Group:
     rows: Rows
     shape: Mapping[str, float]
     entry: int = -1
+    sampling: bool = False
+
+    @property
+    def misread(self) -> bool:
+        """Whether the columns are only measured, and do not act on the axis."""
+        return self.sampling if self.effect is None else self.effect.falsifies_current
 
     @property
     def entering(self) -> Iterator[tuple[int, Array]]:

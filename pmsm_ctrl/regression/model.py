@@ -19,6 +19,7 @@ from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 
 __all__ = [
+    "LATENESS",
     "MOST_NOISE",
     "OWN",
     "Model",
@@ -26,10 +27,12 @@ __all__ = [
     "Solved",
     "base_groups",
     "column_bounds",
+    "lateness",
     "noise_covariance",
     "noise_share",
     "solve_model",
     "with_honest_errors",
+    "with_sampling_bounded",
     "with_torque_held",
 ]
 
@@ -45,6 +48,8 @@ OWN = 0.02
 MOST_NOISE, HELD = 0.05, 0.01
 # What the friction of an axis at rest hangs on: not on its load, its angle or its age.
 DRY = frozenset(("omega", "direction", "p"))
+# Names of the nuisance parameters of the drive signal's sampling; the prior of the first in units of what is possible.
+LATENESS, SPREAD, VAGUE = "tau_drive", "spread_drive", 10.0
 FIXED = 1e-4  # share of a value within which it stays where it must not move
 # Tolerance of a datasheet's value where the design states none.
 TOLERANCE = 0.15
@@ -203,8 +208,12 @@ def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]
     record : Record
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
-    columns = _columns_of(record, terms)
+    timing = [] if record.age is not None else list(_sampling_terms(record))
+    # what follows from a modelled torque is filtered already
+    columns = _columns_of(record, terms) | _columns_of(record, timing, record.late is not None)
     groups = [Group(None, (term.name,), columns[term.name], {}) for term in terms]
+    groups += [Group(None, (term.name,), columns[term.name], {}, sampling=True) for term in timing]
+    terms += timing
     nominal, sigma = [term.nominal for term in terms], [term.sigma for term in terms]
     if noise_share(record, record.acceleration()) >= MOST_NOISE:
         sigma[0] = HELD * design.J
@@ -230,7 +239,7 @@ def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]
     return Model.of(groups, tuple(names), np.array(nominal), np.array(sigma)), tuple(notes)
 
 
-def _columns_of(record: Record, terms: Sequence[_Term]) -> dict[str, Rows]:
+def _columns_of(record: Record, terms: Sequence[_Term], filtered: bool = False) -> dict[str, Rows]:
     """Return the columns of terms, filtered side by side; what follows from the motion alone is remembered."""
     out: dict[str, Rows] = {}
     for term in terms:
@@ -238,7 +247,7 @@ def _columns_of(record: Record, terms: Sequence[_Term]) -> dict[str, Rows]:
             out[term.name] = record.kept["base", term.name]
     missing = [term for term in terms if term.name not in out]
     parts = [term.parts() for term in missing]
-    stacked = record.stack_all(parts)
+    stacked = record.stack_all(parts, filtered)
     for k, (term, part) in enumerate(zip(missing, parts, strict=True)):
         rows = tuple(
             columns[k : k + 1].copy() if columns is not None and name in part else None
@@ -261,6 +270,49 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
         )  # fmt: skip
     if record.age is not None:
         yield _Term("tau_speed", lambda: {"torque": record.rate_of(s["torque"])}, 0.0, FILTERED, True)
+
+
+def _sampling_terms(record: Record) -> Iterator[_Term]:
+    """How the drive signal was sampled, beside the position: late by tau, and averaged over some time.
+
+    A signal T(t) that is sampled late, as a mean over a period or behind a filter is, slow against that,
+    ``T - tau dT/dt + (tau^2 / 2 + s) d^2T/dt^2``: the first moment of the sampling, and its spread s about that. A
+    mean over a period P has ``s = P^2 / 24``, a filter of first order ``s = tau^2 / 2``, a delay none.
+    """
+    torque = record.signals["torque"]
+    yield _Term(LATENESS, lambda: {"torque": -record.slope_behind(torque)}, 0.0, VAGUE * record.sampling, True)
+    if record.late is not None:
+        curved = record.rate_of(record.rate_of(torque))
+        yield _Term(SPREAD, lambda: {"torque": curved}, 0.0, record.sampling**2 / 6.0, True)
+
+
+def lateness(model: Model, values: Array) -> float:
+    """Return how late the drive signal was sampled, s; zero where that is not fitted.
+
+    Parameters
+    ----------
+    model : Model
+    values : array, shape (k,)
+        Of its parameters.
+    """
+    return float(values[model.names.index(LATENESS)]) if LATENESS in model.names else 0.0
+
+
+def with_sampling_bounded(record: Record, model: Model, values: Array) -> Model:
+    """Hold the lateness of the drive signal inside what sampling can do: the rest is a delay, an effect."""
+    if LATENESS not in model.names:
+        return model
+    nominal, sigma = model.nominal.copy(), model.sigma.copy()
+    k = model.names.index(LATENESS)
+    late = float(values[k])
+    if any(group.effect is not None and group.effect.structure.delays for group in model.groups):
+        nominal[k] = 0.0
+    elif abs(late) > record.sampling:
+        nominal[k] = np.copysign(record.sampling, late)
+    else:
+        return model
+    sigma[k] = FIXED * record.sampling
+    return replace(model, nominal=nominal, sigma=sigma)
 
 
 def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:

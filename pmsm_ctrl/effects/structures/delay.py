@@ -38,6 +38,7 @@ class Delay(Structure):
 
     age: str
     memory: ClassVar[int] = 2 * LINE
+    delays: ClassVar[bool] = True
 
     @staticmethod
     def lines(wired: Sequence[tuple[int, Effect]], offset: int, dry: Sequence[tuple[int, Effect]]) -> Lines:

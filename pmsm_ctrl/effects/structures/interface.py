@@ -222,6 +222,8 @@ class Structure(ABC):
         Numbers that the simulation carries from one control period to the next.
     splits_inertia : bool
         Whether it puts a second mass behind the shaft. An axis has one such effect.
+    delays : bool
+        Whether it is a delay of the logged currents.
     replaces_direction : bool
         Whether it stands for the direction in every dry friction, and so has no column of its own in a model.
     """
@@ -229,6 +231,7 @@ class Structure(ABC):
     memory: ClassVar[int] = 0
     splits_inertia: ClassVar[bool] = False
     replaces_direction: ClassVar[bool] = False
+    delays: ClassVar[bool] = False
 
     # -- simulation
 

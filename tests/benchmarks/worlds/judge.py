@@ -73,6 +73,8 @@ def row_of(case: tuple[int, str | None, float, dict[str, Any]]) -> dict[str, Any
         "verdict": str(found.verdict), "named": named, "equivalents": equal, "right": first, "false": false,
         "flagged": flagged, "error": errors, "floor": found.errors["noise_floor"]["torque"]["relative"],
         "p": [s.evidence["p_holm"] for s in found.steps],
+        "explained": [s.evidence["explained_share"] for s in found.steps],
+        "chi2": [f.plain.chi2 / max(f.plain.rows, 1) for f in found.selection.fits],
         "before": [s.error_before["torque"]["relative"] for s in found.steps],
         "after": [s.error_after["torque"]["relative"] for s in found.steps],
     }  # fmt: skip

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.diagnose import selection as rounds
-from pmsm_ctrl.diagnose.iron_loss import increased
 from pmsm_ctrl.diagnose.outcome import verdict_of
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
@@ -182,18 +181,6 @@ def test_verdict(found: bool, blind: bool, left: bool, verdict: str) -> None:
     assert verdict_of(found, blind, left) == verdict
 
 
-@pytest.mark.parametrize(
-    ("F_c", "F_v", "expected"),
-    [
-        (0.25, 0.0, True), (0.0, 0.25, True), (0.19, 0.19, False),
-        (0.25, -0.01, True),  # no more than a wrong torque constant would do
-        (0.25, -0.05, False), (-0.05, 0.25, False),
-    ],
-)  # fmt: skip
-def test_friction_that_increased(F_c: float, F_v: float, expected: bool) -> None:
-    nominal = {"F_c": 1.0, "F_v": 1.0}
-    assert increased({"F_c": F_c, "F_v": F_v}, {"F_c": 0.001, "F_v": 0.001}, nominal) is expected
-    assert not increased({"F_c": F_c, "F_v": F_v}, {"F_c": 0.1, "F_v": 0.1}, nominal), "not three standard errors"
 
 
 @pytest.mark.parametrize(("R", "stderr", "found"), [(4.3, 0.1, True), (3.1, 0.1, False), (4.3, 1.2, False)])
