@@ -75,8 +75,11 @@ def _effects(fit: Fitted) -> Iterator[Deviation]:
 def _timing(fit: Fitted) -> Iterator[Deviation]:
     """By how much the drive signal lags the position: a nuisance, since few logs say how they were sampled."""
     if LATENESS in fit.model.names:
-        k = fit.model.names.index(LATENESS)
-        yield Deviation(LATENESS, 0.0, float(fit.plain.values[k]), float(fit.plain.stderr[k]), "s", False)
+        k, undone = fit.model.names.index(LATENESS), fit.record.timing
+        value, error = undone.delay + float(fit.plain.values[k]), float(fit.plain.stderr[k])
+        yield Deviation(LATENESS, 0.0, value, error, "s", False)
+        if undone.lag > 0.0:
+            yield Deviation("tau_filter", 0.0, undone.lag, float("nan"), "s", False)
 
 
 def _restored_by(fit: Fitted, policy: Policy) -> str:

@@ -34,10 +34,14 @@ from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.drive_timing import UNDELAYED, filter_behind
+from pmsm_ctrl.regression.model import LATENESS, SPREAD
 
 __all__ = ["diagnose"]
 
 Progress = Callable[[float], None]
+
+ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
 
 
 def diagnose(
@@ -135,20 +139,39 @@ def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None =
 
 def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[str, Effect], policy: Policy) -> Case:
     """Condition the log, and the held-out one in the same way."""
-    record = _with_age(design, log)
+    record = _in_time(design, log)
     if holdout is None:
         return Case(design, record, offered, None, policy)
     same = Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
-    return Case(design, record, offered, make_record(design, holdout, same, record.age or 0.0), policy)
+    other = make_record(design, holdout, same, record.age or 0.0, record.timing)
+    return Case(design, record, offered, other, policy)
 
 
-def _with_age(design: Design, log: Log) -> Record:
-    """Condition a log; where it has a speed alone, the lag of that is estimated with the base model, and corrected."""
+def _in_time(design: Design, log: Log) -> Record:
+    """Condition a log, after the base model has told how it was sampled.
+
+    Where the log has a speed alone the lag of that is corrected, else the filter of a drive signal that is later than
+    sampling can make it.
+    """
     record = make_record(design, log)
-    for _ in range(2 if record.age is not None else 0):
+    for _ in range(ROUNDS):
         fit = fit_design(design, record, (), {}, explore=False)
-        late = float(fit.plain.values[fit.model.names.index("tau_speed")])
-        record = make_record(design, log, None, (record.age or 0.0) + late)
+        values = dict(zip(fit.model.names, fit.plain.values.tolist(), strict=True))
+        if record.age is not None:
+            record = make_record(design, log, None, record.age + values["tau_speed"])
+            continue
+        delay = record.timing.delay + values[LATENESS]
+        if record.timing == UNDELAYED and delay <= record.sampling:
+            break
+        free = fit_design(design, record, (), {}, explore=False, settled=False)
+        values = {n: (v, e) for n, v, e in zip(free.model.names, free.plain.values, free.plain.stderr, strict=True)}
+        value, stderr = values[SPREAD]
+        found = filter_behind(
+            record.timing.delay + values[LATENESS][0], (record.timing.spread + value, stderr), record.sampling
+        )
+        if found is None:
+            return make_record(design, log) if record.timing != UNDELAYED else record
+        record = make_record(design, log, None, 0.0, found)
     return record
 
 

@@ -100,22 +100,25 @@ class Fitted:
 
 def fit_design(
     design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
-    explore: bool = True,
+    explore: bool = True, settled: bool = True,
 ) -> Fitted:  # fmt: skip
-    """Fit the design with the accepted effects, and try every candidate on the residual."""
+    """Fit the design with the accepted effects, and try every candidate on the residual.
+
+    Not `settled` is a fit that finds out how the drive signal was sampled.
+    """
     given = record
     for one in (*_bristles(design, effects), *accepted):
         structure = one.effect.structure
         if structure.replaces_direction:
             record = with_direction(record, structure.direction(record, one.effect, one.shape))
-    model, notes = _assemble(design, record, accepted)
+    model, notes = _assemble(design, record, accepted, settled)
     rough = solve_model(record, with_torque_held(record, model), rough_weights(record, model))
     for _ in range(PASSES):
         record = with_modelled_torque(record, _true_torque(model, rough), _delay(model, rough.values))
-        model, notes = _assemble(design, record, accepted)
+        model, notes = _assemble(design, record, accepted, settled)
         model = with_torque_held(record, model, OWN)
         rough = solve_model(record, model, rough_weights(record, model))
-        bounded = with_sampling_bounded(record, model, rough.values)
+        bounded = with_sampling_bounded(record, model, rough.values) if settled else model
         if bounded is not model:
             model = bounded
             rough = solve_model(record, model, rough_weights(record, model))
@@ -173,10 +176,10 @@ def errors(record: Record, residual: Array, channels: Iterable[str] | None = Non
     return out
 
 
-def _assemble(design: Design, record: Record, accepted: Iterable[Accepted]) -> tuple[
+def _assemble(design: Design, record: Record, accepted: Iterable[Accepted], settled: bool = True) -> tuple[
     Model, tuple[str, ...]
 ]:  # fmt: skip
-    model, notes = base_groups(design, record)
+    model, notes = base_groups(design, record, settled)
     for one in accepted:
         if not one.effect.structure.replaces_direction:
             model = model.plus(effect_group(record, one.effect, one.shape))

@@ -19,6 +19,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition
+from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
 from pmsm_ctrl.regression.timing import punctual
@@ -65,6 +66,9 @@ INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d change
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
+# Period of the speed loop of a drive of which nothing is known, and what a current loop lags its command at most, s:
+# one of 160 Hz and more.
+UNKNOWN_LOOP, CURRENT_LOOP = 1e-3, 1e-3
 # A delay below this share of a sample is met well enough to first order.
 LATE = 0.03
 
@@ -102,9 +106,13 @@ class Record:
         where the log has a position.
     late : float or None
         Delay of the currents about which its column is taken, s; None as long as the terms read measured currents.
+    timing : DriveTiming
+        How the drive signal was sampled, as far as that was undone.
     sampling : float
-        How far from the position's time the drive signal may have been sampled, s: one period of the log, or of the
+        How much later than the position the drive signal may have been sampled, s: one period of the log, or of the
         speed loop, whose steps are always sampled at the same place.
+    early : float
+        How much earlier, s: a torque or current may be the command, which a current loop follows later.
     memo, kept : dict
         Columns that were built: those of this record, and those of the measured motion alone, which are the same
         whatever torque a model predicts.
@@ -123,7 +131,9 @@ class Record:
     notes: tuple[Notice, ...] = ()
     age: float | None = None
     late: float | None = None
+    timing: DriveTiming = UNDELAYED
     sampling: float = 0.0
+    early: float = 0.0
     memo: Memo = field(default_factory=dict, repr=False)
     kept: Memo = field(default_factory=dict, repr=False)
 
@@ -245,10 +255,21 @@ class Record:
         return (values - CubicSpline(t, values)(np.clip(t - self.late, t[0], t[-1]))) / self.late
 
 
-def make_record(design: Design, log: Log, processing: Processing | None = None, age: float = 0.0) -> Record:
+def make_record(
+    design: Design, log: Log, processing: Processing | None = None, age: float = 0.0, timing: DriveTiming = UNDELAYED
+) -> Record:
     """Prepare a log for the diagnosis.
 
-    `age` is that of a speed beyond what the design knows of it, s; it counts only where the log has no position.
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    processing : Processing, optional
+        As the log's band asks when left out.
+    age : float
+        Of a speed beyond what the design knows of it, s; it counts only where the log has no position.
+    timing : DriveTiming
+        How the drive signal was sampled; it is undone.
 
     Raises
     ------
@@ -257,9 +278,9 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     """
     log.check_evaluable(FEWEST_SAMPLES)
     asked = processing.cutoff if processing is not None else None
-    sampling = max(log.period, design.drive.speed_period if design.motor.electrical else 0.0)
+    sampling = max(log.period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
     log, few = without_coarse_angle(design, log, asked or signal_band(log))
-    log = _thinned(_in_time(design, log, age))
+    log = timing.undone(_thinned(_in_time(design, log, age)))
     processing = processing or Processing(standstill=STANDSTILL, cutoff=signal_band(log))
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
@@ -276,7 +297,8 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
         signals["i_d"] = _intended_i_d(log, prepared, signals["i_d"])
     _add_slopes(signals, prepared)
     driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
-    direction, sure, kink = _direction(signals["omega"], driving, prepared, prefilter(prepared))
+    measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
+    direction, sure, kink = _direction(signals["omega"], driving, prepared, measured)
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
@@ -284,7 +306,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     source = "torque" if "torque" in log else "i_q"
     slow = edge_weight(on_grid(log, prepared, source), prepared, EDGE_PERIODS)
-    sound = punctual(log, prepared.t, prepared.cutoff, jumps=False)[prepared.keep]
+    sound = measured[prepared.keep]
     if "theta" in log and not sound.all():
         # a speed that jumps from sample to sample is a lying time stamp or a lost count
         steady = edge_weight(np.gradient(np.unwrap(on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)
@@ -300,7 +322,7 @@ def make_record(design: Design, log: Log, processing: Processing | None = None, 
     return Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], (*few, *prepared.notes),
-        None if "theta" in log else age, sampling=sampling,
+        None if "theta" in log else age, timing=timing, sampling=sampling, early=sampling + CURRENT_LOOP,
     )  # fmt: skip
 
 
@@ -347,23 +369,25 @@ def _edges(prepared: Prepared) -> Mask:
 
 
 def _direction(
-    omega: Array, driving: Array, prepared: Prepared, wide: float
+    omega: Array, driving: Array, prepared: Prepared, measured: Mask
 ) -> tuple[Array, Mask, tuple[float, float]]:
     """Direction of motion; while the shaft rests, the share of the dry friction that balances the drive.
+
+    What bridges a hole in the log is not `measured`.
 
     Taking the sign of a resting shaft's speed for the direction would smear errors over the filter's memory into
     the moving samples beside it.
     """
-    top = float(np.quantile(np.abs(omega), 0.99))
+    top = float(np.quantile(np.abs(omega[measured]), 0.99))
     rests = np.abs(omega) <= STANDSTILL * top
     direction = timed_sign(omega)
     long = np.zeros(len(omega), dtype=bool)
     for piece in stretches(rests):
         if piece.stop - piece.start > REST * prepared.rate:
             long[piece] = True
-    free = ~long
+    free = ~long & measured
     level = J = 0.0
-    reach = max(FEWEST_MIXED, round(prepared.rate / wide))
+    reach = max(FEWEST_MIXED, round(prepared.rate / prefilter(prepared)))
     direction[long] = 0.0
     for _ in range(3):  # again with what the reversals say of the level
         columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free]

@@ -22,6 +22,7 @@ __all__ = [
     "LATENESS",
     "MOST_NOISE",
     "OWN",
+    "SPREAD",
     "Model",
     "NoiseCovariance",
     "Solved",
@@ -49,7 +50,7 @@ MOST_NOISE, HELD = 0.05, 0.01
 # What the friction of an axis at rest hangs on: not on its load, its angle or its age.
 DRY = frozenset(("omega", "direction", "p"))
 # Names of the nuisance parameters of the drive signal's sampling; the prior of the first in units of what is possible.
-LATENESS, SPREAD, VAGUE = "tau_drive", "spread_drive", 10.0
+LATENESS, SPREAD, VAGUE = "tau_drive", "spread_drive", 100.0
 FIXED = 1e-4  # share of a value within which it stays where it must not move
 # Tolerance of a datasheet's value where the design states none.
 TOLERANCE = 0.15
@@ -199,16 +200,18 @@ class _Term:
     modelled: bool = False
 
 
-def base_groups(design: Design, record: Record) -> tuple[Model, tuple[str, ...]]:
+def base_groups(design: Design, record: Record, settled: bool = True) -> tuple[Model, tuple[str, ...]]:
     """Return the model of the design as it stands, and notes on effects that this log cannot evaluate.
 
     Parameters
     ----------
     design : Design
     record : Record
+    settled : bool
+        Whether a filter of the drive signal was undone already, if there was one.
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
-    timing = [] if record.age is not None else list(_sampling_terms(record))
+    timing = [] if record.age is not None else list(_sampling_terms(record, settled))
     # what follows from a modelled torque is filtered already
     columns = _columns_of(record, terms) | _columns_of(record, timing, record.late is not None)
     groups = [Group(None, (term.name,), columns[term.name], {}) for term in terms]
@@ -272,18 +275,17 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
         yield _Term("tau_speed", lambda: {"torque": record.rate_of(s["torque"])}, 0.0, FILTERED, True)
 
 
-def _sampling_terms(record: Record) -> Iterator[_Term]:
-    """How the drive signal was sampled, beside the position: late by tau, and averaged over some time.
+def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:
+    """How the drive signal was sampled, beside the position; see `drive_timing`.
 
-    A signal T(t) that is sampled late, as a mean over a period or behind a filter is, slow against that,
-    ``T - tau dT/dt + (tau^2 / 2 + s) d^2T/dt^2``: the first moment of the sampling, and its spread s about that. A
-    mean over a period P has ``s = P^2 / 24``, a filter of first order ``s = tau^2 / 2``, a delay none.
+    Its mean delay, and half the variance of its impulse response; the latter has no prior until the timing is settled.
     """
     torque = record.signals["torque"]
     yield _Term(LATENESS, lambda: {"torque": -record.slope_behind(torque)}, 0.0, VAGUE * record.sampling, True)
     if record.late is not None:
         curved = record.rate_of(record.rate_of(torque))
-        yield _Term(SPREAD, lambda: {"torque": curved}, 0.0, record.sampling**2 / 6.0, True)
+        known = max(record.sampling, record.timing.lag) ** 2 / 6.0
+        yield _Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
 
 
 def lateness(model: Model, values: Array) -> float:
@@ -299,16 +301,24 @@ def lateness(model: Model, values: Array) -> float:
 
 
 def with_sampling_bounded(record: Record, model: Model, values: Array) -> Model:
-    """Hold the lateness of the drive signal inside what sampling can do: the rest is a delay, an effect."""
+    """Hold the lateness of the drive signal inside what sampling can do: the rest is a delay, an effect.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    values : array, shape (k,)
+        Of its parameters.
+    """
     if LATENESS not in model.names:
         return model
     nominal, sigma = model.nominal.copy(), model.sigma.copy()
     k = model.names.index(LATENESS)
-    late = float(values[k])
+    late = record.timing.late + float(values[k])
     if any(group.effect is not None and group.effect.structure.delays for group in model.groups):
         nominal[k] = 0.0
-    elif abs(late) > record.sampling:
-        nominal[k] = np.copysign(record.sampling, late)
+    elif not -record.early <= late <= record.sampling:
+        nominal[k] = (record.sampling if late > 0.0 else -record.early) - record.timing.late
     else:
         return model
     sigma[k] = FIXED * record.sampling

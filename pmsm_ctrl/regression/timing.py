@@ -20,6 +20,9 @@ Mask = NDArray[np.bool_]
 
 # A time stamp that is off by more than this share of a period is late.
 LATE = 0.5
+# A step of more periods is a hole: what bridges it is no measurement, and spreads as far as the low-pass remembers, in
+# periods of its cutoff.
+HOLE, AROUND_HOLES = 5.0, 5.0
 # A speed that changes by so many times its usual change from one sample to the next jumps.
 JUMP = 12.0
 
@@ -43,7 +46,7 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]
     from scipy.interpolate import CubicSpline
 
     # the mean step and not the median: a median of rounded stamps drifts away from the clock
-    holes = step > 5.0 * period
+    holes = step > HOLE * period
     if log.duration / period > 100.0 * len(log) + 1e6:
         where, widest = (f"{log.provenance.file}: " if log.provenance.file else ""), int(np.argmax(step))
         raise LogError(
@@ -98,14 +101,17 @@ def punctual(log: Log, t: Array, cutoff: float, jumps: bool = True) -> Mask:
 
     Such a stamp, or the count that went with it, makes the speed jump: where there are any, samples around jumps of the
     speed are left out as well, unless `jumps` are dealt with elsewhere. Where that would be nearly everywhere, nothing
-    is left out. `t` is the uniform time, s; one and a half periods of the cutoff, Hz, are left out on either side.
+    is left out. `t` is the uniform time, s; one and a half periods of the cutoff, Hz, are left out on either side, and
+    `AROUND_HOLES` around holes.
     """
     good = np.ones(len(t), dtype=bool)
     late = np.flatnonzero(np.abs(np.diff(log.t) - log.period) > LATE * log.period)
     if len(late) == 0:
         return good
-    reach = 1.5 / cutoff
-    spans = [(log.t[k] - reach, log.t[k + 1] + reach) for k in late]
+    reach, hole = 1.5 / cutoff, AROUND_HOLES / cutoff
+    wide = np.diff(log.t)[late] > HOLE * log.period
+    around = np.where(wide, hole, reach)
+    spans = list(zip(log.t[late] - around, log.t[late + 1] + around, strict=True))
     if jumps and "theta" in log:
         rate = (len(t) - 1) / float(t[-1] - t[0])
         speed = np.gradient(np.interp(t, log.t, np.unwrap(log["theta"])))
