@@ -389,6 +389,7 @@ def _direction(
     level = J = 0.0
     reach = max(FEWEST_MIXED, round(prepared.rate / prefilter(prepared)))
     direction[long] = 0.0
+    unknown: list[slice] = []
     for _ in range(3):  # again with what the reversals say of the level
         columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free]
         weights = np.linalg.lstsq(columns, driving[free], rcond=None)[0]
@@ -397,10 +398,11 @@ def _direction(
             break
         left = (driving - weights[2] * omega - weights[3]) / level
         direction[long] = np.clip(left[long] - J / level * prepared.alpha[long], -1.0, 1.0)
-        reversals(direction, long, omega, prepared.signals["theta"], left, J / level, 1.0 / prepared.rate, reach)
+        theta, period = prepared.signals["theta"], 1.0 / prepared.rate
+        unknown = reversals(direction, long, omega, theta, left, J / level, period, reach)
     sure = ~long
     dilate = round(prepared.rate / prepared.cutoff)
-    for piece in stretches(long):
+    for piece in (*stretches(long), *unknown):
         sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
     return direction, sure, (max(level, 0.0), J)
 

@@ -38,8 +38,10 @@ def timed_sign(omega: Array) -> Array:
 def reversals(
     direction: Array, resting: NDArray[np.bool_], omega: Array, theta: Array, torque: Array, J: float, period: float,
     reach: int,
-) -> None:  # fmt: skip
+) -> list[slice]:  # fmt: skip
     """Overwrite `direction` around every reversal by what a shaft with dry friction would do there.
+
+    Returns the stretches in which the shaft stops, or nearly, and goes on as before: its direction is not known there.
 
     Parameters
     ----------
@@ -58,12 +60,16 @@ def reversals(
     """
     longest = reach * (2 + LONGEST)
     share = np.empty(longest)
+    unknown = []
     for first, last in _events(omega, resting, reach):
         start, stop = first - reach, last + reach + 1
         if start < 0 or stop > len(omega) or stop - start > longest:
             continue
         if turned(omega[start:stop], theta[start:stop], torque[start:stop], J, period, share):
             direction[start + 1 : stop - 1] = share[1 : stop - start - 1]
+        elif omega[start] * omega[stop - 1] > 0.0:
+            unknown.append(slice(start, stop))
+    return unknown
 
 
 def _events(omega: Array, resting: NDArray[np.bool_], reach: int) -> list[tuple[int, int]]:
