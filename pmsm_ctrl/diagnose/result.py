@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -14,24 +13,13 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.result import Estimate, Result, jsonable
+from pmsm_ctrl.result import Estimate, Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Calibration", "Deviation", "Diagnosis", "DiagnosisStep", "Errors", "Ranked", "Structure", "Verdict"]
 
 Array = NDArray[np.float64]
 Errors = Mapping[str, Mapping[str, Any]]  # balance -> rms, unit, relative
-
-
-class Verdict(StrEnum):
-    """The answer in one word; the value stands in the JSON."""
-
-    CONSISTENT = "consistent"
-    EFFECTS_MISSING = "effects_missing"
-    UNEXPLAINED = "unexplained"
-    NOT_EXCITED = "not_excited"
-    IMPLAUSIBLE = "implausible"
-    INCONCLUSIVE = "inconclusive"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from pmsm_ctrl.plausibility.doubts import ACCOUNTED, doubts_about, of_holdout
 from pmsm_ctrl.plausibility.examination import examine
 from pmsm_ctrl.plausibility.result import Plausibility, Stretch
 
-__all__ = ["Plausibility", "Stretch", "examine"]
+__all__ = ["ACCOUNTED", "Plausibility", "Stretch", "doubts_about", "examine", "of_holdout"]
