@@ -42,6 +42,12 @@ class Policy:
         than this share of what another balance gains. Blind, pair 11106: a third effect raised an error fivefold.
     worse : float
         Ratio by which an effect on the voltages may raise the rms error of a voltage. Machines: a dead time of 0.02 V.
+    unchanged : float
+        Ratio of rms errors, all moving samples alike, up to which an effect on the torque leaves its error as it was.
+        What is more raises an error. Worlds drawn at random.
+    left_inside : float
+        Share of what an effect explains that must be left when no base parameter leaves its bounds: most of it. A
+        convention.
     relief, absurd : float
         Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect. From `relief` on
         that is reported, and no error has to fall; from `absurd` on (15 tolerances: no motor has four times the
@@ -95,6 +101,8 @@ class Policy:
     balance_worse: float = 1.03
     traded: float = 0.2
     worse: float = 1.1
+    unchanged: float = 1.001
+    left_inside: float = 0.5
     relief: float = 25.0
     absurd: float = 225.0
     tied_gain: float = 20.0

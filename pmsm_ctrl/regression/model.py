@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,10 +25,11 @@ __all__ = [
     "NoiseCovariance",
     "Solved",
     "base_groups",
-    "column_bounds",
+    "known",
     "noise_covariance",
     "noise_share",
     "solve_model",
+    "solve_on_factors",
     "with_honest_errors",
     "with_torque_held",
 ]
@@ -130,6 +131,12 @@ class Solved:
         Orthonormal rows that span the whitened columns of each balance.
     mixing : array, shape (sum of p + priors, rank)
         The orthonormal basis of all balances and priors together, in those of each.
+    triangle : array, shape (sum of p + priors, k)
+        The whitened columns in the bases of the balances, and the priors.
+    along : array, shape (sum of p + priors,)
+        The target in them.
+    held : dict of column to float
+        Parameters that were held at a bound, and that bound.
     """
 
     model: Model
@@ -140,6 +147,9 @@ class Solved:
     inverse: Array
     bases: tuple[Array, ...]
     mixing: Array
+    triangle: Array
+    along: Array
+    held: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def rank(self) -> int:
@@ -297,17 +307,6 @@ def known(model: Model, values: Array) -> Known:
     return Known(float(values[model.names.index("J")]), F_c, dry)
 
 
-def column_bounds(model: Model, values: Array) -> list[tuple[float, float]]:
-    """Return where the parameter of every column may lie; everywhere where it is no effect's."""
-    found = known(model, values)
-    out: list[tuple[float, float]] = []
-    for group in model.groups:
-        effect = group.effect
-        bounds = {} if effect is None else effect.structure.bounds(effect, found)
-        out += [bounds.get(symbol, (-np.inf, np.inf)) for symbol in group.symbols]
-    return out
-
-
 def noise_share(record: Record, alpha: Array) -> float:
     """Share of noise in the acceleration where it counts.
 
@@ -426,8 +425,13 @@ def noise_covariance(fit: Solved, weights: Whitener, whitener: Whitener) -> Nois
 
 
 def with_honest_errors(covariance: NoiseCovariance) -> Solved:
-    """Return a fit by weighted least squares with standard errors that allow for the noise's correlation."""
-    return replace(covariance.fit, stderr=np.sqrt(np.maximum(np.diag(covariance.of_fit()), 0.0)))
+    """Return a fit by weighted least squares with standard errors that allow for the noise's correlation.
+
+    Parameters held at a bound have none.
+    """
+    stderr = np.sqrt(np.maximum(np.diag(covariance.of_fit()), 0.0))
+    stderr[list(covariance.fit.held)] = np.nan
+    return replace(covariance.fit, stderr=stderr)
 
 
 def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
@@ -457,15 +461,46 @@ def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
         rest.append(target)
     known = np.isfinite(model.sigma)
     prior = np.diag(1.0 / model.sigma[known]) @ np.eye(count)[known]
-    factor = factored(np.vstack([*triangles, prior]))
+    triangle = np.vstack([*triangles, prior])
     b = np.concatenate([*along, model.nominal[known] / model.sigma[known]])
-    on_basis = factor.basis @ (factor.basis.T @ b)
-    start = 0
-    for row, basis in enumerate(bases):
-        rest[row] = rest[row] - on_basis[start : start + len(basis)] @ basis
+    return solve_on_factors(model, triangle, b, tuple(bases), rest)
+
+
+def solve_on_factors(
+    model: Model, triangle: Array, along: Array, bases: tuple[Array, ...], target: Sequence[Array],
+    held: Mapping[int, float] | None = None,
+) -> Solved:  # fmt: skip
+    """Solve on the triangular factors.
+
+    Parameters
+    ----------
+    model : Model
+    triangle, along : array
+        As in `Solved`.
+    bases : arrays of shape (p, n)
+        As in `Solved`.
+    target : arrays of shape (n,)
+        Whitened, per balance.
+    held : dict of column to float, optional
+        Parameters that stay at these values.
+    """
+    held = held or {}
+    values = np.zeros(len(model.sigma))
+    at, free = list(held), [k for k in range(len(values)) if k not in held]
+    values[at] = list(held.values())
+    factor = factored(triangle[:, free])
+    inverse = np.zeros((len(values), factor.basis.shape[1]))
+    inverse[free] = factor.inverse
+    fixed = triangle[:, at] @ values[at]
+    on_basis = factor.basis.T @ (along - fixed)
+    predicted = fixed + factor.basis @ on_basis
+    values = values + inverse @ on_basis
+    stderr = np.sqrt(np.sum(inverse**2, axis=1))
+    stderr[at] = np.nan
+    rest, start = [], 0
+    for whole, basis in zip(target, bases, strict=True):
+        rest.append(whole - predicted[start : start + len(basis)] @ basis)
         start += len(basis)
-    values = factor.inverse @ (factor.basis.T @ b)
-    stderr = np.sqrt(np.sum(factor.inverse**2, axis=1))
     rows = sum(len(one) for one in rest)
-    whole = np.concatenate([*rest, b[start:] - on_basis[start:]])
-    return Solved(model, values, stderr, whole, rows, factor.inverse, tuple(bases), factor.basis)
+    whole = np.concatenate([*rest, along[start:] - predicted[start:]])
+    return Solved(model, values, stderr, whole, rows, inverse, bases, factor.basis, triangle, along, held)
