@@ -25,15 +25,13 @@ from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
 from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import effect_group, seen_as_candidate
+from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.model import (
     OWN,
     Model,
-    NoiseCovariance,
     Solved,
     base_groups,
-    noise_covariance,
     solve_model,
-    with_honest_errors,
     with_torque_held,
 )
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -95,9 +93,9 @@ def plain_errors(fit: Fitted) -> dict[str, float]:
     return {name: rms for name, (rms, _) in errors(fit.record, fit.residual).items()}
 
 
-def squares(fit: Fitted, residual: Array, sigma: Sequence[float]) -> float:
+def squares(fit: Fitted, residual: Array, sigma: Array) -> float:
     """Sum of squares of a residual, shape (channels, m), as the fit weighs it; `sigma` is the noise per balance."""
-    rows = residual * fit.record.weight * fit.record.mask / np.array(sigma)[:, None]
+    rows = residual * fit.record.weight * fit.record.mask / sigma[:, None]
     return float(np.sum(rows**2))
 
 
