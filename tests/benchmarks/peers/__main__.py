@@ -16,25 +16,25 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks.peers.cases import OURS, emps_rows, rows_of
+from tests.benchmarks.peers.cases import MUJOCO, OURS, emps_rows, rows_of
 from tests.benchmarks.peers.methods import PEERS, VARIANTS
 from tests.benchmarks.peers.table import merged, report
 
 SCHEMA = "pmsm-ctrl/peers/1"
-PACKAGES = ("pmsm-ctrl", "pysindy", "sysidentpy", "scikit-learn", "numpy", "scipy")
+PACKAGES = ("pmsm-ctrl", "pysindy", "sysidentpy", "mujoco", "scikit-learn", "numpy", "scipy")
 
 
 def main() -> None:
     """Run the methods over the logs, one row each, and print the tables."""
     args = _arguments()
-    known = [*PEERS, *VARIANTS, OURS]
-    methods = [m for m in known if any(m.startswith(o) for o in args.only)] if args.only else [*PEERS, OURS]
+    known = [*PEERS, *VARIANTS, MUJOCO, OURS]
+    methods = [m for m in known if any(m.startswith(o) for o in args.only)] if args.only else [*PEERS, MUJOCO, OURS]
     if not methods:
         raise SystemExit(f"--only {' '.join(args.only)}: none of {', '.join(known)}")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     earlier = [json.loads(path.read_text("utf-8")) for path in args.merge]
     rows = merged(*(run["rows"] for run in earlier))
-    for some in _worlds(args, methods):
+    for some in _worlds(args, [m for m in methods if m != MUJOCO]):
         rows = merged(rows, some)
         _write(args.json, rows, earlier)
     if args.emps:
@@ -66,6 +66,8 @@ def _worlds(args: argparse.Namespace, methods: list[str]) -> Iterator[list[dict[
 
     clean = [(args.first + k, False) for k in range(args.clean)]
     hidden = [(args.first + args.clean + k, True) for k in range(2 * args.hidden)]
+    if not clean and not hidden:
+        return
     with Progress() as bar, ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
         task = bar.add_task("worlds", total=args.clean + args.hidden)
         for cases, wanted in ((clean, args.clean), (hidden, args.hidden)):

@@ -6,7 +6,7 @@ import math
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,15 +21,24 @@ from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
-from tests.benchmarks.peers.library import Library, generic, held_out, library_of, relative, same_processing
+from tests.benchmarks.peers.library import (
+    Library,
+    base_torque,
+    generic,
+    held_out,
+    library_of,
+    relative,
+    same_processing,
+)
 from tests.benchmarks.peers.methods import PEERS, VARIANTS
 from tests.benchmarks.worlds.hidden import hidden_log, possible, simulate_world
 from tests.benchmarks.worlds.judge import SAME
 from tests.benchmarks.worlds.world import World, draw
 
-__all__ = ["OURS", "Case", "emps_rows", "make", "rows_of"]
+__all__ = ["MUJOCO", "OURS", "Case", "emps_rows", "make", "rows_of"]
 
 OURS = "pmsm_ctrl.diagnose"
+MUJOCO = "mujoco sysid"  # names nothing: on EMPS alone, for its parameters
 OFFSET = "constant_load"
 ANOTHER = 10_000_000  # added to a seed for the held-out record
 MARGINS = (1.0, 15.0)
@@ -163,7 +172,7 @@ def _marks(case: Case, row: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def emps_rows(methods: Iterable[str]) -> list[dict[str, Any]]:
+def emps_rows(methods: Sequence[str]) -> list[dict[str, Any]]:
     """Return one row per method for the measured axis EMPS; none, loudly, where its files are absent."""
     named = os.environ.get("PMSM_CTRL_DATA")
     root = Path(__file__).resolve().parents[3]
@@ -176,5 +185,26 @@ def emps_rows(methods: Iterable[str]) -> list[dict[str, Any]]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         log, held = (read_log(path, design) for path in files)
+    case = Case(design, log, held)
     head = {"case": "emps", "seed": 0, "hidden": None, "margin": math.nan}
-    return [head | row for row in judged(Case(design, log, held), tuple(methods))]
+    rows = judged(case, [m for m in methods if m != MUJOCO]) + ([_mujoco(case)] if MUJOCO in methods else [])
+    return [head | row for row in rows]
+
+
+def _mujoco(case: Case) -> dict[str, Any]:
+    """Return the errors with the four parameters that mujoco's sysid finds, and these."""
+    from tests.benchmarks.peers.mujoco_sysid import fitted
+
+    record = make_record(case.design, case.log)
+    other = make_record(case.design, case.held, same_processing(record))
+    began = time.perf_counter()
+    try:
+        values = fitted(case.log, record)
+    except ImportError as error:
+        raise SystemExit(f"{MUJOCO}: {error}; pip install -e '.[peers]'") from error
+    row: dict[str, Any] = {
+        "method": MUJOCO, "seconds": time.perf_counter() - began, "named": [], "equivalents": [], "parameters": values,
+        "error": relative(record, base_torque(case.design, record, values)),
+        "held_out": relative(other, base_torque(case.design, other, values)),
+    }  # fmt: skip
+    return row | _marks(case, row)

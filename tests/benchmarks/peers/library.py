@@ -18,7 +18,7 @@ from pmsm_ctrl.regression.columns import Group, candidate_groups
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.model import base_groups
 
-__all__ = ["Library", "generic", "held_out", "library_of", "same_processing"]
+__all__ = ["Library", "base_torque", "generic", "held_out", "library_of", "relative", "same_processing"]
 
 Array = NDArray[np.float64]
 
@@ -168,8 +168,9 @@ def held_out(library: Library, design: Design, log: Log, chosen: Iterable[str]) 
     values, inside = library.solved(chosen)
     count = library.base.shape[1]
     record = make_record(design, log, same_processing(library.record))
-    record = with_modelled_torque(record, _on(design, record, library, library.solved(())[0]))
-    predicted = _on(design, record, library, values[:count])
+    alone = dict(zip(library.base_names, library.solved(())[0].tolist(), strict=True))
+    record = with_modelled_torque(record, base_torque(design, record, alone))
+    predicted = base_torque(design, record, dict(zip(library.base_names, values[:count].tolist(), strict=True)))
     names = [name for name, used in zip(library.names, inside, strict=True) if used]
     for name in dict.fromkeys(names):
         own = values[count:][[n == name for n in names]]
@@ -180,11 +181,10 @@ def held_out(library: Library, design: Design, log: Log, chosen: Iterable[str]) 
     return relative(record, predicted)
 
 
-def _on(design: Design, record: Record, library: Library, values: Array) -> Array:
-    """Return what the base columns add up to on another record; a nuisance that it does not have counts as zero."""
+def base_torque(design: Design, record: Record, values: Mapping[str, float]) -> Array:
+    """Return what the base columns add up to on a record; a parameter that is not among the values counts as zero."""
     model, _ = base_groups(design, record)
-    known = dict(zip(library.base_names, values.tolist(), strict=True))
-    out: Array = model.matrix[0] @ np.array([known.get(name, 0.0) for name in model.names])
+    out: Array = model.matrix[0] @ np.array([values.get(name, 0.0) for name in model.names])
     return out
 
 

@@ -1,7 +1,8 @@
-"""The rows of a run as the two tables of the page."""
+"""The rows of a run as the tables of the page."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,78 +15,86 @@ __all__ = ["merged", "report"]
 Row = dict[str, Any]
 STRONG = 3.0  # margin from which on an effect is plain to see
 TIMING = "delay"  # when a channel was sampled, rather than what the drive does
+BASE = "base model alone"
 
 
 def merged(*runs: Iterable[Row]) -> list[Row]:
     """Return the rows of several runs; of the same method on the same log the later one counts."""
     out: dict[tuple[Any, ...], Row] = {}
     for row in (row for run in runs for row in run):
-        out[row["method"], row["case"], row["seed"], row["hidden"]] = row
+        out[row["method"], *_log(row)] = row
     return list(out.values())
 
 
 def report(rows: list[Row]) -> None:
-    """Print a table of the worlds, of what was named in clean ones, of failures, and of EMPS."""
+    """Print tables of clean and hidden worlds, what was named in clean ones, failures, and EMPS."""
+    base = {_log(r): r["held_out"] for r in rows if r["method"] == BASE and r.get("held_out")}
     worlds = [row for row in rows if row["case"] == "world"]
-    methods = list(dict.fromkeys(row["method"] for row in rows))
-    clean = {m: [r for r in worlds if r["method"] == m and r["hidden"] is None] for m in methods}
-    hidden = {m: [r for r in worlds if r["method"] == m and r["hidden"] is not None] for m in methods}
-    strong = {m: [r for r in hidden[m] if r["margin"] >= STRONG] for m in methods}
-    print(
-        "\n| method | clean logs with a name | other than `delay` | hidden, margin 3 and more: right name first |"
-        " among the names | with a false name | other than `delay` | below 3: right first | with a false name |"
-    )
-    print("|---|" + "---|" * 8)
-    for m in methods:
-        if worlds and (clean[m] or hidden[m]):
-            weak = [r for r in hidden[m] if r["margin"] < STRONG]
-            print(f"| {m} | {_false(clean[m])} | {_false(clean[m], True)} | {_share(strong[m], 'first')} | "
-                  f"{_share(strong[m], 'contained')} | {_false(strong[m])} | {_false(strong[m], True)} | "
-                  f"{_share(weak, 'first')} | {_false(weak)} |")  # fmt: skip
-    base = {_log(r): r for r in worlds if r["method"] == "base model alone" and r.get("held_out")}
-    print(
-        "\n| method | false names per clean log | error on the held-out record, in that of the base model: clean logs |"
-        " hidden, margin 3 and more | 90 % below, clean | time per log, s (median) |"
-    )
-    print("|---|" + "---|" * 5)
-    for m in methods:
-        if clean[m]:
-            count = np.mean([len(r["false"]) for r in clean[m]])
-            at = [r["seconds"] for r in clean[m] + hidden[m]]
-            print(f"| {m} | {count:.2f} | {_ratio(clean[m], base)} | {_ratio(strong[m], base)} | "
-                  f"{_ratio(clean[m], base, 90)} | {np.median(at):.2f} |")  # fmt: skip
-    for m in methods:
-        names: dict[str, int] = {}
-        for name in (n for r in clean[m] for n in r["false"]):
-            names[name] = names.get(name, 0) + 1
+    clean = _by_method(r for r in worlds if r["hidden"] is None)
+    strong = _by_method(r for r in worlds if r["hidden"] is not None and r["margin"] >= STRONG)
+    weak = _by_method(r for r in worlds if r["hidden"] is not None and r["margin"] < STRONG)
+    _table(
+        "clean logs | with a name | with another one than `delay` | names a log | held-out error | 90 % of logs below |"
+        " time a log, s",
+        [
+            [m, _false(part), _false(part, True), f"{np.mean([len(r['false']) for r in part]):.2f}", _ratio(part, base),
+             _ratio(part, base, 90), f"{np.median([r['seconds'] for r in part]):.2f}"]
+            for m, part in clean.items()
+        ],
+    )  # fmt: skip
+    for title, hidden in (("margin 3 and more", strong), ("margin below 3", weak)):
+        _table(
+            f"hidden, {title} | right name first | among the names | with a false name | other than `delay` |"
+            " held-out error",
+            [
+                [m, _share(part, "first"), _share(part, "contained"), _false(part), _false(part, True),
+                 _ratio(part, base)]
+                for m, part in hidden.items()
+            ],
+        )  # fmt: skip
+    for m, part in strong.items():
+        if any(e for r in part for e in r["equivalents"]):
+            print(f"{m}, margin 3 and more: right name first without its equivalents {_share(part, 'first_itself')}")
+    for m, part in clean.items():
+        names = Counter(n for r in part for n in r["false"]).most_common(6)
         if names:
-            often = sorted(names.items(), key=lambda item: -item[1])[:6]
-            print(f"{m}, clean logs: {', '.join(f'{n} {k}' for n, k in often)}")
+            print(f"{m}, clean logs: {', '.join(f'{n} {k}' for n, k in names)}")
     for row in rows:
         if row.get("why"):
             print(f"failed: {row['method']}, seed {row['seed']}: {row['why'][:120]}")
-    _itself(strong)
     _emps([row for row in rows if row["case"] == "emps"])
 
 
-def _itself(strong: dict[str, list[Row]]) -> None:
-    for m, part in strong.items():
-        if any(e for r in part for e in r["equivalents"]):
-            print(f"{m}, margin 3 and more: right name first without equivalents {_share(part, 'first_itself')}")
-
-
 def _emps(rows: list[Row]) -> None:
-    if not rows:
-        return
-    print("\n| method on EMPS | names | torque error, % | on the held-out pulses, % | time, s |\n|---|---|---|---|---|")
+    _table(
+        "EMPS | names | torque error, % | on the held-out pulses, %",
+        [
+            [r["method"], ", ".join(r["named"]) or r.get("why", "none")]
+            + [f"{100 * r[k]:.2f}" if r.get(k) else "-" for k in ("error", "held_out")]
+            for r in rows
+        ],
+    )
     for r in rows:
-        errors = (f"{100 * r[k]:.2f}" if r.get(k) else "-" for k in ("error", "held_out"))
-        print(f"| {r['method']} | {', '.join(r['named']) or r.get('why', 'none')} | {' | '.join(errors)} | "
-              f"{r['seconds']:.1f} |")  # fmt: skip
+        if "parameters" in r:
+            print(f"{r['method']}: {', '.join(f'{k} {v:.4g}' for k, v in r['parameters'].items())}")
+
+
+def _table(heading: str, lines: list[list[str]]) -> None:
+    if lines:
+        print(f"\n| {heading} |\n|" + "---|" * len(lines[0]))
+        for line in lines:
+            print(f"| {' | '.join(line)} |")
+
+
+def _by_method(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    out: dict[str, list[Row]] = {}
+    for row in rows:
+        out.setdefault(row["method"], []).append(row)
+    return out
 
 
 def _log(row: Row) -> tuple[Any, ...]:
-    return row["seed"], row["hidden"]
+    return row["case"], row["seed"], row["hidden"]
 
 
 def _share(rows: list[Row], key: str) -> str:
@@ -97,6 +106,7 @@ def _false(rows: list[Row], but_timing: bool = False) -> str:
     return interval(hits, len(rows))
 
 
-def _ratio(rows: list[Row], base: dict[tuple[Any, ...], Row], percentile: float = 50) -> str:
-    ratios = [r["held_out"] / base[_log(r)]["held_out"] for r in rows if r.get("held_out") and _log(r) in base]
+def _ratio(rows: list[Row], base: dict[tuple[Any, ...], float], percentile: float = 50) -> str:
+    """Error on the held-out record over that of the base model, a percentile over the logs."""
+    ratios = [r["held_out"] / base[_log(r)] for r in rows if r.get("held_out") and _log(r) in base]
     return f"{np.percentile(ratios, percentile):.3f}" if ratios else "-"
