@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Plausibility", "Stretch"]
@@ -26,12 +27,14 @@ class Stretch:
     reason: Notice
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plausibility:
     """Whether a log and a design belong together.
 
     Attributes
     ----------
+    log : Log
+        The log to evaluate: what is to be left out is a gap in time, an angle that wraps is unwrapped.
     contradictions : tuple of Notice
         They do not: each with the likeliest reason, the factor, and what to map instead.
     doubts : tuple of Notice
@@ -40,6 +43,7 @@ class Plausibility:
         Stretches of time to leave out of a fit.
     """
 
+    log: Log
     contradictions: tuple[Notice, ...] = ()
     doubts: tuple[Notice, ...] = ()
     excluded: tuple[Stretch, ...] = ()
