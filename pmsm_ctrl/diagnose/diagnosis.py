@@ -32,6 +32,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 
@@ -114,6 +115,8 @@ def diagnose(
 
 def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
     """Accept effects, swap those that another one explains better, and add what they do not explain."""
+    if case.believed.contradictions:
+        return outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
     selection = swap(case, _select(case, progress=progress), _select)
     structure = unexplained(selection, case.policy)
     experiment = next_experiment(case, selection) if plan else None
@@ -135,11 +138,13 @@ def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None =
 
 def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[str, Effect], policy: Policy) -> Case:
     """Condition the log, and the held-out one in the same way."""
-    record = _with_age(design, log)
+    record, believed = _with_age(design, log), doubts_about(design, log)
     if holdout is None:
-        return Case(design, record, offered, None, policy)
+        return Case(design, record, offered, None, policy, believed=believed)
+    remarks = tuple(map(of_holdout, doubts_about(design, holdout).notices))
     same = Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
-    return Case(design, record, offered, make_record(design, holdout, same, record.age or 0.0), policy)
+    other = make_record(design, holdout, same, record.age or 0.0)
+    return Case(design, record, offered, other, policy, believed=believed, remarks=remarks)
 
 
 def _with_age(design: Design, log: Log) -> Record:

@@ -200,6 +200,9 @@ class Diagnosis(Result):
         The fits before and after every step.
     calibration : Calibration or None
         False alarms at the accepted model, simulated; None where that was not asked for.
+    reasons : tuple of Notice
+        What the verdict rests on, the likeliest first; empty for ``consistent`` and ``effects_missing``, which the
+        errors and the steps support.
     log_name, holdout_name : str
         The latter is empty without a held-out record.
     """
@@ -217,6 +220,7 @@ class Diagnosis(Result):
     record: Record = field(repr=False)
     selection: Selection = field(repr=False)
     calibration: Calibration | None = None
+    reasons: tuple[Notice, ...] = ()
     log_name: str = "the given log"
     holdout_name: str = ""
 
@@ -230,6 +234,8 @@ class Diagnosis(Result):
         out: dict[str, Any] = jsonable({
             "schema": "pmsm-ctrl/diagnosis/1",
             "verdict": self.verdict.value,
+            "reasons": [reason.text for reason in self.reasons],
+            "reason_codes": [reason.code for reason in self.reasons],
             "log": self.log_name,
             "holdout": self.holdout_name or None,
             "errors": self.errors,
