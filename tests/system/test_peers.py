@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.benchmarks.peers.cases import OFFSET, Case, judged, make
+from tests.benchmarks.peers.cases import Case, judged, make
 from tests.benchmarks.peers.library import Library, generic, library_of
+from tests.benchmarks.peers.marks import OFFSET, Marks, marks
 from tests.benchmarks.peers.methods import frols, greedy_bic, stlsq
 from tests.benchmarks.peers.table import merged, report
 
@@ -62,8 +63,8 @@ def test_two_logs_of_drives_drawn_at_random() -> None:
     ]
     assert not any("why" in row for row in rows)
     alone, greedy = rows[2:]
-    assert greedy["contained"]
-    assert hidden.hidden not in greedy["false"]
+    assert marks(greedy).contained
+    assert hidden.hidden not in marks(greedy).false
     assert greedy["held_out"] < 0.9 * alone["held_out"]
     assert greedy["error"] < alone["error"]
     assert abs(rows[1]["held_out"] / rows[0]["held_out"] - 1.0) < 0.1
@@ -84,7 +85,7 @@ def test_what_fails_is_a_row_with_its_reason() -> None:
     short = Case(case.design, case.log.slice(0, 40), case.held)
     rows = judged(short, ("greedy BIC",))
     assert rows[0]["named"] == []
-    assert not rows[0]["first"]
+    assert "samples" in rows[0]["why"]
 
 
 def test_of_two_runs_the_later_row_counts() -> None:
@@ -93,3 +94,22 @@ def test_of_two_runs_the_later_row_counts() -> None:
 
     old, other, new = row("a", 1, ["x"]), row("b", 1, []), row("a", 1, [])
     assert merged([old, other], [new]) == [new, other]
+
+
+@pytest.mark.parametrize(
+    ("hidden", "named", "equivalents", "first", "but_timing", "itself", "contained", "false"),
+    [
+        (None, ["delay", OFFSET], [[], []], False, False, False, False, ("delay",)),
+        ("stribeck", ["stribeck", "delay"], [[], []], True, True, True, True, ("delay",)),
+        ("stribeck", ["delay", "stribeck"], [[], []], False, True, True, True, ("delay",)),
+        ("stribeck", [OFFSET, "presliding"], [[], ["stribeck"]], True, True, False, True, ()),
+        ("cogging", ["torque_ripple"], [[]], True, True, True, True, ()),
+        (OFFSET, ["backlash", OFFSET], [[], []], False, False, False, True, ("backlash",)),
+    ],
+)
+def test_what_counts_of_an_answer(
+    hidden: str | None, named: list[str], equivalents: list[list[str]], first: bool, but_timing: bool, itself: bool,
+    contained: bool, false: tuple[str, ...],
+) -> None:  # fmt: skip
+    found = marks({"hidden": hidden, "named": named, "equivalents": equivalents})
+    assert found == Marks(first, but_timing, itself, contained, false)

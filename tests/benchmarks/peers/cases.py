@@ -32,14 +32,12 @@ from tests.benchmarks.peers.library import (
 )
 from tests.benchmarks.peers.methods import PEERS, VARIANTS
 from tests.benchmarks.worlds.hidden import hidden_log, possible, simulate_world
-from tests.benchmarks.worlds.judge import SAME
 from tests.benchmarks.worlds.world import World, draw
 
 __all__ = ["MUJOCO", "OURS", "Case", "emps_rows", "make", "rows_of"]
 
 OURS = "pmsm_ctrl.diagnose"
 MUJOCO = "mujoco sysid"  # names nothing: on EMPS alone, for its parameters
-OFFSET = "constant_load"
 ANOTHER = 10_000_000  # added to a seed for the held-out record
 MARGINS = (1.0, 15.0)
 
@@ -115,7 +113,7 @@ def judged(case: Case, methods: Sequence[str]) -> list[dict[str, Any]]:
             except Exception as error:
                 row = {"named": [], "equivalents": [], "why": f"{type(error).__name__}: {error}", "took": 0.0}
             took = row.pop("took", time.perf_counter() - began)
-            out.append({"method": name, "seconds": took + (0.0 if name == OURS else seconds)} | row | _marks(case, row))
+            out.append({"method": name, "seconds": took + (0.0 if name == OURS else seconds)} | row)
     return out
 
 
@@ -158,20 +156,6 @@ def _or_none(error: Callable[[], float]) -> float | None:
         return None
 
 
-def _marks(case: Case, row: dict[str, Any]) -> dict[str, Any]:
-    """Whether the first name is right, whether any is, and the false ones; see the package for what counts."""
-    good = {case.hidden, *SAME.get(case.hidden or "", ())}
-    pairs = [
-        (n, {n, *e})
-        for n, e in zip(row["named"], row["equivalents"], strict=True)
-        if n != OFFSET or case.hidden == OFFSET
-    ]
-    return {
-        "first": bool(pairs) and bool(good & pairs[0][1]), "first_itself": bool(pairs) and pairs[0][0] in good,
-        "contained": any(good & e for _, e in pairs), "false": [n for n, e in pairs if not good & e],
-    }  # fmt: skip
-
-
 def emps_rows(methods: Sequence[str]) -> list[dict[str, Any]]:
     """Return one row per method for the measured axis EMPS; none, loudly, where its files are absent."""
     named = os.environ.get("PMSM_CTRL_DATA")
@@ -202,9 +186,8 @@ def _mujoco(case: Case) -> dict[str, Any]:
         values = fitted(case.log, record)
     except ImportError as error:
         raise SystemExit(f"{MUJOCO}: {error}; pip install -e '.[peers]'") from error
-    row: dict[str, Any] = {
+    return {
         "method": MUJOCO, "seconds": time.perf_counter() - began, "named": [], "equivalents": [], "parameters": values,
         "error": relative(record, base_torque(case.design, record, values)),
         "held_out": relative(other, base_torque(case.design, other, values)),
     }  # fmt: skip
-    return row | _marks(case, row)
