@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -16,7 +17,18 @@ from pmsm_ctrl.section import Block, Notice, Picture, Section, present
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Estimate", "Result", "jsonable"]
+__all__ = ["Estimate", "Result", "Verdict", "jsonable"]
+
+
+class Verdict(StrEnum):
+    """What a log says of a design, in one word; the value stands in the JSON."""
+
+    CONSISTENT = "consistent"
+    EFFECTS_MISSING = "effects_missing"
+    UNEXPLAINED = "unexplained"
+    NOT_EXCITED = "not_excited"
+    IMPLAUSIBLE = "implausible"
+    INCONCLUSIVE = "inconclusive"
 
 
 @dataclass(frozen=True)

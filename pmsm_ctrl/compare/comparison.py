@@ -13,16 +13,18 @@ from pmsm_ctrl.compare.closed_loop import closed_loop
 from pmsm_ctrl.compare.coordinates import Drive
 from pmsm_ctrl.compare.dependence import ResidualStructure, Trace, residual_structure
 from pmsm_ctrl.compare.free_run import free_run
-from pmsm_ctrl.compare.notices import HOLDOUT_IS_LOG
+from pmsm_ctrl.compare.notices import HOLDOUT_IS_LOG, STRUCTURE
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
+from pmsm_ctrl.compare.verdict import judged
 from pmsm_ctrl.compare.voltages import predicted_voltages
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import CHANNELS, Log
+from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.regression.timing import punctual
-from pmsm_ctrl.result import Result, jsonable
+from pmsm_ctrl.result import Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
 
 __all__ = ["ChannelError", "Comparison", "Record", "Simulated", "compare"]
@@ -122,6 +124,15 @@ class Record:
     omega: Array
     notices: tuple[Notice, ...] = ()
 
+    @property
+    def ratios(self) -> dict[str, float]:
+        """Residual over its noise floor by channel, where it was searched for structure."""
+        out = {}
+        for name, found in self.structure.items():
+            rms = float(np.sqrt(np.mean(self.traces[name].residual[found.mask] ** 2)))
+            out[name] = rms / found.floor if found.floor > 0.0 else float("nan")
+        return out
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Result):
@@ -134,12 +145,18 @@ class Comparison(Result):
     holdout : Record or None
         The other log, with the same parameters.
     notices : tuple of Notice
+    verdict : Verdict
+        ``consistent``, ``unexplained``, ``inconclusive`` or ``implausible``; nothing is fitted, so none is named.
+    reasons : tuple of Notice
+        What the verdict rests on, the likeliest first; empty for ``consistent``.
     """
 
     design: Design
     log: Record
     holdout: Record | None = None
     notices: tuple[Notice, ...] = ()
+    verdict: Verdict = Verdict.CONSISTENT
+    reasons: tuple[Notice, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
@@ -151,6 +168,9 @@ class Comparison(Result):
         ]
         plain: dict[str, Any] = jsonable({
             "schema": "pmsm-ctrl/comparison/1",
+            "verdict": self.verdict.value,
+            "reasons": [reason.text for reason in self.reasons],
+            "reason_codes": [reason.code for reason in self.reasons],
             **self.doubts(),
             "log": log.name,
             "errors": _plain(log.errors),
@@ -204,16 +224,21 @@ def compare(
     for record in (log, *(() if holdout is None else (holdout,))):
         record.check_evaluable(100)
     processing = processing or Processing(cutoff=signal_band(log))
-    here = _record(design, log, processing)
+    believed, here = doubts_about(design, log), _record(design, log, processing)
+    verdict, reasons = judged(here.errors["torque"].relative, here.structure, here.ratios, believed)
+    # structure has its own place in a result
+    stated = (reason for reason in reasons if reason.code != STRUCTURE.code)
+    doubted = tuple(dict.fromkeys((*stated, *believed.notices, *here.notices)))
     if holdout is None:
-        return Comparison(design, here, notices=here.notices)
+        return Comparison(design, here, notices=doubted, verdict=verdict, reasons=reasons)
     if processing.cutoff is not None:
         processing = replace(processing, cutoff=min(processing.cutoff, holdout.rate / 8.0))
     other = replace(_record(design, holdout, processing), name=holdout.provenance.file or "the holdout")
-    notices = (*here.notices, *(notice for notice in other.notices if notice not in here.notices))
+    of_other = (*map(of_holdout, doubts_about(design, holdout).notices), *other.notices)
+    notices = (*doubted, *(notice for notice in of_other if notice not in here.notices))
     if log.provenance.sha256 and log.provenance.sha256 == holdout.provenance.sha256:
         notices += (HOLDOUT_IS_LOG(),)
-    return Comparison(design, here, other, notices)
+    return Comparison(design, here, other, notices, verdict, reasons)
 
 
 def _record(design: Design, log: Log, processing: Processing) -> Record:

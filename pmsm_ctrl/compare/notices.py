@@ -9,8 +9,8 @@ from pmsm_ctrl.compare.motion import Kind, Motion
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "CLOSED_LOOP_FAILED", "HOLDOUT_IS_LOG", "NOT_IN_FREE_RUN", "NOT_IN_VOLTAGES", "OBJECTIONS", "coordinate_words",
-    "largest_words", "motion_words", "structure_words",
+    "ABOVE_FLOOR", "CLOSED_LOOP_FAILED", "HOLDOUT_IS_LOG", "LITTLE_EXPLAINED", "NOT_IN_FREE_RUN", "NOT_IN_VOLTAGES",
+    "OBJECTIONS", "STRUCTURE", "coordinate_words", "largest_words", "motion_words", "structure_words",
 ]  # fmt: skip
 
 NOT_IN_FREE_RUN = Template("not_in_free_run", "{effect} is not part of the free run: {why}")
@@ -18,6 +18,17 @@ NOT_IN_VOLTAGES = Template("not_in_voltages", "{effect} is not part of the predi
 CLOSED_LOOP_FAILED = Template("closed_loop_failed", "the closed-loop simulation is not possible: {error}")
 HOLDOUT_IS_LOG = Template(
     "holdout_is_log", "hold-out record and log are the same data: the hold-out error validates nothing"
+)
+
+STRUCTURE = Template("residual_structure", "{channel}: {words}")
+LITTLE_EXPLAINED = Template(
+    "little_explained",
+    "the error is {percent:.0f} % of the torque: the design explains {explained:.0f} % of its mean square, less than "
+    "half",
+)
+ABOVE_FLOOR = Template(
+    "above_noise_floor",
+    "{channel}: the residual is {ratio:.2g} times its noise floor, although it depends on no coordinate significantly",
 )
 
 OBJECTIONS = {

@@ -58,6 +58,14 @@ STANDS_OUT = 1.25
 # A speed that varies by less than this share of its mean is constant; below this share of the fast one the axis rests.
 CONSTANT, AT_REST = 0.1, 0.002
 
+# -- the verdict -------------------------------------------------------------------------------------------------
+
+# Least share of the torque's mean square that a design explains. With less, most of the torque is something else.
+EXPLAINED = 0.5
+# Residual over its noise floor from which on it is more than noise although no curve is significant; the model of a
+# voltage, its age and its frame are not fitted here and never as good. Clean logs of three simulators.
+ABOVE_FLOOR, VOLTAGE_ABOVE_FLOOR = 1.5, 5.0
+
 # -- simulation --------------------------------------------------------------------------------------------------
 
 # Time between two restarts of the free run, and its longest step, s; the torque is averaged over a step.

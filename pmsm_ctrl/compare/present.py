@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from pmsm_ctrl.compare.comparison import ChannelError, Comparison, Record
 from pmsm_ctrl.compare.notices import OBJECTIONS, largest_words, motion_words, structure_words
 from pmsm_ctrl.rendering.numbers import number, percent, probability
+from pmsm_ctrl.result import Verdict
 from pmsm_ctrl.section import Picture, Section, Table, present
 from pmsm_ctrl.units import axis_unit, drives
 
@@ -28,8 +29,8 @@ def _(result: Comparison) -> Section:
     return Section(
         f"Comparison of {result.design.name} with {Path(log.name).name}",
         (
-            _capital(found[0]),
-            *result.notices,
+            _verdict(result, _capital(found[0])),
+            *(notice for notice in result.notices if notice not in result.reasons[:1]),
             *(_capital(sentence) for sentence in found[1:]),
             Table(_HEADER, rows, "Errors (measured - predicted)"),
             _dependences(result, names["torque"]),
@@ -37,6 +38,19 @@ def _(result: Comparison) -> Section:
             *_pictures(result),
         ),
     )
+
+
+_VERDICTS = {
+    Verdict.IMPLAUSIBLE: "Implausible, log and design do not belong together: {reason}.",
+    Verdict.INCONCLUSIVE: "Inconclusive: {reason}. {structure}",
+}
+
+
+def _verdict(result: Comparison, structure: str) -> str:
+    """The verdict in one sentence; what the residual depends on, where that is it."""
+    if result.verdict not in _VERDICTS:
+        return structure
+    return _VERDICTS[result.verdict].format(reason=result.reasons[0].text, structure=structure)
 
 
 _HEADER = ("record", "channel", "method", "rms", "noise floor", "unit", "relative", "worst", "mean")

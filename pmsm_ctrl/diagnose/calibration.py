@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["calibrated", "replay_of"]
 
-QUIET = (Verdict.CONSISTENT, Verdict.NOT_EXCITED)
+QUIET = (Verdict.CONSISTENT, Verdict.INCONCLUSIVE, Verdict.NOT_EXCITED)
 
 
 def replay_of(model: Design, log: Log) -> Replay:

@@ -9,7 +9,9 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, errors, fit_design, predicted_elsewhere
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.section import Notice
 
 __all__ = ["Case"]
 
@@ -28,6 +30,10 @@ class Case:
         Another record of the same axis.
     policy : Policy
         The decision thresholds.
+    believed : Plausibility
+        Whether log and design belong together.
+    remarks : tuple of Notice
+        What is doubtful about the held-out record.
     fits : list of Fitted
         Those of the selections made so far: the same effects of the same shapes are not fitted twice.
     """
@@ -37,6 +43,8 @@ class Case:
     effects: Mapping[str, Effect]
     holdout: Record | None = None
     policy: Policy = POLICY
+    believed: Plausibility = field(default_factory=Plausibility)
+    remarks: tuple[Notice, ...] = ()
     fits: list[Fitted] = field(default_factory=list, repr=False)
 
     def fit(self, accepted: tuple[Accepted, ...]) -> Fitted:

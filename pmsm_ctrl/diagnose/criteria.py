@@ -16,10 +16,13 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 __all__ = [
     "CrossValidation",
     "cross_validation",
+    "determined",
     "error_lowered",
     "holdout",
     "inside_bounds",
+    "left_inside",
     "no_balance_worse",
+    "no_plain_error_worse",
     "no_voltage_worse",
     "significance",
     "signs",
@@ -191,13 +194,61 @@ def inside_bounds(
     return None
 
 
-def holdout(before: Mapping[str, float], after: Mapping[str, float]) -> Refusal | None:
-    """Check that the error on another record falls, in the mean over the balances.
+def left_inside(share: float, p_inside: float, beyond: Refusal, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect is needed where the base parameters stay inside their bounds.
+
+    Parameters
+    ----------
+    share : float
+        Share of what the effect explains that is left then.
+    p_inside : float
+        Its p-value then, corrected for all candidates.
+    beyond : Refusal
+        The base parameter that the fit without bounds drives beyond them.
+    policy : Policy
+    """
+    return None if share > policy.left_inside and p_inside <= policy.significance else beyond
+
+
+def determined(values: Mapping[str, tuple[float, float]], ran_out: bool) -> Refusal | None:
+    """Check that the log determines how large an effect is.
+
+    Parameters
+    ----------
+    values : dict of parameter to (value, stderr)
+        Of its amplitudes; none where it has no column of its own.
+    ran_out : bool
+        Whether its shape wants to be outside of the range that was searched: there is no optimum inside.
+    """
+    if ran_out:
+        return Refusal(Reason.PARAMETER_AT_BOUND)
+    if values and all(abs(value) <= stderr for value, stderr in values.values()):
+        name, (value, stderr) = next(iter(values.items()))
+        return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": value, "stderr": stderr})
+    return None
+
+
+def no_plain_error_worse(before: float, after: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect on the torque does not raise its error, all moving samples alike.
+
+    Parameters
+    ----------
+    before, after : float
+        Rms error, N m (N).
+    policy : Policy
+    """
+    return Refusal(Reason.BALANCE_WORSE, {"balance": "torque"}) if after > policy.unchanged * before else None
+
+
+def holdout(before: Mapping[str, float], after: Mapping[str, float], policy: Policy = POLICY) -> Refusal | None:
+    """Check that the error on another record falls in the mean over the balances, and rises in none.
 
     Parameters
     ----------
     before, after : dict of balance to float
         Rms error on the held-out record.
+    policy : Policy
     """
-    ratio = sum(after[name] / before[name] for name in before if before[name] > 0.0) / len(before)
-    return Refusal(Reason.HOLDOUT_WORSE) if ratio >= 1.0 else None
+    ratios = [after[name] / before[name] for name in before if before[name] > 0.0]
+    fails = sum(ratios) >= len(before) or any(ratio > policy.balance_worse for ratio in ratios)
+    return Refusal(Reason.HOLDOUT_WORSE) if fails else None

@@ -32,6 +32,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, filter_behind
@@ -118,6 +119,8 @@ def diagnose(
 
 def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
     """Accept effects, swap those that another one explains better, and add what they do not explain."""
+    if case.believed.contradictions:
+        return outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
     selection = swap(case, _select(case, progress=progress), _select)
     structure = unexplained(selection, case.policy)
     experiment = next_experiment(case, selection) if plan else None
@@ -139,12 +142,13 @@ def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None =
 
 def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[str, Effect], policy: Policy) -> Case:
     """Condition the log, and the held-out one in the same way."""
-    record = _in_time(design, log)
+    record, believed = _in_time(design, log), doubts_about(design, log)
     if holdout is None:
-        return Case(design, record, offered, None, policy)
+        return Case(design, record, offered, None, policy, believed=believed)
+    remarks = tuple(map(of_holdout, doubts_about(design, holdout).notices))
     same = Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
     other = make_record(design, holdout, same, record.age or 0.0, record.timing)
-    return Case(design, record, offered, other, policy)
+    return Case(design, record, offered, other, policy, believed=believed, remarks=remarks)
 
 
 def _in_time(design: Design, log: Log) -> Record:

@@ -23,17 +23,16 @@ from pmsm_ctrl.diagnose.search import (
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
+from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import effect_group, seen_as_candidate
+from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.model import (
     OWN,
     Model,
-    NoiseCovariance,
     Solved,
     base_groups,
     lateness,
-    noise_covariance,
     solve_model,
-    with_honest_errors,
     with_sampling_bounded,
     with_torque_held,
 )
@@ -70,7 +69,9 @@ class Fitted:
     whitener, weights : Whitener
         The noise with its correlation, and without: the weights of the estimate.
     solved, plain : Solved
-        The model solved with either.
+        The model solved with either, without bounds: what candidates are tested against.
+    estimate : Solved
+        `plain` inside the bounds of the parameters: what is reported and written.
     trials : tuple of Trial
         Every candidate that has columns on this log, the one that explains most first.
     closed : tuple of Candidate
@@ -86,6 +87,7 @@ class Fitted:
     whitener: Whitener
     solved: Solved
     plain: Solved
+    estimate: Solved
     weights: Whitener
     trials: tuple[Trial, ...]
     closed: tuple[Candidate, ...]
@@ -95,7 +97,7 @@ class Fitted:
     @property
     def residual(self) -> Array:
         """Measured less predicted, shape (channels, m)."""
-        return self.record.target - self.plain.predicted()
+        return self.record.target - self.estimate.predicted()
 
 
 def fit_design(
@@ -118,9 +120,9 @@ def fit_design(
         model, notes = _assemble(design, record, accepted, settled)
         model = with_torque_held(record, model, OWN)
         rough = solve_model(record, model, rough_weights(record, model))
-        bounded = with_sampling_bounded(record, model, rough.values) if settled else model
-        if bounded is not model:
-            model = bounded
+        held = with_sampling_bounded(record, model, rough.values) if settled else model
+        if held is not model:
+            model = held
             rough = solve_model(record, model, rough_weights(record, model))
         if abs(_delay(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
             break
@@ -132,8 +134,10 @@ def fit_design(
     solved = solve_model(record, model, whitener)
     covariance = noise_covariance(solve_model(record, model, weights), weights, whitener)
     plain = with_honest_errors(covariance)
+    inside = bounded(covariance.fit)
+    estimate = with_honest_errors(replace(covariance, fit=inside)) if inside.held else plain
     if not explore:
-        return Fitted(record, model, whitener, solved, plain, weights, (), (), notes, accepted)
+        return Fitted(record, model, whitener, solved, plain, estimate, weights, (), (), notes, accepted)
     tried = try_all(laid, plain, weights)
     closed = [candidate for candidate, trial in zip(candidates, tried, strict=True) if trial is None]
     trials = [trial for trial in tried if trial is not None]
@@ -142,7 +146,9 @@ def fit_design(
     record.memo.clear()  # hundreds of columns; the best of each candidate stays with its trial
     if record.kept is not given.kept:
         record.kept.clear()
-    return Fitted(record, model, whitener, solved, plain, weights, tuple(trials), tuple(closed), notes, accepted)
+    return Fitted(
+        record, model, whitener, solved, plain, estimate, weights, tuple(trials), tuple(closed), notes, accepted
+    )
 
 
 def predicted_elsewhere(
@@ -156,7 +162,7 @@ def predicted_elsewhere(
             record = with_direction(record, structure.direction(record, one.effect, one.shape))
     for _ in range(2):
         model, _ = _assemble(design, record, accepted)
-        by_name = dict(zip(fit.plain.model.names, fit.plain.values, strict=True))
+        by_name = dict(zip(fit.model.names, fit.estimate.values, strict=True))
         values = np.array([by_name.get(name, 0.0) for name in model.names])
         predicted = model.matrix @ values
         record = with_modelled_torque(record, predicted[0] - _false_torque(model, values), _delay(model, values))

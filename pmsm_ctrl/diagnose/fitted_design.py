@@ -9,7 +9,7 @@ from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["fitted_design", "fitted_parameters"]
+__all__ = ["fitted_design", "fitted_parameters", "position_of"]
 
 
 def fitted_design(design: Design, fit: Fitted) -> Design:
@@ -28,16 +28,16 @@ def fitted_design(design: Design, fit: Fitted) -> Design:
         entry = entries[group.entry]
         found, stderr = dict(entry.parameters), dict(entry.stderr)
         if not group.effect.has_state:
-            for symbol, value, error in zip(
-                group.symbols, fit.plain.values[columns], fit.plain.stderr[columns], strict=True
-            ):
-                p = group.effect.parameter(symbol)
-                if np.isfinite(error):
-                    found[symbol] = float(min(max(value, p.lower), p.upper))
-                    stderr[symbol] = float(error)
+            for symbol, k in zip(group.symbols, range(columns.start, columns.stop), strict=True):
+                if k in fit.estimate.held:  # at a bound: no estimate, and no standard error of one
+                    found[symbol] = fit.estimate.held[k]
+                    stderr.pop(symbol, None)
+                elif np.isfinite(fit.estimate.stderr[k]):
+                    found[symbol] = float(fit.estimate.values[k])
+                    stderr[symbol] = float(fit.estimate.stderr[k])
         entries[group.entry] = entry.model_copy(update={"parameters": found, "stderr": stderr})
     out = design.replace_effects(tuple(entries))
-    J = dict(zip(fit.model.names, fit.plain.values, strict=True))["J"]
+    J = dict(zip(fit.model.names, fit.estimate.values, strict=True))["J"]
     if design.load.J / design.load.gear**2 < J:
         out = out.with_parameters(J=float(J))
     for number, one in enumerate(fit.accepted):
@@ -61,12 +61,12 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
     one = fit.accepted[number]
     found = dict(one.shape)
     stderr: dict[str, float] = {}
-    position = _position(fit, number)
+    position = position_of(fit, number)
     if position is not None:
         columns = fit.model.columns_of(position)
         symbols = fit.model.groups[position].symbols
-        found |= dict(zip(symbols, fit.plain.values[columns].tolist(), strict=True))
-        stderr = dict(zip(symbols, fit.plain.stderr[columns].tolist(), strict=True))
+        found |= dict(zip(symbols, fit.estimate.values[columns].tolist(), strict=True))
+        stderr = dict(zip(symbols, fit.estimate.stderr[columns].tolist(), strict=True))
     values = one.effect.structure.parameters(one.effect, found)
     motion = fit.record.prepared.motion
     return {
@@ -76,8 +76,15 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
     }
 
 
-def _position(fit: Fitted, number: int) -> int | None:
-    """Where the accepted effect stands among the model's groups."""
+def position_of(fit: Fitted, number: int) -> int | None:
+    """Return where the accepted effect stands among the model's groups; None where it has no columns of its own.
+
+    Parameters
+    ----------
+    fit : Fitted
+    number : int
+        Position among the accepted effects.
+    """
     if fit.accepted[number].effect.structure.replaces_direction:
         return None
     wired = [k for k, a in enumerate(fit.accepted) if not a.effect.structure.replaces_direction]

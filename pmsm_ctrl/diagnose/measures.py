@@ -14,8 +14,10 @@ __all__ = [
     "WINDING",
     "contribution",
     "cross_validated",
+    "left_inside",
     "plain_errors",
     "relief",
+    "squares",
     "strain",
     "weighted_errors",
 ]
@@ -89,3 +91,22 @@ def weighted_errors(fit: Fitted) -> dict[str, float]:
 def plain_errors(fit: Fitted) -> dict[str, float]:
     """Rms residual per balance, all moving samples alike."""
     return {name: rms for name, (rms, _) in errors(fit.record, fit.residual).items()}
+
+
+def squares(fit: Fitted, residual: Array, sigma: Array) -> float:
+    """Sum of squares of a residual, shape (channels, m), as the fit weighs it; `sigma` is the noise per balance."""
+    rows = residual * fit.record.weight * fit.record.mask / sigma[:, None]
+    return float(np.sum(rows**2))
+
+
+def left_inside(before: Fitted, after: Fitted) -> float:
+    """Share of what an effect explains that is left when all parameters stay inside their bounds, 0 to 1."""
+    sigma = before.weights.sigma
+
+    def gain(old: Solved, new: Solved) -> float:
+        parts = [(before, old), (after, new)]
+        first, second = (squares(fit, fit.record.target - one.predicted(), sigma) for fit, one in parts)
+        return first - second
+
+    free, inside = gain(before.plain, after.plain), gain(before.estimate, after.estimate)
+    return float(np.clip(inside / free, 0.0, 1.0)) if free > 0.0 else 0.0

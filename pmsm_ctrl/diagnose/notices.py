@@ -9,16 +9,25 @@ from pmsm_ctrl.diagnose.result import Calibration
 from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
+    "ABOVE_FLOOR",
     "BEYOND_BAND",
     "DEPENDENCE",
     "EFFECT_NOT_EXCITED",
+    "FACTOR_OFF",
+    "LARGE_REFUSED",
+    "LITTLE_EXPLAINED",
+    "NEGATIVE_PARAMETER",
     "NOT_CALIBRATED",
     "NOT_EXCITED",
     "NOT_SEPARABLE",
+    "NO_FRICTION",
     "OTHER_ANGLE",
+    "OUTSIDE_TOLERANCE",
     "RESEMBLANCE",
     "SPEED_LAG",
+    "TOO_SHORT",
     "TORQUE_CONSTANT",
+    "UNRELATED_TORQUE",
     "WINDING_IMPOSSIBLE",
     "WINDING_SUBSTITUTE",
     "calibration_text",
@@ -68,6 +77,41 @@ WINDING_IMPOSSIBLE = Template(
     "winding_impossible",
     "{parameter} would have to be {value:.3g} {unit}, {ratio:.2g} times its nominal value: the winding is another one, "
     "or a voltage that acts like {like} is missing; no effect of the catalogue explains it",
+)
+# -- why a verdict is what it is
+NEGATIVE_PARAMETER = Template(
+    "negative_parameter",
+    "{parameter} would be {value:.3g}, below zero: a channel has the wrong sign, or is not the right one",
+)
+FACTOR_OFF = Template(
+    "parameter_factor_off",
+    "{parameter} would be {value:.3g}, {ratio:.2g} times the design's {nominal:.3g}: a unit or a scale of the log, the "
+    "gear, the load, or another motor",
+)
+UNRELATED_TORQUE = Template(
+    "unrelated_torque",
+    "the model explains {percent:.0f} % of the mean square of the torque, and the rest is not noise: the motion does "
+    "not follow from this torque",
+)
+TOO_SHORT = Template(
+    "record_too_short", "the log holds {count:.0f} independent samples; at least {least:.0f} tell the effects apart"
+)
+LITTLE_EXPLAINED = Template(
+    "little_explained",
+    "the model explains {percent:.0f} % of the mean square of the torque, less than half: most of this log is noise",
+)
+ABOVE_FLOOR = Template(
+    "above_noise_floor",
+    "the residual of the {balance} is {ratio:.2g} times its noise floor, although it depends on nothing significantly",
+)
+OUTSIDE_TOLERANCE = Template(
+    "parameter_outside_tolerance",
+    "{parameter} is {percent:+.0f} % off the design, beyond its tolerance: a wrong value in the design, or an effect "
+    "that resembles it",
+)
+NO_FRICTION = Template("no_friction", "{parameter} = {value:.3g}: this log shows none of the design's dry friction")
+LARGE_REFUSED = Template(
+    "refused_but_large", "{effect} would explain {percent:.0f} % of the residual, but is {refusal}"
 )
 NOT_CALIBRATED = Template("not_calibrated", "too many false alarms on this motion: {calibration}")
 

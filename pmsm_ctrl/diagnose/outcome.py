@@ -18,12 +18,13 @@ from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Structure, Verdict
 from pmsm_ctrl.diagnose.search import Trial, least_shown
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
+from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["outcome", "verdict_of"]
+__all__ = ["outcome"]
 
 
 def outcome(
@@ -47,7 +48,15 @@ def outcome(
     blind = not_excited(final, policy)
     hidden = hidden_by_motion(final, case.effects, policy)
     deviations = parameter_deviations(case.design, final, policy)
+    verdict, reasons = judged(selection, case.believed, (blind, left), deviations, policy)
+    if steps and verdict not in (Verdict.IMPLAUSIBLE, Verdict.EFFECTS_MISSING):
+        verdict, reasons = Verdict.EFFECTS_MISSING, ()
+    if verdict is Verdict.IMPLAUSIBLE:  # no name and no parameter would mean anything
+        selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.design, None, None
     warned = (
+        *reasons,
+        *case.believed.notices,
+        *case.remarks,
         *notices.of_log((*case.record.notes, *final.notes)),
         *deviation_notices(deviations, final, policy),
         *([blind] if blind is not None else []),
@@ -57,38 +66,20 @@ def outcome(
         *([left] if left is not None else []),
     )
     return Diagnosis(
-        verdict=verdict_of(bool(steps), blind is not None, left is not None),
+        verdict=verdict,
         design=design,
         errors=_errors(case.record, selection),
         steps=tuple(steps),
         ranking=tuple(_ranking(selection, hidden, policy)),
         parameter_deviations=deviations,
         next_experiment=experiment,
-        notices=warned,
+        notices=tuple(dict.fromkeys(warned)),
+        reasons=reasons,
         left=left,
         structure=structure,
         record=case.record,
         selection=selection,
     )
-
-
-def verdict_of(found: bool, blind: bool, left: bool) -> Verdict:
-    """Return the verdict.
-
-    Parameters
-    ----------
-    found : bool
-        Whether an effect was accepted.
-    blind : bool
-        Whether the motion does not excite the friction.
-    left : bool
-        Whether something is left that no effect explains.
-    """
-    if found:
-        return Verdict.EFFECTS_MISSING
-    if blind:
-        return Verdict.NOT_EXCITED
-    return Verdict.UNEXPLAINED if left else Verdict.CONSISTENT
 
 
 def _limits(fit: Fitted) -> Iterator[Notice]:

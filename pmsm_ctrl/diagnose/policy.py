@@ -42,6 +42,12 @@ class Policy:
         than this share of what another balance gains. Blind, pair 11106: a third effect raised an error fivefold.
     worse : float
         Ratio by which an effect on the voltages may raise the rms error of a voltage. Machines: a dead time of 0.02 V.
+    unchanged : float
+        Ratio of rms errors, all moving samples alike, up to which an effect on the torque leaves its error as it was.
+        What is more raises an error. Worlds drawn at random.
+    left_inside : float
+        Share of what an effect explains that must be left when no base parameter leaves its bounds: most of it. A
+        convention.
     relief, absurd : float
         Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect. From `relief` on
         that is reported, and no error has to fall; from `absurd` on (15 tolerances: no motor has four times the
@@ -78,6 +84,19 @@ class Policy:
         Share of a column that must be its own for its friction parameter to count as excited. Blind.
     separated : float
         Twice the log-likelihood by which one rival must beat the other in the proposed experiment.
+    explained_torque : float
+        Share of the torque's mean square that a model must explain; of what is not noise, or else log and design do
+        not belong together. Half: with less, most of the torque is something else.
+    implausible_factor : float
+        Factor by which J, R or psi_f cannot differ from the design's: another unit, another gear, another axis.
+    above_floor : float
+        Weighted residual over the noise floor from which on a model is not called consistent. Clean logs of the three
+        simulators stay below 1.25.
+    refused_share : float
+        The same for a significant effect that was refused: the share of the residual that it would explain.
+    fewest_samples : float
+        Independent samples (twice the bandwidth times the time of motion) that tell the effects apart: the noise model
+        leaves eight for each of the least ten directions of the saturated model.
     alarms : float
         Share of false alarms in the simulated calibration from which on the answer is doubted. A convention.
     """
@@ -93,6 +112,8 @@ class Policy:
     balance_worse: float = 1.03
     traded: float = 0.2
     worse: float = 1.1
+    unchanged: float = 1.001
+    left_inside: float = 0.5
     relief: float = 25.0
     absurd: float = 225.0
     tied_gain: float = 20.0
@@ -110,6 +131,11 @@ class Policy:
     visible_share: float = 0.1
     own_share: float = 0.02
     separated: float = 30.0
+    explained_torque: float = 0.5
+    implausible_factor: float = 3.0
+    above_floor: float = 1.4
+    refused_share: float = 0.1
+    fewest_samples: float = 80.0
     alarms: float = 0.05
 
     def tie(self, gain: float) -> float:

@@ -18,9 +18,9 @@ __all__ = ["verdict_text"]
 VERDICTS = {
     Verdict.CONSISTENT: "no missing effect: the design explains this log",
     Verdict.UNEXPLAINED: "significant structure in the residual that no effect of the catalogue explains",
-    Verdict.NOT_EXCITED: "no answer: this motion does not excite the friction",
-    Verdict.IMPLAUSIBLE: "no answer: log and design do not belong together",
-    Verdict.INCONCLUSIVE: "no answer: this log does not decide",
+    Verdict.NOT_EXCITED: "not excited, no answer: this motion does not excite the friction",
+    Verdict.IMPLAUSIBLE: "implausible, no answer: log and design do not belong together",
+    Verdict.INCONCLUSIVE: "inconclusive: no effect was named, but this log does not show that none is missing",
 }
 
 
@@ -37,11 +37,27 @@ def verdict_text(d: Diagnosis) -> str:
     return f"{len(d.steps)} missing effect{'' if len(d.steps) == 1 else 's'}: {titles}"
 
 
+def sentence(d: Diagnosis) -> str:
+    """Return the verdict and what it rests on, as one sentence.
+
+    Parameters
+    ----------
+    d : Diagnosis
+    """
+    verdict = verdict_text(d)
+    if d.reasons:
+        verdict += f": {d.reasons[0].text}"
+    elif d.verdict is Verdict.CONSISTENT:
+        error, floor = (percent(d.errors[rung]["torque"]["relative"]) for rung in ("final", "noise_floor"))
+        verdict += f" (error {error} of the {drives(d.design.motion)}, noise floor {floor})"
+    return f"{verdict[0].upper()}{verdict[1:]}."
+
+
 @present.register
 def _(result: Diagnosis) -> Section:
     d = result
-    verdict = verdict_text(d)
-    blocks: list[Block] = [f"{verdict[0].upper()}{verdict[1:]}.", *d.notices, _errors(d)]
+    doubts = (notice for notice in d.notices if notice not in d.reasons[:1])
+    blocks: list[Block] = [sentence(d), *doubts, _errors(d)]
     if d.steps:
         blocks.append(_found(d))
     if any(v.flagged for v in d.parameter_deviations):

@@ -23,6 +23,7 @@ class Reason(StrEnum):
     BALANCE_WORSE = "balance_worse"
     ERROR_NOT_LOWERED = "error_not_lowered"
     MODEL_OUT_OF_BOUNDS = "model_out_of_bounds"
+    NOT_DETERMINED = "not_determined"
     HOLDOUT_WORSE = "holdout_worse"
     NOT_NEEDED = "not_needed"
     NOT_EXCITED = "not_excited"
@@ -41,6 +42,7 @@ WORDS: Mapping[Reason, str] = {
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",
+    Reason.NOT_DETERMINED: "rejected: {parameter} = {value:.3g} +- {stderr:.2g}, not determined by this log",
     Reason.HOLDOUT_WORSE: "rejected: increases the error on the held-out record",
     Reason.NOT_NEEDED: "not needed by the final model",
     Reason.NOT_EXCITED: "not excited: {percent:.0f} % of the motion is slow enough for order {order}; needs {needs}",
@@ -64,6 +66,6 @@ class Refusal:
 
     def __str__(self) -> str:
         detail = dict(self.detail)
-        if "stderr" in detail:
+        if "gain" in detail:
             detail["gain"] = with_error(detail["gain"], detail["stderr"])
         return WORDS[self.reason].format(**detail)

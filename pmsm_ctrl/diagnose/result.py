@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -14,24 +13,13 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.result import Estimate, Result, jsonable
+from pmsm_ctrl.result import Estimate, Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Calibration", "Deviation", "Diagnosis", "DiagnosisStep", "Errors", "Ranked", "Structure", "Verdict"]
 
 Array = NDArray[np.float64]
 Errors = Mapping[str, Mapping[str, Any]]  # balance -> rms, unit, relative
-
-
-class Verdict(StrEnum):
-    """The answer in one word; the value stands in the JSON."""
-
-    CONSISTENT = "consistent"
-    EFFECTS_MISSING = "effects_missing"
-    UNEXPLAINED = "unexplained"
-    NOT_EXCITED = "not_excited"
-    IMPLAUSIBLE = "implausible"
-    INCONCLUSIVE = "inconclusive"
 
 
 @dataclass(frozen=True)
@@ -212,6 +200,9 @@ class Diagnosis(Result):
         The fits before and after every step.
     calibration : Calibration or None
         False alarms at the accepted model, simulated; None where that was not asked for.
+    reasons : tuple of Notice
+        What the verdict rests on, the likeliest first; empty for ``consistent`` and ``effects_missing``, which the
+        errors and the steps support.
     log_name, holdout_name : str
         The latter is empty without a held-out record.
     """
@@ -229,6 +220,7 @@ class Diagnosis(Result):
     record: Record = field(repr=False)
     selection: Selection = field(repr=False)
     calibration: Calibration | None = None
+    reasons: tuple[Notice, ...] = ()
     log_name: str = "the given log"
     holdout_name: str = ""
 
@@ -242,6 +234,8 @@ class Diagnosis(Result):
         out: dict[str, Any] = jsonable({
             "schema": "pmsm-ctrl/diagnosis/1",
             "verdict": self.verdict.value,
+            "reasons": [reason.text for reason in self.reasons],
+            "reason_codes": [reason.code for reason in self.reasons],
             "log": self.log_name,
             "holdout": self.holdout_name or None,
             "errors": self.errors,

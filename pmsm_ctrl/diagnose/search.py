@@ -15,7 +15,8 @@ from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, candidate_groups
-from pmsm_ctrl.regression.model import Model, NoiseCovariance, Solved
+from pmsm_ctrl.regression.covariance import NoiseCovariance
+from pmsm_ctrl.regression.model import Model, Solved
 
 __all__ = [
     "Offer",

@@ -10,14 +10,23 @@ from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.diagnose.measures import contribution, cross_validated, plain_errors, strain, weighted_errors
+from pmsm_ctrl.diagnose.fitted_design import position_of
+from pmsm_ctrl.diagnose.measures import (
+    contribution,
+    cross_validated,
+    left_inside,
+    plain_errors,
+    strain,
+    weighted_errors,
+)
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.search import Trial, try_group
-from pmsm_ctrl.evidence.tests import holm
+from pmsm_ctrl.evidence.tests import f_tail, holm
+from pmsm_ctrl.regression.bounds import bounded, column_bounds
 from pmsm_ctrl.regression.columns import effect_group
-from pmsm_ctrl.regression.model import column_bounds
+from pmsm_ctrl.regression.model import Solved
 
 __all__ = ["Evidence", "Found", "Selection", "Step", "best", "equivalents", "name_of"]
 
@@ -184,25 +193,55 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     if refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
         refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, policy)
+    elif refusal is None:
+        refusal = criteria.no_plain_error_worse(old["torque"], new["torque"], policy)
     old, new = (
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
         for fit, plain in ((before, old), (after, new))
     )
-    names, solved = after.model.names, after.plain
-    values = zip(solved.values.tolist(), solved.stderr.tolist(), strict=True)
-    bounds = dict(zip(names, column_bounds(after.model, solved.values), strict=True))
+    relief = strain(before.plain) - strain(after.plain)
     return (
-        refusal
-        or criteria.error_lowered(old, new, strain(before.plain) - strain(solved), policy)
-        or criteria.inside_bounds(dict(zip(names, values, strict=True)), bounds, policy)
+        refusal or criteria.error_lowered(old, new, relief, policy) or _judge_parameters(before, after, trial, policy)
     )
+
+
+def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
+    """Return which parameter of the refitted model speaks against an effect.
+
+    The effects that were accepted have to keep their own bounds, the base parameters inside theirs. A base parameter
+    beyond its bounds does so only where the effect explains nothing that is possible.
+    """
+    model = after.model
+    columns = range(len(model.names))
+    base = [k for k in columns if model.group_of(k).effect is None or model.group_of(k).entry >= 0]
+    inside = bounded(after.plain, base)
+    stderr = after.plain.stderr.tolist()
+
+    def outside(solved: Solved, which: Iterable[int]) -> Refusal | None:
+        bounds = dict(zip(model.names, column_bounds(model, solved.values), strict=True))
+        values = {model.names[k]: (float(solved.values[k]), stderr[k]) for k in which}
+        return criteria.inside_bounds(values, bounds, policy)
+
+    refusal = outside(inside, [k for k in columns if k not in base])
+    if refusal is not None:
+        return refusal
+    last = after.accepted[-1]
+    own = columns[-len(trial.values) :] if position_of(after, len(after.accepted) - 1) is not None else ()
+    amplitudes = {model.names[k]: (float(inside.values[k]), stderr[k]) for k in own}
+    refusal = criteria.determined(amplitudes, last.effect.structure.at_bound(last.effect, last.shape))
+    beyond = outside(after.plain, base)
+    if refusal is not None or beyond is None:
+        return refusal
+    share, k = left_inside(before, after), len(trial.values)
+    p = f_tail(trial.gain * share / k, k, max(after.solved.rows - after.solved.rank, 1))
+    return criteria.left_inside(share, p * trial.candidate.searched * len(before.trials), beyond, policy)
 
 
 def _judge_holdout(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
     if case.holdout is None:
         return None
     old, new = ({name: rms for name, (rms, _) in case.holdout_errors(fit).items()} for fit in (before, after))
-    return criteria.holdout(old, new)
+    return criteria.holdout(old, new, case.policy)
 
 
 def _with(case: Case, fit: Fitted, trial: Trial) -> tuple[Accepted, ...]:

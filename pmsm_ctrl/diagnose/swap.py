@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pmsm_ctrl.diagnose.case import Case
-from pmsm_ctrl.diagnose.fit import Accepted, Fitted
+from pmsm_ctrl.diagnose.fit import Accepted
+from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.search import Trial
@@ -156,11 +157,7 @@ def _rest(found: Selection) -> Rest:
     columns = len(last.model.names) - len(first.model.names) + sum(len(one.shape) for one in found.accepted)
     price = columns * float(np.log(max(int(last.record.mask.sum()), 2)))
     white = first.whitener(last.record.target - last.solved.predicted())
-    before, after = _squares(first, first), _squares(last, first)
+    sizes = first.weights.sigma
+    before, after = squares(first, first.residual, sizes), squares(last, last.residual, sizes)
     effects = Counter(one.effect.id for one in found.accepted)
     return Rest(after + price, float(white @ white) + price, before - after, effects)
-
-
-def _squares(fit: Fitted, first: Fitted) -> float:
-    sizes = np.array(first.weights.sigma)[:, None]
-    return float(np.sum(((fit.residual * fit.record.weight * fit.record.mask) / sizes) ** 2))

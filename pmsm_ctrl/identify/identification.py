@@ -19,6 +19,7 @@ from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.output_error import output_error
 from pmsm_ctrl.identify.replay import Replay, build_replay
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
@@ -65,6 +66,8 @@ class Identification(Result):
         Whether least squares is biased on this log; of the method "iv".
     remarks : tuple of Notice
         What was understood of the log's experiment; no reason to doubt anything.
+    contradictions : tuple of Notice
+        Why log and design do not belong together, the likeliest reason first; they stand first in `notices`.
     """
 
     design: Design
@@ -82,6 +85,7 @@ class Identification(Result):
     method: Method = "regression"
     bias: BiasTest | None = None
     remarks: tuple[Notice, ...] = ()
+    contradictions: tuple[Notice, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
@@ -89,6 +93,7 @@ class Identification(Result):
             "schema": "pmsm-ctrl/identification/1",
             "log": self.log_name,
             "method": self.method,
+            "plausible": not self.contradictions,
             **self.doubts(),
             "parameters": self.estimates,
             "intervals_95": self.intervals,
@@ -174,6 +179,9 @@ def identify(
         shown = build_problem(design, log, plain, problem.inertia is not None)
         unexplained = shown.target - shown.matrix() @ fit.coefficients
     mask = shown.mask
+    error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
+    believed = doubts_about(design, log)
+    contradictions = (*believed.contradictions, *_contradictions(design, fit))
     estimates = {
         c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal)
         for c in problem.columns
@@ -184,14 +192,23 @@ def identify(
         estimates=estimates,
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=_why_not(design, fit),
-        relative_error=float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask])),
+        relative_error=error,
         rms=float(np.sqrt(np.mean(unexplained[mask] ** 2))),
         problem=problem,
         fit=fit,
         shown=shown,
         unexplained=unexplained,
         log_name=log.provenance.file or "the given log",
-        notices=(*problem.notes, *solution.notices, *bounds, *_doubts(design, fit)),
+        notices=(
+            *contradictions,
+            *_large(error, problem),
+            *believed.notices[len(believed.contradictions) :],
+            *problem.notes,
+            *solution.notices,
+            *bounds,
+            *_doubts(design, fit),
+        ),
+        contradictions=contradictions,
         method=method,
         bias=solution.bias,
         remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
@@ -273,6 +290,25 @@ def _doubts(design: Design, fit: Fit) -> list[Notice]:
         if abs(deviation) > tolerance:
             doubts.append(words.INERTIA_OFF(percent=100.0 * deviation, tolerance=100.0 * tolerance))
     return doubts
+
+
+def _contradictions(design: Design, fit: Fit) -> tuple[Notice, ...]:
+    """Return what no motor can have: an inertia below zero, or far off the design's, well beyond its error."""
+    J = fit.values.get("J")
+    if J is None:
+        return ()
+    sure = policy.SURE * fit.stderr["J"]
+    if -sure > J:
+        return (words.INERTIA_NEGATIVE(value=J, stderr=fit.stderr["J"]),)
+    far = J - sure > policy.IMPLAUSIBLE * design.J or J + sure < design.J / policy.IMPLAUSIBLE
+    return (words.INERTIA_FAR(value=J, ratio=J / design.J),) if far else ()
+
+
+def _large(error: float, problem: Problem) -> tuple[Notice, ...]:
+    """Return a notice where the parameters do not describe the torque of the log."""
+    if error <= policy.LARGE_ERROR:
+        return ()
+    return (words.LARGE_ERROR(percent=100.0 * error, explained=100.0 * max(0.0, 1.0 - error**2)),)
 
 
 def _verdict(bias: BiasTest | None, fit: Fit) -> tuple[Notice, ...]:

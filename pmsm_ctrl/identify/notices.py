@@ -7,8 +7,9 @@ from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
     "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT", "FEW_DEGREES_OF_FREEDOM",
-    "ILL_CONDITIONED", "INERTIA_OFF", "MISFIT", "NEGATIVE", "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION",
-    "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS", "not_identifiable",
+    "ILL_CONDITIONED", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
+    "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
+    "not_identifiable",
 ]  # fmt: skip
 
 # -- of any method
@@ -23,6 +24,19 @@ FEW_DEGREES_OF_FREEDOM = Template(
     "few_degrees_of_freedom",
     "only {dof:.1f} effective degrees of freedom: the standard errors are themselves uncertain by {percent:.0f} %; a "
     "longer log is needed",
+)
+LARGE_ERROR = Template(
+    "large_error",
+    "the residual is {percent:.0f} % of the torque: the parameters explain {explained:.0f} % of its mean square, the "
+    "rest is noise or a missing effect; compare and diagnose distinguish the two",
+)
+INERTIA_NEGATIVE = Template(
+    "inertia_negative", "J = {value:.3g} +- {stderr:.2g} is below zero: current and acceleration differ in sign"
+)
+INERTIA_FAR = Template(
+    "inertia_far",
+    "J = {value:.3g} is {ratio:.2g} times the design's: check the unit of the current, the torque constant, the gear "
+    "and the load",
 )
 INERTIA_OFF = Template(
     "inertia_off",

@@ -12,6 +12,11 @@ ILL_CONDITIONED = 100.0
 FEW_DEGREES_OF_FREEDOM = 20.0
 # Tolerance of the inertia, as a share, where the design gives none: load and coupling are rarely known better.
 INERTIA_TOLERANCE = 0.15
+# Residual, as a share of the torque, above which the parameters describe too little of a log to be used: a sixth of the
+# mean square of the torque is something else, noise or a missing effect.
+LARGE_ERROR = 0.4
+# Factor by which no inertia differs from its design's: another unit, another gear or another axis. Standard errors.
+IMPLAUSIBLE, SURE = 3.0, 3.0
 
 # -- replay of the log's experiment ------------------------------------------------------------------------------
 

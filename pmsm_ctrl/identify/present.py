@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pmsm_ctrl.identify.identification import Identification
 from pmsm_ctrl.identify.paper import PaperRow, PaperTable
+from pmsm_ctrl.identify.policy import LARGE_ERROR
 from pmsm_ctrl.identify.staircase import SweepResult
 from pmsm_ctrl.rendering.numbers import number, percent
 from pmsm_ctrl.result import Estimate
@@ -34,7 +35,12 @@ def _(result: Identification) -> Section:
         f"{METHODS[result.method]}: {len(result.estimates)} of {asked} parameters identified; the residual is "
         f"{percent(result.relative_error)} of the {quantity}."
     )
-    blocks: list[Block] = [verdict, *result.notices, *(f"Note: {note.text}." for note in result.remarks)]
+    if result.contradictions:
+        verdict = f"Implausible, log and design do not belong together: {result.contradictions[0].text}. {verdict}"
+    elif result.relative_error > LARGE_ERROR:
+        verdict = f"In doubt: {verdict}"
+    shown = result.notices[1:] if result.contradictions else result.notices
+    blocks: list[Block] = [verdict, *shown, *(f"Note: {note.text}." for note in result.remarks)]
     if result.estimates:
         rows = tuple(
             (name, *_figures(e, result.intervals[name]), number(e.nominal or 0.0, 5))

@@ -15,7 +15,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff, prepare
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
-from pmsm_ctrl.regression.least_squares import NEGLIGIBLE_BIAS, solve
+from pmsm_ctrl.regression.least_squares import NEGLIGIBLE_BIAS, Fit, solve, t_quantile
 from pmsm_ctrl.regression.timing import uniform, unwrapped
 
 __all__ = ["regression_problem", "signal_band", "widest_band"]
@@ -32,6 +32,10 @@ PASSED = 0.95
 UNBIASED, SHAPES = 100.0, 250.0
 # Share of the information on every parameter that a band must hold; a wider one is tried otherwise.
 INFORMATION = 0.97
+# The inertia's band is halved so often at most, down to this, Hz, as long as its standard error does not grow by more.
+HALVINGS, NARROWEST, LOSS = 4, 2.0, 2.0
+# Confidence from which on two bands give different inertias.
+SURE = 0.95
 
 
 def signal_band(log: Log) -> float:
@@ -74,15 +78,22 @@ def regression_problem(design: Design, log: Log, processing: Processing) -> Prob
     """Build the regression for least squares in the default band, or in a wider one that tells more.
 
     A wider band is taken only where the default one identifies every parameter: the drive's answer to noise is no
-    excitation. The inertia keeps a narrower band of its own where noise of the acceleration would bias it by more than
-    `NEGLIGIBLE_BIAS`: errors in a column shrink its parameter by the share of the column's power that is theirs
-    (W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1). A cutoff given in `processing` is taken.
+    excitation. The inertia keeps a narrower band of its own where errors in the acceleration would bias it: they shrink
+    it by the share of the column's power that is theirs (W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1).
+    A cutoff given in `processing` is taken.
     """
     usual = build_problem(design, log, processing)
-    widest = widest_band(design, log)
-    if processing.cutoff is not None or usual.cutoff >= min(UNBIASED, log.rate / 8.0) or "theta" not in log:
+    if processing.cutoff is not None:
         return usual
     if solve(usual).unidentifiable:
+        return usual
+    return _with_sound_inertia(design, log, _in_best_band(design, log, processing, usual))
+
+
+def _in_best_band(design: Design, log: Log, processing: Processing, usual: Problem) -> Problem:
+    """Return the problem in the band that holds the information."""
+    widest = widest_band(design, log)
+    if usual.cutoff >= min(UNBIASED, log.rate / 8.0) or "theta" not in log:
         return usual
     found = usual
     for cutoff in sorted({min(UNBIASED, log.rate / 8.0), widest}):
@@ -102,6 +113,42 @@ def regression_problem(design: Design, log: Log, processing: Processing) -> Prob
     return found
 
 
+def _with_sound_inertia(design: Design, log: Log, problem: Problem) -> Problem:
+    """Lower the band of the inertia until errors in the acceleration do not bias it.
+
+    That is until their known part, its white noise, shrinks it by less than `NEGLIGIBLE_BIAS`, and until half the band
+    gives the same inertia: whatever else is wrong with an acceleration (lines of the encoder, channels that are not
+    synchronous) grows with the frequency. Two estimates from one log differ by a noise that is known (J. A. Hausman,
+    Econometrica 46 (1978) 1251).
+    """
+    top = problem.inertia_cutoff or problem.cutoff
+    if "J" not in problem.names:
+        return problem
+    bands = [top / 2.0**k for k in range(HALVINGS + 1) if top / 2.0**k >= NARROWEST or k == 0]
+    tried = [problem if band == problem.cutoff else replace(problem, inertia_cutoff=band) for band in bands]
+    fits = [solve(one) for one in tried]
+    best = 0
+    for k in range(len(bands) - 1):
+        if "J" not in fits[k + 1].values or fits[k + 1].stderr["J"] > LOSS * fits[best].stderr["J"]:
+            break
+        if _shrinkage(design, log, tried[best]) <= NEGLIGIBLE_BIAS and not _differ(
+            tried[best], fits[best], fits[k + 1]
+        ):
+            break
+        best = k + 1
+    return tried[best]
+
+
+def _differ(problem: Problem, wide: Fit, narrow: Fit) -> bool:
+    """Whether two estimates of the inertia from one log differ by more than its noise makes of their difference."""
+    k = problem.names.index("J")
+    contrast = np.zeros(len(problem.target))
+    contrast[problem.mask] = wide.weights[k] - narrow.weights[k]
+    variance = narrow.spread * float(contrast @ narrow.noise.toeplitz(contrast[:, None])[:, 0])
+    apart = abs(wide.values["J"] - narrow.values["J"])
+    return apart > t_quantile(SURE, narrow.dof) * float(np.sqrt(variance))
+
+
 def _information(problem: Problem) -> Array:
     """Return the information on each parameter, the others unknown, for noise of the same density in every band."""
     return 1.0 / (_variances(problem) * problem.rate)
@@ -115,22 +162,36 @@ def _variances(problem: Problem) -> Array:
 def _shrinkage(design: Design, log: Log, problem: Problem) -> float:
     """Return the bias of the inertia by noise of the acceleration, at most, in its standard errors.
 
-    The angle's noise is what it holds above a quarter of the log's rate, taken for white. The current's noise turns
-    the shaft as well, against the logged torque; but a current sampled every D-th control period holds in its band the
-    noise of D bands, of which the shaft feels the lowest alone.
+    The current's noise turns the shaft as well, against the logged torque; but a current sampled every D-th control
+    period holds in its band the noise of D bands, of which the shaft feels the lowest alone.
     """
     fit = solve(problem)
     if "J" not in fit.values:
         return float("inf")
+    band = problem.inertia_cutoff or problem.cutoff
+    felt = min(log.rate / design.drive.f_control, 1.0) if design.motor.electrical else 1.0
+    left = fit.residual if band == problem.cutoff else low_pass(fit.residual, problem.rate, band, steep=True)
+    noise = _acceleration_noise(log, problem.cutoff, band)
+    noise += felt * float(np.mean(left[problem.mask] ** 2)) / fit.values["J"] ** 2
+    squares = float(np.sum(fit.weights[problem.names.index("J")] ** 2)) * int(problem.mask.sum())
+    return float(abs(fit.values["J"]) * noise * squares / fit.stderr["J"])
+
+
+def _acceleration_noise(log: Log, cutoff: float, band: float) -> float:
+    """Mean product of the noise of the acceleration in two bands, Hz, one of them the instrument of the other.
+
+    The noise of the angle, or of a logged speed, is what it holds above a quarter of the log's rate, taken for white.
+    """
     rate = log.rate
-    theta = unwrapped(uniform(log)[1]["theta"])
-    fast = float(np.var(theta - low_pass(theta, rate, rate / 4.0)))
-    # what white noise of variance 1 leaves of itself in either: the squares of the impulse responses
-    one = np.zeros(2 * round(4.0 * rate / problem.cutoff) + 1)
+    name = "theta" if "theta" in log else "omega"
+    values = uniform(log)[1][name]
+    motion = unwrapped(values) if name == "theta" else values
+    fast = float(np.var(motion - low_pass(motion, rate, rate / 4.0)))
+    # what white noise of variance 1 leaves of itself in either: products of the impulse responses
+    one = np.zeros(2 * round(4.0 * rate / band) + 1)
     one[len(one) // 2] = 1.0
-    accelerating = low_pass(derivative(derivative(one, 1.0 / rate), 1.0 / rate), rate, problem.cutoff, steep=True)
-    acceleration = fast * float(np.sum(accelerating**2) / np.sum((one - low_pass(one, rate, rate / 4.0)) ** 2))
-    felt = min(rate / design.drive.f_control, 1.0) if design.motor.electrical else 1.0
-    acceleration += felt * float(np.mean(fit.residual[problem.mask] ** 2)) / fit.values["J"] ** 2
-    variance = _variances(problem)[problem.names.index("J")] * int(problem.mask.sum())
-    return float(abs(fit.values["J"]) * acceleration * variance / fit.stderr["J"])
+    made = derivative(one, 1.0 / rate)
+    made = derivative(made, 1.0 / rate) if name == "theta" else made
+    made = low_pass(made, rate, cutoff, steep=True)
+    instrument = made if band == cutoff else low_pass(made, rate, band, steep=True)
+    return fast * float(instrument @ made / np.sum((one - low_pass(one, rate, rate / 4.0)) ** 2))

@@ -49,6 +49,8 @@ USUAL = 40.0
 REST_BAND = 250.0
 # Reversals over those in the band of the evaluation, from which on they are taken for noise.
 MOST_REVERSALS = 1.5
+# Multiples of the speed below which the axis rests that are tried in turn, until noise reverses it no more.
+RAISED = (1.0, 2.0, 5.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,8 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
     cutoff = _cutoff(processing, rate)
     if not 0 < cutoff < rate / 2:
         raise RequestError(f"cutoff {cutoff:g} Hz: it should lie between 0 and half the log's rate, {rate / 2:g} Hz")
-    signals, alpha, clean, blank = _moved(raw, rate, cutoff, processing, where)
+    signals, alpha, clean, slow = _moved(raw, rate, cutoff, processing, where)
+    blank = slow is not None
     for name in ("i_d", "i_q", "u_d", "u_q", "T_load", "temperature"):
         if name in raw:
             signals[name] = clean(raw[name])
@@ -206,7 +209,7 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
     signals["t"] = t - t[0]  # terms that drift count from the begin of the log
     for name in {"i_d", "i_q"} & signals.keys():
         signals[f"d{name}"] = derivative(signals[name], 1.0 / rate, processing.derivative)
-    slow = slow_speed(signals["omega"], processing.standstill)
+    slow = slow if slow is not None else slow_speed(signals["omega"], processing.standstill)
     rest = resting(signals["omega"], slow, round(rate / cutoff), blank, processing.through_reversals)
     moving = np.ones(len(t), dtype=bool) if blank else ~rest
     moving = without_edges(moving, good, round(EDGE * rate / cutoff))
@@ -271,8 +274,11 @@ def _require_motion(signals: Mapping[str, Array], where: str) -> None:
 
 def _moved(
     raw: Mapping[str, Array], rate: float, cutoff: float, processing: Processing, where: str
-) -> tuple[dict[str, Array], Array, Callable[[Array], Array], bool]:
-    """Return the motion, the acceleration, the low-pass that made them, and whether rests are blanked."""
+) -> tuple[dict[str, Array], Array, Callable[[Array], Array], float | None]:
+    """Return the motion, the acceleration, the low-pass that made them, and the speed up to which rests are blanked.
+
+    Where noise would reverse the axis, that speed is raised until it does not; None where that is not enough.
+    """
 
     def made(wide: float) -> tuple[dict[str, Array], Array, Callable[[Array], Array]]:
         clean = (lambda x: low_pass(x, rate, wide)) if wide < 0.45 * rate else (lambda x: x)
@@ -280,17 +286,20 @@ def _moved(
 
     usual = PREFILTER * cutoff
     if not processing.blank:
-        return *made(usual), False
-
-    def reversals(omega: Array) -> int:
-        return count_reversals(omega, slow_speed(omega, processing.standstill))
-
-    most = MOST_REVERSALS * reversals(made(cutoff)[0]["omega"])
-    for wide in (max(usual, REST_BAND), usual):
+        return *made(usual), None
+    narrow = made(cutoff)[0]["omega"]
+    tried = [
+        (processing.standstill, max(usual, REST_BAND)),
+        *((share * processing.standstill, usual) for share in RAISED),
+    ]
+    for standstill, wide in tried:
         signals, alpha, clean = made(wide)
-        if reversals(signals["omega"]) <= most:
-            return signals, alpha, clean, True
-    return signals, alpha, clean, False
+        slow = slow_speed(signals["omega"], standstill)
+        if count_reversals(signals["omega"], slow) <= MOST_REVERSALS * count_reversals(
+            narrow, slow_speed(narrow, standstill)
+        ):
+            return signals, alpha, clean, slow
+    return signals, alpha, clean, None
 
 
 def _motion(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,15 +24,13 @@ __all__ = [
     "OWN",
     "SPREAD",
     "Model",
-    "NoiseCovariance",
     "Solved",
     "base_groups",
-    "column_bounds",
+    "known",
     "lateness",
-    "noise_covariance",
     "noise_share",
     "solve_model",
-    "with_honest_errors",
+    "solve_on_factors",
     "with_sampling_bounded",
     "with_torque_held",
 ]
@@ -136,6 +134,12 @@ class Solved:
         Orthonormal rows that span the whitened columns of each balance.
     mixing : array, shape (sum of p + priors, rank)
         The orthonormal basis of all balances and priors together, in those of each.
+    triangle : array, shape (sum of p + priors, k)
+        The whitened columns in the bases of the balances, and the priors.
+    along : array, shape (sum of p + priors,)
+        The target in them.
+    held : dict of column to float
+        Parameters that were held at a bound, and that bound.
     """
 
     model: Model
@@ -146,6 +150,9 @@ class Solved:
     inverse: Array
     bases: tuple[Array, ...]
     mixing: Array
+    triangle: Array
+    along: Array
+    held: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def rank(self) -> int:
@@ -359,17 +366,6 @@ def known(model: Model, values: Array) -> Known:
     return Known(float(values[model.names.index("J")]), F_c, dry)
 
 
-def column_bounds(model: Model, values: Array) -> list[tuple[float, float]]:
-    """Return where the parameter of every column may lie; everywhere where it is no effect's."""
-    found = known(model, values)
-    out: list[tuple[float, float]] = []
-    for group in model.groups:
-        effect = group.effect
-        bounds = {} if effect is None else effect.structure.bounds(effect, found)
-        out += [bounds.get(symbol, (-np.inf, np.inf)) for symbol in group.symbols]
-    return out
-
-
 def noise_share(record: Record, alpha: Array) -> float:
     """Share of noise in the acceleration where it counts.
 
@@ -417,81 +413,6 @@ def _winding(design: Design, record: Record) -> Iterator[_Term]:
         yield _Term(name, part, nominal, sigma, modelled)
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseCovariance:
-    """Covariance of sums of weighted rows under the noise's correlation, for a fit by weighted least squares.
-
-    With the weights V and the prewhitener W (W'W the inverse covariance) the estimate is ``P V y`` and its
-    covariance ``P V (W'W)^-1 V' P'``; priors add their own unit variance.
-
-    Attributes
-    ----------
-    fit : Solved
-        By weighted least squares.
-    weights, whitener : Whitener
-    bases : arrays of shape (p, n)
-        ``V' W^-T`` times the fit's basis of each balance.
-    """
-
-    fit: Solved
-    weights: Whitener
-    whitener: Whitener
-    bases: tuple[Array, ...]
-
-    def rows(self, row: int, weighted: Array) -> Array:
-        """Return ``W^-T V`` times weighted rows of one balance, shape (k, n)."""
-        return self.whitener.channels[row].transposed_solve(weighted * self.weights.channels[row].scale)
-
-    def of_fit(self) -> Array:
-        """Covariance of the fit's values, shape (k, k)."""
-        mixing = self.fit.mixing
-        core = mixing[self.fit.parts[-1].stop :].T @ mixing[self.fit.parts[-1].stop :]
-        for basis, part in zip(self.bases, self.fit.parts, strict=True):
-            core += mixing[part].T @ (basis @ basis.T) @ mixing[part]
-        return self.fit.inverse @ core @ self.fit.inverse.T
-
-    def of_added(self, own: Mapping[int, Array], shared: Array, back: Array) -> Array:
-        """Covariance of the residual along what columns have beyond the fit, shape (rank, rank).
-
-        Parameters
-        ----------
-        own : dict of balance to array, shape (k, n)
-            The columns, weighted, in the balances they enter.
-        shared : array, shape (rank of the fit, k)
-            Products of the fit's basis with them.
-        back : array, shape (k, rank)
-            From the columns to their own directions.
-        """
-        mixed = self.fit.mixing @ (shared @ back)
-        prior = mixed[self.fit.parts[-1].stop :]
-        covariance = prior.T @ prior
-        for row, (basis, part) in enumerate(zip(self.bases, self.fit.parts, strict=True)):
-            if row in own:
-                left = back.T @ self.rows(row, own[row]) - mixed[part].T @ basis
-                covariance += left @ left.T
-            else:
-                covariance += mixed[part].T @ (basis @ basis.T) @ mixed[part]
-        return covariance
-
-
-def noise_covariance(fit: Solved, weights: Whitener, whitener: Whitener) -> NoiseCovariance:
-    """Return the covariance of sums of weighted rows.
-
-    Parameters
-    ----------
-    fit : Solved
-        By the weights.
-    weights, whitener : Whitener
-    """
-    made = NoiseCovariance(fit, weights, whitener, ())
-    return replace(made, bases=tuple(made.rows(row, basis) for row, basis in enumerate(fit.bases)))
-
-
-def with_honest_errors(covariance: NoiseCovariance) -> Solved:
-    """Return a fit by weighted least squares with standard errors that allow for the noise's correlation."""
-    return replace(covariance.fit, stderr=np.sqrt(np.maximum(np.diag(covariance.of_fit()), 0.0)))
-
-
 def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
     """Solve by generalised least squares with the parameters' tolerances as priors.
 
@@ -519,15 +440,46 @@ def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
         rest.append(target)
     known = np.isfinite(model.sigma)
     prior = np.diag(1.0 / model.sigma[known]) @ np.eye(count)[known]
-    factor = factored(np.vstack([*triangles, prior]))
+    triangle = np.vstack([*triangles, prior])
     b = np.concatenate([*along, model.nominal[known] / model.sigma[known]])
-    on_basis = factor.basis @ (factor.basis.T @ b)
-    start = 0
-    for row, basis in enumerate(bases):
-        rest[row] = rest[row] - on_basis[start : start + len(basis)] @ basis
+    return solve_on_factors(model, triangle, b, tuple(bases), rest)
+
+
+def solve_on_factors(
+    model: Model, triangle: Array, along: Array, bases: tuple[Array, ...], target: Sequence[Array],
+    held: Mapping[int, float] | None = None,
+) -> Solved:  # fmt: skip
+    """Solve on the triangular factors.
+
+    Parameters
+    ----------
+    model : Model
+    triangle, along : array
+        As in `Solved`.
+    bases : arrays of shape (p, n)
+        As in `Solved`.
+    target : arrays of shape (n,)
+        Whitened, per balance.
+    held : dict of column to float, optional
+        Parameters that stay at these values.
+    """
+    held = held or {}
+    values = np.zeros(len(model.sigma))
+    at, free = list(held), [k for k in range(len(values)) if k not in held]
+    values[at] = list(held.values())
+    factor = factored(triangle[:, free])
+    inverse = np.zeros((len(values), factor.basis.shape[1]))
+    inverse[free] = factor.inverse
+    fixed = triangle[:, at] @ values[at]
+    on_basis = factor.basis.T @ (along - fixed)
+    predicted = fixed + factor.basis @ on_basis
+    values = values + inverse @ on_basis
+    stderr = np.sqrt(np.sum(inverse**2, axis=1))
+    stderr[at] = np.nan
+    rest, start = [], 0
+    for whole, basis in zip(target, bases, strict=True):
+        rest.append(whole - predicted[start : start + len(basis)] @ basis)
         start += len(basis)
-    values = factor.inverse @ (factor.basis.T @ b)
-    stderr = np.sqrt(np.sum(factor.inverse**2, axis=1))
     rows = sum(len(one) for one in rest)
-    whole = np.concatenate([*rest, b[start:] - on_basis[start:]])
-    return Solved(model, values, stderr, whole, rows, factor.inverse, tuple(bases), factor.basis)
+    whole = np.concatenate([*rest, along[start:] - predicted[start:]])
+    return Solved(model, values, stderr, whole, rows, inverse, bases, factor.basis, triangle, along, held)

@@ -30,6 +30,9 @@ UPPER = 0.25
 UNSURE = 0.1  # of a sample: the moment of a reversal is known no better
 # Noise beyond this share of a step smooths the steps; differences below this share of a channel's range are rounding.
 DITHER, ROUNDING = 0.4, 1e-6
+# A quantised signal: most changes are of one step; a share of the stays on a level lasts a sample or two, or there are
+# many levels, of which most are left within 20 ms. Fewer stays than these tell neither.
+SINGLE_STEPS, FLICKER, FLICKERING, MANY_LEVELS, PASSING, FEWEST_STAYS = 0.5, 2, 0.1, 8, 0.02, 20
 # Height of the highest of a few hundred samples of noise, in its standard deviation.
 NOISE_PEAK = 4.5
 EDGE_PERIODS = 3.0
@@ -102,15 +105,33 @@ def _scatter(raw: Array, rate: float) -> float:
 def quantisation_error(raw: Array, rate: float) -> float:
     """Largest error of a channel that is logged in steps: half of one, and 0 where noise beyond 0.4 steps smooths it.
 
+    The steps of a command are no error, since the drive makes them; see `_quantised`.
     Source: B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008, ch. 4 and 19 (dither).
     """
+    least = ROUNDING * float(np.ptp(raw))
     steps = np.diff(np.unique(raw))
-    steps = steps[steps > ROUNDING * np.ptp(raw)]
+    steps = steps[steps > least]
     if len(steps) == 0:
         return 0.0
-    noise = _scatter(raw, rate)
     step = float(steps.min())
-    return 0.5 * step if noise < DITHER * step else 0.0
+    if not _quantised(np.abs(np.diff(raw)), step, len(steps) + 1, rate):
+        return 0.0
+    return 0.5 * step if _scatter(raw, rate) < DITHER * step else 0.0
+
+
+def _quantised(change: Array, step: float, levels: int, rate: float) -> bool:
+    """Whether levels are those of a quantised signal, not of a command; `change` is that from sample to sample.
+
+    A command leaves a level at once for any other and stays there. A signal passes from level to level by single
+    steps, at times of its own: noise plays about a threshold from one sample to the next, and what moves through many
+    levels stays briefly on each.
+    """
+    turns = np.flatnonzero(change > 0.5 * step)
+    stays = np.diff(turns)
+    if len(stays) < FEWEST_STAYS or np.mean(change[turns] < 1.5 * step) < SINGLE_STEPS:
+        return False
+    passing = levels >= MANY_LEVELS and float(np.median(stays)) <= PASSING * rate
+    return passing or bool(np.mean(stays <= FLICKER) >= FLICKERING)
 
 
 def on_grid(log: Log, prepared: Prepared, name: str) -> Array:

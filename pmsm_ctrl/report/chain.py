@@ -18,6 +18,7 @@ from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
 from pmsm_ctrl.identify.paper import PAPER_CASES
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.report.headline import of_diagnosis, of_simulation
 from pmsm_ctrl.report.history import Entry, extended, history_text, read_history
 from pmsm_ctrl.report.notices import LEFT_OUT
@@ -94,10 +95,10 @@ def study(
     else:
         found = diagnose(drive, record, holdout=holdout, progress=lambda s: advance(0.8 + 0.15 * s))
         results["diagnose"] = found
-        headline = of_diagnosis(design, record, found)
+        headline = of_diagnosis(design, record, found, comparison)
     entries = () if history is None else extended(before, _entry(design, record, identification))
     logs = [record] if holdout is None else [record, holdout]
-    doubts = (*left_out, *(notice for log in logs for notice in _of_file(log)))
+    doubts = (*left_out, *_of_input(design, record, holdout))
     outcome = Study(identification.design, path, headline, results, doubts, entries)
     text = render(
         f"Study of {design.name}",
@@ -121,9 +122,10 @@ def _entry(design: Design, record: Log, identification: Identification) -> Entry
     return Entry(name, key, dict(identification.estimates), identification.relative_error)
 
 
-def _of_file(log: Log) -> list[Notice]:
-    """What is doubtful in a log, with the name of its file."""
-    return [replace(notice, text=f"{log.provenance.file}: {notice.text}") for notice in log.provenance.notices]
+def _of_input(design: Design, record: Log, holdout: Log | None) -> tuple[Notice, ...]:
+    """What is doubtful in the logs, in the words of every verb."""
+    other = () if holdout is None else map(of_holdout, doubts_about(design, holdout).notices)
+    return (*doubts_about(design, record).notices, *other)
 
 
 def _simulated_parts(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from pmsm_ctrl.compare import Comparison
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import Diagnosis
+from pmsm_ctrl.diagnose import Diagnosis, Verdict
 from pmsm_ctrl.identify import SweepResult
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.report.result import Headline
@@ -50,7 +51,7 @@ def of_simulation(design: Design, swept: SweepResult, duration: float) -> Headli
     return Headline(done, verdict, worst <= ACCEPTED_PERCENT, tuple(numbers))
 
 
-def of_diagnosis(design: Design, log: Log, found: Diagnosis) -> Headline:
+def of_diagnosis(design: Design, log: Log, found: Diagnosis, comparison: Comparison) -> Headline:
     """Take the verdict of a diagnosis, and the errors before and after it.
 
     Parameters
@@ -58,6 +59,8 @@ def of_diagnosis(design: Design, log: Log, found: Diagnosis) -> Headline:
     design : Design
     log : Log
     found : Diagnosis
+    comparison : Comparison
+        Of the same log: where it finds that something is left, the diagnosis alone does not call the design sound.
 
     Returns
     -------
@@ -74,4 +77,11 @@ def of_diagnosis(design: Design, log: Log, found: Diagnosis) -> Headline:
         (f"{after:.2f} %", "relative error with the effects that were found"),
         (f"{count}", f"missing effect{'' if count == 1 else 's'}"),
     )
-    return Headline(done, verdict, plain["verdict"] == "consistent" or None, numbers)
+    good: bool | None = None
+    if found.verdict is Verdict.CONSISTENT:
+        good = comparison.verdict is Verdict.CONSISTENT or None
+        if good is None:
+            verdict = f"No effect was named, but the comparison is not clean: {comparison.reasons[0].text}."
+    elif found.verdict is Verdict.IMPLAUSIBLE:
+        good = False
+    return Headline(done, verdict, good, numbers)

@@ -56,7 +56,9 @@ def parts(study: Study) -> tuple[Section, ...]:
     for verb in (*(v for v in order if v in study.results), *(v for v in study.results if v not in order)):
         section = study.results[verb].section()
         introduction = (INTRODUCTIONS[verb],) if verb in INTRODUCTIONS else ()
-        shown.append(replace(section, blocks=(*introduction, *section.blocks)))
+        # what is doubtful in the logs stands once, before all parts
+        blocks = (block for block in section.blocks if block not in study.doubts_of_input)
+        shown.append(replace(section, blocks=(*introduction, *blocks)))
     return (*shown, history_section(study.history)) if study.history else tuple(shown)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model, notices
 from pmsm_ctrl.track.inputs import Samples, located, noise_from_log, samples_of
@@ -62,7 +63,7 @@ def track(
     settings = settings or Settings(measure="theta" if "theta" in log else "omega")
     samples = samples_of(design, log, settings.measure)
     settings = noise_from_log(design, settings, samples, log)
-    doubts = [*samples.notices]
+    doubts = [*doubts_about(design, log).notices, *samples.notices]
     s = numbers(design, settings, log.period)
     first = s[model.TORQUE_DENSITY]
     out = _filtered(design, settings, s, samples, adapt)

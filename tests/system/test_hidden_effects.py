@@ -267,7 +267,9 @@ def test_a_parameter_far_beyond_its_tolerance_is_no_missing_effect(
     design, truth = blind.truth_of(Design.read(blind.DESIGN), case)
     value = truth.J if name == "J" else getattr(truth.motor, name)
     result = diagnose(design, blind.log_of(design, truth.with_parameters(**{name: factor * value}), case))
-    assert (result.verdict, result.steps) == ("consistent", ())
+    assert (result.verdict, result.steps) == ("inconclusive", ())  # a wrong value, or an effect that resembles it
+    assert result.reasons[0].code == "parameter_outside_tolerance"
+    assert result.reasons[0].detail["parameter"] == name
 
 
 @pytest.mark.parametrize("seed", seeds(21, 22))

@@ -11,6 +11,8 @@ from tests.benchmarks.other_plant import other_log, right
 from tests.benchmarks.sizes import SIZES, sized
 from tests.benchmarks.spoiled import SPOILED
 
+COARSE = ("currents in steps of 60 mA", "voltages in steps of 0.5 V")
+
 
 @pytest.mark.parametrize(("effect", "own_angle"), [("", False), (", logged angle alone", True)])
 def test_eccentricity_of_the_encoder_that_commutates_and_of_another(effect: str, own_angle: bool) -> None:
@@ -34,7 +36,10 @@ def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
 )  # fmt: skip
 def test_what_recorders_do_to_a_log_is_no_missing_effect(kind: str, seed: int) -> None:
     design, log = other_log("none", seed)
-    assert diagnose(design, SPOILED[kind](log, design)).verdict == "consistent"
+    found = diagnose(design, SPOILED[kind](log, design))
+    assert found.steps == ()
+    # steps too coarse for the residual to reach its floor, or R to be known, allow no better answer
+    assert found.verdict in ("consistent", "inconclusive" if kind in COARSE else "")
 
 
 @pytest.mark.parametrize("seed", [701, 702])

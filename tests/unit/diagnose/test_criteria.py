@@ -106,8 +106,32 @@ def test_final_parameters_stay_inside_their_bounds_to_within_their_errors() -> N
     assert criteria.inside_bounds({"tau_u": (-1.0, 0.0)}, bounds) is None, "no bounds are known of it"
 
 
+@pytest.mark.parametrize(
+    ("share", "p", "passes"),
+    [(0.9, 1e-4, True), (0.4, 1e-4, False), (0.9, 0.02, False)],
+)
+def test_a_base_parameter_beyond_its_bounds_counts_where_nothing_is_left(share: float, p: float, passes: bool) -> None:
+    beyond = Refusal(Reason.MODEL_OUT_OF_BOUNDS, {"parameter": "F_c", "value": -5e-4})
+    assert criteria.left_inside(share, p, beyond) is (None if passes else beyond)
+
+
+def test_the_log_has_to_determine_how_large_an_effect_is() -> None:
+    assert criteria.determined({"a_s": (0.1, 0.2), "a_c": (0.3, 0.1)}, False) is None
+    assert criteria.determined({}, False) is None
+    assert reason(criteria.determined({"dF_c": (2.5e4, 2.5e4)}, False)) is Reason.NOT_DETERMINED
+    assert reason(criteria.determined({"dF_c": (1.0, 0.1)}, True)) is Reason.PARAMETER_AT_BOUND
+
+
+def test_an_effect_on_the_torque_raises_no_error() -> None:
+    assert criteria.no_plain_error_worse(1.0, 1.0) is None
+    assert reason(criteria.no_plain_error_worse(1.0, 1.01)) is Reason.BALANCE_WORSE
+
+
 def test_held_out_record() -> None:
-    assert criteria.holdout({"torque": 1.0, "u_q": 1.0}, {"torque": 0.9, "u_q": 1.05}) is None
+    assert criteria.holdout({"torque": 1.0, "u_q": 1.0}, {"torque": 0.9, "u_q": 1.02}) is None
+    # no balance pays for another one
+    before = {"torque": 4.79, "u_d": 1.0, "u_q": 1.0}
+    assert reason(criteria.holdout(before, {"torque": 7.92, "u_d": 0.6, "u_q": 0.6})) is Reason.HOLDOUT_WORSE
     assert reason(criteria.holdout({"torque": 1.0, "u_q": 1.0}, {"torque": 0.95, "u_q": 1.06})) is Reason.HOLDOUT_WORSE
     assert reason(criteria.holdout({"torque": 1.0}, {"torque": 1.0})) is Reason.HOLDOUT_WORSE
 

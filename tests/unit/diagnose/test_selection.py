@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.diagnose import selection as rounds
-from pmsm_ctrl.diagnose.outcome import verdict_of
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.selection import Found, Selection, best, equivalents
@@ -166,19 +165,7 @@ def test_one_effect_in_the_place_of_another_is_equivalent_when_both_leave_the_sa
     assert rival_ids(found, found) is None
 
 
-# ---- verdict and what it is made of -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("found", "blind", "left", "verdict"),
-    [
-        (True, False, False, "effects_missing"), (True, True, True, "effects_missing"),
-        (False, True, False, "not_excited"), (False, True, True, "not_excited"),
-        (False, False, True, "unexplained"), (False, False, False, "consistent"),
-    ],
-)  # fmt: skip
-def test_verdict(found: bool, blind: bool, left: bool, verdict: str) -> None:
-    assert verdict_of(found, blind, left) == verdict
+# ---- friction -----------------------------------------------------------------------------------------------------
 
 
 

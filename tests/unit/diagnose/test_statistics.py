@@ -19,7 +19,8 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.evidence.whitening import make_whitener
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.columns import effect_group
-from pmsm_ctrl.regression.model import noise_covariance, solve_model
+from pmsm_ctrl.regression.covariance import noise_covariance
+from pmsm_ctrl.regression.model import solve_model
 from pmsm_ctrl.regression.reversals import timed_sign
 from pmsm_ctrl.simulate import simulate
 

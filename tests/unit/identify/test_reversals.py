@@ -123,7 +123,7 @@ def test_least_squares_takes_the_band_that_the_log_asks_for() -> None:
 
     assert bands(motions) == (100.0, None)  # short ramps: a quarter of what is known of J lies beyond 40 Hz
     assert bands(triangle) == (40.0, None)
-    assert bands(slow) == (250.0, 40.0)  # dF_s gains, but the drive's answer to its noise would shrink J
+    assert bands(slow) == (250.0, 20.0)  # dF_s gains, but the drive's answer to its noise would shrink J
     assert bands(motions, counts=4096) == (40.0, None)  # noise of the angle would shrink J
     assert bands(motions, processing=replace(blank, cutoff=60.0)) == (60.0, None)
 

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
+from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.evidence.linalg import added
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
-from pmsm_ctrl.regression.model import Model, noise_covariance, solve_model, with_honest_errors
+from pmsm_ctrl.regression.bounds import bounded, holding
+from pmsm_ctrl.regression.columns import Group
+from pmsm_ctrl.regression.covariance import noise_covariance, with_honest_errors
+from pmsm_ctrl.regression.model import Model, solve_model
 
 CHANNELS, M = 2, 400
 
@@ -78,3 +82,39 @@ def test_covariance_is_that_of_the_weights_and_the_noise(
     own = added(z.T @ z, solved.q.T @ z, z.T @ solved.rest)
     u = (z - solved.q @ (solved.q.T @ z)) @ own.back
     assert found.of_added({0: column}, solved.q.T @ z, own.back) == pytest.approx(u.T @ whole @ u, rel=1e-8)
+
+
+# ---- bounds -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_bounds_are_constraints_of_the_fit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 10.0, M)
+    speed = np.sin(t) * (1.0 + 0.3 * t)
+    columns = [np.cos(t), np.sign(speed), speed, speed * np.abs(speed)]
+    effects = [None, *(CATALOGUE[name] for name in ("coulomb", "viscous", "quadratic_drag"))]
+    symbols = ("J", "F_c", "F_v", "k")
+    groups = [
+        Group(effect, (symbol,), (column[None],), {}, entry)
+        for entry, (effect, symbol, column) in enumerate(zip(effects, symbols, columns, strict=True))
+    ]
+    model = Model.of(groups, symbols, np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.1, np.inf, np.inf, np.inf]))
+    target = model.matrix @ [1.0, 0.5, -0.4, 0.3] + 0.01 * rng.standard_normal(M)
+    mask = np.ones(M, dtype=bool)
+    whitener = make_whitener(target - model.matrix @ [1.0, 0.5, -0.4, 0.3], np.ones((1, M)), mask, 40.0, 4, 0)
+    free = solve_model(SimpleNamespace(target=target), model, whitener)  # type: ignore[arg-type]
+    found = bounded(free)
+    assert free.values[2] < -0.3
+    assert list(found.held) == [2]
+    assert found.values[2] == 0.0
+    assert np.isnan(found.stderr[2])
+
+    rows, right = _tall(SimpleNamespace(target=target), model, whitener)
+    kept = [0, 1, 3]
+    assert found.values[kept] == pytest.approx(np.linalg.lstsq(rows[:, kept], right)[0], rel=1e-8)
+    assert found.rest == pytest.approx(right - rows @ found.values, abs=1e-8)
+    clipped = np.maximum(free.values, 0.0)
+    assert found.chi2 < 0.5 * float(np.sum((right - rows @ clipped) ** 2))
+    assert rows[:, kept] @ found.inverse[kept] == pytest.approx(found.q, abs=1e-10)
+    assert holding(free, {}).values == pytest.approx(free.values, rel=1e-10)

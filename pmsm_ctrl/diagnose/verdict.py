@@ -1,0 +1,186 @@
+"""The verdict, and what it rests on: reasons are notices, the likeliest first.
+
+In this order: log and design do not belong together; an effect is missing; the motion does not excite the friction;
+structure is left that no effect explains; the log does not decide; and only then, consistent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pmsm_ctrl.diagnose import notices
+from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.refusal import Reason
+from pmsm_ctrl.diagnose.result import Deviation, Verdict
+from pmsm_ctrl.diagnose.selection import Selection, name_of
+from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
+from pmsm_ctrl.section import Notice
+
+__all__ = ["Level", "contradictions_of", "judged", "level_of", "open_questions"]
+
+# What a motor cannot have below zero, and what is never so many times its design; friction may be.
+POSITIVE, KNOWN, ELECTRICAL = ("J", "R", "psi_f", "F_c"), ("J", "R", "psi_f"), ("R", "psi_f")
+IMITATED = (
+    "R",
+)  # a dead time is as well a resistance of four times the datasheet's: that is structure, not contradiction
+
+
+@dataclass(frozen=True)
+class Level:
+    """Sizes in one balance, by the weights of the estimate and in units of its noise.
+
+    Attributes
+    ----------
+    measured : float
+        Rms of the measured side.
+    left : float
+        Rms that the model leaves; 1 where that is noise alone.
+    """
+
+    measured: float
+    left: float
+
+    @property
+    def explained(self) -> float:
+        """Share of the mean square that the model explains."""
+        return 1.0 - (self.left / self.measured) ** 2 if self.measured > 0.0 else 0.0
+
+    @property
+    def explicable(self) -> float:
+        """Share of the mean square that is not noise."""
+        return 1.0 - 1.0 / max(self.measured, 1.0) ** 2
+
+
+def level_of(fit: Fitted, row: int) -> Level:
+    """Return the sizes in a balance.
+
+    Parameters
+    ----------
+    fit : Fitted
+    row : int
+        Of the balance.
+    """
+    record = fit.record
+    scale = record.weight[row][record.mask] / max(float(fit.weights.sigma[row]), 1e-300)
+
+    def rms(values: np.ndarray) -> float:
+        return float(np.sqrt(np.mean((values[record.mask] * scale) ** 2)))
+
+    return Level(rms(record.target[row]), rms(fit.residual[row]))
+
+
+def judged(
+    selection: Selection,
+    believed: Plausibility,
+    asides: tuple[Notice | None, Notice | None],
+    deviations: tuple[Deviation, ...],
+    policy: Policy = POLICY,
+) -> tuple[Verdict, tuple[Notice, ...]]:
+    """Return the verdict and its reasons, the likeliest first.
+
+    Parameters
+    ----------
+    selection : Selection
+    believed : Plausibility
+        Of the log.
+    asides : (Notice or None, Notice or None)
+        What friction the motion does not excite, and what no effect of the catalogue explains.
+    deviations : tuple of Deviation
+    policy : Policy
+    """
+    impossible = (*believed.contradictions, *contradictions_of(selection.fit, policy))
+    if impossible:
+        return Verdict.IMPLAUSIBLE, impossible
+    if selection.steps:
+        return Verdict.EFFECTS_MISSING, ()
+    for verdict, reason in zip((Verdict.NOT_EXCITED, Verdict.UNEXPLAINED), asides, strict=True):
+        if reason is not None:
+            return verdict, (reason,)
+    doubts = (doubt for doubt in believed.doubts if doubt.code not in ACCOUNTED)
+    undecided = (*doubts, *open_questions(selection, deviations, policy))
+    return (Verdict.INCONCLUSIVE, undecided) if undecided else (Verdict.CONSISTENT, ())
+
+
+def contradictions_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Notice, ...]:
+    """Return what of a fit no drive of this design can have.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    torque = level_of(fit, 0)
+    told = torque.explicable >= policy.explained_torque  # or most of the torque is noise, and so is what it says
+    names = POSITIVE if told else ELECTRICAL
+    found = [notice for name in names if (notice := _impossible(fit, name, policy)) is not None]
+    if told and torque.explained < policy.explained_torque * torque.explicable:
+        found.append(notices.UNRELATED_TORQUE(percent=100.0 * max(torque.explained, 0.0)))
+    return tuple(found)
+
+
+def _impossible(fit: Fitted, name: str, policy: Policy) -> Notice | None:
+    """Return why a parameter cannot be what was estimated: below zero, or so many times off the design's."""
+    if name not in fit.model.names:
+        return None
+    k = fit.model.names.index(name)
+    value, sure = float(fit.plain.values[k]), policy.sure_errors * float(fit.plain.stderr[k])
+    nominal = float(fit.model.nominal[k])
+    if not math.isfinite(sure):
+        return None
+    if value < -sure:
+        return notices.NEGATIVE_PARAMETER(parameter=name, value=value)
+    far = policy.implausible_factor
+    high = name in KNOWN and name not in IMITATED and value - sure > far * nominal
+    if high or (name in KNOWN and value + sure < nominal / far):
+        return notices.FACTOR_OFF(parameter=name, value=value, ratio=value / nominal, nominal=nominal)
+    return None
+
+
+def open_questions(
+    selection: Selection, deviations: tuple[Deviation, ...], policy: Policy = POLICY
+) -> Iterator[Notice]:
+    """Yield why a log without a missing effect is not called consistent all the same.
+
+    Parameters
+    ----------
+    selection : Selection
+    deviations : tuple of Deviation
+    policy : Policy
+    """
+    fit = selection.fit
+    independent = 2.0 * fit.record.cutoff * float(fit.record.mask.sum()) / fit.record.rate
+    if independent < policy.fewest_samples:
+        yield notices.TOO_SHORT(count=independent, least=policy.fewest_samples)
+    for row, name in enumerate(fit.record.channels):
+        level = level_of(fit, row)
+        if row == 0 and level.explained < policy.explained_torque:
+            yield notices.LITTLE_EXPLAINED(percent=100.0 * max(level.explained, 0.0))
+        if level.left > policy.above_floor:
+            balance = fit.record.drive if row == 0 else name
+            yield notices.ABOVE_FLOOR(balance=balance, ratio=level.left)
+    for deviation in deviations:
+        if deviation.flagged and deviation.parameter != "K_t":  # J, psi_f: a wrong K_t alone only scales
+            percent = 100.0 * (deviation.estimate / deviation.nominal - 1.0)
+            yield notices.OUTSIDE_TOLERANCE(parameter=deviation.parameter, percent=percent)
+        if deviation.parameter == "F_c" and deviation.nominal > 0.0 >= deviation.estimate:
+            yield notices.NO_FRICTION(parameter=deviation.parameter, value=deviation.estimate)
+    yield from _refused(selection, policy)
+
+
+def _refused(selection: Selection, policy: Policy) -> Iterator[Notice]:
+    """Yield the refused effect that explains most of the residual, where that is much and significant."""
+    fit = selection.fit
+    total = max(fit.solved.chi2, 1e-300)
+    for trial in sorted(fit.trials, key=lambda t: -t.gain):
+        refusal = selection.refused.get(name_of(trial))
+        if trial.gain < policy.refused_share * total:
+            return
+        if refusal is None or refusal.reason is Reason.NOT_SIGNIFICANT or trial.p_value >= policy.significance:
+            continue
+        yield notices.LARGE_REFUSED(effect=name_of(trial), percent=100.0 * trial.gain / total, refusal=refusal)
+        return

@@ -1,0 +1,58 @@
+"""examine: do a log and a design belong together?
+
+What the recorder did to single channels comes first (`recorder`), exchanged and foreign channels next (`foreign`), and
+last one cause for all coefficients that are off (`causes`). All of them use the same few regressions (`relations`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility.bins import binned
+from pmsm_ctrl.plausibility.causes import likeliest, strange
+from pmsm_ctrl.plausibility.foreign import foreign_current, foreign_voltage, late_channel, magnitudes
+from pmsm_ctrl.plausibility.recorder import recorded
+from pmsm_ctrl.plausibility.relations import Evidence, evidence_of
+from pmsm_ctrl.plausibility.result import Plausibility
+from pmsm_ctrl.plausibility.wording import odd_parameters, worded
+from pmsm_ctrl.section import Notice
+
+__all__ = ["examine"]
+
+FEWEST = 200  # samples; less than a fifth of a second of a usual log says nothing of a motion
+
+
+def examine(design: Design, log: Log) -> Plausibility:
+    """Compare a log with the physics of its design: signs, factors, swapped, foreign and damaged channels.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+
+    Returns
+    -------
+    Plausibility
+        Empty for a sound log; a relation whose channels are absent is not examined.
+    """
+    if len(log) < FEWEST:
+        return Plausibility(log=log)
+    with np.errstate(all="ignore"):
+        found = recorded(design, log)
+        evidence = evidence_of(design, binned(found.log))
+        late = late_channel(evidence, log.period)
+        contradictions = (*found.contradictions, *_contradictions(evidence, found.log))
+    return Plausibility(found.log, contradictions, (*found.doubts, *late), found.excluded)
+
+
+def _contradictions(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
+    """Return magnitudes for signed values, or exchanged or foreign channels, or the cause of all that is off."""
+    for look in (magnitudes, foreign_current, foreign_voltage):
+        if found := look(evidence, log):
+            return found
+    readings = likeliest(evidence.design, evidence.ratios, evidence.from_current)
+    if readings:
+        return worded(evidence, readings)
+    return odd_parameters(evidence, strange(evidence.ratios))

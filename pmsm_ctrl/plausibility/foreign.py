@@ -1,0 +1,174 @@
+"""Channels that are not what they are called: exchanged, of another frame, another axis, or without their sign."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility import notices as say
+from pmsm_ctrl.plausibility.bins import summed
+from pmsm_ctrl.plausibility.policy import POLICY
+from pmsm_ctrl.plausibility.relations import (
+    BOXES,
+    Evidence,
+    Fit,
+    fitted,
+    moved,
+    torque_balance,
+    voltage_balances,
+)  # fmt: skip
+from pmsm_ctrl.section import Notice
+
+__all__ = ["foreign_current", "foreign_voltage", "late_channel", "magnitudes"]
+
+Array = NDArray[np.float64]
+
+
+def late_channel(evidence: Evidence, period: float) -> tuple[Notice, ...]:
+    """Say by how much the current or torque is late against the motion, where sampling does not explain it."""
+    if evidence.torque is None or evidence.narrow is None:
+        return ()
+    fit, lag = evidence.narrow, evidence.lag
+    slope = fit.ratio("late", -1.0)
+    if slope is None:
+        return ()
+    late = lag * evidence.bins.width + slope.value
+    if abs(late) - slope.stderr <= max(POLICY.late, POLICY.late_periods * period):
+        return ()
+    return (say.NOT_SYNCHRONOUS(channel=evidence.channel, lag_ms=1e3 * late),)
+
+
+def foreign_current(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
+    """Say why the torque has nothing to do with the motion: another frame, exchanged currents, or another axis."""
+    narrow, wide = evidence.narrow, evidence.wide
+    if evidence.torque is None or narrow is None or wide is None:
+        return ()
+    swapped = _swapped_currents(evidence)
+    if swapped:
+        return swapped
+    if not _absent(evidence, narrow) or not _absent(evidence, wide) or narrow.left < POLICY.unexplained:
+        return ()
+    if found := _stationary(evidence, log):
+        return found
+    share = 100.0 * max(0.0, min(narrow.value("J"), wide.value("J")) / evidence.design.J)
+    return (say.UNRELATED_TORQUE(channel=evidence.channel, percent=share, left=100.0 * narrow.left),)
+
+
+def _absent(evidence: Evidence, fit: Fit) -> bool:
+    """Whether the inertia's torque is surely missing, although it would be seen."""
+    if "J" not in fit.names:
+        return False
+    k = fit.names.index("J")
+    J, stderr = float(fit.values[k]), float(fit.stderr[k])
+    column = evidence.design.J**2 * (fit.own[k] / J**2 if J else 0.0)
+    return abs(J) + 3.0 * stderr < POLICY.absent * evidence.design.J and column > POLICY.expected
+
+
+def _swapped_currents(evidence: Evidence) -> tuple[Notice, ...]:
+    have = evidence.bins.channels
+    if "i_d" not in have or "i_q" not in have or not evidence.from_current:
+        return ()
+    other = torque_balance(evidence.bins, evidence.design.K_t_assumed * have["i_d"], evidence.design)
+    if other is None or evidence.narrow is None or other.left > POLICY.swap * evidence.narrow.left:
+        return ()
+    k = other.value("J") / evidence.design.J
+    return (say.CURRENTS_SWAPPED(),) if POLICY.absent < abs(k) < 1.0 / POLICY.absent else ()
+
+
+def _stationary(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
+    """Turn the currents back by the electrical angle; does the motion explain them then?"""
+    p = evidence.design.motor.p
+    if p is None or not {"i_d", "i_q", "theta"} <= set(log) or "torque" in log:
+        return ()
+    angle = p * log["theta"]
+    c, s = np.cos(angle), np.sin(angle)
+    a, b = log["i_d"], log["i_q"]
+    parts = [c * a + s * b, c * b - s * a]
+    k = evidence.bins.samples
+    m = len(log) // k
+    best = 1.0
+    for part in parts:  # the angle may count from another axis: either part, or both, can be the torque's
+        values = part[: m * k].reshape(m, k).mean(axis=1)
+        fit = torque_balance(evidence.bins, evidence.design.K_t_assumed * values, evidence.design)
+        best = min(best, fit.left) if fit is not None else best
+    return (say.STATIONARY_CURRENTS(),) if best < POLICY.swap else ()
+
+
+def foreign_voltage(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
+    """Say whether u_d and u_q are exchanged, or belong to no winding that turns like this."""
+    d, q = evidence.voltages.get("d"), evidence.voltages.get("q")
+    p = evidence.design.motor.p
+    if d is None or q is None or p is None:
+        return ()
+    other = voltage_balances(evidence.bins, p, ("u_q", "u_d", "i_d", "i_q"))
+    cross_d, cross_q = other.get("d"), other.get("q")
+    if cross_d is None or cross_q is None:
+        return ()
+    k = abs(cross_q.value("psi_f") / (evidence.design.motor.psi_f or np.inf))
+    now, then = q.left * q.power + d.left * d.power, cross_q.left * cross_q.power + cross_d.left * cross_d.power
+    if then < POLICY.swap * now and POLICY.absent < k < 1.0 / POLICY.absent:
+        return (say.VOLTAGES_SWAPPED(),)
+    return ()
+
+
+def magnitudes(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
+    """Say that a current, a torque or a speed lost its sign."""
+    bins = evidence.bins
+    if "omega" in log and "theta" not in log and _one_sided(log["omega"]) and (found := _folded_speed(evidence)):
+        return found
+    if evidence.torque is None or not _one_sided(evidence.torque):
+        return ()
+    motion = moved(bins, BOXES)
+    if motion is None or evidence.narrow is None:
+        return ()
+    omega, alpha = motion
+    expected = evidence.design.J * alpha + _friction(evidence, omega)
+    return _fits_better(evidence, evidence.channel, np.abs(expected), expected, bins.smooth(evidence.torque, BOXES))
+
+
+def _fits_better(evidence: Evidence, channel: str, folded: Array, expected: Array, seen: Array) -> tuple[Notice, ...]:
+    """Whether `seen` follows the folded expectation, and not the expectation itself, which changes its sign."""
+    both = float(np.nanmean(expected > 0.0)), float(np.nanmean(expected < 0.0))
+    one = np.ones_like(seen)
+    as_logged, as_folded = fitted(seen, {"x": expected, "1": one}), fitted(seen, {"x": folded, "1": one})
+    if as_logged is None or as_folded is None or min(both) < 0.1:
+        return ()
+    better = as_folded.left < POLICY.fold * as_logged.left and as_folded.value("x") > 0.0
+    return (say.MAGNITUDE_CHANNEL(channel=channel),) if better else ()
+
+
+def _friction(evidence: Evidence, omega: Array) -> Array:
+    parameters = evidence.design.parameters
+    dry, viscous = parameters("coulomb").get("F_c", 0.0), parameters("viscous").get("F_v", 0.0)
+    return np.asarray(dry * np.sign(omega) + viscous * omega)
+
+
+def _one_sided(values: Array) -> bool:
+    """Whether a channel that moves never leaves one side of zero."""
+    low, high = np.percentile(values, [0.2, 99.8])
+    return bool(low > -0.02 * high if high > 0.0 else False)
+
+
+def _folded_speed(evidence: Evidence) -> tuple[Notice, ...]:
+    """Whether the torque changes its sign with a speed that only touches zero: the sign is chosen per run."""
+    bins, torque = evidence.bins, evidence.torque
+    if torque is None or _one_sided(torque):
+        return ()
+    omega = bins.channels["omega"]
+    top = float(np.quantile(omega, 0.99))
+    rest = summed((omega < 0.03 * top).astype(float), 3) > 0.5
+    runs = np.cumsum(np.diff(rest.astype(int), prepend=0) == 1)
+    if runs[-1] < 2:
+        return ()
+    speed, alpha = bins.speed(omega, BOXES)
+    seen = bins.smooth(torque, BOXES)
+    plain = evidence.design.J * alpha + _friction(evidence, speed)
+    good = np.isfinite(seen) & np.isfinite(plain) & ~rest
+    product = np.bincount(runs[good], weights=(seen * plain)[good], minlength=runs[-1] + 1)
+    signed = plain * np.where(product < 0.0, -1.0, 1.0)[runs]
+    share = float(np.mean(product[np.bincount(runs[good], minlength=runs[-1] + 1) > 10] < 0.0))
+    before, after = fitted(seen, {"x": plain}, good), fitted(seen, {"x": signed}, good)
+    if before is None or after is None or not 0.1 < share < 0.9:
+        return ()
+    return (say.MAGNITUDE_CHANNEL(channel="omega"),) if after.left < POLICY.fold * before.left else ()

@@ -1,0 +1,107 @@
+"""What an examination has to say, by code."""
+
+from __future__ import annotations
+
+from pmsm_ctrl.section import Template
+
+__all__ = [
+    "CLIPPED_CHANNEL", "CURRENTS_SWAPPED", "CURRENT_FACTOR", "CURRENT_SIGN", "CUT_IN_TIME", "HELD_CHANNEL",
+    "INERTIA_FACTOR", "LOST_SAMPLES", "MAGNITUDE_CHANNEL", "MOTION_FACTOR", "MOTION_SIGN", "NOT_SYNCHRONOUS",
+    "PARAMETER_FACTOR", "POLE_PAIRS", "REFERENCE_AS_MEASURED", "STATIONARY_CURRENTS", "TIME_FACTOR", "UNRELATED_TORQUE",
+    "UNRELATED_VOLTAGES", "VOLTAGES_SWAPPED", "VOLTAGE_FACTOR", "VOLTAGE_SIGN",
+]  # fmt: skip
+
+# -- log and design do not belong together ----
+CURRENT_SIGN = Template(
+    "current_sign",
+    "{channel} and the acceleration disagree in sign: map {channel} with a factor of -1 ([log.scale]){other}",
+)
+MOTION_SIGN = Template(
+    "motion_sign",
+    "{channel} counts against the current and the voltages: the encoder is counted backwards; map it with a factor of "
+    "-1 ([log.scale])",
+)
+VOLTAGE_SIGN = Template(
+    "voltage_sign",
+    "u_d and u_q have the opposite sign of R i + p psi_f omega: map them with a factor of -1 ([log.scale])",
+)
+VOLTAGE_FACTOR = Template(
+    "voltage_factor",
+    "u_d and u_q are {factor:.4g} times what R, psi_f and L of the design need{cause}; map them with a factor of "
+    "{inverse:.4g} ([log.scale])",
+)
+CURRENT_FACTOR = Template(
+    "current_factor",
+    "{channel} is {factor:.4g} times what the motion needs{cause}; map it with a factor of {inverse:.4g} ([log.scale])",
+)
+MOTION_FACTOR = Template(
+    "motion_factor",
+    "{channel} is {factor:.4g} times what torque and voltages need{cause}; map it with a factor of {inverse:.4g} "
+    "([log.scale])",
+)
+TIME_FACTOR = Template(
+    "time_factor",
+    "time runs {factor:.4g} times as long as torque and voltages need{cause}; map t with a factor of {inverse:.4g} "
+    "([log.scale])",
+)
+POLE_PAIRS = Template(
+    "pole_pairs",
+    "the voltages belong to a motor of {found} pole pairs, the design has {p}: correct motor.p, or psi_f where p is "
+    "right",
+)
+INERTIA_FACTOR = Template(
+    "inertia_factor",
+    "torque over acceleration is {factor:.3g} times the design's J{cause}: a wrong unit of the torque, the current, "
+    "the motion or the time, or another axis",
+)
+PARAMETER_FACTOR = Template(
+    "parameter_factor",
+    "the log needs {factor:.3g} times the design's {parameter}: another motor, or a wrong unit in the design",
+)
+CURRENTS_SWAPPED = Template("currents_swapped", "i_d and i_q look exchanged: i_d drives the motion; map them crosswise")
+VOLTAGES_SWAPPED = Template(
+    "voltages_swapped", "u_d and u_q look exchanged: u_d holds the back-emf; map them crosswise"
+)
+STATIONARY_CURRENTS = Template(
+    "stationary_currents",
+    "i_d and i_q oscillate with the electrical angle: they are currents of the stator frame (alpha, beta); log d and q",
+)
+UNRELATED_TORQUE = Template(
+    "unrelated_torque",
+    "{channel} does not drive this motion: it explains {percent:.2g} % of the inertia's torque, and {left:.2g} % of it "
+    "belongs to no motion at all; another axis's channel, noise, or another time",
+)
+UNRELATED_VOLTAGES = Template(
+    "unrelated_voltages",
+    "u_q does not belong to this motion: R i_q + p psi_f omega leaves {left:.2g} % of it",
+)
+MAGNITUDE_CHANNEL = Template(
+    "magnitude_channel",
+    "{channel} holds magnitudes: it never changes its sign while the motion needs both; log the sign",
+)
+REFERENCE_AS_MEASURED = Template(
+    "reference_as_measured", "{channel} is the same as {reference}: the reference was logged as the measured value"
+)
+
+# -- something is odd ----
+NOT_SYNCHRONOUS = Template(
+    "not_synchronous",
+    "{channel} is late by about {lag_ms:.3g} ms against the motion: delayed or filtered by the drive, or not sampled "
+    "together",
+)
+HELD_CHANNEL = Template(
+    "held_channel", "{channel} is held for {periods} samples ({held_ms:.3g} ms): it was recorded at a lower rate"
+)
+CLIPPED_CHANNEL = Template(
+    "clipped_channel",
+    "{channel} is clipped at {limit:.4g} {unit} in {percent:.2g} % of the samples: they are left out",
+)
+LOST_SAMPLES = Template(
+    "lost_samples",
+    "samples are missing without a gap in time, about {percent:.2g} %: theta advances by two or more periods at once",
+)
+CUT_IN_TIME = Template(
+    "cut_in_time",
+    "{channel} jumps by {size:.4g} {unit} at t = {at:.6g} s: a piece of the log is missing there, or the count was "
+    "reset; the log is split there",
+)

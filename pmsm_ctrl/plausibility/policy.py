@@ -1,0 +1,76 @@
+"""Every threshold of the room, with its unit and its reason.
+
+Set on the clean logs of seeds 200 to 400 of `tests.benchmarks.worlds` and on the rows of
+`tests.benchmarks.spoiled_logs`; the measured sets of the tests were looked at afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+__all__ = ["POLICY", "Policy"]
+
+
+@dataclass(frozen=True)
+class Policy:
+    """What a sound log may show.
+
+    Attributes
+    ----------
+    limit : mapping of str to float
+        Factor by which a coefficient of a sound log may differ from the design: a resistance doubles when hot, an
+        inertia is a guess, a flux is known to a tenth and a loss of 25 % is a damage, an inductance saturates.
+    spread : mapping of str to float
+        Usual scatter of the logarithm of that factor, with which one cause is weighed against another.
+    together : float
+        Gain in squared spreads from which on another number of pole pairs is believed, though no ratio is strange.
+    least_t : float
+        Standard errors below which a coefficient says nothing, its sign included.
+    wrong_sign : float
+        What a wrong sign adds to a sum of squared deviations: as much as ten spreads.
+    as_good : float
+        Sum of squared deviations by which another reading may be worse, and still be said.
+    alone : float
+        Preference for a cause that explains several coefficients over one that explains its own.
+    absent : float
+        Share of the design's inertia below which the torque does not drive the motion.
+    unexplained : float
+        Share of the torque's power that a foreign channel leaves at least.
+    expected : float
+        Least share of the torque's power that the design's inertia would make, for its absence to mean anything.
+    swap : float
+        What exchanged channels leave at most of what the channels as logged leave.
+    fold : float
+        What a channel leaves at most, its expected sign taken away, of what it leaves with it.
+    late : float
+        s; a channel that is later than this, and than `late_periods`, is not taken in the same tick.
+    late_periods : float
+    late_gain : float
+        What the shifted channel leaves at most of what the channel as logged leaves.
+    well : float
+        Share of the torque's power below which no other lag is tried.
+    longest_lag : float
+        s.
+    """
+
+    limit: Mapping[str, float] = field(default_factory=lambda: {"J": 3.0, "R": 3.0, "psi_f": 1.32, "X": 2.5})
+    spread: Mapping[str, float] = field(default_factory=lambda: {"J": 0.15, "R": 0.25, "psi_f": 0.06, "X": 0.2})
+    together: float = 15.0
+    least_t: float = 4.0
+    wrong_sign: float = 100.0
+    as_good: float = 3.0
+    alone: float = 2.0
+    absent: float = 1.0 / 3.0
+    unexplained: float = 0.5
+    expected: float = 0.02
+    swap: float = 0.25
+    fold: float = 0.3
+    late: float = 3e-3
+    late_periods: float = 2.5
+    late_gain: float = 0.5
+    well: float = 0.02
+    longest_lag: float = 0.12
+
+
+POLICY = Policy()

@@ -1,0 +1,256 @@
+"""The physics of a drive as a few small regressions: what the log says of J, R, psi_f and the cross-coupling.
+
+Each coefficient is set against the design's number. Standard errors are of the sandwich kind over stretches of time,
+so that a residual which is correlated, or no noise at all, does not make them small.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.plausibility.bins import Bins
+from pmsm_ctrl.plausibility.policy import POLICY
+
+__all__ = [
+    "BOXES", "Evidence", "Fit", "Ratio", "evidence_of", "fitted", "moved", "torque_balance", "voltage_balances",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+
+STRETCHES = 24  # of time, over which the scatter of the products is taken
+SLOW = 0.03  # of the 99 % quantile of the speed: friction is set-valued below
+FEWEST = 60  # rows of a regression
+BIASED = 0.5  # share of what is left that may act along a column
+BOXES = 4  # bins of a window's boxes, 20 ms at 5 ms
+WIDE = 16  # of a window in which even a coarse angle has an acceleration
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """A coefficient of the log over the design's number.
+
+    Attributes
+    ----------
+    value, stderr : float
+    """
+
+    value: float
+    stderr: float
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A regression: coefficients, standard errors, and the share of the target's power that it leaves.
+
+    Attributes
+    ----------
+    names : tuple of str
+    values, stderr : array, shape (k,)
+    left : float
+        0 to 1.
+    own : array, shape (k,)
+        Share of the target's power that falls back to the residual without the column.
+    power : float
+        Mean square of the target.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    stderr: Array
+    left: float
+    own: Array
+    power: float
+
+    def value(self, name: str) -> float:
+        """Return a coefficient; 0 without the column."""
+        return float(self.values[self.names.index(name)]) if name in self.names else 0.0
+
+    def ratio(self, name: str, over: float) -> Ratio | None:
+        """Return a coefficient over the design's number; None without the column."""
+        if name not in self.names or not over:
+            return None
+        k = self.names.index(name)
+        # what is left may be correlated with the column: as much of it as the column itself makes is not known better
+        bias = BIASED * abs(float(self.values[k])) * math.sqrt(self.left / max(float(self.own[k]), 1e-12))
+        return Ratio(float(self.values[k]) / over, math.hypot(float(self.stderr[k]), bias) / abs(over))
+
+
+def fitted(target: Array, columns: Mapping[str, Array], used: NDArray[np.bool_] | None = None) -> Fit | None:
+    """Regress on the columns that vary; None where too few rows are usable.
+
+    Parameters
+    ----------
+    target : array, shape (m,)
+    columns : mapping of str to array, shape (m,)
+    used : bool array, shape (m,), optional
+    """
+    good = np.isfinite(target) if used is None else used & np.isfinite(target)
+    for values in columns.values():
+        good = good & np.isfinite(values)
+    rows = int(good.sum())
+    if rows < FEWEST:
+        return None
+    sizes = {name: float(np.sqrt(np.mean(values[good] ** 2))) for name, values in columns.items()}
+    names = tuple(name for name, size in sizes.items() if size > 0.0)
+    a = np.column_stack([columns[name][good] / sizes[name] for name in names])
+    b = target[good]
+    power = float(b @ b)
+    if not names or not power > 0.0:
+        return None
+    gram = a.T @ a / rows
+    inverse = np.linalg.pinv(gram, rcond=1e-8)
+    values = inverse @ (a.T @ b) / rows
+    rest = b - a @ values
+    edges = np.linspace(0, rows, STRETCHES + 1).astype(int)
+    scores = np.add.reduceat(a * rest[:, None], edges[:-1], axis=0)
+    cov = inverse @ (scores.T @ scores) @ inverse / rows**2
+    scale = np.array([sizes[name] for name in names])
+    own = values**2 / np.maximum(np.diag(inverse), 1e-300) * rows / power
+    return Fit(names, values / scale, np.sqrt(np.diag(cov)) / scale, float(rest @ rest) / power, own, power / rows)
+
+
+def torque_of(design: Design, channels: Mapping[str, Array]) -> Array | None:
+    """Return the drive torque, N m, shape (m,); None without a torque and a current."""
+    if "torque" in channels:
+        return channels["torque"]
+    if "i_q" not in channels:
+        return None
+    motor = design.motor
+    reluctance = 0.0
+    if motor.p is not None and motor.L_d is not None and motor.L_q is not None and "i_d" in channels:
+        reluctance = 1.5 * motor.p * (motor.L_d - motor.L_q)
+    return np.asarray(design.K_t_assumed * channels["i_q"] + reluctance * channels.get("i_d", 0.0) * channels["i_q"])
+
+
+def moved(bins: Bins, boxes: int = BOXES) -> tuple[Array, Array] | None:
+    """Return speed and acceleration in a window, shape (m,); None without a motion."""
+    if "theta" in bins.channels:
+        return bins.motion(bins.channels["theta"], boxes)
+    if "omega" in bins.channels:
+        return bins.speed(bins.channels["omega"], boxes)
+    return None
+
+
+def moving(omega: Array) -> NDArray[np.bool_]:
+    """Return where the axis is not about at rest, shape (m,)."""
+    size = np.abs(omega)
+    known = size[np.isfinite(size)]
+    top = float(np.quantile(known, 0.99)) if known.size else 0.0
+    return np.asarray(size > SLOW * top)
+
+
+def torque_balance(bins: Bins, torque: Array, design: Design, boxes: int = BOXES, lag: int = 0) -> Fit | None:
+    """Regress the torque, taken `lag` bins later, on acceleration, friction and a small delay."""
+    motion = moved(bins, boxes)
+    if motion is None:
+        return None
+    omega, alpha = motion
+    y = bins.smooth(np.roll(torque, -lag), boxes)
+    if lag:
+        y[: max(0, -lag)] = y[len(y) - max(0, lag) :] = np.nan
+    fast = moving(omega)
+    side = np.sign(np.where(fast, omega, 0.0))
+    columns = {"J": alpha, "F_c": side, "F_v": omega, "T_0": np.ones_like(y), "late": np.gradient(y, bins.width)}
+    return fitted(y, columns, fast)
+
+
+def voltage_balances(
+    bins: Bins, p: float, names: Sequence[str] = ("u_d", "u_q", "i_d", "i_q")
+) -> dict[str, Fit | None]:
+    """Regress u_d and u_q on the winding; `names` are the channels that stand for them."""
+    have = bins.channels
+    if any(name not in have for name in names):
+        return {}
+    motion = moved(bins, BOXES)
+    if motion is None:
+        return {}
+    omega = motion[0]
+    u_d, u_q, i_d, i_q = (bins.smooth(have[name], BOXES) for name in names)
+    w = p * omega
+    d = {"R": i_d, "X": -w * i_q, "L": np.gradient(i_d, bins.width), "tilt": w}
+    q = {"R": i_q, "psi_f": w, "X": w * i_d, "L": np.gradient(i_q, bins.width)}
+    return {"d": fitted(u_d, d), "q": fitted(u_q, q)}
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The regressions of one log.
+
+    Attributes
+    ----------
+    design : Design
+    bins : Bins
+    torque : array, shape (m,), or None
+        N m (N).
+    channel : str
+        Where the torque comes from.
+    narrow, wide : Fit or None
+        The torque's balance in windows of `BOXES` and of `WIDE` bins.
+    lag : int
+        Bins by which the torque is late in them.
+    voltages : mapping of "d" and "q" to Fit or None
+    """
+
+    design: Design
+    bins: Bins
+    torque: Array | None
+    channel: str
+    narrow: Fit | None
+    wide: Fit | None
+    lag: int
+    voltages: Mapping[str, Fit | None]
+
+    @property
+    def from_current(self) -> bool:
+        """Whether the torque was computed from the currents."""
+        return self.channel == "i_q"
+
+    @property
+    def ratios(self) -> dict[str, Ratio]:
+        """What the log says over what the design says: J, R, psi_f and the cross-coupling X."""
+        motor = self.design.motor
+        d, q = self.voltages.get("d"), self.voltages.get("q")
+        torque = min((f for f in (self.narrow, self.wide) if f is not None), key=lambda f: f.left, default=None)
+        found = {
+            "J": torque.ratio("J", self.design.J) if torque else None,
+            "R": q.ratio("R", motor.R or 0.0) if q else None,
+            "psi_f": q.ratio("psi_f", motor.psi_f or 0.0) if q else None,
+            "X": d.ratio("X", motor.L_q or 0.0) if d else None,
+        }
+        return {name: ratio for name, ratio in found.items() if ratio is not None and np.isfinite(ratio.stderr)}
+
+
+def evidence_of(design: Design, bins: Bins) -> Evidence:
+    """Fit the torque's balance, at the lag that explains it best, and those of the voltages."""
+    torque = torque_of(design, bins.channels)
+    channel = "torque" if "torque" in bins.channels else "i_q"
+    narrow = wide = None
+    lag = 0
+    if torque is not None:
+        narrow = torque_balance(bins, torque, design)
+        lag = _best_lag(bins, torque, design, narrow)
+        if lag:
+            narrow = torque_balance(bins, torque, design, BOXES, lag)
+        wide = torque_balance(bins, torque, design, WIDE, lag)
+    p = design.motor.p
+    voltages = voltage_balances(bins, p) if p is not None else {}
+    return Evidence(design, bins, torque, channel, narrow, wide, lag, voltages)
+
+
+def _best_lag(bins: Bins, torque: Array, design: Design, now: Fit | None) -> int:
+    """Return the bins by which the torque has to be moved; 0 unless that explains far more of it."""
+    longest = int(POLICY.longest_lag / bins.width)
+    if now is None or now.left < POLICY.well or len(torque) < 20 * longest:
+        return 0
+    best, least = 0, POLICY.late_gain * now.left
+    for lag in (*range(-longest // 4, 0), *range(1, longest + 1)):
+        fit = torque_balance(bins, torque, design, BOXES, lag)
+        if fit is not None and fit.left < least and fit.value("J") > 0.0:
+            best, least = lag, fit.left
+    return best

@@ -1,0 +1,60 @@
+"""What an examination found: contradictions, doubts, and stretches of time to leave out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.section import Notice
+
+__all__ = ["Plausibility", "Stretch"]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a log that no model of the axis can explain.
+
+    Attributes
+    ----------
+    start, stop : float
+        s, as in the log's ``t``.
+    reason : Notice
+        Why it is to be left out.
+    """
+
+    start: float
+    stop: float
+    reason: Notice
+
+
+@dataclass(frozen=True, eq=False)
+class Plausibility:
+    """Whether a log and a design belong together.
+
+    Attributes
+    ----------
+    log : Log
+        The log to evaluate: what is to be left out is a gap in time, an angle that wraps is unwrapped.
+    contradictions : tuple of Notice
+        They do not: each with the likeliest reason, the factor, and what to map instead.
+    doubts : tuple of Notice
+        Something is odd; a model of this log cannot be called consistent.
+    excluded : tuple of Stretch
+        Stretches of time to leave out of a fit.
+    """
+
+    log: Log
+    contradictions: tuple[Notice, ...] = ()
+    doubts: tuple[Notice, ...] = ()
+    excluded: tuple[Stretch, ...] = ()
+
+    @property
+    def plausible(self) -> bool:
+        """Whether log and design may belong together."""
+        return not self.contradictions
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Contradictions first, then doubts, then why stretches are left out, each reason once."""
+        reasons = dict.fromkeys(stretch.reason for stretch in self.excluded)
+        return (*self.contradictions, *self.doubts, *reasons)

@@ -1,0 +1,96 @@
+"""Standard errors of a fit by weighted least squares that allow for the noise's correlation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.regression.model import Solved
+
+__all__ = ["NoiseCovariance", "noise_covariance", "with_honest_errors"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseCovariance:
+    """Covariance of sums of weighted rows under the noise's correlation, for a fit by weighted least squares.
+
+    With the weights V and the prewhitener W (W'W the inverse covariance) the estimate is ``P V y`` and its
+    covariance ``P V (W'W)^-1 V' P'``; priors add their own unit variance.
+
+    Attributes
+    ----------
+    fit : Solved
+        By weighted least squares.
+    weights, whitener : Whitener
+    bases : arrays of shape (p, n)
+        ``V' W^-T`` times the fit's basis of each balance.
+    """
+
+    fit: Solved
+    weights: Whitener
+    whitener: Whitener
+    bases: tuple[Array, ...]
+
+    def rows(self, row: int, weighted: Array) -> Array:
+        """Return ``W^-T V`` times weighted rows of one balance, shape (k, n)."""
+        return self.whitener.channels[row].transposed_solve(weighted * self.weights.channels[row].scale)
+
+    def of_fit(self) -> Array:
+        """Covariance of the fit's values, shape (k, k)."""
+        mixing = self.fit.mixing
+        core = mixing[self.fit.parts[-1].stop :].T @ mixing[self.fit.parts[-1].stop :]
+        for basis, part in zip(self.bases, self.fit.parts, strict=True):
+            core += mixing[part].T @ (basis @ basis.T) @ mixing[part]
+        return self.fit.inverse @ core @ self.fit.inverse.T
+
+    def of_added(self, own: Mapping[int, Array], shared: Array, back: Array) -> Array:
+        """Covariance of the residual along what columns have beyond the fit, shape (rank, rank).
+
+        Parameters
+        ----------
+        own : dict of balance to array, shape (k, n)
+            The columns, weighted, in the balances they enter.
+        shared : array, shape (rank of the fit, k)
+            Products of the fit's basis with them.
+        back : array, shape (k, rank)
+            From the columns to their own directions.
+        """
+        mixed = self.fit.mixing @ (shared @ back)
+        prior = mixed[self.fit.parts[-1].stop :]
+        covariance = prior.T @ prior
+        for row, (basis, part) in enumerate(zip(self.bases, self.fit.parts, strict=True)):
+            if row in own:
+                left = back.T @ self.rows(row, own[row]) - mixed[part].T @ basis
+                covariance += left @ left.T
+            else:
+                covariance += mixed[part].T @ (basis @ basis.T) @ mixed[part]
+        return covariance
+
+
+def noise_covariance(fit: Solved, weights: Whitener, whitener: Whitener) -> NoiseCovariance:
+    """Return the covariance of sums of weighted rows.
+
+    Parameters
+    ----------
+    fit : Solved
+        By the weights.
+    weights, whitener : Whitener
+    """
+    made = NoiseCovariance(fit, weights, whitener, ())
+    return replace(made, bases=tuple(made.rows(row, basis) for row, basis in enumerate(fit.bases)))
+
+
+def with_honest_errors(covariance: NoiseCovariance) -> Solved:
+    """Return a fit by weighted least squares with standard errors that allow for the noise's correlation.
+
+    Parameters held at a bound have none.
+    """
+    stderr = np.sqrt(np.maximum(np.diag(covariance.of_fit()), 0.0))
+    stderr[list(covariance.fit.held)] = np.nan
+    return replace(covariance.fit, stderr=stderr)

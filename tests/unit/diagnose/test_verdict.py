@@ -1,0 +1,133 @@
+"""What a verdict rests on, on fits that are written down by hand."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
+from pmsm_ctrl.diagnose.result import Deviation
+from pmsm_ctrl.diagnose.verdict import Level, judged, level_of
+from pmsm_ctrl.plausibility import Plausibility
+from pmsm_ctrl.section import Notice
+
+DOUBT, HANDLED = Notice("torque_sign", "opposite sign"), Notice("time_gaps", "gaps")
+NOMINAL = {"J": 1e-4, "F_c": 0.02, "R": 19.0}
+
+
+def fit_of(measured: float = 20.0, left: float = 1.0, samples: float = 4e3, **values: float) -> Any:
+    """A fit of a torque balance alone; sizes in units of its noise."""
+    at, samples = {**NOMINAL, **values}, int(samples)
+    row = np.resize([1.0, -1.0], (1, samples))
+    record = SimpleNamespace(
+        mask=np.ones(samples, dtype=bool), weight=np.ones((1, samples)), target=measured * row, channels=("torque",),
+        cutoff=40.0, rate=200.0, drive="torque",
+    )  # fmt: skip
+    nominal = np.array(list(NOMINAL.values()))
+    return SimpleNamespace(
+        record=record, residual=left * row, weights=SimpleNamespace(sigma=np.ones(1)),
+        model=SimpleNamespace(names=list(at), nominal=nominal),
+        plain=SimpleNamespace(values=np.array(list(at.values())), stderr=0.01 * nominal),
+        trials=[], solved=SimpleNamespace(chi2=1000.0),
+    )  # fmt: skip
+
+
+def verdict_of(
+    fit: Any,
+    believed: Plausibility | None = None,
+    asides: tuple[Notice | None, Notice | None] = (None, None),
+    deviations: tuple[Deviation, ...] = (),
+    steps: tuple[Any, ...] = (),
+    refused: Any = None,
+) -> tuple[str, list[str]]:
+    selection: Any = SimpleNamespace(fit=fit, steps=steps, refused=refused or {})
+    verdict, reasons = judged(selection, believed or Plausibility(), asides, deviations)
+    return verdict.value, [reason.code for reason in reasons]
+
+
+def test_a_level_knows_what_is_explained_and_what_could_be() -> None:
+    level = level_of(fit_of(measured=10.0, left=5.0), 0)
+    assert (level.measured, level.left) == pytest.approx((10.0, 5.0))
+    assert level.explained == pytest.approx(0.75)
+    assert level.explicable == pytest.approx(0.99)
+    assert Level(0.5, 0.5).explicable == 0.0
+
+
+def test_a_sound_log_is_consistent_and_needs_no_reason() -> None:
+    assert verdict_of(fit_of()) == ("consistent", [])
+    assert verdict_of(fit_of(), Plausibility(doubts=(HANDLED,))) == ("consistent", [])
+
+
+def test_the_order_of_the_verdicts() -> None:
+    blind, left = Notice("not_excited", "x"), Notice("residual_dependence", "y")
+    contrary = Plausibility(contradictions=(DOUBT,))
+    assert verdict_of(fit_of(), contrary, (blind, left), steps=(1,)) == ("implausible", ["torque_sign"])
+    assert verdict_of(fit_of(), asides=(blind, left), steps=(1,)) == ("effects_missing", [])
+    assert verdict_of(fit_of(), asides=(blind, left)) == ("not_excited", ["not_excited"])
+    assert verdict_of(fit_of(), asides=(None, left)) == ("unexplained", ["residual_dependence"])
+
+
+def test_an_open_doubt_of_the_import_forbids_consistent() -> None:
+    assert verdict_of(fit_of(), Plausibility(doubts=(HANDLED, DOUBT))) == ("inconclusive", ["torque_sign"])
+
+
+@pytest.mark.parametrize(
+    ("values", "code"),
+    [
+        ({"J": -1e-5}, "negative_parameter"), ({"F_c": -0.01}, "negative_parameter"),
+        ({"J": 3.1e-4}, "parameter_factor_off"), ({"R": 5.0}, "parameter_factor_off"),
+    ],
+)  # fmt: skip
+def test_what_no_motor_can_have_is_implausible(values: dict[str, float], code: str) -> None:
+    assert verdict_of(fit_of(**values)) == ("implausible", [code])
+
+
+def test_a_resistance_far_above_the_design_may_be_a_dead_time() -> None:
+    assert verdict_of(fit_of(R=80.0)) == ("consistent", [])  # its structure is for `unexplained` to find
+
+
+def test_friction_may_be_anything_above_zero() -> None:
+    assert verdict_of(fit_of(F_c=0.2)) == ("consistent", [])
+
+
+def test_a_torque_that_does_not_belong_to_the_motion_is_implausible() -> None:
+    assert verdict_of(fit_of(measured=10.0, left=9.0)) == ("implausible", ["unrelated_torque"])
+
+
+def test_a_log_of_noise_decides_nothing() -> None:
+    # the residual is as high as its floor, and hardly lower than the torque; what it says of J means nothing either
+    assert verdict_of(fit_of(measured=1.2, left=1.0, J=1e-5)) == ("inconclusive", ["little_explained"])
+
+
+def test_a_residual_well_above_its_floor_is_not_consistent() -> None:
+    assert verdict_of(fit_of(left=2.0)) == ("inconclusive", ["above_noise_floor"])
+
+
+def test_a_record_that_is_too_short_decides_nothing() -> None:
+    assert verdict_of(fit_of(samples=100)) == ("inconclusive", ["record_too_short"])
+
+
+def test_a_parameter_outside_its_tolerance_is_not_consistent() -> None:
+    off = Deviation("R", 19.0, 24.0, 0.1, "Ohm", True)
+    assert verdict_of(fit_of(), deviations=(off,)) == ("inconclusive", ["parameter_outside_tolerance"])
+    scale = Deviation("K_t", 1.0, 1.03, 0.001, "N m/A", True)
+    assert verdict_of(fit_of(), deviations=(scale,)) == ("consistent", [])
+    none = Deviation("F_c", 0.02, 0.0, 0.001, "N m", False)
+    assert verdict_of(fit_of(), deviations=(none,)) == ("inconclusive", ["no_friction"])
+
+
+@pytest.mark.parametrize(
+    ("gain", "reason", "expected"),
+    [
+        (300.0, Reason.PARAMETER_AT_BOUND, ("inconclusive", ["refused_but_large"])),
+        (50.0, Reason.PARAMETER_AT_BOUND, ("consistent", [])), (300.0, Reason.NOT_SIGNIFICANT, ("consistent", [])),
+    ],
+)  # fmt: skip
+def test_a_large_effect_that_was_refused_leaves_the_question_open(gain: float, reason: Reason, expected: Any) -> None:
+    fit = fit_of()
+    candidate = SimpleNamespace(effect=SimpleNamespace(label=lambda shape: "cogging"))
+    fit.trials = [SimpleNamespace(gain=gain, p_value=1e-9, candidate=candidate, group=SimpleNamespace(shape={}))]
+    assert verdict_of(fit, refused={"cogging": Refusal(reason, {"p": 0.5})}) == expected

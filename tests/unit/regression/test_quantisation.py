@@ -1,0 +1,67 @@
+"""Steps of a command are no quantisation: the drive makes them; steps of a converter are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.regression.weights import quantisation_error
+
+RATE, COUNT = 1e3, 20000
+Array = np.ndarray
+
+
+def held(levels: Array, stay: float, rng: np.random.Generator, fixed: bool = False) -> Array:
+    """Levels drawn at random, each for a time that is drawn, or always the same, s."""
+    out = np.empty(COUNT)
+    k = 0
+    while k < COUNT:
+        n = max(1, int((stay if fixed else rng.exponential(stay)) * RATE))
+        out[k : k + n] = rng.choice(levels)
+        k += n
+    return out
+
+
+COMMANDS = {
+    "two levels": lambda rng: held(np.array([-0.1, 0.1]), 0.6, rng),
+    "two levels in a few milliseconds": lambda rng: held(np.array([-0.1, 0.1]), 0.005, rng, fixed=True),
+    "five levels": lambda rng: held(0.0075 * np.arange(-2, 3), 0.6, rng),
+    "five levels in 10 ms": lambda rng: held(0.0075 * np.arange(-2, 3), 0.01, rng, fixed=True),
+    "twenty levels": lambda rng: held(0.0075 * np.arange(-10, 11), 0.1, rng, fixed=True),
+    "staircase": lambda rng: 0.01 * np.repeat(np.tile([*range(-10, 11), *range(9, -10, -1)], 4)[:80], COUNT // 80),
+}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("name", COMMANDS)
+def test_steps_of_a_command_are_no_error(name: str, seed: int) -> None:
+    assert quantisation_error(COMMANDS[name](np.random.default_rng(seed)), RATE) == 0.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("height", [1.3, 4.0, 30.0])
+def test_steps_of_a_converter_are(height: float, noise: float, seed: int) -> None:
+    rng, t = np.random.default_rng(seed), np.arange(COUNT) / RATE
+    true = height * (np.sin(3.0 * t) + 0.5 * np.sign(np.cos(3.0 * t))) + noise * rng.standard_normal(COUNT)
+    assert quantisation_error(0.06 * np.round(true), RATE) == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_torque_steps_read_by_a_converter_are(seed: int) -> None:
+    from scipy.signal import lfilter
+
+    rng = np.random.default_rng(seed)
+    levels = lfilter([0.3], [1.0, -0.7], held(rng.uniform(-6.0, 6.0, 10), 0.6, rng))
+    assert quantisation_error(np.round(levels + 0.1 * rng.standard_normal(COUNT)), RATE) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_signal_without_noise_passes_through_many_levels(seed: int) -> None:
+    t = np.arange(COUNT) / RATE
+    assert quantisation_error(np.round(30.0 * np.sin(3.0 * t + seed)), RATE) == 0.5
+
+
+def test_noise_beyond_the_step_smooths_it() -> None:
+    rng = np.random.default_rng(1)
+    assert quantisation_error(np.round(5.0 * rng.standard_normal(COUNT)), RATE) == 0.0
