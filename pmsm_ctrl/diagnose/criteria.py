@@ -76,7 +76,7 @@ def significance(p_holm: float, policy: Policy = POLICY) -> Refusal | None:
     return Refusal(Reason.NOT_SIGNIFICANT, {"p": p_holm}) if p_holm > policy.significance else None
 
 
-def size(share: float, explained: float, policy: Policy = POLICY) -> Refusal | None:
+def size(share: float, explained: float, excess: float, policy: Policy = POLICY) -> Refusal | None:
     """Check that an effect is worth a name.
 
     Parameters
@@ -85,10 +85,16 @@ def size(share: float, explained: float, policy: Policy = POLICY) -> Refusal | N
         Its contribution over the rms of the balance, where it is largest.
     explained : float
         Share of the residual's sum of squares that it explains.
+    excess : float
+        The same of what the residual has above its noise floor.
     policy : Policy
     """
     least = policy.small_size if explained > policy.explained else policy.size
-    return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share}) if share < least else None
+    if share < least:
+        return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share})
+    if excess < policy.excess or explained < policy.explained_least:
+        return Refusal(Reason.MINOR, {"percent": 100.0 * min(excess, 1.0)})
+    return None
 
 
 def cross_validation(

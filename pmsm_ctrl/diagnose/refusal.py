@@ -19,6 +19,7 @@ class Reason(StrEnum):
     PARAMETER_AT_BOUND = "parameter_at_bound"
     NOT_SIGNIFICANT = "not_significant"
     TOO_SMALL = "too_small"
+    MINOR = "minor"
     NOT_CONFIRMED = "not_confirmed"
     BALANCE_WORSE = "balance_worse"
     ERROR_NOT_LOWERED = "error_not_lowered"
@@ -38,6 +39,7 @@ WORDS: Mapping[Reason, str] = {
     Reason.PARAMETER_AT_BOUND: "rejected: parameter at its bound",
     Reason.NOT_SIGNIFICANT: "not significant (p = {p:.2g}, Holm)",
     Reason.TOO_SMALL: "significant but too small: {percent:.2g} % of the balance where it acts",
+    Reason.MINOR: "significant but minor: {percent:.2g} % of what the residual has above its noise",
     Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",

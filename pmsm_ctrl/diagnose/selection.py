@@ -176,8 +176,11 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
     if refusal is not None:
         return refusal
     share = contribution(fit, trial)
-    explained = trial.plain_gain / fit.plain.chi2
-    refusal = criteria.size(share, explained, policy)
+    left = [fit.plain.rest_of(row) for row, _ in trial.group.entering]
+    whole = sum(float(rest @ rest) for rest in left)
+    above = max(whole - sum(len(rest) for rest in left), trial.plain_gain)
+    explained = trial.plain_gain / max(whole, trial.plain_gain)
+    refusal = criteria.size(share, explained, trial.plain_gain / above, policy)
     if refusal is not None:
         return refusal
     found, whole, relief = cross_validated(fit, trial)

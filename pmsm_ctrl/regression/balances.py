@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
-from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition
+from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
@@ -279,9 +278,9 @@ def make_record(
     log.check_evaluable(FEWEST_SAMPLES)
     asked = processing.cutoff if processing is not None else None
     sampling = max(log.period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
-    log, few = without_coarse_angle(design, log, asked or signal_band(log))
+    log, few = without_coarse_angle(design, log, asked or default_cutoff(log.rate))
     log = timing.undone(_thinned(_in_time(design, log, age)))
-    processing = processing or Processing(standstill=STANDSTILL, cutoff=signal_band(log))
+    processing = processing or Processing(standstill=STANDSTILL)
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
