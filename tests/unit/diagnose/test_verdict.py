@@ -24,12 +24,12 @@ def fit_of(measured: float = 20.0, left: float = 1.0, samples: float = 4e3, **va
     row = np.resize([1.0, -1.0], (1, samples))
     record = SimpleNamespace(
         mask=np.ones(samples, dtype=bool), weight=np.ones((1, samples)), target=measured * row, channels=("torque",),
-        cutoff=40.0, rate=200.0, drive="torque",
+        cutoff=40.0, rate=200.0, drive="torque", noise_of=lambda values: 0.0,
     )  # fmt: skip
     nominal = np.array(list(NOMINAL.values()))
     return SimpleNamespace(
         record=record, residual=left * row, weights=SimpleNamespace(sigma=np.ones(1)),
-        model=SimpleNamespace(names=list(at), nominal=nominal),
+        model=SimpleNamespace(names=list(at), nominal=nominal, matrix=np.zeros((1, samples, len(nominal)))),
         plain=SimpleNamespace(values=np.array(list(at.values())), stderr=0.01 * nominal),
         trials=[], solved=SimpleNamespace(chi2=1000.0),
     )  # fmt: skip
