@@ -78,7 +78,7 @@ def level_of(fit: Fitted, row: int) -> Level:
 
 def judged(
     selection: Selection,
-    believed: Plausibility,
+    believed: Plausibility | None,
     asides: tuple[Notice | None, Notice | None],
     deviations: tuple[Deviation, ...],
     policy: Policy = POLICY,
@@ -88,14 +88,14 @@ def judged(
     Parameters
     ----------
     selection : Selection
-    believed : Plausibility
+    believed : Plausibility or None
         Of the log.
     asides : (Notice or None, Notice or None)
         What friction the motion does not excite, and what no effect of the catalogue explains.
     deviations : tuple of Deviation
     policy : Policy
     """
-    impossible = (*believed.contradictions, *contradictions_of(selection.fit, policy))
+    impossible = (*(believed.contradictions if believed else ()), *contradictions_of(selection.fit, policy))
     if impossible:
         return Verdict.IMPLAUSIBLE, impossible
     if selection.steps:
@@ -103,7 +103,7 @@ def judged(
     for verdict, reason in zip((Verdict.NOT_EXCITED, Verdict.UNEXPLAINED), asides, strict=True):
         if reason is not None:
             return verdict, (reason,)
-    doubts = (doubt for doubt in believed.doubts if doubt.code not in ACCOUNTED)
+    doubts = (doubt for doubt in (believed.doubts if believed else ()) if doubt.code not in ACCOUNTED)
     undecided = (*doubts, *open_questions(selection, deviations, policy))
     return (Verdict.INCONCLUSIVE, undecided) if undecided else (Verdict.CONSISTENT, ())
 
