@@ -223,8 +223,9 @@ def compare(
     """
     for record in (log, *(() if holdout is None else (holdout,))):
         record.check_evaluable(100)
-    processing = processing or Processing(cutoff=signal_band(log))
-    believed, here = doubts_about(design, log), _record(design, log, processing)
+    believed = doubts_about(design, log)
+    processing = processing or Processing(cutoff=signal_band(believed.log))
+    here = _record(design, believed.log, processing)
     verdict, reasons = judged(here.errors["torque"].relative, here.structure, here.ratios, believed)
     # structure has its own place in a result
     stated = (reason for reason in reasons if reason.code != STRUCTURE.code)
@@ -233,8 +234,9 @@ def compare(
         return Comparison(design, here, notices=doubted, verdict=verdict, reasons=reasons)
     if processing.cutoff is not None:
         processing = replace(processing, cutoff=min(processing.cutoff, holdout.rate / 8.0))
-    other = replace(_record(design, holdout, processing), name=holdout.provenance.file or "the holdout")
-    of_other = (*map(of_holdout, doubts_about(design, holdout).notices), *other.notices)
+    held_out = doubts_about(design, holdout)
+    other = replace(_record(design, held_out.log, processing), name=holdout.provenance.file or "the holdout")
+    of_other = (*map(of_holdout, held_out.notices), *other.notices)
     notices = (*doubted, *(notice for notice in of_other if notice not in here.notices))
     if log.provenance.sha256 and log.provenance.sha256 == holdout.provenance.sha256:
         notices += (HOLDOUT_IS_LOG(),)

@@ -10,6 +10,7 @@ from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.effects.catalogue import catalogue_of, lookup
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility import examine
 from pmsm_ctrl.regression.balances import make_record
 
 __all__ = ["add"]
@@ -36,7 +37,7 @@ def add(design: Design, log: Log, effect: str) -> Design:
     """
     effects = catalogue_of(design)
     wanted = lookup(effect, effects)
-    case = Case(design, make_record(design, log), effects)
+    case = Case(design, make_record(design, examine(design, log).log), effects)
     fit = case.fit(())
     trial = next((t for t in fit.trials if t.candidate.effect.id == effect), None)
     if trial is None:

@@ -30,8 +30,8 @@ class Case:
         Another record of the same axis.
     policy : Policy
         The decision thresholds.
-    believed : Plausibility
-        Whether log and design belong together.
+    believed : Plausibility or None
+        Whether log and design belong together; None where that was not examined.
     remarks : tuple of Notice
         What is doubtful about the held-out record.
     fits : list of Fitted
@@ -43,7 +43,7 @@ class Case:
     effects: Mapping[str, Effect]
     holdout: Record | None = None
     policy: Policy = POLICY
-    believed: Plausibility = field(default_factory=Plausibility)
+    believed: Plausibility | None = None
     remarks: tuple[Notice, ...] = ()
     fits: list[Fitted] = field(default_factory=list, repr=False)
 

@@ -119,7 +119,7 @@ def diagnose(
 
 def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
     """Accept effects, swap those that another one explains better, and add what they do not explain."""
-    if case.believed.contradictions:
+    if case.believed is not None and case.believed.contradictions:
         return outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
     selection = swap(case, _select(case, progress=progress), _select)
     structure = unexplained(selection, case.policy)
@@ -142,13 +142,16 @@ def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None =
 
 def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[str, Effect], policy: Policy) -> Case:
     """Condition the log, and the held-out one in the same way."""
-    record, believed = _in_time(design, log), doubts_about(design, log)
+    believed = doubts_about(design, log)
+    record = _in_time(design, believed.log)
     if holdout is None:
         return Case(design, record, offered, None, policy, believed=believed)
-    remarks = tuple(map(of_holdout, doubts_about(design, holdout).notices))
+    held_out = doubts_about(design, holdout)
     same = Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
-    other = make_record(design, holdout, same, record.age or 0.0, record.timing)
-    return Case(design, record, offered, other, policy, believed=believed, remarks=remarks)
+    other = make_record(design, held_out.log, same, record.age or 0.0, record.timing)
+    return Case(
+        design, record, offered, other, policy, believed=believed, remarks=tuple(map(of_holdout, held_out.notices))
+    )
 
 
 def _in_time(design: Design, log: Log) -> Record:

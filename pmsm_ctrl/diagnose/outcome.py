@@ -55,7 +55,7 @@ def outcome(
         selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.design, None, None
     warned = (
         *reasons,
-        *case.believed.notices,
+        *(case.believed.notices if case.believed else ()),
         *case.remarks,
         *notices.of_log((*case.record.notes, *final.notes)),
         *deviation_notices(deviations, final, policy),

@@ -18,7 +18,9 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Deviation, Verdict
 from pmsm_ctrl.diagnose.selection import Selection, name_of
+from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
+from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Level", "contradictions_of", "judged", "level_of", "open_questions"]
@@ -76,7 +78,7 @@ def level_of(fit: Fitted, row: int) -> Level:
 
 def judged(
     selection: Selection,
-    believed: Plausibility,
+    believed: Plausibility | None,
     asides: tuple[Notice | None, Notice | None],
     deviations: tuple[Deviation, ...],
     policy: Policy = POLICY,
@@ -86,14 +88,14 @@ def judged(
     Parameters
     ----------
     selection : Selection
-    believed : Plausibility
+    believed : Plausibility or None
         Of the log.
     asides : (Notice or None, Notice or None)
         What friction the motion does not excite, and what no effect of the catalogue explains.
     deviations : tuple of Deviation
     policy : Policy
     """
-    impossible = (*believed.contradictions, *contradictions_of(selection.fit, policy))
+    impossible = (*(believed.contradictions if believed else ()), *contradictions_of(selection.fit, policy))
     if impossible:
         return Verdict.IMPLAUSIBLE, impossible
     if selection.steps:
@@ -101,7 +103,7 @@ def judged(
     for verdict, reason in zip((Verdict.NOT_EXCITED, Verdict.UNEXPLAINED), asides, strict=True):
         if reason is not None:
             return verdict, (reason,)
-    doubts = (doubt for doubt in believed.doubts if doubt.code not in ACCOUNTED)
+    doubts = (doubt for doubt in (believed.doubts if believed else ()) if doubt.code not in ACCOUNTED)
     undecided = (*doubts, *open_questions(selection, deviations, policy))
     return (Verdict.INCONCLUSIVE, undecided) if undecided else (Verdict.CONSISTENT, ())
 
@@ -116,11 +118,37 @@ def contradictions_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Notice, ...
     """
     torque = level_of(fit, 0)
     told = torque.explicable >= policy.explained_torque  # or most of the torque is noise, and so is what it says
-    names = POSITIVE if told else ELECTRICAL
+    names = POSITIVE if told and _sharp(fit) else ELECTRICAL
     found = [notice for name in names if (notice := _impossible(fit, name, policy)) is not None]
     if told and torque.explained < policy.explained_torque * torque.explicable:
         found.append(notices.UNRELATED_TORQUE(percent=100.0 * max(torque.explained, 0.0)))
     return tuple(found)
+
+
+def _sharp(fit: Fitted) -> bool:
+    """Whether the acceleration is more than noise, which makes an inertia too small, and friction too."""
+    k = fit.model.names.index("J")
+    return noise_share(fit.record, fit.model.matrix[0][:, k]) < MOST_NOISE
+
+
+def unweighted(fit: Fitted, column: int) -> float:
+    """Return a parameter of the torque balance by least squares with every sample of the same weight.
+
+    Where single edges are all that accelerates an axis, what the weights leave of them says little about the inertia.
+
+    Parameters
+    ----------
+    fit : Fitted
+    column : int
+        Of the model.
+    """
+    used = fit.record.mask
+    matrix = fit.model.matrix[0][used]
+    inside = np.flatnonzero(np.any(matrix, axis=0))
+    if column not in inside:
+        return float(fit.plain.values[column])
+    values = factored(matrix[:, inside]).solve(fit.record.target[0][used])
+    return float(values[inside.tolist().index(column)])
 
 
 def _impossible(fit: Fitted, name: str, policy: Policy) -> Notice | None:
@@ -132,11 +160,12 @@ def _impossible(fit: Fitted, name: str, policy: Policy) -> Notice | None:
     nominal = float(fit.model.nominal[k])
     if not math.isfinite(sure):
         return None
-    if value < -sure:
+    plain = value if name in ELECTRICAL else unweighted(fit, k)
+    if value < -sure and plain < 0.0:
         return notices.NEGATIVE_PARAMETER(parameter=name, value=value)
     far = policy.implausible_factor
-    high = name in KNOWN and name not in IMITATED and value - sure > far * nominal
-    if high or (name in KNOWN and value + sure < nominal / far):
+    high = name in KNOWN and name not in IMITATED and min(plain, value - sure) > far * nominal
+    if high or (name in KNOWN and max(plain, value + sure) < nominal / far):
         return notices.FACTOR_OFF(parameter=name, value=value, ratio=value / nominal, nominal=nominal)
     return None
 

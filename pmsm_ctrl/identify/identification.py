@@ -169,6 +169,8 @@ def identify(
     processing = processing or Processing()
     if processing.blank is None:
         processing = replace(processing, blank=True)
+    believed = doubts_about(design, log)
+    log = believed.log
     solution = _solved(method, design, log, processing)
     problem, fit = solution.problem, solution.fit
     found, bounds = _identified(design, problem, fit)
@@ -180,7 +182,6 @@ def identify(
         unexplained = shown.target - shown.matrix() @ fit.coefficients
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
-    believed = doubts_about(design, log)
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
     estimates = {
         c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal)

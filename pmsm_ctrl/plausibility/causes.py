@@ -101,6 +101,8 @@ def likeliest(design: Design, ratios: Mapping[str, Ratio], from_current: bool) -
     """
     seen = _deviations(ratios)
     before = _misfit(seen, {}, 1.0)
+    if set(seen) == {"J"} and strange(ratios):
+        return (_of_inertia(ratios["J"].value, from_current, before),)
     if not strange(ratios) and not _together(design, seen, before):
         return ()
     found = []
@@ -119,6 +121,12 @@ def likeliest(design: Design, ratios: Mapping[str, Ratio], from_current: bool) -
     # what involves more of the coefficients says more: a parameter of its own comes last
     kept.sort(key=lambda f: f.after + POLICY.alone * (len(_POWERS[f.cause]) == 1))
     return tuple(kept[:2])
+
+
+def _of_inertia(ratio: float, from_current: bool, before: float) -> Finding:
+    """Return what an inertia alone tells: a wrong sign, or a factor of which nobody knows whose it is."""
+    cause = (Cause.CURRENT if from_current else Cause.TORQUE) if ratio < 0.0 else Cause.INERTIA
+    return Finding(cause, ratio, before, 0.0)
 
 
 def _together(design: Design, seen: Mapping[str, tuple[float, float, int]], before: float) -> bool:

@@ -36,15 +36,21 @@ def examine(design: Design, log: Log) -> Plausibility:
     -------
     Plausibility
         Empty for a sound log; a relation whose channels are absent is not examined.
+
+    Raises
+    ------
+    LogError
+        When the current or the torque is constant.
     """
     if len(log) < FEWEST:
-        return Plausibility(log=log)
+        return Plausibility(log)
     with np.errstate(all="ignore"):
         found = recorded(design, log)
         evidence = evidence_of(design, binned(found.log))
         late = late_channel(evidence, log.period)
         contradictions = (*found.contradictions, *_contradictions(evidence, found.log))
-    return Plausibility(found.log, contradictions, (*found.doubts, *late), found.excluded)
+    doubts = (*found.doubts, *late)
+    return Plausibility(found.log, contradictions, doubts, found.excluded, found.repairs)
 
 
 def _contradictions(evidence: Evidence, log: Log) -> tuple[Notice, ...]:

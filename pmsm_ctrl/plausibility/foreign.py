@@ -47,7 +47,7 @@ def foreign_current(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
     swapped = _swapped_currents(evidence)
     if swapped:
         return swapped
-    if not _absent(evidence, narrow) or not _absent(evidence, wide) or narrow.left < POLICY.unexplained:
+    if narrow.left < POLICY.unexplained or not (_absent(evidence, narrow, 3.0) and _absent(evidence, wide, 2.0)):
         return ()
     if found := _stationary(evidence, log):
         return found
@@ -55,14 +55,14 @@ def foreign_current(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
     return (say.UNRELATED_TORQUE(channel=evidence.channel, percent=share, left=100.0 * narrow.left),)
 
 
-def _absent(evidence: Evidence, fit: Fit) -> bool:
-    """Whether the inertia's torque is surely missing, although it would be seen."""
+def _absent(evidence: Evidence, fit: Fit, surely: float) -> bool:
+    """Whether the inertia's torque is missing by so many standard errors, although it would be seen."""
     if "J" not in fit.names:
         return False
     k = fit.names.index("J")
     J, stderr = float(fit.values[k]), float(fit.stderr[k])
-    column = evidence.design.J**2 * (fit.own[k] / J**2 if J else 0.0)
-    return abs(J) + 3.0 * stderr < POLICY.absent * evidence.design.J and column > POLICY.expected
+    share = evidence.design.J**2 * (fit.own[k] / J**2 if J else 0.0)
+    return J + surely * stderr < evidence.design.J and share > POLICY.expected
 
 
 def _swapped_currents(evidence: Evidence) -> tuple[Notice, ...]:
@@ -73,7 +73,7 @@ def _swapped_currents(evidence: Evidence) -> tuple[Notice, ...]:
     if other is None or evidence.narrow is None or other.left > POLICY.swap * evidence.narrow.left:
         return ()
     k = other.value("J") / evidence.design.J
-    return (say.CURRENTS_SWAPPED(),) if POLICY.absent < abs(k) < 1.0 / POLICY.absent else ()
+    return (say.CURRENTS_SWAPPED(),) if 1.0 / POLICY.swap_limit < abs(k) < POLICY.swap_limit else ()
 
 
 def _stationary(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
@@ -107,7 +107,7 @@ def foreign_voltage(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
         return ()
     k = abs(cross_q.value("psi_f") / (evidence.design.motor.psi_f or np.inf))
     now, then = q.left * q.power + d.left * d.power, cross_q.left * cross_q.power + cross_d.left * cross_d.power
-    if then < POLICY.swap * now and POLICY.absent < k < 1.0 / POLICY.absent:
+    if then < POLICY.swap * now and 1.0 / POLICY.swap_limit < k < POLICY.swap_limit:
         return (say.VOLTAGES_SWAPPED(),)
     return ()
 
@@ -124,18 +124,14 @@ def magnitudes(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
         return ()
     omega, alpha = motion
     expected = evidence.design.J * alpha + _friction(evidence, omega)
-    return _fits_better(evidence, evidence.channel, np.abs(expected), expected, bins.smooth(evidence.torque, BOXES))
-
-
-def _fits_better(evidence: Evidence, channel: str, folded: Array, expected: Array, seen: Array) -> tuple[Notice, ...]:
-    """Whether `seen` follows the folded expectation, and not the expectation itself, which changes its sign."""
     both = float(np.nanmean(expected > 0.0)), float(np.nanmean(expected < 0.0))
-    one = np.ones_like(seen)
-    as_logged, as_folded = fitted(seen, {"x": expected, "1": one}), fitted(seen, {"x": folded, "1": one})
-    if as_logged is None or as_folded is None or min(both) < 0.1:
+    seen, sign = bins.smooth(evidence.torque, BOXES), np.sign(expected)
+    # friction is not known well, so every part has a free size, and only the sign is taken from the design
+    parts = {"J": sign * alpha, "F_c": sign * np.sign(omega), "F_v": sign * omega, "1": np.ones_like(seen)}
+    folded = fitted(seen, parts)
+    if folded is None or min(both) < 0.1 or folded.left > POLICY.fold * evidence.narrow.left:
         return ()
-    better = as_folded.left < POLICY.fold * as_logged.left and as_folded.value("x") > 0.0
-    return (say.MAGNITUDE_CHANNEL(channel=channel),) if better else ()
+    return (say.MAGNITUDE_CHANNEL(channel=evidence.channel),)
 
 
 def _friction(evidence: Evidence, omega: Array) -> Array:

@@ -33,12 +33,12 @@ class Policy:
         Sum of squared deviations by which another reading may be worse, and still be said.
     alone : float
         Preference for a cause that explains several coefficients over one that explains its own.
-    absent : float
-        Share of the design's inertia below which the torque does not drive the motion.
     unexplained : float
         Share of the torque's power that a foreign channel leaves at least.
     expected : float
         Least share of the torque's power that the design's inertia would make, for its absence to mean anything.
+    swap_limit : float
+        Factor by which the coefficient of an exchanged channel may differ from the design's.
     swap : float
         What exchanged channels leave at most of what the channels as logged leave.
     fold : float
@@ -52,6 +52,19 @@ class Policy:
         Share of the torque's power below which no other lag is tried.
     longest_lag : float
         s.
+    cut : float
+        Usual steps of the angle that a missing piece of a log makes at least; less is a few lost samples.
+    most_cuts : int
+        More jumps are another thing.
+    lost : float
+        Share of steps that are twice the steps beside them, from which on samples are missing.
+    held : float
+        s; the slowest speed loops hold a torque command for 2 ms.
+    held_periods : int
+    jitter : float
+        Periods; stamps that are off by more are no jitter of a clock, but pauses.
+    smoother : float
+        What the roughness of the motion at equal steps may be of that at the stamps, for the stamps to be wrong.
     """
 
     limit: Mapping[str, float] = field(default_factory=lambda: {"J": 3.0, "R": 3.0, "psi_f": 1.32, "X": 2.5})
@@ -61,9 +74,9 @@ class Policy:
     wrong_sign: float = 100.0
     as_good: float = 3.0
     alone: float = 2.0
-    absent: float = 1.0 / 3.0
-    unexplained: float = 0.5
+    unexplained: float = 0.7
     expected: float = 0.02
+    swap_limit: float = 3.0
     swap: float = 0.25
     fold: float = 0.3
     late: float = 3e-3
@@ -71,6 +84,13 @@ class Policy:
     late_gain: float = 0.5
     well: float = 0.02
     longest_lag: float = 0.12
+    cut: float = 10.0
+    most_cuts: int = 20
+    lost: float = 0.004
+    held: float = 4e-3
+    held_periods: int = 2
+    jitter: float = 40.0
+    smoother: float = 0.1
 
 
 POLICY = Policy()

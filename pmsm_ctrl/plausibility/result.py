@@ -40,13 +40,16 @@ class Plausibility:
     doubts : tuple of Notice
         Something is odd; a model of this log cannot be called consistent.
     excluded : tuple of Stretch
-        Stretches of time to leave out of a fit.
+        Stretches of time that `log` leaves out.
+    repairs : tuple of Notice
+        What was put right in `log`, without a doubt of it.
     """
 
     log: Log
     contradictions: tuple[Notice, ...] = ()
     doubts: tuple[Notice, ...] = ()
     excluded: tuple[Stretch, ...] = ()
+    repairs: tuple[Notice, ...] = ()
 
     @property
     def plausible(self) -> bool:
@@ -55,6 +58,6 @@ class Plausibility:
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Contradictions first, then doubts, then why stretches are left out, each reason once."""
+        """Contradictions first, then doubts, why stretches are left out, each reason once, and repairs."""
         reasons = dict.fromkeys(stretch.reason for stretch in self.excluded)
-        return (*self.contradictions, *self.doubts, *reasons)
+        return (*self.contradictions, *self.doubts, *reasons, *self.repairs)

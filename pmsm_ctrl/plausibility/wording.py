@@ -14,6 +14,7 @@ from pmsm_ctrl.section import Notice
 __all__ = ["odd_parameters", "worded"]
 
 RPM = 30.0 / math.pi
+ONE = 1.1  # a factor of less than three beside a wrong sign is not worth a word
 NEAR = 0.08  # of a known factor: the tolerances of a datasheet stand in the measured one
 
 
@@ -41,7 +42,7 @@ def _worded(evidence: Evidence, reading: Finding) -> Notice | None:
         return say.PARAMETER_FACTOR(parameter=name, factor=factor)
     if cause is Cause.INERTIA:
         return say.INERTIA_FACTOR(factor=factor, cause=_known(factor, _every(design)))
-    if factor < 0.0 and abs(math.log(-factor)) < 0.35:
+    if factor < 0.0 and abs(math.log(-factor)) < ONE:
         if cause is Cause.VOLTAGE:
             return say.VOLTAGE_SIGN()
         if cause is Cause.MOTION:

@@ -60,10 +60,12 @@ def track(
     if len(log) < 3:
         raise LogError(f"{located(log)}{len(log)} samples; tracking needs at least 3")
     log.check_evaluable()
+    believed = doubts_about(design, log)
+    log = believed.log
     settings = settings or Settings(measure="theta" if "theta" in log else "omega")
     samples = samples_of(design, log, settings.measure)
     settings = noise_from_log(design, settings, samples, log)
-    doubts = [*doubts_about(design, log).notices, *samples.notices]
+    doubts = [*believed.notices, *samples.notices]
     s = numbers(design, settings, log.period)
     first = s[model.TORQUE_DENSITY]
     out = _filtered(design, settings, s, samples, adapt)

@@ -174,7 +174,7 @@ SPOILED: dict[str, Spoiled] = {
     "current in per cent of rated": Spoiled(
         lambda log, d, g: _scaled(log, 100.0 / _rated(d), *CURRENTS), ("current_factor",)
     ),
-    "torque in per cent of rated": Spoiled(lambda log, d, g: _percent_torque(log, d), ("current_factor",)),
+    "torque in per cent of rated": Spoiled(lambda log, d, g: _percent_torque(log, d), ("inertia_factor",)),
     "ms taken for s": Spoiled(lambda log, d, g: _scaled(log, 1000.0, "t"), ("time_factor", "speed_factor")),
     "time doubled": Spoiled(lambda log, d, g: _scaled(log, 2.0, "t"), ("time_factor", "speed_factor")),
     "time doubled, angle alone": Spoiled(
@@ -188,8 +188,8 @@ SPOILED: dict[str, Spoiled] = {
     "current filtered, 20 ms": Spoiled(lambda log, d, g: _filtered(log, 2e-2), ("current_filtered", "not_synchronous")),
     "current held for 10 ms": Spoiled(lambda log, d, g: _held(log, 1e-2), ("held_channel",)),
     "5 % of samples lost": Spoiled(lambda log, d, g: _lost(log, g), ("lost_samples",)),
-    "stamps jitter by 0.6 periods": Spoiled(lambda log, d, g: _jitter(log, 0.6, g), ("equal_steps", "irregular_time")),
-    "stamps jitter by 3 periods": Spoiled(lambda log, d, g: _jitter(log, 3.0, g), ("equal_steps", "irregular_time")),
+    "stamps jitter by 0.6 periods": Spoiled(lambda log, d, g: _jitter(log, 0.6, g), ("equal_steps", "even_stamps")),
+    "stamps jitter by 3 periods": Spoiled(lambda log, d, g: _jitter(log, 3.0, g), ("equal_steps", "even_stamps")),
     "6 s cut out": Spoiled(lambda log, d, g: _cut(log, 6.0), ("cut_in_time",)),
     "angle jumps by a turn": Spoiled(lambda log, d, g: _jump(log), ("cut_in_time", "position_jumps")),
     "current clipped": Spoiled(lambda log, d, g: _clipped(log, 0.3), ("clipped_channel",)),

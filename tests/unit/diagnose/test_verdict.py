@@ -11,10 +11,12 @@ import pytest
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.verdict import Level, judged, level_of
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.section import Notice
 
 DOUBT, HANDLED = Notice("torque_sign", "opposite sign"), Notice("time_gaps", "gaps")
+LOG = Log({"t": np.arange(3.0)})
 NOMINAL = {"J": 1e-4, "F_c": 0.02, "R": 19.0}
 
 
@@ -24,12 +26,12 @@ def fit_of(measured: float = 20.0, left: float = 1.0, samples: float = 4e3, **va
     row = np.resize([1.0, -1.0], (1, samples))
     record = SimpleNamespace(
         mask=np.ones(samples, dtype=bool), weight=np.ones((1, samples)), target=measured * row, channels=("torque",),
-        cutoff=40.0, rate=200.0, drive="torque",
+        cutoff=40.0, rate=200.0, drive="torque", noise_of=lambda values: 0.0,
     )  # fmt: skip
     nominal = np.array(list(NOMINAL.values()))
     return SimpleNamespace(
         record=record, residual=left * row, weights=SimpleNamespace(sigma=np.ones(1)),
-        model=SimpleNamespace(names=list(at), nominal=nominal),
+        model=SimpleNamespace(names=list(at), nominal=nominal, matrix=np.zeros((1, samples, len(nominal)))),
         plain=SimpleNamespace(values=np.array(list(at.values())), stderr=0.01 * nominal),
         trials=[], solved=SimpleNamespace(chi2=1000.0),
     )  # fmt: skip
@@ -44,7 +46,7 @@ def verdict_of(
     refused: Any = None,
 ) -> tuple[str, list[str]]:
     selection: Any = SimpleNamespace(fit=fit, steps=steps, refused=refused or {})
-    verdict, reasons = judged(selection, believed or Plausibility(), asides, deviations)
+    verdict, reasons = judged(selection, believed, asides, deviations)
     return verdict.value, [reason.code for reason in reasons]
 
 
@@ -58,12 +60,12 @@ def test_a_level_knows_what_is_explained_and_what_could_be() -> None:
 
 def test_a_sound_log_is_consistent_and_needs_no_reason() -> None:
     assert verdict_of(fit_of()) == ("consistent", [])
-    assert verdict_of(fit_of(), Plausibility(doubts=(HANDLED,))) == ("consistent", [])
+    assert verdict_of(fit_of(), Plausibility(LOG, doubts=(HANDLED,))) == ("consistent", [])
 
 
 def test_the_order_of_the_verdicts() -> None:
     blind, left = Notice("not_excited", "x"), Notice("residual_dependence", "y")
-    contrary = Plausibility(contradictions=(DOUBT,))
+    contrary = Plausibility(LOG, contradictions=(DOUBT,))
     assert verdict_of(fit_of(), contrary, (blind, left), steps=(1,)) == ("implausible", ["torque_sign"])
     assert verdict_of(fit_of(), asides=(blind, left), steps=(1,)) == ("effects_missing", [])
     assert verdict_of(fit_of(), asides=(blind, left)) == ("not_excited", ["not_excited"])
@@ -71,7 +73,7 @@ def test_the_order_of_the_verdicts() -> None:
 
 
 def test_an_open_doubt_of_the_import_forbids_consistent() -> None:
-    assert verdict_of(fit_of(), Plausibility(doubts=(HANDLED, DOUBT))) == ("inconclusive", ["torque_sign"])
+    assert verdict_of(fit_of(), Plausibility(LOG, doubts=(HANDLED, DOUBT))) == ("inconclusive", ["torque_sign"])
 
 
 @pytest.mark.parametrize(
