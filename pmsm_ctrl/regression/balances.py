@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming
@@ -58,6 +60,8 @@ FEWEST_SAMPLES, JITTER = 32, 1e-3
 THINNED_BAND = 0.4
 # Periods of the cutoff at either end that the filters need to start, and the share of a log that is given up at most.
 EDGES, SHORTEST_EDGE = (4.0, 10.0), 0.05
+# Share of a log at most in which a shaft that stops and goes on as before is left out.
+MOST_UNKNOWN = 0.2
 REST = 0.004  # s: what is shorter is a reversal
 FEWEST_MIXED = 4  # samples on either side of a reversal that smoothing mixes at least
 STEADY = 0.02  # weight below which a sample's time cannot be believed
@@ -65,6 +69,8 @@ INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d change
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
+# Share of a log that the default band has to leave.
+USABLE = 0.1
 # Period of the speed loop of a drive of which nothing is known, and what a current loop lags its command at most, s:
 # one of 160 Hz and more.
 UNKNOWN_LOOP, CURRENT_LOOP = 1e-3, 1e-3
@@ -166,6 +172,11 @@ class Record:
         """The word for what drives the axis: torque or force."""
         return drives(self.prepared.motion)
 
+    @property
+    def usable(self) -> float:
+        """Share of the samples that take part in the torque balance, each by its weight."""
+        return float(np.mean(self.mask * self.weight[0] ** 2))
+
     def unit(self, channel: str) -> str:
         """Unit of a balance."""
         return axis_unit("N m", self.prepared.motion) if channel == "torque" else "V"
@@ -259,12 +270,15 @@ def make_record(
 ) -> Record:
     """Prepare a log for the diagnosis.
 
+    In the default band, unless that leaves next to nothing: edges and jumping time stamps ring for a few periods of the
+    cutoff, and where there are many a wider band is the better one.
+
     Parameters
     ----------
     design : Design
     log : Log
     processing : Processing, optional
-        As the log's band asks when left out.
+        The default band, or one as wide as the drive signal's where that leaves more, when left out.
     age : float
         Of a speed beyond what the design knows of it, s; it counts only where the log has no position.
     timing : DriveTiming
@@ -276,11 +290,26 @@ def make_record(
         When a channel is missing, or the axis never moves.
     """
     log.check_evaluable(FEWEST_SAMPLES)
-    asked = processing.cutoff if processing is not None else None
+    if processing is not None:
+        return _made(design, log, processing, age, timing)
+    usual, short = Processing(standstill=STANDSTILL), None
+    try:
+        record = _made(design, log, usual, age, timing)
+        if record.usable >= USABLE:
+            return record
+    except LogError as error:
+        short = error
+    try:
+        wide = _made(design, log, replace(usual, cutoff=signal_band(log)), age, timing)
+    except LogError as error:
+        raise short or error from None
+    return wide if short is not None or wide.usable > record.usable else record
+
+
+def _made(design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming) -> Record:
     sampling = max(log.period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
-    log, few = without_coarse_angle(design, log, asked or default_cutoff(log.rate))
+    log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
     log = timing.undone(_thinned(_in_time(design, log, age)))
-    processing = processing or Processing(standstill=STANDSTILL)
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
@@ -401,6 +430,8 @@ def _direction(
         unknown = reversals(direction, long, omega, theta, left, J / level, period, reach)
     sure = ~long
     dilate = round(prepared.rate / prepared.cutoff)
+    if sum(piece.stop - piece.start for piece in unknown) > MOST_UNKNOWN * len(omega):
+        unknown = []  # noise turns the shaft, or its speed, everywhere
     for piece in (*stretches(long), *unknown):
         sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
     return direction, sure, (max(level, 0.0), J)

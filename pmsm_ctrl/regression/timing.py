@@ -20,8 +20,8 @@ Mask = NDArray[np.bool_]
 
 # A time stamp that is off by more than this share of a period is late.
 LATE = 0.5
-# A step of more periods is a hole: what bridges it is no measurement, and spreads as far as the low-pass remembers, in
-# periods of its cutoff.
+# A step of more periods is a hole. What bridges one that is longer than the low-pass's memory is no measurement: it
+# spreads as far as that remembers, in periods of the cutoff.
 HOLE, AROUND_HOLES = 5.0, 5.0
 # A speed that changes by so many times its usual change from one sample to the next jumps.
 JUMP = 12.0
@@ -109,7 +109,7 @@ def punctual(log: Log, t: Array, cutoff: float, jumps: bool = True) -> Mask:
     if len(late) == 0:
         return good
     reach, hole = 1.5 / cutoff, AROUND_HOLES / cutoff
-    wide = np.diff(log.t)[late] > HOLE * log.period
+    wide = np.diff(log.t)[late] > 1.0 / cutoff
     around = np.where(wide, hole, reach)
     spans = list(zip(log.t[late] - around, log.t[late + 1] + around, strict=True))
     if jumps and "theta" in log:
