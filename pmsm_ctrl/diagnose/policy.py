@@ -29,6 +29,9 @@ class Policy:
         whole; three quarters of that must be seen. Later effects need the full number: what an accepted effect does not
         describe exactly is left in every block, and can look like a small effect. Blind at half strength, and with
         effects left out of the candidates.
+    rival_errors : float
+        Standard errors by which the mean cross-validation gain of a spring or a gap must be above zero beside a smooth
+        response and waves of a turn, where it also must be significant. Third simulator; blind (servo).
     size : float
         Smallest contribution worth a name, as a share of the rms of the balance where it acts. Clean, blind.
     small_size, explained : float
@@ -112,6 +115,7 @@ class Policy:
     block_errors: float = 2.8
     first_block_errors: float = 2.0
     expected_share: float = 0.375
+    rival_errors: float = 1.0
     size: float = 0.004
     small_size: float = 0.001
     explained: float = 0.012

@@ -11,6 +11,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.measures import (
+    beside_rivals,
     contribution,
     cross_validated,
     left_inside,
@@ -185,6 +186,8 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
         return refusal
     found, whole, relief = cross_validated(fit, trial)
     refusal = criteria.cross_validation(found, whole, relief, not fit.accepted, policy)
+    if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
+        refusal = criteria.beside_rivals(*beside, policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found)
 
 

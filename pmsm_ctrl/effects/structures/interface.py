@@ -347,6 +347,13 @@ class Structure(ABC):
         """
         return None
 
+    def rivals(self, balances: Balances) -> list[dict[str, Array]]:
+        """Return what must not be taken for the effect, shape (n,) each, at the log's rate, as large as it may be.
+
+        The effect is only named if it explains something beside all of these.
+        """
+        return []
+
     # -- search
 
     def search(self, effect: Effect, log: LogView) -> Search:
