@@ -287,13 +287,13 @@ def add(
     json_file: JsonOption = None,
 ) -> None:
     """Add an effect to a design, its parameters fitted to a log."""
-    from pmsm_ctrl.diagnose import add as run_adding
+    from pmsm_ctrl.diagnose.adding import added
     from pmsm_ctrl.effects import catalogue_of, lookup
     from pmsm_ctrl.rendering.numbers import with_error
     from pmsm_ctrl.units import axis_unit
 
     axis = read_design(design, effects)
-    result = run_adding(axis, load_log(log, axis, mapping), effect)
+    result, notices = added(axis, load_log(log, axis, mapping), effect)
     result.write(output)
     print(f"{output}: {axis.name} with {effect}")
     known = catalogue_of(axis)
@@ -301,8 +301,11 @@ def add(
         for symbol, value in entry.parameters.items():
             unit = axis_unit(lookup(entry.id, known).parameter(symbol).unit, axis.motion)
             print(f"  {entry.id:<28} {symbol:<8} {with_error(value, entry.stderr.get(symbol, 0.0), unit)}")
+    for notice in notices:
+        print(f"warning: {notice.text} [{notice.code}]")
     if json_file is not None:
-        write_json(json_file, "add", {"effect": effect, "design": result.to_dict()})
+        warned = {"warnings": [n.text for n in notices], "warning_codes": [n.code for n in notices]}
+        write_json(json_file, "add", {"effect": effect, **warned, "design": result.to_dict()})
 
 
 @app.command()

@@ -102,10 +102,11 @@ def write_design(design: Design, path: Path | None) -> None:
 
 
 def load_log(path: Path, design: Design, mapping: list[str] | None) -> Log:
-    """Return the log in a file, and print its notices on stderr."""
-    from pmsm_ctrl.importers import read_log
+    """Return the log in a file, and print its notices on stderr; a unit in doubt has to be confirmed by `mapping`."""
+    from pmsm_ctrl.importers import read_log, require_confirmed
 
     log = read_log(path, design, parse_map(mapping))
+    require_confirmed(log, design, parse_map(mapping))
     for notice in log.provenance.notices:
         print(f"pmsm-ctrl: {path}: warning: {notice.text} [{notice.code}]", file=sys.stderr)
     return log

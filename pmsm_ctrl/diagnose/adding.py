@@ -4,22 +4,27 @@ from __future__ import annotations
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
-from pmsm_ctrl.diagnose.fit import Accepted, fit_design
-from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
+from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design
+from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.refine import refine
+from pmsm_ctrl.diagnose.search import Trial, try_candidate
 from pmsm_ctrl.effects.catalogue import catalogue_of, lookup
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import examine
 from pmsm_ctrl.regression.balances import make_record
+from pmsm_ctrl.regression.bounds import holding
+from pmsm_ctrl.section import Notice
 
-__all__ = ["add"]
+__all__ = ["add", "added"]
 
 
 def add(design: Design, log: Log, effect: str) -> Design:
     """Return the design with an effect added, all parameters fitted to the log, standard errors included.
 
-    The effect is added whether or not the log calls for it: whether it does is what `diagnose` says.
+    The effect is added whether or not the log calls for it: whether it does is what `diagnose` says. No parameter
+    leaves its bounds: one at its bound stays there, the others are fitted beside it, and it has no standard error.
 
     Parameters
     ----------
@@ -35,6 +40,17 @@ def add(design: Design, log: Log, effect: str) -> Design:
     RequestError
         For an unknown effect, one that is in the design already, or one that this log cannot determine.
     """
+    return added(design, log, effect)[0]
+
+
+def added(design: Design, log: Log, effect: str) -> tuple[Design, tuple[Notice, ...]]:
+    """Return the same as `add`, and which parameters stay at their bounds.
+
+    Parameters
+    ----------
+    design, log, effect
+        As in `add`.
+    """
     effects = catalogue_of(design)
     wanted = lookup(effect, effects)
     case = Case(design, make_record(design, examine(design, log).log), effects)
@@ -47,5 +63,18 @@ def add(design: Design, log: Log, effect: str) -> Design:
         raise RequestError(
             f"effect '{effect}': not distinguishable from the design's on this log; it needs {wanted.needs}"
         )
-    shape = refine(fit.record, fit.solved, fit.whitener, trial).group.shape
-    return fitted_design(design, fit_design(design, case.record, (Accepted(wanted, shape),), effects, explore=False))
+    made = _made(case, refine(fit.record, fit.solved, fit.whitener, trial))
+    base = {k: bound for k, bound in made.estimate.held.items() if k < len(fit.model.names)}
+    if base:  # beside parameters that stay at their bounds another shape is the best one
+        held = holding(fit.plain, base)
+        again = try_candidate(fit.record, held, fit.weights, trial.candidate)
+        if again is not None:
+            other = _made(case, refine(fit.record, held, fit.weights, again))
+            made = min(made, other, key=lambda one: squares(one, one.residual, fit.weights.sigma))
+    return fitted_design(design, made), tuple(at_bounds(made))
+
+
+def _made(case: Case, trial: Trial) -> Fitted:
+    """Fit the design with an effect of this trial's shape."""
+    accepted = Accepted(trial.candidate.effect, trial.group.shape)
+    return fit_design(case.design, case.record, (accepted,), case.effects, explore=False)

@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 
 __all__ = [
     "CrossValidation",
+    "beside_rivals",
     "cross_validation",
     "determined",
     "error_lowered",
@@ -119,6 +120,21 @@ def cross_validation(
     if sure and found.gain > 0.0:
         return None
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
+
+
+def beside_rivals(p_value: float, found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect is significant beside what must not be taken for it, and in more than one place of the log.
+
+    Parameters
+    ----------
+    p_value : float
+        Corrected for all candidates and for the shapes searched.
+    found : CrossValidation
+    policy : Policy
+    """
+    if p_value <= policy.significance and found.gain > policy.rival_errors * found.stderr:
+        return None
+    return Refusal(Reason.EXPLAINED_BY_RIVALS, {"gain": found.gain, "stderr": found.stderr})
 
 
 def no_balance_worse(

@@ -269,7 +269,7 @@ def contributions(fit: Fitted) -> dict[str, Array]:
     out: dict[str, Array] = {}
     for position, group in enumerate(fit.model.groups):
         columns = fit.model.columns_of(position)
-        values = fit.model.matrix[0][:, columns] @ fit.plain.values[columns]
+        values = fit.model.matrix[0][:, columns] @ fit.estimate.values[columns]
         if not np.any(values):
             continue
         key = "inertia" if group.symbols == ("J",) else "timing"

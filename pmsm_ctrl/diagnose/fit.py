@@ -99,6 +99,13 @@ class Fitted:
         """Measured less predicted, shape (channels, m)."""
         return self.record.target - self.estimate.predicted()
 
+    def position(self, number: int) -> int | None:
+        """Where an accepted effect stands among the model's groups; None where it has no columns of its own."""
+        if self.accepted[number].effect.structure.replaces_direction:
+            return None
+        wired = [k for k, one in enumerate(self.accepted) if not one.effect.structure.replaces_direction]
+        return len(self.model.groups) - len(wired) + wired.index(number)
+
 
 def fit_design(
     design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.notices import ESTIMATE_AT_BOUND
 from pmsm_ctrl.result import Estimate
+from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["fitted_design", "fitted_parameters", "position_of"]
+__all__ = ["at_bounds", "fitted_design", "fitted_parameters"]
 
 
 def fitted_design(design: Design, fit: Fitted) -> Design:
@@ -49,6 +53,18 @@ def fitted_design(design: Design, fit: Fitted) -> Design:
     return out
 
 
+def at_bounds(fit: Fitted) -> Iterator[Notice]:
+    """Yield which parameters stay at their bounds.
+
+    Parameters
+    ----------
+    fit : Fitted
+    """
+    for k, bound in fit.estimate.held.items():
+        value, stderr = float(fit.plain.values[k]), float(fit.plain.stderr[k])
+        yield ESTIMATE_AT_BOUND(parameter=fit.model.names[k], bound=bound, value=value, stderr=stderr)
+
+
 def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
     """Return the parameters of the accepted effect at this position, in the effect's own symbols.
 
@@ -61,7 +77,7 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
     one = fit.accepted[number]
     found = dict(one.shape)
     stderr: dict[str, float] = {}
-    position = position_of(fit, number)
+    position = fit.position(number)
     if position is not None:
         columns = fit.model.columns_of(position)
         symbols = fit.model.groups[position].symbols
@@ -74,18 +90,3 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
         for p in one.effect.parameters
         if p.symbol in values
     }
-
-
-def position_of(fit: Fitted, number: int) -> int | None:
-    """Return where the accepted effect stands among the model's groups; None where it has no columns of its own.
-
-    Parameters
-    ----------
-    fit : Fitted
-    number : int
-        Position among the accepted effects.
-    """
-    if fit.accepted[number].effect.structure.replaces_direction:
-        return None
-    wired = [k for k, a in enumerate(fit.accepted) if not a.effect.structure.replaces_direction]
-    return len(fit.model.groups) - len(wired) + wired.index(number)

@@ -7,11 +7,13 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Fitted, errors
-from pmsm_ctrl.diagnose.search import Trial, blocked_gain
-from pmsm_ctrl.regression.model import Model, Solved
+from pmsm_ctrl.diagnose.search import Trial, blocked_gain, try_group
+from pmsm_ctrl.regression.columns import Group
+from pmsm_ctrl.regression.model import Model, Solved, solve_model
 
 __all__ = [
     "WINDING",
+    "beside_rivals",
     "contribution",
     "cross_validated",
     "left_inside",
@@ -39,6 +41,23 @@ def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, 
     )
     found = CrossValidation(gain, stderr, blocks, p_rank)
     return found, gain_of_rows(solved, direction), relief(solved, direction)
+
+
+def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, CrossValidation] | None:
+    """Return p-value and cross-validation of a trial beside what must not be taken for it; None without such rivals.
+
+    The p-value is corrected for the shapes searched and for the number of candidates.
+    """
+    effect, record = trial.candidate.effect, fit.record
+    parts = effect.structure.rivals(record)
+    if not parts:
+        return None
+    symbols = tuple(f"rival {k + 1}" for k in range(len(parts)))
+    model = fit.model.plus(Group(None, symbols, record.stack_all(parts), {}), 1.0)
+    solved = solve_model(record, model, fit.whitener)
+    own = try_group(solved, fit.whitener, trial.candidate, trial.group)
+    found = blocked_gain(record, solved, fit.whitener, trial.group, own.direction, fit.whitener.memory)
+    return min(1.0, own.p_value * len(fit.trials)), CrossValidation(*found)
 
 
 def gain_of_rows(solved: Solved, direction: Array) -> float:

@@ -11,8 +11,10 @@ from pmsm_ctrl.section import Notice, Template
 __all__ = [
     "ABOVE_FLOOR",
     "BEYOND_BAND",
+    "BEYOND_LOG",
     "DEPENDENCE",
     "EFFECT_NOT_EXCITED",
+    "ESTIMATE_AT_BOUND",
     "FACTOR_OFF",
     "LARGE_REFUSED",
     "LITTLE_EXPLAINED",
@@ -38,6 +40,16 @@ __all__ = [
 NOT_EXCITED = Template("not_excited", "{parameters} not excited by this motion")
 NOT_SEPARABLE = Template("not_separable", "{parameters} not separable on this motion")
 EFFECT_NOT_EXCITED = Template("effect_not_excited", "{effect}: {why}")
+BEYOND_LOG = Template(
+    "beyond_log",
+    "{effect}: {parameter} is {value:.3g} or more, as far as this log can tell; what the effect amounts to within the "
+    "log is known, not where it ends",
+)
+ESTIMATE_AT_BOUND = Template(
+    "estimate_at_bound",
+    "{parameter} stays at its bound {bound:g}, and the others are fitted beside it; without bounds it would be "
+    "{value:.3g} +- {stderr:.2g}",
+)
 TORQUE_CONSTANT = Template(
     "torque_constant",
     "the torque constant of the evaluation, {nominal:.4g} N m/A, is {percent:+.1f} % off the one that the voltages "

@@ -12,7 +12,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviations, winding_substitutes
 from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
 from pmsm_ctrl.diagnose.fit import Fitted, errors
-from pmsm_ctrl.diagnose.fitted_design import fitted_design, fitted_parameters
+from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Structure, Verdict
@@ -62,6 +62,7 @@ def outcome(
         *([blind] if blind is not None else []),
         *(notices.EFFECT_NOT_EXCITED(effect=name, why=str(why)) for name, why in hidden.items()),
         *winding_substitutes(selection, policy),
+        *at_bounds(final),
         *_limits(final),
         *([left] if left is not None else []),
     )
@@ -83,12 +84,18 @@ def outcome(
 
 
 def _limits(fit: Fitted) -> Iterator[Notice]:
-    """Yield what the accepted effects do not tell: the commutation angle, a spring that resonates above the band."""
+    """Yield what the accepted effects do not tell.
+
+    The commutation angle, a spring that resonates above the band, a change that goes on after the log.
+    """
     band = fit.record.prepared.cutoff
     for one in fit.accepted:
         structure = one.effect.structure
         if structure.commutation_apart(one.shape):
             yield notices.OTHER_ANGLE(effect=one.effect.id)
+        for p in one.effect.searched:
+            if p.within_grid and one.shape[p.symbol] >= max(shape[p.symbol] for shape in one.grid):
+                yield notices.BEYOND_LOG(effect=one.effect.id, parameter=p.symbol, value=one.shape[p.symbol])
         resonance = structure.resonance(one.shape)
         if resonance is not None and resonance > band:
             yield notices.BEYOND_BAND(effect=one.effect.id, resonance=resonance, band=band)

@@ -29,6 +29,9 @@ class Policy:
         whole; three quarters of that must be seen. Later effects need the full number: what an accepted effect does not
         describe exactly is left in every block, and can look like a small effect. Blind at half strength, and with
         effects left out of the candidates.
+    rival_errors : float
+        Standard errors by which the mean cross-validation gain of a spring or a gap must be above zero beside a smooth
+        response and waves of a turn, where it also must be significant. Third simulator; blind (servo).
     size : float
         Smallest contribution worth a name, as a share of the rms of the balance where it acts. Clean, blind.
     small_size, explained : float
@@ -93,6 +96,9 @@ class Policy:
         not belong together. Half: with less, most of the torque is something else.
     implausible_factor : float
         Factor by which J, R or psi_f cannot differ from the design's: another unit, another gear, another axis.
+    friction_share : float
+        Share of the torque from which on a dry friction below zero contradicts the design; with less it stays at zero,
+        and something else is missing. A convention.
     above_floor : float
         Weighted residual over the noise floor from which on a model is not called consistent. Clean logs of the three
         simulators stay below 1.25.
@@ -109,6 +115,7 @@ class Policy:
     block_errors: float = 2.8
     first_block_errors: float = 2.0
     expected_share: float = 0.375
+    rival_errors: float = 1.0
     size: float = 0.004
     small_size: float = 0.001
     explained: float = 0.012
@@ -139,6 +146,7 @@ class Policy:
     separated: float = 30.0
     explained_torque: float = 0.5
     implausible_factor: float = 3.0
+    friction_share: float = 0.1
     above_floor: float = 1.4
     refused_share: float = 0.1
     fewest_samples: float = 80.0

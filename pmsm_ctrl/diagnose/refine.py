@@ -46,7 +46,7 @@ def refine(
             for sign in (1.0, -1.0):
                 shape = dict(best.group.shape)
                 wanted = shape[name] * float(np.exp(sign * step[name]))
-                shape[name] = structure.inside(effect, trial.group.shape, name, wanted)
+                shape[name] = _searched(structure.inside(effect, trial.group.shape, name, wanted), name, trial)
                 tried = _tried(record, solved, whitener, best, shape, seen)
                 if tried is not None and not tried.wrong_sign and tried.gain > best.gain * (1.0 + BETTER):
                     best, better = tried, True
@@ -57,6 +57,14 @@ def refine(
             if halved >= rounds:
                 break
     return best
+
+
+def _searched(value: float, name: str, trial: Trial) -> float:
+    """Return a value, moved between the ends of the grid where nothing beyond them can be told."""
+    if not any(p.symbol == name and p.within_grid for p in trial.candidate.effect.parameters):
+        return value
+    ends = [shape[name] for shape in trial.candidate.grid]
+    return min(max(value, min(ends)), max(ends))
 
 
 def _tried(

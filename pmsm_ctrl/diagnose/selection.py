@@ -10,8 +10,8 @@ from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.diagnose.fitted_design import position_of
 from pmsm_ctrl.diagnose.measures import (
+    beside_rivals,
     contribution,
     cross_validated,
     left_inside,
@@ -28,7 +28,7 @@ from pmsm_ctrl.regression.bounds import bounded, column_bounds
 from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.model import Solved
 
-__all__ = ["Evidence", "Found", "Selection", "Step", "best", "equivalents", "name_of"]
+__all__ = ["Evidence", "Found", "Selection", "Step", "best", "equivalents", "name_of", "same_order"]
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,8 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         refusal = None if number + 1 < len(start) else _judge_refit(fit, after, trial, case.policy)
         refusal = refusal or _judge_holdout(case, fit, after)
         if refusal is None:
-            return Found(Step(trial, judged, equivalents(trial, fit.trials, case.policy)), after, refused)
+            alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
+            return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)
         refused[name] = refusal
     return Found(None, None, refused)
 
@@ -185,6 +186,8 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
         return refusal
     found, whole, relief = cross_validated(fit, trial)
     refusal = criteria.cross_validation(found, whole, relief, not fit.accepted, policy)
+    if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
+        refusal = criteria.beside_rivals(*beside, policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found)
 
 
@@ -229,15 +232,24 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
     if refusal is not None:
         return refusal
     last = after.accepted[-1]
-    own = columns[-len(trial.values) :] if position_of(after, len(after.accepted) - 1) is not None else ()
+    own = columns[-len(trial.values) :] if after.position(len(after.accepted) - 1) is not None else ()
     amplitudes = {model.names[k]: (float(inside.values[k]), stderr[k]) for k in own}
-    refusal = criteria.determined(amplitudes, last.effect.structure.at_bound(last.effect, last.shape))
+    refusal = criteria.determined(amplitudes, _ran_out(last))
     beyond = outside(after.plain, base)
     if refusal is not None or beyond is None:
         return refusal
     share, k = left_inside(before, after), len(trial.values)
     p = f_tail(trial.gain * share / k, k, max(after.solved.rows - after.solved.rank, 1))
     return criteria.left_inside(share, p * trial.candidate.searched * len(before.trials), beyond, policy)
+
+
+def _ran_out(one: Accepted) -> bool:
+    """Whether the shape wants to be outside of what is searched: shorter than a log can tell, or at a bound."""
+    shortest = any(
+        p.within_grid and len(one.grid) > 1 and one.shape[p.symbol] <= min(shape[p.symbol] for shape in one.grid)
+        for p in one.effect.searched
+    )
+    return shortest or one.effect.structure.at_bound(one.effect, one.shape)
 
 
 def _judge_holdout(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
@@ -292,3 +304,29 @@ def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) 
             if size - shared < policy.tie(size):
                 found.append(rival)
     return (*found, *(one for one in effect.look_alikes if one in singular and one not in found))
+
+
+def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:
+    """Return the look-alikes of an accepted effect that are the same at its order in a turn, not at their own best one.
+
+    Where the pole pairs are not known, any order may be the electrical one.
+
+    Parameters
+    ----------
+    case : Case
+    fit : Fitted
+        In which the effect was tried.
+    trial : Trial
+        The accepted one.
+    """
+    effect, found = trial.candidate.effect, []
+    for rival in (case.effects[name] for name in effect.look_alikes if name in case.effects):
+        p = case.design.motor.p
+        if effect.order and rival.electrical_order and p is None:
+            found.append(rival.id)
+        elif effect.electrical_order and rival.order and p is not None and not rival.falsifies_current:
+            turn = 1 if "p" in rival.signals else p  # of the electrical angle, or of the shaft
+            shape = {rival.order: float(turn * effect.electrical_order)}
+            other = try_group(*trial.judge, Candidate(rival, (shape,)), effect_group(fit.record, rival, shape))
+            found += equivalents(trial, [replace(other, plain_judge=trial.plain_judge)], case.policy)
+    return tuple(found)

@@ -151,6 +151,13 @@ def unweighted(fit: Fitted, column: int) -> float:
     return float(values[inside.tolist().index(column)])
 
 
+def _share(fit: Fitted, column: int) -> float:
+    """Return what a parameter makes of the torque: a friction of nearly nothing may come out a little below zero."""
+    used = fit.record.mask
+    part = fit.model.matrix[0][used, column] * fit.plain.values[column]
+    return float(np.linalg.norm(part) / max(float(np.linalg.norm(fit.record.target[0][used])), 1e-300))
+
+
 def _impossible(fit: Fitted, name: str, policy: Policy) -> Notice | None:
     """Return why a parameter cannot be what was estimated: below zero, or so many times off the design's."""
     if name not in fit.model.names:
@@ -161,7 +168,7 @@ def _impossible(fit: Fitted, name: str, policy: Policy) -> Notice | None:
     if not math.isfinite(sure):
         return None
     plain = value if name in ELECTRICAL else unweighted(fit, k)
-    if value < -sure and plain < 0.0:
+    if value < -sure and plain < 0.0 and (name in KNOWN or _share(fit, k) > policy.friction_share):
         return notices.NEGATIVE_PARAMETER(parameter=name, value=value)
     far = policy.implausible_factor
     high = name in KNOWN and name not in IMITATED and min(plain, value - sure) > far * nominal

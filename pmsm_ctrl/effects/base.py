@@ -36,6 +36,8 @@ class Parameter:
         Whether a value at its bound is as good as any other: the shape does not want to be another one there.
     avoid : (float, float), optional
         An interval in which the effect is the same as another one, and where no value is searched.
+    within_grid : bool
+        Whether no value beyond the ends of the searched grid is tried: they are those of what a log can tell.
     shares_of_F_c : (float, float), optional
         Narrower bounds as shares of the Coulomb friction, where that is known.
     """
@@ -49,6 +51,7 @@ class Parameter:
     linear: bool = False
     soft: bool = False
     avoid: tuple[float, float] | None = None
+    within_grid: bool = False
     shares_of_F_c: tuple[float, float] | None = None
 
 
@@ -75,6 +78,7 @@ class Effect:
         of the logged currents.
     amplitudes : symbols that are all zero when the effect is off; the linear parameters unless said otherwise
     order : symbol of the parameter that counts the periods in a turn of the angle the term reads; empty without one
+    electrical_order : its whole order in a turn of the electrical angle, where it has one that never changes
     repeated : whether an axis can have several, told apart by their order
     lowest_order : the lowest order that is usual for the effect; 0 where it has no such limit
     search : function of a `LogView`, optional
@@ -103,6 +107,7 @@ class Effect:
     structure: Structure = field(default_factory=Term)
     amplitudes: tuple[str, ...] = ()
     order: str = ""
+    electrical_order: int = 0
     repeated: bool = False
     lowest_order: int = 0
     search: Callable[[LogView], Search | Iterable[Mapping[str, float]]] | None = None

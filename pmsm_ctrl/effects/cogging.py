@@ -51,6 +51,7 @@ effect = Effect(
     look_alikes={
         "torque_ripple": "at constant current an order that both can have is the same",
         "unbalance": "with order 1 they are the same",
+        "current_offset": "with the order of the pole pairs they are the same",
     },
     validated="simulated logs, LAAS MN4004",
 )

@@ -26,6 +26,7 @@ effect = Effect(
         Parameter("o_beta", "A", 0.0, -inf, inf, "offset across phase a, (i_b - i_c)/sqrt(3)", linear=True),
     ),
     term=term,
+    electrical_order=1,
     example={"o_alpha": 0.01, "o_beta": -0.006},
     needs="slow turns, electrical order below half the logging rate",
     look_alikes={

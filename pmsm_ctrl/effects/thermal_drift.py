@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import exp, inf
 
 from pmsm_ctrl.effects.base import Effect, Parameter
-from pmsm_ctrl.effects.structures import LogView
+from pmsm_ctrl.effects.structures import LogView, Search
 from pmsm_ctrl.kernels import kernel
+
+# Time constants that are tried, as shares of the log; the shortest, as a multiple of the time in gaps.
+SHARES, UNSEEN = (0.03, 0.1, 0.3, 1.0, 3.0), 10.0
 
 
 @kernel
@@ -16,10 +18,17 @@ def term(t: float, omega: float, direction: float, dF_v: float, dF_c: float, tau
     return (dF_v * omega + dF_c * direction) * (1.0 - exp(-t / tau))
 
 
-def search(log: LogView) -> Iterator[dict[str, float]]:
-    """Yield time constants from a tenth of the log to thrice its length."""
-    for share in (0.1, 0.3, 1.0, 3.0):
-        yield {"tau": share * log.duration}
+def search(log: LogView) -> Search:
+    """Return time constants from a thirtieth of the log to thrice its length: a longer one is a straight line as well.
+
+    In a gap the axis may have warmed up or cooled down. That matters little to a time constant ten times as long.
+    """
+    shapes = tuple({"tau": share * log.duration} for share in SHARES if share * log.duration >= UNSEEN * log.unseen)
+    if not shapes:
+        return Search(
+            (), 1, f"the log has gaps of {log.unseen:.3g} s, in which the axis warmed up or cooled down unseen"
+        )
+    return Search(shapes)
 
 
 def change(dF_c: float, dF_v: float, tau: float) -> dict[str, float]:
@@ -36,7 +45,7 @@ effect = Effect(
     parameters=(
         Parameter("dF_v", "N m s/rad", 0.0, -inf, inf, "change of F_v once warm", linear=True),
         Parameter("dF_c", "N m", 0.0, -inf, inf, "change of F_c once warm", linear=True),
-        Parameter("tau", "s", 10.0, 1e-3, 1e6, "time constant of warming up"),
+        Parameter("tau", "s", 10.0, 1e-3, 1e6, "time constant of warming up", within_grid=True),
     ),
     term=term,
     search=search,

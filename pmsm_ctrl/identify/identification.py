@@ -23,7 +23,7 @@ from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
-from pmsm_ctrl.regression.least_squares import Fit, solve
+from pmsm_ctrl.regression.least_squares import Cause, Fit, solve
 from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
@@ -97,6 +97,7 @@ class Identification(Result):
             **self.doubts(),
             "parameters": self.estimates,
             "intervals_95": self.intervals,
+            "at_bound": list(self.fit.at_bound),
             "not_identifiable": {name: why.text for name, why in self.unidentifiable.items()},
             "not_identifiable_codes": {name: why.code for name, why in self.unidentifiable.items()},
             "relative_error": self.relative_error,
@@ -179,7 +180,9 @@ def identify(
         # reversals are part of the error
         plain = replace(processing, blank=False, cutoff=problem.cutoff)
         shown = build_problem(design, log, plain, problem.inertia is not None)
-        unexplained = shown.target - shown.matrix() @ fit.coefficients
+        # the error is that of the design that is written: what got no number is in there with the value that it had
+        written = [fit.values.get(column.name, column.nominal) for column in shown.columns]
+        unexplained = shown.target - shown.matrix() @ written
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
@@ -247,28 +250,30 @@ def _by_simulation(
 
 
 def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tuple[Notice, ...]]:
-    """Return the design with the identified values; a value beyond a bound is set to the bound, with a notice."""
-    notices = []
+    """Return the design with the identified values, and which of them stay at their bounds."""
     changed: dict[int, EffectEntry] = {}
     for column in problem.columns:
         if column.name not in fit.values:
             continue
-        value, stderr = fit.values[column.name], fit.stderr[column.name]
-        inside = column.clipped(value)
-        if inside != value:
-            notices.append(words.BOUND(name=column.name, value=value, stderr=stderr, unit=column.unit, bound=inside))
+        value = fit.values[column.name]
         if column.entry < 0:
-            if inside - design.load.J / design.load.gear**2 >= SMALL:
-                design = design.with_parameters(J=inside)
+            if value - design.load.J / design.load.gear**2 >= SMALL:
+                design = design.with_parameters(J=value)
             continue
         entry = changed.get(column.entry, design.effects[column.entry])
+        stderr = {s: e for s, e in entry.stderr.items() if s != column.symbol}
+        if column.name not in fit.at_bound:  # at a bound it is no estimate
+            stderr[column.symbol] = fit.stderr[column.name]
         changed[column.entry] = EffectEntry(
-            id=entry.id,
-            parameters={**entry.parameters, column.symbol: inside},
-            stderr={**entry.stderr, column.symbol: stderr},
+            id=entry.id, parameters={**entry.parameters, column.symbol: value}, stderr=stderr
         )
     effects = tuple(changed.get(k, entry) for k, entry in enumerate(design.effects))
-    return design.replace_effects(effects), tuple(notices)
+    units = {column.name: column.unit for column in problem.columns}
+    notices = tuple(
+        words.BOUND(name=name, value=held.free, stderr=held.stderr, unit=units[name], bound=held.bound)
+        for name, held in fit.at_bound.items()
+    )
+    return design.replace_effects(effects), notices
 
 
 def _why_not(design: Design, fit: Fit) -> dict[str, Notice]:
@@ -295,12 +300,14 @@ def _doubts(design: Design, fit: Fit) -> list[Notice]:
 
 def _contradictions(design: Design, fit: Fit) -> tuple[Notice, ...]:
     """Return what no motor can have: an inertia below zero, or far off the design's, well beyond its error."""
+    lost = fit.unidentifiable.get("J")
+    if lost is not None and lost.cause is Cause.IMPOSSIBLE:
+        value, stderr = lost.detail["value"], lost.detail["stderr"]
+        return (words.INERTIA_NEGATIVE(value=value, stderr=stderr),) if value < -policy.SURE * stderr else ()
     J = fit.values.get("J")
     if J is None:
         return ()
     sure = policy.SURE * fit.stderr["J"]
-    if -sure > J:
-        return (words.INERTIA_NEGATIVE(value=J, stderr=fit.stderr["J"]),)
     far = J - sure > policy.IMPLAUSIBLE * design.J or J + sure < design.J / policy.IMPLAUSIBLE
     return (words.INERTIA_FAR(value=J, ratio=J / design.J),) if far else ()
 

@@ -112,7 +112,7 @@ def _instruments(
 
 def _values(problem: Problem, fit: Fit) -> Array:
     """Return a value for every column: the design's where there is no estimate."""
-    return np.array([c.clipped(fit.values.get(c.name, c.nominal)) for c in problem.columns])
+    return np.array([fit.values.get(c.name, c.nominal) for c in problem.columns])
 
 
 def bias_test(problem: Problem, ordinary: Fit, unbiased: Fit) -> BiasTest:
@@ -123,7 +123,8 @@ def bias_test(problem: Problem, ordinary: Fit, unbiased: Fit) -> BiasTest:
     """
     from scipy.special import fdtrc
 
-    names = [n for n in problem.names if n in ordinary.values and n in unbiased.values]
+    held = {*ordinary.at_bound, *unbiased.at_bound}
+    names = [n for n in problem.names if n in ordinary.values and n in unbiased.values and n not in held]
     rows = [problem.names.index(n) for n in names]
     d = np.array([ordinary.values[n] - unbiased.values[n] for n in names])
     contrast = np.zeros((len(problem.target), len(rows)))

@@ -15,7 +15,8 @@ __all__ = [
 # -- of any method
 BOUND = Template(
     "parameter_at_bound",
-    "{name} = {value:.4g} +- {stderr:.2g} {unit} is beyond its bound {bound:g}; the design takes the bound",
+    "{name} stays at its bound {bound:g}, and the others are fitted beside it; without bounds it would be {value:.4g} "
+    "+- {stderr:.2g} {unit}",
 )
 ILL_CONDITIONED = Template(
     "ill_conditioned", "condition number {condition:.3g}: some parameters are nearly inseparable on this motion"
@@ -81,7 +82,9 @@ MISFIT = Template(
     "the points scatter about the line {ratio:.1f} times as much as their standard errors allow: F_c and F_v do not "
     "describe the friction completely",
 )
-NEGATIVE = Template("negative_friction", "{symbol} = {value:.3g} {unit} is negative; the design takes 0")
+NEGATIVE = Template(
+    "negative_friction", "{symbol} = {value:.3g} {unit} is negative: it stays at 0, and the line is fitted so"
+)
 ONE_DIRECTION = Template("one_direction", "only one direction: a constant load is indistinguishable from F_c")
 DIRECTION_DEPENDENT = Template(
     "direction_dependent", "{symbol} differs by direction: {positive:.4g} and {negative:.4g} {unit}"
@@ -93,6 +96,7 @@ _CAUSES = {
     Cause.UNCERTAIN: "uncertain by +- {half_width:.2g} {unit}, more than its expected size of {limit:.2g} {unit}",
     Cause.NO_ACCELERATION: "the torque of the acceleration, {torque:.2g} {unit} rms, is below the residual of "
     "{residual:.2g} {unit}",
+    Cause.IMPOSSIBLE: "its estimate, {value:.4g} +- {stderr:.2g} {unit}, is less than an axis can have",
     Cause.EFFECT_ABSENT: "its effect may be absent: the interval of {sizes} includes zero",
 }
 # Causes that another motion can remedy.

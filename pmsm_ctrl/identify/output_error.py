@@ -88,7 +88,7 @@ def output_error(
     mask = prepared.mask
     measured = prepared.column(prepared.signals["torque"])
     force = float(np.sqrt(np.mean(measured[mask] ** 2)))
-    start = np.array([c.clipped(ordinary.values.get(c.name, c.nominal)) for c in columns])
+    start = np.array([ordinary.values.get(c.name, c.nominal) for c in columns])
     steps = np.array([_step(c, problem, force, value) for c, value in zip(columns, start.tolist(), strict=True)])
     model = _Model(design, prepared, replay, columns, steps)
     slopes = model.slopes(start, range(len(columns)))
@@ -190,7 +190,7 @@ def _fitted(
 
     low = np.array([model.columns[k].lower for k in free]) / scale
     high = np.array([model.columns[k].upper for k in free]) / scale
-    inside = np.clip(start[free] / scale, low, high)
+    inside = np.clip(start[free] / scale, low, high)  # a start at a bound may have been rounded beyond it
     slopes[inside.tobytes()] = first
     # A sum of squares that falls by a ten thousandth moves a parameter by a fraction of its standard error; the
     # linear problem that follows takes that step as well.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,6 +65,9 @@ _HEADER = ("parameter", "value", "standard error", "unit", "95 % interval")
 
 def _figures(estimate: Estimate, interval: tuple[float, float]) -> tuple[str, ...]:
     low, high = interval
+    if math.isnan(estimate.stderr):
+        shown = "-" if math.isnan(high) else f"{low:.5g} to {high:.5g}"
+        return number(estimate.value, 5), "at its bound", estimate.unit, shown
     return number(estimate.value, 5), number(estimate.stderr, 2), estimate.unit, f"{low:.5g} to {high:.5g}"
 
 

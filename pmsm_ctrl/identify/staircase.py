@@ -151,19 +151,27 @@ def evaluate_sweep(design: Design, logs: Log | Sequence[Log]) -> SweepResult:
     if len({round(abs(level.omega), 9) for level in levels}) < 2 or len(levels) < 3:
         message = f"{len(levels)} settled speed level(s); F_c and F_v need at least three, of two different speeds"
         raise LogError(message, next_command=NextCommand.IDENTIFY)
-    lines = {"both_directions": _fit(levels, motion)}
+    free = joint = _fit(levels, motion)
+    held: tuple[str, ...] = ()
+    while below := tuple(name for name in ("F_c", "F_v") if getattr(joint, name).value < 0.0):
+        held += below  # friction below zero is none, and the other one is fitted beside that
+        joint = _fit(levels, motion, held)
+    lines = {"both_directions": joint}
     for name, sign in (("positive", 1.0), ("negative", -1.0)):
         side = [level for level in levels if sign * level.omega > 0]
         if len(side) >= 3:
             lines[name] = _fit(side, motion)
-    joint = lines["both_directions"]
     torque = np.array([level.torque for level in levels])
     residual = torque - joint.torque(np.array([level.omega for level in levels]))
     error = float(np.sqrt(np.mean(residual**2) / np.mean(torque**2)))
     found = design
     for effect, symbol, estimate in (("coulomb", "F_c", joint.F_c), ("viscous", "F_v", joint.F_v)):
-        found = found.with_effect(effect, {symbol: max(estimate.value, 0.0)}, {symbol: estimate.stderr})
-    notices = (*_unsettled(plateaus, motion), *_doubts(lines, error))
+        known = {symbol: estimate.stderr} if np.isfinite(estimate.stderr) else {}
+        found = found.with_effect(effect, {symbol: estimate.value}, known)
+    negative = (
+        words.NEGATIVE(symbol=name, value=getattr(free, name).value, unit=getattr(free, name).unit) for name in held
+    )
+    notices = (*_unsettled(plateaus, motion), *negative, *_doubts(lines, error))
     return SweepResult(found, lines, 100.0 * error, levels, plateaus, motion, notices)
 
 
@@ -244,8 +252,8 @@ def _average_levels(plateaus: Sequence[Plateau]) -> tuple[Level, ...]:
     return tuple(levels)
 
 
-def _fit(levels: Sequence[Level], motion: str) -> Line:
-    """Least squares with equal weights; its errors come from the scatter about the line.
+def _fit(levels: Sequence[Level], motion: str, held: Sequence[str] = ()) -> Line:
+    """Least squares with equal weights; its errors come from the scatter about the line. What is held is zero.
 
     Weighting by the plateaus' own errors would weigh by noise: those are known to a few per cent at best, and the
     levels last equally long.
@@ -254,19 +262,21 @@ def _fit(levels: Sequence[Level], motion: str) -> Line:
 
     omega = np.array([level.omega for level in levels])
     torque = np.array([level.torque for level in levels])
-    matrix = np.column_stack([np.sign(omega), omega])
+    free = [k for k, name in enumerate(("F_c", "F_v")) if name not in held]
+    matrix = np.column_stack([np.sign(omega), omega])[:, free]
     inverse = np.linalg.inv(matrix.T @ matrix)
-    F_c, F_v = inverse @ (matrix.T @ torque)
-    residual = torque - matrix @ np.array([F_c, F_v])
-    dof = len(levels) - 2
+    values, stderr = np.zeros(2), np.full(2, np.nan)
+    values[free] = inverse @ (matrix.T @ torque)
+    residual = torque - matrix @ values[free]
+    dof = len(levels) - len(free)
     variance = float(residual @ residual) / dof
-    stderr = np.sqrt(variance * np.diag(inverse))
+    stderr[free] = np.sqrt(variance * np.diag(inverse))
     expected = float(np.mean([level.stderr**2 for level in levels]))
     ratio = variance / expected if expected > 0 else float("nan")
     pooled = sum(level.dof for level in levels)
     return Line(
-        Estimate(float(F_c), axis_unit("N m", motion), float(stderr[0])),
-        Estimate(float(F_v), axis_unit("N m s/rad", motion), float(stderr[1])),
+        Estimate(float(values[0]), axis_unit("N m", motion), float(stderr[0])),
+        Estimate(float(values[1]), axis_unit("N m s/rad", motion), float(stderr[1])),
         dof=float(dof),
         misfit=float(np.sqrt(ratio)),
         p_value=float(fdtrc(dof, min(pooled, 1e9), ratio)) if expected > 0 else float("nan"),
@@ -286,9 +296,6 @@ def _doubts(lines: dict[str, Line], error: float) -> list[Notice]:
     doubts, joint = [], lines["both_directions"]
     if joint.p_value < policy.MISFIT_P and joint.misfit > policy.MISFIT_RATIO and error > policy.MISFIT_SHARE:
         doubts.append(words.MISFIT(ratio=joint.misfit))
-    for symbol, estimate in (("F_c", joint.F_c), ("F_v", joint.F_v)):
-        if estimate.value < 0:
-            doubts.append(words.NEGATIVE(symbol=symbol, value=estimate.value, unit=estimate.unit))
     if len(lines) < 3:
         return [*doubts, words.ONE_DIRECTION()]
     positive, negative = lines["positive"], lines["negative"]

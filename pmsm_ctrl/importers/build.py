@@ -9,6 +9,7 @@ import numpy as np
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.mapping import Assignment, Source
 from pmsm_ctrl.importers.table import Array, Table
+from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 
 __all__ = ["channels_of"]
 
@@ -113,17 +114,17 @@ def _check_time(table: Table, index: int, values: Array, gain: float) -> Array:
 
 
 def _unwrap(channels: dict[str, Array]) -> list[str]:
-    """Unwrap an angle that stays within one turn and jumps by one turn."""
+    """Unwrap angles by the period at which they wrap, be it a turn or another one."""
     notes = []
     for name in ("theta", "theta_ref", "theta_load"):
         if name not in channels or channels[name].size < 2:
             continue
         theta = channels[name]
-        turn = 2.0 * np.pi
-        if theta.max() / 2.0 - theta.min() / 2.0 > 0.505 * turn:  # halved: their difference may overflow
-            continue
-        jumps = int(np.count_nonzero(np.abs(np.diff(theta)) > 0.75 * turn))
-        if jumps:
-            channels[name] = np.unwrap(theta)
-            notes.append(f"{name} wraps at one turn ({jumps} times); unwrapped")
+        with np.errstate(all="ignore"):
+            period = wrap_period(theta)
+        if period > 0.0:
+            count = int(np.count_nonzero(np.abs(np.diff(theta)) > 0.7 * period))
+            channels[name] = unwrapped(theta, period)
+            place = "one turn" if abs(period / (2.0 * np.pi) - 1.0) < 1e-9 else f"{period:.6g} rad"
+            notes.append(f"{name} wraps at {place} ({count} times); unwrapped")
     return notes

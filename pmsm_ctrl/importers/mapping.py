@@ -9,7 +9,8 @@ A design's table, here for the ``speed_test1.txt`` of the LAAS MN4004 bench, who
     omega_ref = "Reference Velocity [rad/s]"
     i_q = "Iq [A]"
 
-A column is named by its header, its name without the unit, or its number (``"#3 [rpm]"``). A drive's own unit
+A column is named by its header, its name without the unit, or its number (``"#3 [rpm]"``); a minus before it turns
+its sign (``"-Iq [A]"``). A drive's own unit
 needs a factor: torque in per mille of 2.4 N m is ``torque = "Torque actual value [‰]"`` with
 ``[log.scale] torque = 0.0024``.
 """
@@ -17,7 +18,7 @@ needs a factor: torque in per mille of 2.4 N m is ``torque = "Torque actual valu
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, NextCommand, nearest
@@ -106,7 +107,9 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
             near, known = nearest(channel, CHANNELS), ", ".join(CHANNELS)
             raise LogError(f"{table.file}: [log] maps unknown channel '{one_line(channel)}'{near} (known: {known})")
     scales = dict(design.log.scale) if design is not None and not canonical else {}
-    chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, spec in wanted.items()}
+    turned = {channel for channel, spec in wanted.items() if _turned(table, spec)}
+    bare = {channel: spec.strip()[1:].strip() if channel in turned else spec for channel, spec in wanted.items()}
+    chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, spec in bare.items()}
     table_complete = design is not None and bool(design.log.channels)
     for channel, index, how in _unmapped(table, chosen, guess=not table_complete):
         chosen[channel] = (index, "", how)
@@ -115,10 +118,18 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
         _source(table, channel, index, unit, how, scales.get(channel), motion)
         for channel, (index, unit, how) in chosen.items()
     )
+    sources = tuple(replace(s, scale=-s.scale) if s.channel in turned else s for s in sources)
     _require(table, sources)
     notes += _notes(table, sources)
     ordered = tuple(sorted(sources, key=lambda source: list(CHANNELS).index(source.channel)))
     return Assignment(ordered, motion, tuple(notes))
+
+
+def _turned(table: Table, spec: str) -> bool:
+    """Whether a mapping such as "-speed [rpm]" turns a sign; a column's own name may begin with a minus."""
+    text = one_line(spec).strip()
+    names = {name for column in table.columns for name in (column.header, column.name)}
+    return text.startswith("-") and not {text, split_header(text)[0]} & names
 
 
 def find_column(table: Table, channel: str, spec: str) -> tuple[int, str]:

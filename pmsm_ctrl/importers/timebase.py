@@ -97,16 +97,42 @@ def quantum(values: Array) -> float:
 def growing_steps(values: Array) -> float:
     """Return the coarsest step of a channel written with few significant digits, 0 where its resolution is uniform.
 
-    `csvwrite` keeps five digits: 0.01 rad from the 16th turn on, and a thousandth of that near zero.
+    `csvwrite` keeps five digits: 0.01 rad from the 16th turn on, and a thousandth of that near zero. At constant speed
+    the samples themselves are evenly spaced; a grid holds from one end of the range to the other, they do not.
     """
     size = np.abs(values)
     top = float(size.max(initial=0.0))
-    coarse = quantum(values[size > 0.9 * top])
+    coarse = _grid(values[size > 0.9 * top])
     near_zero = np.unique(values[size < 0.09 * top][:SAMPLE])
     if not coarse > 0.0 or near_zero.size < 100:
         return 0.0
-    steps = (near_zero - near_zero[0]) / coarse
-    return coarse if float(np.mean(np.abs(steps - np.round(steps)) > 0.05)) > 0.2 else 0.0
+    return coarse if _off_grid(near_zero - near_zero[0], coarse) > 0.2 else 0.0
+
+
+def _grid(values: Array) -> float:
+    """Return the step of a grid that all values lie on, 0 where there is none: its estimate sharpens with distance."""
+    levels = np.unique(values[:SAMPLE])
+    step = quantum(levels)
+    if not step > 0.0 or levels.size < 20:
+        return 0.0
+    distance = levels - levels[0]
+    reach = 10.0 * step
+    while True:
+        near = distance[distance <= reach]
+        counts = np.round(near / step)
+        if counts[-1] > 0.0:
+            step = float(near @ counts) / float(counts @ counts)
+        if _off_grid(near, step) > 0.02:
+            return 0.0
+        if reach >= distance[-1]:
+            return step
+        reach *= 2.0
+
+
+def _off_grid(distance: Array, step: float) -> float:
+    """Return the share of distances that are no multiple of a step."""
+    steps = distance / step
+    return float(np.mean(np.abs(steps - np.round(steps)) > 0.05))
 
 
 def longest_run(mask: np.ndarray) -> int:

@@ -11,11 +11,11 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.lost import jumps
 from pmsm_ctrl.importers.timebase import quantum
+from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import notices as say
 from pmsm_ctrl.plausibility.policy import POLICY
 from pmsm_ctrl.plausibility.result import Plausibility
-from pmsm_ctrl.plausibility.wraps import unwrapped, wrap_period
 from pmsm_ctrl.section import Notice
 
 __all__ = ["recorded"]

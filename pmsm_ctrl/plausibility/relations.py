@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 STRETCHES = 24  # of time, over which the scatter of the products is taken
 SLOW = 0.03  # of the 99 % quantile of the speed: friction is set-valued below
 FEWEST = 60  # rows of a regression
+STEADY = 0.25  # of a speed that a window four times as wide leaves at least
 BIASED = 0.5  # share of what is left that may act along a column
 BOXES = 4  # bins of a window's boxes, 20 ms at 5 ms
 WIDE = 16  # of a window in which even a coarse angle has an acceleration
@@ -129,12 +130,17 @@ def torque_of(design: Design, channels: Mapping[str, Array]) -> Array | None:
 
 
 def moved(bins: Bins, boxes: int = BOXES) -> tuple[Array, Array] | None:
-    """Return speed and acceleration in a window, shape (m,); None without a motion."""
-    if "theta" in bins.channels:
-        return bins.motion(bins.channels["theta"], boxes)
-    if "omega" in bins.channels:
-        return bins.speed(bins.channels["omega"], boxes)
-    return None
+    """Return speed and acceleration in a window, shape (m,); None without a channel, or where nothing but noise moves.
+
+    The speed that noise makes falls eightfold with a window four times as wide; that of a motion stays.
+    """
+    name = next((name for name in ("theta", "omega") if name in bins.channels), None)
+    if name is None:
+        return None
+    of = bins.motion if name == "theta" else bins.speed
+    values = bins.channels[name]
+    narrow, wide = (float(np.sqrt(np.nanmean(of(values, size)[0] ** 2))) for size in (BOXES, WIDE))
+    return of(values, boxes) if wide > STEADY * narrow else None
 
 
 def moving(omega: Array) -> NDArray[np.bool_]:

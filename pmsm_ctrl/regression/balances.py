@@ -118,6 +118,8 @@ class Record:
         speed loop, whose steps are always sampled at the same place.
     early : float
         How much earlier, s: a torque or current may be the command, which a current loop follows later.
+    unseen : float
+        Time in gaps of the log, s.
     memo, kept : dict
         Columns that were built: those of this record, and those of the measured motion alone, which are the same
         whatever torque a model predicts.
@@ -139,6 +141,7 @@ class Record:
     timing: DriveTiming = UNDELAYED
     sampling: float = 0.0
     early: float = 0.0
+    unseen: float = 0.0
     memo: Memo = field(default_factory=dict, repr=False)
     kept: Memo = field(default_factory=dict, repr=False)
 
@@ -351,7 +354,14 @@ def _made(design: Design, log: Log, processing: Processing, age: float, timing: 
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], (*few, *prepared.notes),
         None if "theta" in log else age, timing=timing, sampling=sampling, early=sampling + CURRENT_LOOP,
+        unseen=_in_gaps(log),
     )  # fmt: skip
+
+
+def _in_gaps(log: Log) -> float:
+    """Time without samples, s."""
+    step = np.diff(log.t)
+    return float(np.sum(step[step > 1.5 * log.period] - log.period))
 
 
 def _in_time(design: Design, log: Log, more: float) -> Log:

@@ -174,7 +174,8 @@ def build_problem(
     made: list[Column] = []
     if inertia:
         unit = axis_unit("kg m^2", prepared.motion)
-        made.append(Column("J", acceleration, unit, design.J, lower=0.0, symbol="J"))
+        load = design.load.J / design.load.gear**2  # the motor's own has to be something beside it
+        made.append(Column("J", acceleration, unit, design.J, lower=load, symbol="J"))
     else:
         target -= design.J * acceleration
     for term in terms:

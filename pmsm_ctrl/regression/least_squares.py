@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
@@ -14,7 +14,7 @@ from pmsm_ctrl.evidence.linalg import OWN_SHARE, factored, own_shares
 from pmsm_ctrl.evidence.noise import NoiseModel, degrees_of_freedom, fit_noise
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 
-__all__ = ["Cause", "Combination", "Fit", "Unidentifiable", "solve", "t_quantile"]
+__all__ = ["AtBound", "Cause", "Combination", "Fit", "Unidentifiable", "solve", "t_quantile"]
 
 Array = NDArray[np.float64]
 
@@ -33,6 +33,7 @@ class Cause(Enum):
     UNCERTAIN = "uncertain"
     NO_ACCELERATION = "no_acceleration"
     EFFECT_ABSENT = "effect_absent"
+    IMPOSSIBLE = "impossible"
 
 
 @dataclass(frozen=True)
@@ -69,14 +70,29 @@ class Unidentifiable:
     held: bool = False
 
 
+@dataclass(frozen=True)
+class AtBound:
+    """A parameter that was held at its bound.
+
+    Attributes
+    ----------
+    bound, free, stderr : float
+        The bound; the value that the fit without bounds finds beyond it, and its standard error.
+    """
+
+    bound: float
+    free: float
+    stderr: float
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Least squares of a problem.
+    """Least squares of a problem, inside the bounds of its parameters.
 
     Attributes
     ----------
     values, stderr : dict of column name to float
-        Identifiable columns only.
+        Identifiable columns only. A parameter at its bound has no standard error: NaN.
     unidentifiable : dict of column name to Unidentifiable
         The others.
     coefficients : array, shape (columns,)
@@ -91,7 +107,8 @@ class Fit:
     spread : float
         Variance of the noise, in the target's unit squared.
     weights : array, shape (columns, samples of the mask)
-        The estimates are these times the target.
+        The estimates are these times the target; those of a parameter at its bound are zero.
+    at_bound : dict of column name to AtBound
     """
 
     values: Mapping[str, float]
@@ -104,10 +121,18 @@ class Fit:
     noise: NoiseModel
     spread: float
     weights: Array
+    at_bound: Mapping[str, AtBound] = field(default_factory=dict)
 
     def interval(self, name: str, coverage: float = 0.95) -> tuple[float, float]:
-        """Return the two-sided interval of one value by Student's t."""
-        half = t_quantile(coverage, self.dof) * self.stderr[name]
+        """Return the two-sided interval of one value by Student's t; of one at its bound, the part inside."""
+        quantile = t_quantile(coverage, self.dof)
+        if name in self.at_bound:
+            held = self.at_bound[name]
+            inside = held.free + np.copysign(quantile * held.stderr, held.bound - held.free)
+            side = max if held.free < held.bound else min
+            low, high = sorted((held.bound, float(side(held.bound, inside))))
+            return low, high
+        half = quantile * self.stderr[name]
         return self.values[name] - half, self.values[name] + half
 
 
@@ -123,7 +148,8 @@ def solve(problem: Problem, instruments: Array | None = None, ratio: float | Non
     """Solve by least squares, or by instrumental variables, with standard errors that allow for correlated residuals.
 
     Columns that no data can tell apart stay in the fit as a group, so that the others are not biased by their
-    absence; only their own values are withheld.
+    absence; only their own values are withheld. Bounds are constraints: where the free optimum leaves them, a parameter
+    is held at its bound and the others are fitted beside it. An inertia that is not possible is held at the design's.
 
     Parameters
     ----------
@@ -136,9 +162,82 @@ def solve(problem: Problem, instruments: Array | None = None, ratio: float | Non
         so little acceleration may be the loops' answer to noise, and the inertia found from it falls short. None: no
         such limit.
     """
+    instruments = problem.instruments() if instruments is None else instruments
+    fit = free = _solve_free(problem, instruments, ratio)
+    held: dict[int, float] = {}
+    # what one bound changes may bring another parameter to its own
+    while beyond := _beyond(problem, instruments, fit, held):
+        held |= beyond
+        fit = _with_held(problem, instruments, ratio, held, free)
+    return fit
+
+
+def _beyond(problem: Problem, instruments: Array | None, fit: Fit, held: Mapping[int, float]) -> dict[int, float]:
+    """Return columns to hold, and where: those at a bound in the optimum inside the bounds (active set)."""
+    from scipy.optimize import lsq_linear
+
+    columns = problem.columns
+    low, high = (np.array([getattr(c, side) for c in columns]) for side in ("lower", "upper"))
+    known = np.array([c.name in fit.values and k not in held for k, c in enumerate(columns)])
+    outside = known & ((fit.coefficients < low) | (fit.coefficients > high))
+    if not outside.any():
+        return {}
+    k = problem.inertia
+    if k is not None and outside[k]:
+        return {k: columns[k].nominal}
+    free = [k for k in range(len(columns)) if k not in held]
+    mask = problem.mask
+    x, target = problem.matrix(), problem.target - problem.matrix()[:, list(held)] @ np.array(list(held.values()))
+    rows = x[mask][:, free]
+    rows = rows if instruments is None else _projected(rows, instruments[mask][:, free])
+    size = np.linalg.norm(rows, axis=0)
+    size[size == 0.0] = 1.0
+    basis, triangle = np.linalg.qr(rows / size)
+    low, high = np.where(known, low, -np.inf)[free] * size, np.where(known, high, np.inf)[free] * size
+    inside = lsq_linear(triangle, basis.T @ target[mask], (low, high), method="bvls").active_mask
+    active = [k for k, side in zip(free, inside.tolist(), strict=True) if side]
+    return {k: columns[k].lower if fit.coefficients[k] < columns[k].lower else columns[k].upper for k in active}
+
+
+def _with_held(
+    problem: Problem, instruments: Array | None, ratio: float | None, held: Mapping[int, float], free: Fit
+) -> Fit:
+    """Solve for the other columns, and return the fit of all of them; `free` is the one without bounds."""
+    columns, x = problem.columns, problem.matrix()
+    rest = [k for k in range(len(columns)) if k not in held]
+    values = np.array(list(held.values()))
+    target = problem.target - x[:, list(held)] @ values
+    reduced = replace(problem, target=target, columns=tuple(columns[k] for k in rest))
+    fit = _solve_free(reduced, None if instruments is None else instruments[:, rest], ratio)
+    coefficients, weights = np.zeros(len(columns)), np.zeros((len(columns), fit.weights.shape[1]))
+    coefficients[rest], weights[rest] = fit.coefficients, fit.weights
+    coefficients[list(held)] = values
+    found, stderr, lost, at_bound = dict(fit.values), dict(fit.stderr), dict(fit.unidentifiable), {}
+    for k, bound in held.items():
+        name = columns[k].name
+        wanted = AtBound(bound, float(free.coefficients[k]), free.stderr.get(name, float("nan")))
+        if columns[k].is_inertia:
+            detail = {"value": wanted.free, "stderr": wanted.stderr, "unit": columns[k].unit}
+            lost[name] = Unidentifiable(Cause.IMPOSSIBLE, detail=detail, held=True)
+            continue
+        at_bound[name] = wanted
+        found[name], stderr[name] = bound, float("nan")
+    in_order = [c.name for c in columns]
+    return replace(
+        fit,
+        values={n: found[n] for n in in_order if n in found},
+        stderr={n: stderr[n] for n in in_order if n in stderr},
+        unidentifiable={n: lost[n] for n in in_order if n in lost},
+        coefficients=coefficients,
+        weights=weights,
+        at_bound=at_bound,
+    )
+
+
+def _solve_free(problem: Problem, instruments: Array | None, ratio: float | None) -> Fit:
+    """Solve without bounds."""
     mask = problem.mask
     x, y = problem.matrix(), problem.target
-    instruments = problem.instruments() if instruments is None else instruments
     explained = x[mask] if instruments is None else _projected(x[mask], instruments[mask])
     factor = factored(explained)
     beta = factor.solve(y[mask])

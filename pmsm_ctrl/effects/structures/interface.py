@@ -96,6 +96,10 @@ class Balances(Protocol):
         """Length of the log, s."""
 
     @property
+    def unseen(self) -> float:
+        """Time in gaps of the log, s."""
+
+    @property
     def linear(self) -> bool:
         """Whether the axis is linear (m, N)."""
 
@@ -177,6 +181,11 @@ class LogView:
     def duration(self) -> float:
         """Length of the log, s."""
         return self.balances.duration
+
+    @property
+    def unseen(self) -> float:
+        """Time in gaps of the log, s."""
+        return self.balances.unseen
 
     @property
     def travel(self) -> float:
@@ -337,6 +346,13 @@ class Structure(ABC):
         None where the log lacks a channel that would tell how large the effect is.
         """
         return None
+
+    def rivals(self, balances: Balances) -> list[dict[str, Array]]:
+        """Return what must not be taken for the effect, shape (n,) each, at the log's rate, as large as it may be.
+
+        The effect is only named if it explains something beside all of these.
+        """
+        return []
 
     # -- search
 

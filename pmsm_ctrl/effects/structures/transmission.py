@@ -45,6 +45,13 @@ ABOVE_NOISE = 4.0
 LEAST_LOAD = 0.02  # a load is a share of the inertia that is worth the name
 # Lowest and highest frequency of a load on its spring, Hz, and the dampings of those that ring.
 LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
+# Derivatives of the acceleration that describe a smooth response; clean worlds of the third simulator: with two of them
+# a filter of the current over several periods still looks like a spring.
+HIGHEST_SLOPE = 4
+# Amplitude of a wave of a turn, in the torque's rms, of which nothing is known.
+UNBOUNDED = 1e3
+# Twist of a spring, rad rms at its output: twice what even highly flexible couplings are rated for, at their peak.
+MOST_TWIST = 0.5
 
 
 @dataclass(frozen=True)
@@ -140,6 +147,30 @@ class Transmission(Structure):
             part[np.abs(part) <= ABOVE_NOISE * noise] = 0.0
         return out
 
+    def rivals(self, balances: Balances) -> list[dict[str, Array]]:
+        """Return what bends the response of an axis with one mass, and what turns with it.
+
+        Channels that are late, averaged or filtered, by a time tau, make a response that is smooth in the frequency: a
+        Taylor series in s tau, of the torque and of what accelerates the axis. The load's swings through 180 degrees at
+        its antiresonance. At a constant speed any wave of a turn is a single frequency, which a spring that resonates
+        there would explain.
+        """
+        s, design = balances.signals, balances.design
+        tau = max(balances.period, design.drive.speed_period if design.motor.electrical else 0.0)
+        columns: list[Array] = []
+        for start, order in ((s["torque"], 2), (design.J * s["alpha"], HIGHEST_SLOPE)):
+            slope = start
+            for _ in range(order):
+                slope = tau * balances.rate_of(slope)
+                columns.append(slope)
+        if not balances.linear:
+            free = UNBOUNDED * float(np.std(s["torque"]))
+            p = design.motor.p or 1
+            waves = [free * wave(order * s["theta"]) for order in sorted({1, 2, p, 2 * p}) for wave in (np.cos, np.sin)]
+            square = s["omega"] ** 2 / max(float(np.mean(s["omega"] ** 2)), 1e-300)
+            columns += [*waves, *(square * wave for wave in waves[:2])]
+        return [{"torque": column} for column in columns]
+
     def search(self, effect: Effect, log: LogView) -> Search:
         """Return springs over a coarse grid, and the best of a fine one, in which none that rings can be missed.
 
@@ -155,7 +186,12 @@ class Transmission(Structure):
             ))  # fmt: skip
         ringing = list(_ringing(log))
         best = (max(one for one in ringing if one[2] == zeta) for zeta in RINGING)
-        grid = (*_coarse(), *(one[1:] for one in best))
+        softest = _softest(log.balances)
+        grid = tuple(one for one in (*_coarse(), *(one[1:] for one in best)) if one[0] >= softest)
+        if not grid:
+            return Search(
+                (), why_not=f"any spring of these frequencies would twist by more than {MOST_TWIST:g} rad rms"
+            )
         return Search(tuple({FREQUENCY: w, DAMPING: zeta} for w, zeta in grid), len(grid) + len(ringing))
 
     def halvings(self, free: Iterable[str]) -> int:
@@ -265,6 +301,14 @@ def _passed(shape: Mapping[str, float], cutoff: float) -> float:
     """What a spring makes of white noise in the band, rms: one that rings is shaken by little."""
     response = _response(2j * np.pi * np.linspace(0.0, cutoff, 4001)[1:], shape[FREQUENCY], shape[DAMPING])
     return float(np.sqrt(np.mean(response.real**2 + response.imag**2)))
+
+
+def _softest(balances: Balances) -> float:
+    """Return the lowest frequency of a load that its acceleration twists no further than shafts bear, rad/s."""
+    if balances.linear:
+        return 0.0
+    twist = MOST_TWIST * balances.design.load.gear
+    return float(np.sqrt(np.sqrt(np.mean(balances.acceleration()[balances.mask] ** 2)) / twist))
 
 
 def _coarse() -> Iterator[tuple[float, float]]:

@@ -168,8 +168,6 @@ def test_one_effect_in_the_place_of_another_is_equivalent_when_both_leave_the_sa
 # ---- friction -----------------------------------------------------------------------------------------------------
 
 
-
-
 @pytest.mark.parametrize(("R", "stderr", "found"), [(4.3, 0.1, True), (3.1, 0.1, False), (4.3, 1.2, False)])
 def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float, found: bool) -> None:
     """The nominal resistance is 1 Ohm, its tolerance at least 15 %: absurd from 3.25 Ohm on."""

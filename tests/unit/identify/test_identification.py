@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, Parameter, kernel
 from pmsm_ctrl.identify import Processing, identify
@@ -97,12 +98,47 @@ def test_without_acceleration_the_inertia_gets_no_number() -> None:
     assert abs(viscous.value - TRUE["F_v"]) < 3 * viscous.stderr
 
 
-def test_a_negative_friction_is_set_to_its_bound_and_said() -> None:
-    log = rich(extra=lambda t, speed: -0.5 * np.sign(speed))
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_friction_below_zero_stays_at_its_bound_and_the_rest_is_fitted_beside_it(seed: int) -> None:
+    log = rich(0.05, seed, extra=lambda t, speed: -0.5 * np.sign(speed))
     result = identify(ALL, log)
-    assert result.estimates["F_c"].value == pytest.approx(-0.1, rel=0.02)
+    assert [notice.code for notice in result.notices if notice.code == "parameter_at_bound"] == ["parameter_at_bound"]
+    free = result.fit.at_bound["F_c"]
+    assert free.free == pytest.approx(-0.1, rel=0.05)
+    assert result.estimates["F_c"].value == 0.0
+    assert np.isnan(result.estimates["F_c"].stderr)
+    assert result.intervals["F_c"] == (0.0, 0.0)
+    assert result.to_dict()["at_bound"] == ["F_c"]
     assert result.design.parameters("coulomb")["F_c"] == 0.0
-    assert [notice.code for notice in result.notices] == ["parameter_at_bound"]
+    assert "F_c" not in next(entry.stderr for entry in result.design.effects if entry.id == "coulomb")
+
+    without = identify(result.design.replace_effects(result.design.effects[1:]), log)
+    for name in ("J", "F_v", "T_0"):
+        assert result.estimates[name].value == pytest.approx(without.estimates[name].value, rel=1e-6), name
+    written = compare(result.design, log).log.errors["torque"]
+    assert result.relative_error == pytest.approx(written.relative, rel=0.1)
+    worse = {**{n: e.value for n, e in result.estimates.items()}, "F_v": free_viscous(log)}
+    clipped = result.shown.target - result.shown.matrix() @ [worse[n] for n in result.shown.names]
+    assert result.rms < 0.9 * float(np.sqrt(np.mean(clipped[result.shown.mask] ** 2))), "the optimum, not a clip"
+
+
+def free_viscous(log: Log) -> float:
+    """F_v of the fit without bounds."""
+    problem = build_problem(ALL, log, Processing(blank=True))
+    x = problem.matrix()[problem.mask]
+    return float(np.linalg.lstsq(x, problem.target[problem.mask])[0][problem.names.index("F_v")])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_current_of_the_wrong_sign_gives_no_inertia_and_the_error_of_the_design_that_is_written(seed: int) -> None:
+    turned = rich(0.05, seed)
+    log = Log({**turned.channels, "i_q": -turned.channels["i_q"]})
+    result = identify(ALL, log)
+    assert result.unidentifiable["J"].code == "impossible"
+    assert result.design.J == ALL.J
+    assert {"F_c", "F_v"} <= set(result.fit.at_bound)
+    written = compare(result.design, log).log.errors["torque"]
+    assert result.relative_error == pytest.approx(written.relative, rel=0.1)
 
 
 def test_an_own_effect_takes_part() -> None:

@@ -13,6 +13,7 @@ DETAIL = {
     Cause.UNCERTAIN: {"half_width": 0.31, "limit": 0.1, "unit": "N m"},
     Cause.NO_ACCELERATION: {"torque": 1e-3, "residual": 4e-3, "unit": "N m"},
     Cause.EFFECT_ABSENT: {"sizes": ("dF_s",)},
+    Cause.IMPOSSIBLE: {"value": -9e-5, "stderr": 1e-6, "unit": "kg m^2"},
 }
 
 

@@ -1,0 +1,64 @@
+"""Doubts about a unit or a sign decide: a log with one is not evaluated until somebody has confirmed the unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.importers.names import split_header
+from pmsm_ctrl.importers.notices import SPEED_FACTOR, TORQUE_FACTOR, TORQUE_SIGN, UNLIKELY_INERTIA
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.section import Notice
+
+__all__ = ["require_confirmed"]
+
+# Times the design's inertia; less is a load that the design does not know.
+INERTIA = 3.0
+
+
+def require_confirmed(log: Log, design: Design | None, mapping: Mapping[str, str] | None) -> None:
+    """Refuse a log whose import doubts a factor or a sign, unless a mapping states the channel's unit.
+
+    Parameters
+    ----------
+    log : Log
+        As it was read.
+    design : Design, optional
+        Its [log] table may state units.
+    mapping : mapping of str to str, optional
+        Channel to column, as `read_log` takes it.
+
+    Raises
+    ------
+    LogError
+        In one line: the doubt, and how to correct or confirm the unit.
+    """
+    stated = {**(design.log.channels if design is not None else {}), **(mapping or {})}
+    scaled = design.log.scale if design is not None else {}
+    sure = {name for name, column in stated.items() if split_header(column)[1] or name in scaled}
+    for notice in log.provenance.notices:
+        channels = _concerned(notice)
+        if not channels or sure & set(channels):
+            continue
+        name = channels[-1]
+        label = f"{log.provenance.file}: " if log.provenance.file else ""
+        minus = f"--map {name}='-COLUMN [{log.unit(name)}]' turns its sign, and "
+        raise LogError(
+            f"{label}{notice.text}; --map {name}='COLUMN [UNIT]' corrects the unit, "
+            f"{minus if notice.code == TORQUE_SIGN.code else ''}"
+            f"--map {name}='COLUMN [{log.unit(name)}]' confirms it"
+        )
+
+
+def _concerned(notice: Notice) -> tuple[str, ...]:
+    """Return the channels that a doubt of a unit or a sign concerns; none for any other notice."""
+    if notice.code == SPEED_FACTOR.code:
+        return "theta", "omega"
+    if notice.code == TORQUE_FACTOR.code:
+        return "i_q", "torque"
+    if notice.code == TORQUE_SIGN.code:
+        return (str(notice.detail["channel"]),)
+    if notice.code == UNLIKELY_INERTIA.code and not 1.0 / INERTIA <= float(notice.detail["factor"]) <= INERTIA:
+        return (str(notice.detail["channel"]),)
+    return ()
