@@ -13,7 +13,6 @@ from pmsm_ctrl.effects.catalogue import catalogue_of, lookup
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import examine
-from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.section import Notice
 

@@ -93,7 +93,7 @@ def size(share: float, explained: float, excess: float, policy: Policy = POLICY)
     least = policy.small_size if explained > policy.explained else policy.size
     if share < least:
         return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share})
-    if excess < policy.excess or explained < policy.explained_least:
+    if excess < policy.excess:
         return Refusal(Reason.MINOR, {"percent": 100.0 * min(excess, 1.0)})
     return None
 

@@ -20,29 +20,25 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.experiment import next_experiment
-from pmsm_ctrl.diagnose.fit import fit_design
 from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.selection import Selection, best
 from pmsm_ctrl.diagnose.swap import swap
+from pmsm_ctrl.diagnose.timed_record import timed_record
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import doubts_about, of_holdout
-from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
+from pmsm_ctrl.regression.balances import STANDSTILL, make_record
 from pmsm_ctrl.regression.conditioning import Processing
-from pmsm_ctrl.regression.drive_timing import UNDELAYED, filter_behind
-from pmsm_ctrl.regression.model import LATENESS, SPREAD
 
 __all__ = ["diagnose"]
 
 Progress = Callable[[float], None]
-
-ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
 
 
 def diagnose(
@@ -143,7 +139,7 @@ def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None =
 def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[str, Effect], policy: Policy) -> Case:
     """Condition the log, and the held-out one in the same way."""
     believed = doubts_about(design, log)
-    record = _in_time(design, believed.log)
+    record = timed_record(design, believed.log)
     if holdout is None:
         return Case(design, record, offered, None, policy, believed=believed)
     held_out = doubts_about(design, holdout)
@@ -152,34 +148,6 @@ def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[s
     return Case(
         design, record, offered, other, policy, believed=believed, remarks=tuple(map(of_holdout, held_out.notices))
     )
-
-
-def _in_time(design: Design, log: Log) -> Record:
-    """Condition a log, after the base model has told how it was sampled.
-
-    Where the log has a speed alone the lag of that is corrected, else the filter of a drive signal that is later than
-    sampling can make it.
-    """
-    record = make_record(design, log)
-    for _ in range(ROUNDS):
-        fit = fit_design(design, record, (), {}, explore=False)
-        values = dict(zip(fit.model.names, fit.plain.values.tolist(), strict=True))
-        if record.age is not None:
-            record = make_record(design, log, None, record.age + values["tau_speed"])
-            continue
-        delay = record.timing.delay + values[LATENESS]
-        if record.timing == UNDELAYED and delay <= record.sampling:
-            break
-        free = fit_design(design, record, (), {}, explore=False, settled=False)
-        values = {n: (v, e) for n, v, e in zip(free.model.names, free.plain.values, free.plain.stderr, strict=True)}
-        value, stderr = values[SPREAD]
-        found = filter_behind(
-            record.timing.delay + values[LATENESS][0], (record.timing.spread + value, stderr), record.sampling
-        )
-        if found is None:
-            return make_record(design, log) if record.timing != UNDELAYED else record
-        record = make_record(design, log, None, 0.0, found)
-    return record
 
 
 def _offered(effects: Mapping[str, Effect], candidates: Iterable[str] | None) -> dict[str, Effect]:

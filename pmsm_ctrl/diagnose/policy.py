@@ -37,9 +37,8 @@ class Policy:
     small_size, explained : float
         A smaller contribution is enough where it explains this share of the residual's sum of squares: beside a hard
         acceleration all friction is small. Machines; currents in steps of 60 mA.
-    excess, explained_least : float
-        Share that an effect must explain of what the residual has above its noise floor, and of the whole residual.
-        What a sampling, a filter or a current loop leaves is not noise, and any effect explains a little of it; an
+    excess : float
+        Share that an effect must explain of what the residual has above its noise floor. What a sampling, a filter or a current loop leaves is not noise, and any effect explains a little of it; an
         effect at three times what the noise allows doubles what is above the floor. Worlds.
     lowered : float
         An accepted effect must bring the rms error of at least one balance down to this share. Plant: a speed that the
@@ -120,8 +119,7 @@ class Policy:
     small_size: float = 0.001
     explained: float = 0.012
     excess: float = 0.1
-    explained_least: float = 0.04
-    lowered: float = 0.98
+    lowered: float = 0.99
     balance_worse: float = 1.03
     traded: float = 0.2
     worse: float = 1.1

@@ -1,0 +1,78 @@
+"""A log conditioned with what the base model tells of its sampling: the filter of the drive signal, and the band."""
+
+from __future__ import annotations
+
+import math
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.fit import Fitted, fit_design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
+from pmsm_ctrl.regression.bandwidth import signal_band
+from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind
+from pmsm_ctrl.regression.model import LATENESS, MOST_NOISE, SPREAD, noise_share
+
+__all__ = ["timed_record"]
+
+ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
+# Angle, rad, up to which two moments describe a late or filtered signal: the third is 2 % of it then.
+EXPANDED = 0.5
+WIDER = 1.25  # times the default band: less is not worth a second pass
+
+
+def timed_record(design: Design, log: Log) -> Record:
+    """Condition a log, after the base model has told how it was sampled.
+
+    Where the log has a speed alone the lag of that is corrected, else the filter of a drive signal that is later than
+    sampling can make it. A wider band than the default one is taken where the drive signal has one, the sampling can
+    be described there, and the acceleration is no noise there.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+
+    Returns
+    -------
+    Record
+    """
+    record = make_record(design, log)
+    fit = fit_design(design, record, (), {}, explore=False)
+    for _ in range(ROUNDS):
+        if record.age is not None:
+            record = make_record(design, log, None, record.age + _value(fit, "tau_speed")[0])
+        else:
+            timing = _filter(design, record, fit)
+            if timing == record.timing:
+                break
+            record = make_record(design, log, None, 0.0, timing)
+        fit = fit_design(design, record, (), {}, explore=False)
+    return _widened(design, log, record, fit)
+
+
+def _value(fit: Fitted, name: str) -> tuple[float, float]:
+    k = fit.model.names.index(name)
+    return float(fit.plain.values[k]), float(fit.plain.stderr[k])
+
+
+def _filter(design: Design, record: Record, fit: Fitted) -> DriveTiming:
+    """Return the filter of the drive signal that explains a delay beyond what sampling can do; none where none does."""
+    if record.timing == UNDELAYED and _value(fit, LATENESS)[0] <= record.sampling:
+        return UNDELAYED
+    free = fit_design(design, record, (), {}, explore=False, settled=False)
+    value, stderr = _value(free, SPREAD)
+    delay = record.timing.delay + _value(free, LATENESS)[0]
+    return filter_behind(delay, (record.timing.spread + value, stderr), record.sampling) or UNDELAYED
+
+
+def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
+    wanted = signal_band(log)
+    if record.age is None:
+        late = max(abs(_value(fit, LATENESS)[0]), math.sqrt(2.0 * abs(_value(fit, SPREAD)[0])), record.timing.lag)
+        wanted = min(wanted, EXPANDED / (2.0 * math.pi * max(late, 1e-9)))
+    if wanted < WIDER * record.cutoff:
+        return record
+    processing = Processing(standstill=STANDSTILL, cutoff=wanted)
+    wide = make_record(design, log, processing, record.age or 0.0, record.timing)
+    return record if noise_share(wide, wide.acceleration()) >= MOST_NOISE else wide
