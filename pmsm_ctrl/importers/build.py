@@ -8,14 +8,16 @@ import numpy as np
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.mapping import Assignment, Source
+from pmsm_ctrl.importers.notices import ANGLE_UNWRAPPED
 from pmsm_ctrl.importers.table import Array, Table
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
+from pmsm_ctrl.section import Notice
 
 __all__ = ["channels_of"]
 
 
-def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Load the assigned columns; return SI channels on one time base and notes on the conversions.
+def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array], tuple[str, ...], tuple[Notice, ...]]:
+    """Load the assigned columns; return SI channels on one time base, notes on the conversions and reasons to doubt.
 
     Raises
     ------
@@ -40,10 +42,10 @@ def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array],
         group = table.columns[source.column].group
         channels[group][source.channel] = _convert(table, source, loaded[source.column])
     result, resampled = on_one_raster(rasters, channels, table.file)
-    unwrapped = _unwrap(result) if assignment.motion == "rotary" else []
+    turned, doubts = _unwrap(result) if assignment.motion == "rotary" else ([], [])
     for values in result.values():
         values.setflags(write=False)  # a log shares read-only arrays and copies others
-    return result, (*notes, *resampled, *unwrapped)
+    return result, (*notes, *resampled, *turned), tuple(doubts)
 
 
 def _time_columns(table: Table, assignment: Assignment) -> dict[int, int]:
@@ -113,9 +115,10 @@ def _check_time(table: Table, index: int, values: Array, gain: float) -> Array:
     return t
 
 
-def _unwrap(channels: dict[str, Array]) -> list[str]:
+def _unwrap(channels: dict[str, Array]) -> tuple[list[str], list[Notice]]:
     """Unwrap angles by the period at which they wrap, be it a turn or another one."""
-    notes = []
+    notes: list[str] = []
+    doubts: list[Notice] = []
     for name in ("theta", "theta_ref", "theta_load"):
         if name not in channels or channels[name].size < 2:
             continue
@@ -125,6 +128,8 @@ def _unwrap(channels: dict[str, Array]) -> list[str]:
         if period > 0.0:
             count = int(np.count_nonzero(np.abs(np.diff(theta)) > 0.7 * period))
             channels[name] = unwrapped(theta, period)
-            place = "one turn" if abs(period / (2.0 * np.pi) - 1.0) < 1e-9 else f"{period:.6g} rad"
-            notes.append(f"{name} wraps at {place} ({count} times); unwrapped")
-    return notes
+            if abs(period / (2.0 * np.pi) - 1.0) < 1e-9:
+                notes.append(f"{name} wraps at one turn ({count} times); unwrapped")
+            else:
+                doubts.append(ANGLE_UNWRAPPED(channel=name, period=period, unit="rad", count=count))
+    return notes, doubts

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "ANGLE_WRAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES", "FROZEN_CHANNEL",
-    "IRREGULAR_TIME", "POSITION_JUMPS", "QUANTISED_CHANNEL", "REFERENCE_FACTOR", "SATURATED_CHANNEL", "SPEED_FACTOR",
-    "SPEED_SPIKES", "SPEED_UNRELATED", "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED",
-    "UNLIKELY_INERTIA", "UNLIKELY_PERIOD",
+    "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES",
+    "FROZEN_CHANNEL", "IRREGULAR_TIME", "POSITION_JUMPS", "QUANTISED_CHANNEL", "REFERENCE_FACTOR",
+    "SATURATED_CHANNEL", "SPEED_FACTOR", "SPEED_SPIKES", "SPEED_UNRELATED", "TIME_GAPS", "TORQUE_FACTOR",
+    "TORQUE_SIGN", "TORQUE_UNRELATED", "UNLIKELY_INERTIA", "UNLIKELY_PERIOD",
 ]  # fmt: skip
 
 # -- time ----
@@ -43,6 +43,9 @@ FEW_DIGITS = Template(
 ANGLE_WRAPS = Template(
     "angle_wraps",
     "{channel} jumps by about {size:.4g} {unit} {count} times, first at t = {at:.6g} s: it may wrap there{turn}",
+)
+ANGLE_UNWRAPPED = Template(
+    "angle_unwrapped", "{channel} wraps at {period:.6g} {unit} ({count} times) and not at a turn: unwrapped"
 )
 POSITION_JUMPS = Template(
     "position_jumps",

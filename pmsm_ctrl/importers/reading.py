@@ -82,12 +82,12 @@ def read_all(
     with ThreadPoolExecutor(max_workers=1) as pool:
         digest = pool.submit(sha256, target)
         try:
-            channels, notes = channels_of(table, assignment)
+            channels, notes, doubts = channels_of(table, assignment)
         except MemoryError:
             raise LogError(f"{file}: does not fit into memory") from None
     provenance = Provenance(file, digest.result(), table.format, (*table.notes, *assignment.notes, *notes))
     log = Log(channels, motion=assignment.motion, provenance=provenance)
-    return replace(log, provenance=replace(provenance, notices=check(log, design))), table, assignment
+    return replace(log, provenance=replace(provenance, notices=(*doubts, *check(log, design)))), table, assignment
 
 
 def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Table:

@@ -14,7 +14,9 @@ __all__ = ["ACCOUNTED", "doubts_about", "of_holdout"]
 
 # Doubts of the import that the evaluation takes care of: steps and jitter are noise, gaps are left out, and a limit
 # of the drive is no fault of the log. They are reported, and forbid no verdict.
-ACCOUNTED = frozenset(("few_digits", "irregular_time", "quantised_channel", "saturated_channel", "time_gaps"))
+ACCOUNTED = frozenset(
+    ("angle_unwrapped", "few_digits", "irregular_time", "quantised_channel", "saturated_channel", "time_gaps")
+)
 HOLDOUT = "hold-out record: "
 
 

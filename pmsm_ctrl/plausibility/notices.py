@@ -5,11 +5,10 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "ANGLE_UNWRAPPED", "CLIPPED_CHANNEL", "CURRENTS_SWAPPED", "CURRENT_FACTOR", "CURRENT_SIGN", "CUT_IN_TIME",
-    "EVEN_STAMPS", "HELD_CHANNEL", "INERTIA_FACTOR", "LOST_SAMPLES", "MAGNITUDE_CHANNEL", "MOTION_FACTOR",
-    "MOTION_SIGN", "NOT_SYNCHRONOUS", "PARAMETER_FACTOR", "POLE_PAIRS", "REFERENCE_AS_MEASURED",
-    "STATIONARY_CURRENTS", "TIME_FACTOR", "UNRELATED_TORQUE", "UNRELATED_VOLTAGES", "VOLTAGES_SWAPPED",
-    "VOLTAGE_FACTOR", "VOLTAGE_SIGN",
+    "CLIPPED_CHANNEL", "CURRENTS_SWAPPED", "CURRENT_FACTOR", "CURRENT_SIGN", "CUT_IN_TIME", "EVEN_STAMPS",
+    "HELD_CHANNEL", "INERTIA_FACTOR", "LOST_SAMPLES", "MAGNITUDE_CHANNEL", "MOTION_FACTOR", "MOTION_SIGN",
+    "NOT_SYNCHRONOUS", "PARAMETER_FACTOR", "POLE_PAIRS", "REFERENCE_AS_MEASURED", "STATIONARY_CURRENTS",
+    "TIME_FACTOR", "UNRELATED_TORQUE", "UNRELATED_VOLTAGES", "VOLTAGES_SWAPPED", "VOLTAGE_FACTOR", "VOLTAGE_SIGN",
 ]  # fmt: skip
 
 # -- log and design do not belong together ----
@@ -108,7 +107,6 @@ CUT_IN_TIME = Template(
 )
 
 # -- put right ----
-ANGLE_UNWRAPPED = Template("angle_unwrapped", "{channel} wraps at {period:.6g} {unit}: unwrapped")
 EVEN_STAMPS = Template(
     "even_stamps",
     "time stamps are off by up to {periods:.2g} periods, the motion is not: equal steps at {rate:.6g} Hz are used",

@@ -74,7 +74,7 @@ class Policy:
     wrong_sign: float = 100.0
     as_good: float = 3.0
     alone: float = 2.0
-    unexplained: float = 0.7
+    unexplained: float = 0.5
     expected: float = 0.02
     swap_limit: float = 3.0
     swap: float = 0.25

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.lost import jumps
+from pmsm_ctrl.importers.notices import ANGLE_UNWRAPPED
 from pmsm_ctrl.importers.timebase import quantum
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import Log
@@ -83,7 +84,8 @@ def _unwrapped(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...]]:
         if period > 0.0:
             changed[name] = unwrapped(log[name], period)
             if abs(period / TURN - 1.0) > 1e-6 or log.motion == "linear":
-                found.append(say.ANGLE_UNWRAPPED(channel=name, period=period, unit=log.unit(name)))
+                count = int(np.count_nonzero(np.abs(np.diff(log[name])) > 0.7 * period))
+                found.append(ANGLE_UNWRAPPED(channel=name, period=period, unit=log.unit(name), count=count))
     return (log.with_channels(**changed) if changed else log), tuple(found)
 
 

@@ -123,7 +123,7 @@ DOUBTED = {
     "one sample": "[few_samples]",
     "one speed of 1e6": "[speed_spikes]",
     "position jumps": "[position_jumps]",
-    "position wraps at an electrical turn": "[angle_wraps]",
+    "position wraps at an electrical turn": "[angle_unwrapped]",
     "position of few steps": "[quantised_channel]",
     "constant": "[constant_channel]",
     "standstill": "[constant_channel]",

@@ -6,7 +6,7 @@ import math
 import os
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,16 +20,8 @@ from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.balances import make_record
-from tests.benchmarks.peers.library import (
-    Library,
-    base_torque,
-    generic,
-    held_out,
-    library_of,
-    relative,
-    same_processing,
-)
+from pmsm_ctrl.regression.balances import Record, make_record
+from tests.benchmarks.peers.library import Library, base_torque, generic, held_out, library_of, read_alike, relative
 from tests.benchmarks.peers.methods import PEERS, VARIANTS
 from tests.benchmarks.worlds.hidden import hidden_log, possible, simulate_world
 from tests.benchmarks.worlds.world import World, draw
@@ -91,6 +83,7 @@ def judged(case: Case, methods: Sequence[str]) -> list[dict[str, Any]]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         shared: Library | None = None
+        other: Record | None = None
         seconds, failed = 0.0, ""
         if set(methods) - {OURS}:
             began = time.perf_counter()
@@ -99,6 +92,7 @@ def judged(case: Case, methods: Sequence[str]) -> list[dict[str, Any]]:
             except Exception as error:  # whatever it is, it is a row of the table
                 failed = f"{type(error).__name__}: {error}"
             seconds = time.perf_counter() - began
+            other = _elsewhere(case, shared.record) if shared is not None else None
         for name in methods:
             began = time.perf_counter()
             try:
@@ -107,7 +101,7 @@ def judged(case: Case, methods: Sequence[str]) -> list[dict[str, Any]]:
                 elif shared is None:
                     raise RuntimeError(failed)
                 else:
-                    row = _peer(case, shared, name)
+                    row = _peer(shared, other, name)
             except ImportError as error:
                 raise SystemExit(f"{name}: {error}; pip install -e '.[peers]'") from error
             except Exception as error:
@@ -123,35 +117,33 @@ def _ours(case: Case) -> dict[str, Any]:
     took = time.perf_counter() - began
     fit, effects = found.selection.fit, catalogue_of(case.design)
     own = fit.record.target[0] - fit.residual[0]
-
-    def elsewhere() -> float:
-        record = make_record(case.design, case.held, same_processing(fit.record))
-        record, predicted = predicted_elsewhere(case.design, record, fit.accepted, fit, effects)
-        return relative(record, predicted[0])
-
+    left = None
+    if (other := _elsewhere(case, fit.record)) is not None:
+        other, predicted = predicted_elsewhere(case.design, other, fit.accepted, fit, effects)
+        left = relative(other, predicted[0])
     return {
         "named": [step.effect for step in found.steps], "equivalents": [list(step.equivalents) for step in found.steps],
         "verdict": str(found.verdict), "flagged": [d.parameter for d in found.parameter_deviations if d.flagged],
-        "error": relative(fit.record, own), "held_out": _or_none(elsewhere), "took": took,
+        "error": relative(fit.record, own), "held_out": left, "took": took,
     }  # fmt: skip
 
 
-def _peer(case: Case, library: Library, name: str) -> dict[str, Any]:
+def _peer(library: Library, other: Record | None, name: str) -> dict[str, Any]:
     select, without_physics = (PEERS | VARIANTS)[name]
     began = time.perf_counter()
     used = generic(library) if without_physics else library
     named = select(used)
     row: dict[str, Any] = {"named": named, "equivalents": [[] for _ in named], "took": time.perf_counter() - began}
     if not without_physics:
-        row["error"] = held_out(library, case.design, case.log, named)
-        row["held_out"] = _or_none(lambda: held_out(library, case.design, case.held, named))
+        row["error"] = held_out(library, library.record, named)
+        row["held_out"] = held_out(library, other, named) if other is not None else None
     return row
 
 
-def _or_none(error: Callable[[], float]) -> float | None:
-    """Return the error on a held-out record; None where that record itself cannot be evaluated."""
+def _elsewhere(case: Case, record: Record) -> Record | None:
+    """Return the held-out record; None where it cannot be evaluated."""
     try:
-        return error()
+        return read_alike(case.design, case.held, record)
     except PmsmCtrlError:
         return None
 
@@ -180,7 +172,7 @@ def _mujoco(case: Case) -> dict[str, Any]:
     from tests.benchmarks.peers.mujoco_sysid import fitted
 
     record = make_record(case.design, case.log)
-    other = make_record(case.design, case.held, same_processing(record))
+    other = read_alike(case.design, case.held, record)
     began = time.perf_counter()
     try:
         values = fitted(case.log, record)

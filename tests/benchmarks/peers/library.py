@@ -10,15 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.diagnosis import _condition
 from pmsm_ctrl.diagnose.fit import fit_design
+from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record, with_modelled_torque
 from pmsm_ctrl.regression.columns import Group, candidate_groups
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.model import base_groups
 
-__all__ = ["Library", "base_torque", "generic", "held_out", "library_of", "relative", "same_processing"]
+__all__ = ["Library", "base_torque", "generic", "held_out", "library_of", "read_alike", "relative"]
 
 Array = NDArray[np.float64]
 
@@ -120,8 +123,8 @@ def library_of(design: Design, log: Log) -> Library:
 
     Nonlinear parameters stand where the first round of the diagnosis puts them.
     """
-    record = make_record(design, log)
-    fit = fit_design(design, record, (), catalogue_of(design))
+    effects = catalogue_of(design)
+    fit = fit_design(design, _condition(design, log, None, effects, POLICY).record, (), effects)
     named, free, groups = [], {}, {}
     for trial in fit.trials:
         columns, effect = trial.group.rows[0], trial.candidate.effect.id
@@ -155,21 +158,23 @@ def generic(library: Library) -> Library:
     return _made(record, (library.base, library.base_names), named)
 
 
-def same_processing(record: Record) -> Processing:
-    """Return how to condition another log of the same axis: with the same band."""
-    return Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
+def read_alike(design: Design, log: Log, record: Record) -> Record:
+    """Return another log of the same axis, conditioned as the first one was."""
+    same = Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
+    return make_record(design, doubts_about(design, log).log, same, record.age or 0.0, record.timing)
 
 
-def held_out(library: Library, design: Design, log: Log, chosen: Iterable[str]) -> float:
-    """Return the relative torque error of a peer's model on another log, nothing fitted to it.
+def held_out(library: Library, record: Record, chosen: Iterable[str]) -> float:
+    """Return the relative torque error of a peer's model on another record, nothing fitted to it.
 
     Unweighted, over the samples that take part, as `pmsm_ctrl.diagnose.fit.errors` does it.
     """
     values, inside = library.solved(chosen)
     count = library.base.shape[1]
-    record = make_record(design, log, same_processing(library.record))
     alone = dict(zip(library.base_names, library.solved(())[0].tolist(), strict=True))
-    record = with_modelled_torque(record, base_torque(design, record, alone))
+    design = record.design
+    acting = base_torque(design, record, alone, acting=True)
+    record = with_modelled_torque(record, acting, library.record.late or 0.0)
     predicted = base_torque(design, record, dict(zip(library.base_names, values[:count].tolist(), strict=True)))
     names = [name for name, used in zip(library.names, inside, strict=True) if used]
     for name in dict.fromkeys(names):
@@ -181,10 +186,17 @@ def held_out(library: Library, design: Design, log: Log, chosen: Iterable[str]) 
     return relative(record, predicted)
 
 
-def base_torque(design: Design, record: Record, values: Mapping[str, float]) -> Array:
-    """Return what the base columns add up to on a record; a parameter that is not among the values counts as zero."""
+def base_torque(design: Design, record: Record, values: Mapping[str, float], acting: bool = False) -> Array:
+    """Return what the base columns add up to on a record; a parameter that is not among the values counts as zero.
+
+    Where it is `acting`, without what is only measured wrongly, as by a late sample.
+    """
     model, _ = base_groups(design, record)
-    out: Array = model.matrix[0] @ np.array([values.get(name, 0.0) for name in model.names])
+    known = np.array([values.get(name, 0.0) for name in model.names])
+    for position, group in enumerate(model.groups):
+        if acting and group.misread:
+            known[model.columns_of(position)] = 0.0
+    out: Array = model.matrix[0] @ known
     return out
 
 
