@@ -52,7 +52,7 @@ def added(design: Design, log: Log, effect: str) -> tuple[Design, tuple[Notice, 
     """
     effects = catalogue_of(design)
     wanted = lookup(effect, effects)
-    case = Case(design, make_record(design, examine(design, log).log), effects)
+    case = Case(design, timed_record(design, examine(design, log).log), effects)
     fit = case.fit(())
     trial = next((t for t in fit.trials if t.candidate.effect.id == effect), None)
     if trial is None:

@@ -38,8 +38,8 @@ class Policy:
         A smaller contribution is enough where it explains this share of the residual's sum of squares: beside a hard
         acceleration all friction is small. Machines; currents in steps of 60 mA.
     excess : float
-        Share that an effect must explain of what the residual has above its noise floor. What a sampling, a filter or a current loop leaves is not noise, and any effect explains a little of it; an
-        effect at three times what the noise allows doubles what is above the floor. Worlds.
+        Share that an effect must explain of what the residual has above its noise floor. What a sampling, a filter or
+        a current loop leaves is no noise, and any effect explains a little of it. Worlds.
     lowered : float
         An accepted effect must bring the rms error of at least one balance down to this share. Plant: a speed that the
         drive filtered, and an angle of five digits, let a delay pass without it.
