@@ -40,8 +40,9 @@ def examine(design: Design, log: Log) -> Plausibility:
     Raises
     ------
     LogError
-        When the current or the torque is constant.
+        When the current or the torque is constant, or a number is beyond reason.
     """
+    log.check_evaluable()
     if len(log) < FEWEST:
         return Plausibility(log)
     with np.errstate(all="ignore"):

@@ -45,7 +45,8 @@ def recorded(design: Design, log: Log) -> Plausibility:
 
 def _require_torque(log: Log) -> None:
     name = next((name for name in ("torque", "i_q") if name in log), None)
-    if name is None or np.ptp(log[name]) > 0.0:
+    motion = next((name for name in ("theta", "omega") if name in log), None)
+    if name is None or motion is None or np.ptp(log[name]) > 0.0 or np.ptp(log[motion]) == 0.0 or log[name][0] == 0.0:
         return
     label = f"{log.provenance.file}: " if log.provenance.file else ""
     value = f"{float(log[name][0]):.6g} {log.unit(name)}"
