@@ -22,6 +22,7 @@ from pmsm_ctrl.log import CHANNELS, Log
 from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
+from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.regression.timing import punctual
 from pmsm_ctrl.result import Result, Verdict, jsonable
@@ -261,6 +262,7 @@ def _record(design: Design, log: Log, processing: Processing) -> Record:
     torque = traces["torque"]
     free, free_notices = _free_run(design, log, prepared, structure["torque"])
     closed, closed_notices = _closed_loop(design, log, processing, structure["torque"].floor)
+    beyond = orders_beyond(design, log, prepared.cutoff)
     return Record(
         name=log.provenance.file or "the given log",
         errors={
@@ -272,7 +274,7 @@ def _record(design: Design, log: Log, processing: Processing) -> Record:
         stretches=worst_stretches(torque.t, torque.residual, torque.mask, problem.omega),
         simulated=(*free, *closed),
         omega=problem.omega,
-        notices=(*problem.notes, *left_out, *free_notices, *closed_notices),
+        notices=(*problem.notes, *beyond, *left_out, *free_notices, *closed_notices),
     )
 
 

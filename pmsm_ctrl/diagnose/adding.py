@@ -49,6 +49,11 @@ def added(design: Design, log: Log, effect: str) -> tuple[Design, tuple[Notice, 
     ----------
     design, log, effect
         As in `add`.
+
+    Raises
+    ------
+    RequestError
+        As in `add`.
     """
     effects = catalogue_of(design)
     wanted = lookup(effect, effects)

@@ -51,7 +51,7 @@ def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]
         if name not in fit.model.names:
             continue
         k = fit.model.names.index(name)
-        value, error = float(fit.plain.values[k]), float(fit.plain.stderr[k])
+        value, error = float(fit.estimate.values[k]), float(fit.plain.stderr[k])
         nominal = design.J if name == "J" else float(getattr(design.motor, name))
         tolerance = design.motor.tolerance.get(name, policy.tolerance)
         flagged = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
@@ -65,11 +65,13 @@ def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]
 def _effects(fit: Fitted) -> Iterator[Deviation]:
     for k, name in enumerate(fit.model.names):
         group = fit.model.group_of(k)
-        value, error, nominal = (float(x[k]) for x in (fit.plain.values, fit.plain.stderr, fit.model.nominal))
+        value, error, nominal = (float(x[k]) for x in (fit.estimate.values, fit.plain.stderr, fit.model.nominal))
         if group.effect is None or group.entry < 0 or nominal == 0.0 or not np.isfinite(error):
             continue
         unit = axis_unit(group.effect.parameter(name.split("#")[0]).unit, fit.record.prepared.motion)
-        yield Deviation(name, nominal, value, error, unit, False)
+        at_bound = k in fit.estimate.held
+        note = "stays at its bound; the standard error is that without bounds" if at_bound else ""
+        yield Deviation(name, nominal, value, error, unit, False, note)
 
 
 def _timing(fit: Fitted) -> Iterator[Deviation]:

@@ -35,6 +35,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.regression.balances import STANDSTILL, make_record
 from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.fast_orders import orders_beyond
 
 __all__ = ["diagnose"]
 
@@ -140,13 +141,14 @@ def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[s
     """Condition the log, and the held-out one in the same way."""
     believed = doubts_about(design, log)
     record = timed_record(design, believed.log)
+    fast = orders_beyond(design, believed.log, record.cutoff)
     if holdout is None:
-        return Case(design, record, offered, None, policy, believed=believed)
+        return Case(design, record, offered, None, policy, believed=believed, remarks=fast)
     held_out = doubts_about(design, holdout)
     same = Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
     other = make_record(design, held_out.log, same, record.age or 0.0, record.timing)
     return Case(
-        design, record, offered, other, policy, believed=believed, remarks=tuple(map(of_holdout, held_out.notices))
+        design, record, offered, other, policy, believed=believed, remarks=(*fast, *map(of_holdout, held_out.notices))
     )
 
 

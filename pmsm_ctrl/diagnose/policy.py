@@ -118,8 +118,8 @@ class Policy:
     size: float = 0.004
     small_size: float = 0.001
     explained: float = 0.012
-    excess: float = 0.1
-    lowered: float = 0.99
+    excess: float = 0.25
+    lowered: float = 0.985
     balance_worse: float = 1.03
     traded: float = 0.2
     worse: float = 1.1

@@ -22,6 +22,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
 from pmsm_ctrl.regression.conditioning import Processing, prepare
+from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
 from pmsm_ctrl.regression.least_squares import Cause, Fit, solve
 from pmsm_ctrl.rendering.numbers import probability
@@ -208,6 +209,7 @@ def identify(
             *_large(error, problem),
             *believed.notices[len(believed.contradictions) :],
             *problem.notes,
+            *orders_beyond(design, log, problem.cutoff),
             *solution.notices,
             *bounds,
             *_doubts(design, fit),

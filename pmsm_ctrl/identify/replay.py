@@ -239,6 +239,8 @@ def _ticks(i_q_ref: Array, every: int) -> NDArray[np.intp]:
 def plant_with(design: Design, columns: Iterable[Column], values: Iterable[float]) -> Design:
     """Return the plant with these parameter values, moved inside their bounds.
 
+    What a fit finds is inside already. A step of a difference quotient may leave them, where there is no plant.
+
     Its torque constant is the one that the evaluation assumes, so that torque means the same on both sides.
     """
     changed: dict[int, dict[str, float]] = {}

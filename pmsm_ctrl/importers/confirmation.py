@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.names import split_header
@@ -15,6 +17,7 @@ __all__ = ["require_confirmed"]
 
 # Times the design's inertia; less is a load that the design does not know.
 INERTIA = 3.0
+NOTHING = 1e-12  # SI; that is no torque at all, which is said elsewhere
 
 
 def require_confirmed(log: Log, design: Design | None, mapping: Mapping[str, str] | None) -> None:
@@ -32,13 +35,14 @@ def require_confirmed(log: Log, design: Design | None, mapping: Mapping[str, str
     Raises
     ------
     LogError
-        In one line: the doubt, and how to correct or confirm the unit.
+        In one line: the doubt, and how to correct or confirm the unit. Also for a number beyond reason.
     """
+    log.check_evaluable(1)
     stated = {**(design.log.channels if design is not None else {}), **(mapping or {})}
     scaled = design.log.scale if design is not None else {}
     sure = {name for name, column in stated.items() if split_header(column)[1] or name in scaled}
     for notice in log.provenance.notices:
-        channels = _concerned(notice)
+        channels = _concerned(notice, log)
         if not channels or sure & set(channels):
             continue
         name = channels[-1]
@@ -51,14 +55,16 @@ def require_confirmed(log: Log, design: Design | None, mapping: Mapping[str, str
         )
 
 
-def _concerned(notice: Notice) -> tuple[str, ...]:
-    """Return the channels that a doubt of a unit or a sign concerns; none for any other notice."""
+def _concerned(notice: Notice, log: Log) -> tuple[str, ...]:
+    """Return the channels that a doubt of a unit or a sign concerns, the likeliest last; none for any other notice."""
     if notice.code == SPEED_FACTOR.code:
         return "theta", "omega"
     if notice.code == TORQUE_FACTOR.code:
         return "i_q", "torque"
     if notice.code == TORQUE_SIGN.code:
-        return (str(notice.detail["channel"]),)
-    if notice.code == UNLIKELY_INERTIA.code and not 1.0 / INERTIA <= float(notice.detail["factor"]) <= INERTIA:
-        return (str(notice.detail["channel"]),)
+        return "theta", "omega", str(notice.detail["channel"])
+    if notice.code == UNLIKELY_INERTIA.code:
+        factor, name = float(notice.detail["factor"]), str(notice.detail["channel"])
+        far = not 1.0 / INERTIA <= factor <= INERTIA
+        return ("theta", "omega", name) if far and float(np.max(np.abs(log[name]))) > NOTHING else ()
     return ()

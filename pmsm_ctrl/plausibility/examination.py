@@ -12,7 +12,8 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility.bins import binned
 from pmsm_ctrl.plausibility.causes import likeliest, strange
-from pmsm_ctrl.plausibility.foreign import foreign_current, foreign_voltage, late_channel, magnitudes
+from pmsm_ctrl.plausibility.foreign import foreign_current, foreign_voltage, late_channel, magnitudes, sensor_offset
+from pmsm_ctrl.plausibility.notices import LOST_SAMPLES
 from pmsm_ctrl.plausibility.recorder import recorded
 from pmsm_ctrl.plausibility.relations import Evidence, evidence_of
 from pmsm_ctrl.plausibility.result import Plausibility
@@ -40,22 +41,24 @@ def examine(design: Design, log: Log) -> Plausibility:
     Raises
     ------
     LogError
-        When the current or the torque is constant.
+        When the current or the torque is constant, or a number is beyond reason.
     """
+    log.check_evaluable()
     if len(log) < FEWEST:
         return Plausibility(log)
     with np.errstate(all="ignore"):
         found = recorded(design, log)
         evidence = evidence_of(design, binned(found.log))
-        late = late_channel(evidence, log.period)
-        contradictions = (*found.contradictions, *_contradictions(evidence, found.log))
-    doubts = (*found.doubts, *late)
-    return Plausibility(found.log, contradictions, doubts, found.excluded, found.repairs)
+        # with samples missing, the time is wrong in many places, and so is every derivative
+        told = any(doubt.code == LOST_SAMPLES.code for doubt in found.doubts)
+        contradictions = (*found.contradictions, *(() if told else _contradictions(evidence, found.log)))
+        changed, late = (found.log, ()) if contradictions else late_channel(evidence, found.log)
+    return Plausibility(changed, contradictions, (*found.doubts, *late), found.excluded, found.repairs)
 
 
 def _contradictions(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
     """Return magnitudes for signed values, or exchanged or foreign channels, or the cause of all that is off."""
-    for look in (magnitudes, foreign_current, foreign_voltage):
+    for look in (magnitudes, foreign_current, foreign_voltage, sensor_offset):
         if found := look(evidence, log):
             return found
     readings = likeliest(evidence.design, evidence.ratios, evidence.from_current)

@@ -20,23 +20,57 @@ from pmsm_ctrl.plausibility.relations import (
 )  # fmt: skip
 from pmsm_ctrl.section import Notice
 
-__all__ = ["foreign_current", "foreign_voltage", "late_channel", "magnitudes"]
+__all__ = ["foreign_current", "foreign_voltage", "late_channel", "magnitudes", "sensor_offset"]
 
 Array = NDArray[np.float64]
 
 
-def late_channel(evidence: Evidence, period: float) -> tuple[Notice, ...]:
-    """Say by how much the current or torque is late against the motion, where sampling does not explain it."""
-    if evidence.torque is None or evidence.narrow is None:
+def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...]]:
+    """Say by how much the current or torque is late against the motion, where sampling does not explain it.
+
+    A lag that no correction of sampling instants reaches is taken out of the log.
+    """
+    fit, lag, width = evidence.narrow, evidence.lag, evidence.bins.width
+    slope = fit.ratio("late", -1.0) if fit is not None else None
+    if evidence.torque is None or slope is None or fit is None:
+        return log, ()
+    late = lag * width + slope.value
+    if abs(late) - slope.stderr <= max(POLICY.late, POLICY.late_periods * log.period):
+        return log, ()
+    filtered = False
+    if late > 0.0:
+        # y + tau y' is the torque exactly behind a filter of first order; behind a delay the lag in bins is better
+        design, bins = evidence.design, evidence.bins
+        as_filter = torque_balance(bins, evidence.torque, design)
+        as_delay = torque_balance(bins, evidence.torque, design, BOXES, max(1, round(late / width)))
+        if as_filter is not None and as_delay is not None and as_filter.left < POLICY.sharper * as_delay.left:
+            filtered, late = True, -as_filter.value("late")
+    words = say.CURRENT_FILTERED if filtered else say.NOT_SYNCHRONOUS
+    notice = words(channel=evidence.channel, lag_ms=1e3 * late)
+    if abs(late) <= POLICY.beyond:
+        return log, (notice,)
+    names = [name for name in ("torque", "i_q", "i_d") if name in log]
+    if filtered:
+        moved_back = {name: log[name] + late * np.gradient(log[name], log.t) for name in names}
+    else:
+        moved_back = {name: np.interp(log.t + late, log.t, log[name]) for name in names}
+    return log.with_channels(**moved_back), (notice,)
+
+
+def sensor_offset(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
+    """Say that i_q has an offset which the torque and the voltage agree on; a load is in the torque alone."""
+    fit, q = evidence.narrow, evidence.voltages.get("q")
+    if fit is None or q is None or not evidence.from_current or not q.value("R") > 0.0:
         return ()
-    fit, lag = evidence.narrow, evidence.lag
-    slope = fit.ratio("late", -1.0)
-    if slope is None:
+    in_torque, in_voltage = fit.ratio("T_0", evidence.design.K_t_assumed), q.ratio("u_0", -q.value("R"))
+    if in_torque is None or in_voltage is None:
         return ()
-    late = lag * evidence.bins.width + slope.value
-    if abs(late) - slope.stderr <= max(POLICY.late, POLICY.late_periods * period):
+    dry = evidence.design.parameters("coulomb").get("F_c", 0.0) / evidence.design.K_t_assumed
+    sure = all(abs(o.value) > POLICY.least_t * o.stderr for o in (in_torque, in_voltage))
+    alike = abs(in_voltage.value / in_torque.value - 1.0) < POLICY.alike
+    if not sure or not alike or abs(in_torque.value) < POLICY.offset * dry:
         return ()
-    return (say.NOT_SYNCHRONOUS(channel=evidence.channel, lag_ms=1e3 * late),)
+    return (say.CURRENT_OFFSET(offset=in_torque.value),)
 
 
 def foreign_current(evidence: Evidence, log: Log) -> tuple[Notice, ...]:

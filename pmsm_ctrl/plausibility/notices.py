@@ -5,10 +5,11 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "CLIPPED_CHANNEL", "CURRENTS_SWAPPED", "CURRENT_FACTOR", "CURRENT_SIGN", "CUT_IN_TIME", "EVEN_STAMPS",
-    "HELD_CHANNEL", "INERTIA_FACTOR", "LOST_SAMPLES", "MAGNITUDE_CHANNEL", "MOTION_FACTOR", "MOTION_SIGN",
-    "NOT_SYNCHRONOUS", "PARAMETER_FACTOR", "POLE_PAIRS", "REFERENCE_AS_MEASURED", "STATIONARY_CURRENTS",
-    "TIME_FACTOR", "UNRELATED_TORQUE", "UNRELATED_VOLTAGES", "VOLTAGES_SWAPPED", "VOLTAGE_FACTOR", "VOLTAGE_SIGN",
+    "CLIPPED_CHANNEL", "CURRENTS_SWAPPED", "CURRENT_FACTOR", "CURRENT_FILTERED", "CURRENT_OFFSET", "CURRENT_SIGN",
+    "CUT_IN_TIME", "EVEN_STAMPS", "HELD_CHANNEL", "INERTIA_FACTOR", "LOST_SAMPLES", "MAGNITUDE_CHANNEL",
+    "MOTION_FACTOR", "MOTION_SIGN", "NOT_SYNCHRONOUS", "PARAMETER_FACTOR", "POLE_PAIRS", "REFERENCE_AS_MEASURED",
+    "STATIONARY_CURRENTS", "TIME_FACTOR", "UNRELATED_TORQUE", "UNRELATED_VOLTAGES", "VOLTAGES_SWAPPED",
+    "VOLTAGE_FACTOR", "VOLTAGE_SIGN",
 ]  # fmt: skip
 
 # -- log and design do not belong together ----
@@ -66,6 +67,11 @@ STATIONARY_CURRENTS = Template(
     "stationary_currents",
     "i_d and i_q oscillate with the electrical angle: they are currents of the stator frame (alpha, beta); log d and q",
 )
+CURRENT_OFFSET = Template(
+    "current_offset_dc",
+    "i_q reads {offset:.3g} A too much in the torque and in R i_q alike: an offset of the sensor, or added by hand; a "
+    "constant load would show in the torque alone; subtract it",
+)
 UNRELATED_TORQUE = Template(
     "unrelated_torque",
     "{channel} does not drive this motion: it explains {percent:.2g} % of the inertia's torque, and {left:.2g} % of it "
@@ -95,6 +101,10 @@ HELD_CHANNEL = Template(
 CLIPPED_CHANNEL = Template(
     "clipped_channel",
     "{channel} is clipped at {limit:.4g} {unit} in {percent:.2g} % of the samples: they are left out",
+)
+CURRENT_FILTERED = Template(
+    "current_filtered",
+    "{channel} was filtered, time constant about {lag_ms:.3g} ms: as a first-order lag of the motion's torque",
 )
 LOST_SAMPLES = Template(
     "lost_samples",

@@ -63,6 +63,20 @@ class Policy:
     held_periods : int
     jitter : float
         Periods; stamps that are off by more are no jitter of a clock, but pauses.
+    clipped_bins : int
+        Bins of 5 ms at the limit that are needed to tell a clipped channel from a drive's limit.
+    excess : float
+        Share of the limit by which the motion needs more than it where a channel was clipped.
+    most_clipped : float
+        Share of the log that is left out at most; with more of it clipped, nothing is left out, and the doubt remains.
+    beyond : float
+        s; a lag above it is taken out of the log, as no correction of the sampling instants reaches so far.
+    sharper : float
+        What one reading of a lag, delay or filter, has to leave at most of what the other leaves.
+    offset : float
+        Design's dry friction above which an offset of the current is worth a word.
+    alike : float
+        Relative difference of the offsets in torque and voltage that belong to one sensor.
     smoother : float
         What the roughness of the motion at equal steps may be of that at the stamps, for the stamps to be wrong.
     """
@@ -90,6 +104,13 @@ class Policy:
     held: float = 4e-3
     held_periods: int = 2
     jitter: float = 40.0
+    clipped_bins: int = 10
+    excess: float = 0.15
+    most_clipped: float = 0.6
+    beyond: float = 12e-3
+    sharper: float = 0.8
+    offset: float = 0.5
+    alike: float = 0.3
     smoother: float = 0.1
 
 

@@ -15,6 +15,7 @@ from pmsm_ctrl.importers.timebase import quantum
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import notices as say
+from pmsm_ctrl.plausibility.clipping import unclipped
 from pmsm_ctrl.plausibility.policy import POLICY
 from pmsm_ctrl.plausibility.result import Plausibility
 from pmsm_ctrl.section import Notice
@@ -39,13 +40,15 @@ def recorded(design: Design, log: Log) -> Plausibility:
     log, unrolled = _even(log)
     log, wraps = _unwrapped(design, log)
     log, cuts = _joined(log)
-    doubts = (*_lost(log), *_held(log), *cuts)
-    return Plausibility(log, _copies(log), doubts, repairs=(*unrolled, *wraps))
+    log, clipped, left_out = unclipped(design, log)
+    doubts = (*_lost(log), *_held(log), *cuts, *clipped)
+    return Plausibility(log, _copies(log), doubts, left_out, (*unrolled, *wraps))
 
 
 def _require_torque(log: Log) -> None:
     name = next((name for name in ("torque", "i_q") if name in log), None)
-    if name is None or np.ptp(log[name]) > 0.0:
+    motion = next((name for name in ("theta", "omega") if name in log), None)
+    if name is None or motion is None or np.ptp(log[name]) > 0.0 or np.ptp(log[motion]) == 0.0 or log[name][0] == 0.0:
         return
     label = f"{log.provenance.file}: " if log.provenance.file else ""
     value = f"{float(log[name][0]):.6g} {log.unit(name)}"

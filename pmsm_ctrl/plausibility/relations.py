@@ -180,7 +180,7 @@ def voltage_balances(
     u_d, u_q, i_d, i_q = (bins.smooth(have[name], BOXES) for name in names)
     w = p * omega
     d = {"R": i_d, "X": -w * i_q, "L": np.gradient(i_d, bins.width), "tilt": w}
-    q = {"R": i_q, "psi_f": w, "X": w * i_d, "L": np.gradient(i_q, bins.width)}
+    q = {"R": i_q, "psi_f": w, "X": w * i_d, "L": np.gradient(i_q, bins.width), "u_0": np.ones_like(w)}
     return {"d": fitted(u_d, d), "q": fitted(u_q, q)}
 
 

@@ -59,5 +59,5 @@ class Plausibility:
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Contradictions first, then doubts, why stretches are left out, each reason once, and repairs."""
-        reasons = dict.fromkeys(stretch.reason for stretch in self.excluded)
-        return (*self.contradictions, *self.doubts, *reasons, *self.repairs)
+        reasons = (stretch.reason for stretch in self.excluded)
+        return tuple(dict.fromkeys((*self.contradictions, *self.doubts, *reasons, *self.repairs)))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "COARSE_ANGLE", "DEAD_VOLTAGES", "EQUAL_STEPS", "GAPS", "MEASUREMENT_EFFECT_LEFT_IN", "NO_REGRESSION", "RESAMPLED",
+    "COARSE_ANGLE", "DEAD_VOLTAGES", "EQUAL_STEPS", "GAPS", "MEASUREMENT_EFFECT_LEFT_IN", "NO_REGRESSION",
+    "ORDERS_BEYOND_BAND", "RESAMPLED",
     "SPEED_FOR_COARSE_ANGLE", "TORQUE_JUMPS",
 ]  # fmt: skip
 
@@ -34,4 +35,9 @@ MEASUREMENT_EFFECT_LEFT_IN = Template(
 )
 NO_REGRESSION = Template(
     "no_regression", "{effect} has an internal state and is not part of the regression: use method 'output_error'"
+)
+ORDERS_BEYOND_BAND = Template(
+    "orders_beyond_band",
+    "order {orders} of a turn (up to {amplitude:.2g} {unit}) lies above the bandwidth of {cutoff:.3g} Hz at "
+    "{percent:.0f} % of the speeds and is not judged: a log of slower motion (below {slow:.2g} rad/s) shows it",
 )

@@ -165,7 +165,9 @@ SPOILED: dict[str, Spoiled] = {
         ("motion_factor", "speed_factor"),
     ),
     "angle wraps at 25": Spoiled(lambda log, d, g: _omega_less(log, np.mod(log["theta"], 25.0)), ("angle_unwrapped",)),
-    "angle in degrees": Spoiled(lambda log, d, g: _scaled(log, 180 / math.pi, "theta"), ("speed_factor",)),
+    "angle in degrees": Spoiled(
+        lambda log, d, g: _scaled(log, 180 / math.pi, "theta"), ("speed_factor", "motion_factor")
+    ),
     "angle in turns, no speed": Spoiled(
         lambda log, d, g: _omega_less(log, log["theta"] / (2 * math.pi)), ("motion_factor",)
     ),
@@ -183,11 +185,11 @@ SPOILED: dict[str, Spoiled] = {
     "current late by 5 ms": Spoiled(lambda log, d, g: _late(log, 5e-3, *CURRENTS), ("not_synchronous", "delay")),
     "current late by 10 ms": Spoiled(lambda log, d, g: _late(log, 1e-2, *CURRENTS), ("not_synchronous", "delay")),
     "current late by 50 ms": Spoiled(lambda log, d, g: _late(log, 5e-2, *CURRENTS), ("not_synchronous", "delay")),
-    "current filtered, 2 ms": Spoiled(lambda log, d, g: _filtered(log, 2e-3), ("current_filtered",)),
+    "current filtered, 2 ms": Spoiled(lambda log, d, g: _filtered(log, 2e-3), ("current_filtered", "consistent")),
     "current filtered, 5 ms": Spoiled(lambda log, d, g: _filtered(log, 5e-3), ("current_filtered", "not_synchronous")),
     "current filtered, 20 ms": Spoiled(lambda log, d, g: _filtered(log, 2e-2), ("current_filtered", "not_synchronous")),
     "current held for 10 ms": Spoiled(lambda log, d, g: _held(log, 1e-2), ("held_channel",)),
-    "5 % of samples lost": Spoiled(lambda log, d, g: _lost(log, g), ("lost_samples",)),
+    "5 % of samples lost": Spoiled(lambda log, d, g: _lost(log, g), ("lost_samples", "position_jumps")),
     "stamps jitter by 0.6 periods": Spoiled(lambda log, d, g: _jitter(log, 0.6, g), ("equal_steps", "even_stamps")),
     "stamps jitter by 3 periods": Spoiled(lambda log, d, g: _jitter(log, 3.0, g), ("equal_steps", "even_stamps")),
     "6 s cut out": Spoiled(lambda log, d, g: _cut(log, 6.0), ("cut_in_time",)),
@@ -205,7 +207,7 @@ SPOILED: dict[str, Spoiled] = {
     "random walk for current": Spoiled(lambda log, d, g: _foreign(log, d, "walk", g), ("unrelated_torque",)),
     "speed of a load behind 10": Spoiled(lambda log, d, g: _scaled(log, 0.1, "theta", "omega"), ("motion_factor",)),
     "offset of the current": Spoiled(
-        lambda log, d, g: log.with_channels(i_q=log["i_q"] + 0.1), ("constant_load", "current_offset_or_load")
+        lambda log, d, g: log.with_channels(i_q=log["i_q"] + 0.1), ("constant_load", "current_offset_dc")
     ),
     "constant current": Spoiled(
         lambda log, d, g: log.with_channels(i_q=np.full(len(log), 0.1)), ("LogError", "constant_channel")

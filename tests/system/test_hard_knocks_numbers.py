@@ -115,7 +115,9 @@ REFUSED: dict[str, tuple[tuple[str, ...], str]] = {
     "voltages of 1e300": (SHORT, "channel 'u_d', sample"),
     "a reference of 1e300": (SHORT, "channel 'omega_ref', sample"),
     "a load of 1e300": (SHORT, "channel 'T_load', sample"),
-    "a microsecond per sample": (EVALUATIONS, ""),
+    "a microsecond per sample": (SHORT, "dtheta/dt is 1000 times omega"),
+    "a second per sample": (SHORT, "dtheta/dt is 0.001 times omega"),
+    "constant": (SHORT, "i_q is constant"),
     "a speed that alternates": (EVALUATIONS, "moves for too short a time"),
 }
 # What is answered, but must be doubted: the code of the notice.
@@ -128,7 +130,6 @@ DOUBTED = {
     "constant": "[constant_channel]",
     "standstill": "[constant_channel]",
     "a gap of seconds": "[time_gaps]",
-    "a second per sample": "[unlikely_period]",
     "time stamps that jitter": "[irregular_time]",
 }
 
@@ -273,8 +274,11 @@ def test_the_largest_and_the_smallest_axis(capsys: pytest.CaptureFixture[str], f
     log_path = Log(log()).write_csv(folder / "other.csv")
     for verb in ("identify", "compare", "track"):
         status, out, said = attempt(capsys, verb, log_path, "--design", "axis.toml")
-        assert status == 0, said
+        assert status == 2, out
         assert "times the design's J" in said
+        confirmed = attempt(capsys, verb, log_path, "--design", "axis.toml", "--map", "i_q=i_q [A]")
+        assert confirmed[0] == 0, confirmed[2]
+        assert "times the design's J" in confirmed[2]
 
 
 def test_an_axis_that_weighs_nothing_is_not_tuned(capsys: pytest.CaptureFixture[str], folder: Path) -> None:

@@ -398,7 +398,10 @@ class Structure(ABC):
         return {p.symbol: values[p.symbol] for p in effect.searched}
 
     def parameters(self, effect: Effect, found: Mapping[str, float]) -> dict[str, float]:
-        """Return the effect's own parameters from a shape and the values of its `symbols`, inside their bounds."""
+        """Return the effect's own parameters from a shape and the values of its `symbols`, inside their bounds.
+
+        A fit keeps the bounds by itself; what is moved here is rounding.
+        """
         return {
             p.symbol: float(min(max(found[p.symbol], p.lower), p.upper)) for p in effect.parameters if p.symbol in found
         }

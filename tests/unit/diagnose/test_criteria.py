@@ -57,6 +57,14 @@ def test_cross_validation_asks_for_so_many_standard_errors() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("p_value", "gain", "passes"), [(0.009, 1.1, True), (0.011, 9.0, False), (1e-9, 0.9, False), (1e-9, -3.0, False)]
+)
+def test_a_spring_must_explain_something_beside_its_rivals(p_value: float, gain: float, passes: bool) -> None:
+    refusal = criteria.beside_rivals(p_value, CrossValidation(gain, 1.0, 16, 0.001))
+    assert reason(refusal) is (None if passes else Reason.EXPLAINED_BY_RIVALS)
+
+
 @pytest.mark.parametrize(("whole", "asked"), [(16.0, 2.0), (0.0, 2.0), (36.0, 2.25), (49.0, 2.625), (100.0, 2.8)])
 def test_a_small_first_effect_needs_three_quarters_of_what_it_leads_to_expect(whole: float, asked: float) -> None:
     # the gain of 16 equal blocks reaches half the root of the whole

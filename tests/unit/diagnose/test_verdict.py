@@ -20,7 +20,9 @@ LOG = Log({"t": np.arange(3.0)})
 NOMINAL = {"J": 1e-4, "F_c": 0.02, "R": 19.0}
 
 
-def fit_of(measured: float = 20.0, left: float = 1.0, samples: float = 4e3, **values: float) -> Any:
+def fit_of(
+    measured: float = 20.0, left: float = 1.0, samples: float = 4e3, friction: float = 0.5, **values: float
+) -> Any:
     """A fit of a torque balance alone; sizes in units of its noise."""
     at, samples = {**NOMINAL, **values}, int(samples)
     row = np.resize([1.0, -1.0], (1, samples))
@@ -29,9 +31,11 @@ def fit_of(measured: float = 20.0, left: float = 1.0, samples: float = 4e3, **va
         cutoff=40.0, rate=200.0, drive="torque", noise_of=lambda values: 0.0,
     )  # fmt: skip
     nominal = np.array(list(NOMINAL.values()))
+    matrix = np.zeros((1, samples, len(nominal)))
+    matrix[0, :, list(at).index("F_c")] = -100.0 * friction * measured * row[0]  # of the torque, where F_c is -0.01
     return SimpleNamespace(
         record=record, residual=left * row, weights=SimpleNamespace(sigma=np.ones(1)),
-        model=SimpleNamespace(names=list(at), nominal=nominal, matrix=np.zeros((1, samples, len(nominal)))),
+        model=SimpleNamespace(names=list(at), nominal=nominal, matrix=matrix),
         plain=SimpleNamespace(values=np.array(list(at.values())), stderr=0.01 * nominal),
         trials=[], solved=SimpleNamespace(chi2=1000.0),
     )  # fmt: skip
@@ -85,6 +89,10 @@ def test_an_open_doubt_of_the_import_forbids_consistent() -> None:
 )  # fmt: skip
 def test_what_no_motor_can_have_is_implausible(values: dict[str, float], code: str) -> None:
     assert verdict_of(fit_of(**values)) == ("implausible", [code])
+
+
+def test_a_dry_friction_of_nearly_nothing_may_come_out_below_zero() -> None:
+    assert verdict_of(fit_of(F_c=-0.01, friction=0.05)) == ("consistent", [])
 
 
 def test_a_resistance_far_above_the_design_may_be_a_dead_time() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -23,6 +24,7 @@ def believed(**motor: float) -> Design:
     })  # fmt: skip
 
 
+@functools.cache
 def drawn(seed: int, seconds: float = 16.0, rate: float = 1000.0, noise: float = 0.01) -> Log:
     """A log of a motion of five drawn sines, with the noise of a current sensor and the steps of an encoder."""
     rng = np.random.default_rng(seed)

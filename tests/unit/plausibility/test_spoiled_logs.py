@@ -48,7 +48,7 @@ DOUBTS = {
     "current late by 10 ms": "not_synchronous",
     "current late by 50 ms": "not_synchronous",
     "current filtered, 5 ms": "not_synchronous",
-    "current filtered, 20 ms": "not_synchronous",
+    "current filtered, 20 ms": "current_filtered",
     "current held for 10 ms": "held_channel",
     "5 % of samples lost": "lost_samples",
     "6 s cut out": "cut_in_time",
@@ -185,3 +185,40 @@ def test_a_linear_axis_known_by_its_force() -> None:
     assert examine(design, force).notices == ()
     turned = force.with_channels(torque=-force["torque"])
     assert [n.code for n in examine(design, turned).contradictions] == ["current_sign"]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_lag_beyond_every_correction_is_taken_out(seed: int) -> None:
+    log = drawn(seed, noise=1e-3)
+    for name, code in (("current late by 50 ms", "not_synchronous"), ("current filtered, 20 ms", "current_filtered")):
+        changed = SPOILED[name].change(log, believed(), np.random.default_rng(seed))
+        found = examine(believed(), changed)
+        assert [notice.code for notice in found.doubts] == [code]
+        inside = slice(500, -500)
+        slow = np.ones(20) / 20.0
+        error = np.convolve(found.log["i_q"] - log["i_q"], slow, "same")[inside]
+        assert np.std(error) < 0.15 * np.std(log["i_q"][inside])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_clipped_samples_are_left_out_and_counted(seed: int) -> None:
+    log = drawn(seed)
+    clipped = SPOILED["current clipped"].change(log, believed(), np.random.default_rng(seed))
+    limit = float(np.max(np.abs(clipped["i_q"])))
+    found = examine(believed(), clipped)
+    reason = next(notice for notice in found.doubts if notice.code == "clipped_channel")
+    assert reason.detail["percent"] == pytest.approx(100.0 * float(np.mean(np.abs(clipped["i_q"]) >= limit)))
+    if found.excluded:
+        assert np.max(np.abs(found.log["i_q"])) < limit
+        assert all(stretch.reason is reason and stretch.stop > stretch.start for stretch in found.excluded)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_offset_by_hand_is_told_from_a_load(seed: int) -> None:
+    log = drawn(seed)
+    found = examine(believed(), log.with_channels(i_q=log["i_q"] + 0.1))
+    (notice,) = found.contradictions
+    assert notice.code == "current_offset_dc"
+    assert notice.detail["offset"] == pytest.approx(0.1, rel=0.1)
+    loaded = log.with_channels(i_q=log["i_q"] + 0.1, u_q=log["u_q"] + 0.1 * RESISTANCE)
+    assert examine(believed(), loaded).contradictions == ()

@@ -1,0 +1,114 @@
+"""Orders of a turn that a low-pass removes before anything is judged, looked for in the drive signal as logged."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.notices import ORDERS_BEYOND_BAND
+from pmsm_ctrl.regression.timing import uniform, unwrapped
+from pmsm_ctrl.section import Notice
+from pmsm_ctrl.units import axis_unit
+
+__all__ = ["orders_beyond"]
+
+Array = NDArray[np.float64]
+
+# Highest mechanical order that is looked for: twice the ratio of a large harmonic drive.
+HIGHEST = 400
+# Frequencies of an order that are judged lie below this share of the log's rate: what is faster is aliased.
+RESOLVED = 0.45
+# Samples an order needs, turns that tell it from its neighbours, and most samples that are used.
+FEWEST, TURNS, MOST = 400, 1.0, 40000
+# A wave stands out from the spectrum, and from so many orders on either side, by this ratio of its power to the median,
+# also without the two speeds at which it is strongest: there it may be a vibration. It is at least this share of the
+# drive signal's rms.
+STANDS_OUT, NEIGHBOURS, BEST, LEAST = 30.0, 8, 2, 0.02
+# Speeds that are judged apart, since loops turn the phase of a wave with its frequency, and length of the pieces of
+# time that must agree, s.
+SPEEDS, PIECE = 8, 0.5
+# A wave that is in the band for more than this share of the motion is judged there.
+JUDGED = 0.1
+# Further orders are named down to this share of the largest, so many at most.
+NAMED, MOST_NAMED = 0.4, 3
+CLIPPED = 5.0  # median magnitudes of the fast part of the drive signal: edges are no waves
+
+
+def orders_beyond(design: Design, log: Log, cutoff: float) -> tuple[Notice, ...]:
+    """Say which orders of a turn lie above the bandwidth of an evaluation nearly always.
+
+    A wave over the angle is demodulated with the logged angle, at any speed at which the log resolves it.
+
+    Parameters
+    ----------
+    design : Design
+        For the torque constant.
+    log : Log
+    cutoff : float
+        Bandwidth of the evaluation, Hz.
+    """
+    source = next((name for name in ("torque", "i_q") if name in log), None)
+    if log.motion == "linear" or source is None or "theta" not in log:
+        return ()
+    t, raw, good, _ = uniform(log)
+    rate = (len(t) - 1) / float(t[-1] - t[0])
+    if not 0.0 < cutoff < 0.4 * rate:
+        return ()
+    theta = unwrapped(raw["theta"])
+    drive = raw[source] * (1.0 if source == "torque" else design.K_t_assumed)
+    fast = drive - low_pass(drive, rate, cutoff)
+    limit = CLIPPED * float(np.median(np.abs(fast[good])))
+    speed = np.abs(np.gradient(low_pass(theta, rate, min(cutoff, 0.2 * rate)), 1.0 / rate))
+    moving = good & (speed > 0.002 * float(np.quantile(speed, 0.99)))
+    chosen = np.flatnonzero(moving)[:: max(1, int(moving.sum()) // MOST)]
+    if len(chosen) < FEWEST:
+        return ()
+    chosen = chosen[np.argsort(speed[chosen], kind="stable")]
+    odd = np.floor((t[chosen] - t[0]) / PIECE) % 2.0
+    signal = np.clip(fast[chosen], -limit, limit)
+    found = _waves(theta[chosen], speed[chosen], signal, odd, (cutoff, RESOLVED * rate))
+    rms = float(np.sqrt(np.mean(drive[moving] ** 2)))
+    standing = np.flatnonzero(found > LEAST * rms) + 1
+    unseen = [k for k in standing.tolist() if float(np.mean(k * speed[chosen] < 2.0 * np.pi * cutoff)) < JUDGED]
+    if not unseen:
+        return ()
+    largest = max(float(found[k - 1]) for k in unseen)
+    named = sorted((k for k in unseen if found[k - 1] > NAMED * largest), key=lambda k: -found[k - 1])[:MOST_NAMED]
+    above = float(np.mean(min(named) * speed[chosen] >= 2.0 * np.pi * cutoff))
+    return (
+        ORDERS_BEYOND_BAND(
+            orders=", ".join(map(str, named)), amplitude=largest, unit=axis_unit("N m", log.motion), cutoff=cutoff,
+            percent=100.0 * above, slow=2.0 * np.pi * cutoff / min(named),
+        ),
+    )  # fmt: skip
+
+
+def _waves(theta: Array, speed: Array, fast: Array, odd: Array, band: tuple[float, float]) -> Array:
+    """Return the amplitude of every order over the samples whose frequency lies in a band, Hz; 0 where none stands out.
+
+    Samples are in the order of their speed; the power is the product of two means, over `odd` pieces of time and over
+    the others, and noise has none.
+    """
+    power, without_best = np.zeros(HIGHEST), np.zeros(HIGHEST)
+    turn, wave = np.exp(-1j * theta), np.ones(len(theta), dtype=complex)
+    for k in range(1, HIGHEST + 1):
+        wave *= turn
+        start, stop = np.searchsorted(speed, 2.0 * np.pi * np.array(band) / k).tolist()
+        if stop - start < FEWEST or np.ptp(theta[start:stop]) < 2.0 * np.pi * TURNS:
+            continue
+        bins = np.linspace(0, stop - start, SPEEDS + 1).astype(int)[:-1]
+        product, label = 2.0 * fast[start:stop] * wave[start:stop], odd[start:stop]
+        counts = np.add.reduceat(label, bins), np.add.reduceat(1.0 - label, bins)
+        sums = np.add.reduceat(product * label, bins), np.add.reduceat(product * (1.0 - label), bins)
+        means = [part / np.maximum(count, 1.0) for part, count in zip(sums, counts, strict=True)]
+        each = (means[0] * means[1].conj()).real
+        power[k - 1], without_best[k - 1] = np.mean(each), np.mean(np.sort(each)[:-BEST])
+    size = np.abs(power)
+    judged = np.flatnonzero(size)
+    level = float(np.median(size[judged])) if len(judged) else np.inf
+    near = [size[judged[np.abs(judged - k) <= NEIGHBOURS]] for k in range(HIGHEST)]
+    around = np.array([max(level, float(np.median(some))) if len(some) else np.inf for some in near])
+    return np.where(without_best > STANDS_OUT * around, np.sqrt(np.maximum(power, 0.0)), 0.0)

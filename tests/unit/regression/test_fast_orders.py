@@ -1,0 +1,61 @@
+"""Orders of a turn above the bandwidth are said, not lost in the low-pass."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.compare import compare
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.identify import identify
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.fast_orders import orders_beyond
+
+HARMONIC = Design.from_dict({
+    "name": "harmonic drive",
+    "motor": {"J": 0.02, "K_t": 1.0},
+    "effects": [{"id": "coulomb", "F_c": 8.0}, {"id": "viscous", "F_v": 0.05}],
+})  # fmt: skip
+CODE = "orders_beyond_band"
+
+
+def turning(seed: int, top: float, wave: float, order: int = 202, rate: float = 1000.0) -> Log:
+    rng, t = np.random.default_rng(seed), np.arange(round(20.0 * rate)) / rate
+    phase = rng.uniform(0.0, 6.0, 2)
+    omega = top * (np.sin(1.26 * t + phase[0]) + 0.3 * np.sin(3.3 * t + phase[1]))
+    theta = np.cumsum(omega) / rate
+    torque = 0.02 * np.gradient(omega, t) + 8.0 * np.sign(omega) + 0.05 * omega + wave * np.sin(order * theta)
+    return Log({"t": t, "theta": theta, "torque": torque + 0.3 * rng.standard_normal(t.size)})
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("top", "rate"), [(10.0, 1000.0), (30.0, 1000.0), (30.0, 4000.0)])
+def test_an_order_above_the_bandwidth_is_said(top: float, rate: float, seed: int) -> None:
+    (notice,) = orders_beyond(HARMONIC, turning(seed, top, 2.6, rate=rate), 40.0)
+    assert notice.code == CODE
+    assert notice.detail["orders"] == "202"
+    assert notice.detail["amplitude"] == pytest.approx(2.6, rel=0.15)
+    assert notice.detail["percent"] > 90.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_and_orders_inside_the_band_are_none(seed: int) -> None:
+    assert orders_beyond(HARMONIC, turning(seed, 30.0, 0.0), 40.0) == ()
+    assert orders_beyond(HARMONIC, turning(seed, 10.0, 2.6, order=12), 40.0) == ()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_vibration_at_one_speed_is_no_order(seed: int) -> None:
+    rng, t = np.random.default_rng(seed), np.arange(20000) / 1000.0
+    omega = np.select([t < 5.0, t < 10.0, t < 15.0], [10.0, 25.0, -17.0], -31.0)
+    theta = np.cumsum(omega) / 1000.0
+    shaking = np.where(omega == 25.0, 2.0 * np.sin(25.0 * 20.0 * t), 0.0)
+    log = Log({"t": t, "theta": theta, "torque": 8.0 * np.sign(omega) + shaking + 0.3 * rng.standard_normal(t.size)})
+    assert orders_beyond(HARMONIC, log, 40.0) == ()
+
+
+def test_every_verb_says_it() -> None:
+    log = turning(1, 30.0, 2.6)
+    for result in (identify(HARMONIC, log), compare(HARMONIC, log), diagnose(HARMONIC, log, plan=False)):
+        assert [n.code for n in result.notices].count(CODE) == 1
