@@ -30,7 +30,7 @@ LONGEST, GROWTH = 0.35, 1.3
 STRIDE = 8  # places in the length of a stretch
 USED = 0.5  # share of a stretch's samples that must count
 PLACES = 60  # times at which a step is looked for
-MARGIN = 0.08  # share of the samples before the first and after the last of them
+MARGIN = 0.05  # share of the samples that lie before and after an event
 NEAR = 21  # times around the best of them
 DRIFTS = (0.03, 0.06, 0.12, 0.25, 0.5)  # time constants of a drift, as shares of the log
 
@@ -45,6 +45,8 @@ class Search:
         Of the whole search.
     durations : tuple of float
         Lengths of a stretch that are tried, s.
+    shortest : float
+        Of a stretch once its ends are found, s.
     stands_out : float
         Times by which it exceeds every other mean of its length.
     own, own_step : float
@@ -61,6 +63,7 @@ class Search:
 
     significance: float = 1e-3
     durations: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+    shortest: float = 0.1
     stands_out: float = 2.0
     own: float = 0.3
     own_step: float = 0.1
@@ -119,6 +122,7 @@ def bursts(
         judged = [
             _judged(one, target, used, direction, basis, rules)
             for one in _candidates(target / np.where(used > 0.0, used, np.inf), used, direction, rules, rate)
+            if one.stop - one.start >= rules.shortest * rate
         ]
         passed = [pair for pair in judged if pair is not None]
         if not passed:
@@ -164,6 +168,10 @@ def _judged(
     shape = (direction if one.along else np.ones(len(weight))) * weight
     explained, values, own, left = _gain((inside * shape)[:, None], target, basis)
     n, count = one.stop - one.start, int(np.count_nonzero(weight))
+    counted = np.flatnonzero(weight)
+    around = min(np.count_nonzero(counted < one.start), np.count_nonzero(counted >= one.stop))
+    if around < max(n // 4, MARGIN * count):  # it departs and returns
+        return None
     if np.count_nonzero(shape[inside]) < USED * n or own < rules.own or n > LONGEST * count or explained <= 0.0:
         return None
     outside = ~inside
