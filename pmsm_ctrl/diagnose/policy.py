@@ -82,8 +82,8 @@ class Policy:
     structure_share : float
         Least share of the residual's mean square that a curve must explain to be named. Clean.
     resembled_share : float
-        A significant effect that was refused, and explains this share of the residual, is unexplained structure. On 30
-        clean logs no refused effect went beyond 0.3 %; aliased edges may make it 3 %.
+        A significant effect that cross-validation did not confirm, and that explains this share of the residual, is
+        unexplained structure. The same as `excess`: what is less may be the sampling, or the current loop. Worlds.
     around_reversals : float
         Ratio of rms residuals around reversals and elsewhere from which on the structure is said to sit there. Blind.
     visible_share : float
@@ -119,7 +119,7 @@ class Policy:
     size: float = 0.004
     small_size: float = 0.001
     explained: float = 0.012
-    excess: float = 0.25
+    excess: float = 0.2
     lowered: float = 0.985
     balance_worse: float = 1.03
     traded: float = 0.2
@@ -138,7 +138,7 @@ class Policy:
     torque_constant: float = 0.02
     sound_weight: float = 0.5
     structure_share: float = 0.015
-    resembled_share: float = 0.03
+    resembled_share: float = 0.2
     around_reversals: float = 1.5
     visible_share: float = 0.1
     own_share: float = 0.02

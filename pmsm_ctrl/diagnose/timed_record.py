@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import Fitted, fit_design
 from pmsm_ctrl.log import Log
@@ -19,6 +21,7 @@ ROUNDS = 2  # in which the time of sampling is found: what is left then is met t
 # Angle, rad, up to which two moments describe a late or filtered signal: the third is 0.1 % of it then.
 EXPANDED = 0.2
 WIDER = 1.25  # times the default band: less is not worth a second pass
+NOISIER = 3.0  # times the noise floor: white noise grows with the root of the band, by no more than this
 
 
 def timed_record(design: Design, log: Log) -> Record:
@@ -75,4 +78,13 @@ def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
         return record
     processing = Processing(standstill=STANDSTILL, cutoff=wanted)
     wide = make_record(design, log, processing, record.age or 0.0, record.timing)
-    return record if noise_share(wide, wide.acceleration()) >= MOST_NOISE else wide
+    if noise_share(wide, wide.acceleration()) >= MOST_NOISE:
+        return record
+    noisy = _noise(fit_design(design, wide, (), {}, explore=False)) > NOISIER * _noise(fit)
+    return record if noisy else wide
+
+
+def _noise(fit: Fitted) -> float:
+    """Noise floor of the torque balance, as a share of the torque."""
+    size = float(np.sqrt(np.mean(fit.record.target[0][fit.record.mask] ** 2)))
+    return float(fit.weights.sigma[0]) / max(size, 1e-300)
