@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, errors, fit_design, predicted_elsewhere
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.effects.base import Effect
@@ -34,6 +35,8 @@ class Case:
         Whether log and design belong together; None where that was not examined.
     remarks : tuple of Notice
         What is doubtful about the held-out record.
+    events : tuple of Event
+        What the record leaves out.
     fits : list of Fitted
         Those of the selections made so far: the same effects of the same shapes are not fitted twice.
     """
@@ -45,6 +48,7 @@ class Case:
     policy: Policy = POLICY
     believed: Plausibility | None = None
     remarks: tuple[Notice, ...] = ()
+    events: tuple[Event, ...] = ()
     fits: list[Fitted] = field(default_factory=list, repr=False)
 
     def fit(self, accepted: tuple[Accepted, ...]) -> Fitted:

@@ -3,6 +3,7 @@
 The algorithm is `_answer` and `_select`; each step is a function of a module of that name:
 
 - `criteria`: what an effect has to pass, as pure functions of numbers; their thresholds are in `policy`
+- `events`: what happened once, kept out of every fit
 - `selection`: one round, the best candidate that passes
 - `swap`: effects that another one can replace
 - `unexplained`: structure of the residual that no effect explains
@@ -19,6 +20,7 @@ from functools import partial
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.events import events_of, without_events
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
@@ -118,10 +120,19 @@ def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
     """Accept effects, swap those that another one explains better, and add what they do not explain."""
     if case.believed is not None and case.believed.contradictions:
         return outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
+    case = _without_events(case)
     selection = swap(case, _select(case, progress=progress), _select)
     structure = unexplained(selection, case.policy)
     experiment = next_experiment(case, selection) if plan else None
     return outcome(case, selection, structure, experiment)
+
+
+def _without_events(case: Case) -> Case:
+    """Keep what happened once out of every fit: no effect explains it, and it imitates some."""
+    events = events_of(case.keep(case.fit(())), case.policy)
+    if not events:
+        return case
+    return replace(case, record=without_events(case.record, events), events=events, fits=[])
 
 
 def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None = None) -> Selection:

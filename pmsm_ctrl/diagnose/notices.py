@@ -15,6 +15,9 @@ __all__ = [
     "DEPENDENCE",
     "EFFECT_NOT_EXCITED",
     "ESTIMATE_AT_BOUND",
+    "EVENT_BRAKE",
+    "EVENT_PUSH",
+    "EVENT_STEP",
     "FACTOR_OFF",
     "LARGE_REFUSED",
     "LITTLE_EXPLAINED",
@@ -89,6 +92,21 @@ WINDING_IMPOSSIBLE = Template(
     "winding_impossible",
     "{parameter} would have to be {value:.3g} {unit}, {ratio:.2g} times its nominal value: the winding is another one, "
     "or a voltage that acts like {like} is missing; no effect of the catalogue explains it",
+)
+# -- events
+EVENT_PUSH = Template(
+    "event_push",
+    "from {start:.4g} to {stop:.4g} s a torque of {size:+.2g} {unit} acts that no motion explains: a push, or a load; "
+    "the stretch is left out of the fit",
+)
+EVENT_BRAKE = Template(
+    "event_brake",
+    "from {start:.4g} to {stop:.4g} s the friction is {size:+.2g} {unit} higher than elsewhere: something brakes; "
+    "the stretch is left out of the fit",
+)
+EVENT_STEP = Template(
+    "event_friction_step",
+    "at {at:.4g} s the friction changes by {size:+.2g} {unit} and stays so; the change is part of the fit",
 )
 # -- why a verdict is what it is
 NEGATIVE_PARAMETER = Template(

@@ -45,6 +45,8 @@ def outcome(
     steps = list(_steps(case, selection))
     design = fitted_design(case.design, final)
     left = structure.notice if structure is not None else None
+    if left is None and case.events:
+        left = case.events[0].notice
     blind = not_excited(final, policy)
     hidden = hidden_by_motion(final, case.effects, policy)
     deviations = parameter_deviations(case.design, final, policy)
@@ -57,6 +59,7 @@ def outcome(
         *reasons,
         *(case.believed.notices if case.believed else ()),
         *case.remarks,
+        *(event.notice for event in case.events),
         *notices.of_log((*case.record.notes, *final.notes)),
         *deviation_notices(deviations, final, policy),
         *([blind] if blind is not None else []),
@@ -78,6 +81,7 @@ def outcome(
         reasons=reasons,
         left=left,
         structure=structure,
+        events=case.events,
         record=case.record,
         selection=selection,
     )

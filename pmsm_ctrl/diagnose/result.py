@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.regression.balances import Record
@@ -203,6 +204,8 @@ class Diagnosis(Result):
     reasons : tuple of Notice
         What the verdict rests on, the likeliest first; empty for ``consistent`` and ``effects_missing``, which the
         errors and the steps support.
+    events : tuple of Event
+        Stretches that were left out, and steps of the friction.
     log_name, holdout_name : str
         The latter is empty without a held-out record.
     """
@@ -221,6 +224,7 @@ class Diagnosis(Result):
     selection: Selection = field(repr=False)
     calibration: Calibration | None = None
     reasons: tuple[Notice, ...] = ()
+    events: tuple[Event, ...] = ()
     log_name: str = "the given log"
     holdout_name: str = ""
 
@@ -245,6 +249,7 @@ class Diagnosis(Result):
             "next_experiment": self.next_experiment,
             "unexplained": self.unexplained,
             "unexplained_code": self.left.code if self.left is not None else "",
+            "events": [event.to_dict() for event in self.events],
             "calibration": vars(self.calibration) if self.calibration is not None else None,
             **self.doubts(),
         })  # fmt: skip

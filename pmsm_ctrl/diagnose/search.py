@@ -19,6 +19,8 @@ from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved
 
 __all__ = [
+    "FEWEST_DIRECTIONS",
+    "SAMPLES_PER_DIRECTION",
     "Offer",
     "Rows",
     "Trial",

@@ -8,72 +8,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.level import level_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Deviation, Verdict
+from pmsm_ctrl.diagnose.search import FEWEST_DIRECTIONS, SAMPLES_PER_DIRECTION
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
 from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
 from pmsm_ctrl.section import Notice
 
-__all__ = ["Level", "contradictions_of", "judged", "level_of", "open_questions"]
+__all__ = ["contradictions_of", "judged", "open_questions"]
 
 # What a motor cannot have below zero, and what is never so many times its design; friction may be.
 POSITIVE, KNOWN, ELECTRICAL = ("J", "R", "psi_f", "F_c"), ("J", "R", "psi_f"), ("R", "psi_f")
 IMITATED = (
     "R",
 )  # a dead time is as well a resistance of four times the datasheet's: that is structure, not contradiction
-
-
-@dataclass(frozen=True)
-class Level:
-    """Sizes in one balance, by the weights of the estimate and in units of its noise.
-
-    Attributes
-    ----------
-    measured : float
-        Rms of the measured side.
-    left : float
-        Rms that the model leaves; 1 where that is noise alone.
-    """
-
-    measured: float
-    left: float
-
-    @property
-    def explained(self) -> float:
-        """Share of the mean square that the model explains."""
-        return 1.0 - (self.left / self.measured) ** 2 if self.measured > 0.0 else 0.0
-
-    @property
-    def explicable(self) -> float:
-        """Share of the mean square that is not noise."""
-        return 1.0 - 1.0 / max(self.measured, 1.0) ** 2
-
-
-def level_of(fit: Fitted, row: int) -> Level:
-    """Return the sizes in a balance.
-
-    Parameters
-    ----------
-    fit : Fitted
-    row : int
-        Of the balance.
-    """
-    record = fit.record
-    scale = record.weight[row][record.mask] / max(float(fit.weights.sigma[row]), 1e-300)
-
-    def rms(values: np.ndarray) -> float:
-        return float(np.sqrt(np.mean((values[record.mask] * scale) ** 2)))
-
-    return Level(rms(record.target[row]), rms(fit.residual[row]))
 
 
 def judged(
@@ -190,8 +147,9 @@ def open_questions(
     """
     fit = selection.fit
     independent = 2.0 * fit.record.cutoff * float(fit.record.mask.sum()) / fit.record.rate
-    if independent < policy.fewest_samples:
-        yield notices.TOO_SHORT(count=independent, least=policy.fewest_samples)
+    least = SAMPLES_PER_DIRECTION * FEWEST_DIRECTIONS
+    if independent < least:
+        yield notices.TOO_SHORT(count=independent, least=least)
     for row, name in enumerate(fit.record.channels):
         level = level_of(fit, row)
         if row == 0 and level.explained < policy.explained_torque:

@@ -159,13 +159,26 @@ def magnitudes(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
     omega, alpha = motion
     expected = evidence.design.J * alpha + _friction(evidence, omega)
     both = float(np.nanmean(expected > 0.0)), float(np.nanmean(expected < 0.0))
-    seen, sign = bins.smooth(evidence.torque, BOXES), np.sign(expected)
-    # friction is not known well, so every part has a free size, and only the sign is taken from the design
-    parts = {"J": sign * alpha, "F_c": sign * np.sign(omega), "F_v": sign * omega, "1": np.ones_like(seen)}
-    folded = fitted(seen, parts)
-    if folded is None or min(both) < 0.1 or folded.left > POLICY.fold * evidence.narrow.left:
+    sign = np.sign(expected)
+    lasting = np.abs(summed(np.nan_to_num(sign), 3 * BOXES)) > 3 * BOXES - 1
+    if min(both) < 0.1 or not _signs_help(bins.smooth(evidence.torque, BOXES), omega, alpha, sign, lasting):
         return ()
     return (say.MAGNITUDE_CHANNEL(channel=evidence.channel),)
+
+
+def _signs_help(seen: Array, omega: Array, alpha: Array, sign: Array, used: NDArray[np.bool_]) -> bool:
+    """Whether inertia and friction with these signs explain far more of a torque than without.
+
+    Friction is not known well, so every part has a free size, and only the sign is taken from the design.
+    """
+
+    def left(signs: Array | float) -> float:
+        parts = {"J": signs * alpha, "F_c": signs * np.sign(omega), "F_v": signs * omega, "T_0": np.ones_like(seen)}
+        fit = fitted(seen, parts, used)
+        return fit.left if fit is not None else np.inf
+
+    plain = left(1.0)
+    return np.isfinite(plain) and left(sign) < POLICY.fold * plain
 
 
 def _friction(evidence: Evidence, omega: Array) -> Array:
@@ -196,9 +209,8 @@ def _folded_speed(evidence: Evidence) -> tuple[Notice, ...]:
     plain = evidence.design.J * alpha + _friction(evidence, speed)
     good = np.isfinite(seen) & np.isfinite(plain) & ~rest
     product = np.bincount(runs[good], weights=(seen * plain)[good], minlength=runs[-1] + 1)
-    signed = plain * np.where(product < 0.0, -1.0, 1.0)[runs]
+    sign = np.where(product < 0.0, -1.0, 1.0)[runs]
     share = float(np.mean(product[np.bincount(runs[good], minlength=runs[-1] + 1) > 10] < 0.0))
-    before, after = fitted(seen, {"x": plain}, good), fitted(seen, {"x": signed}, good)
-    if before is None or after is None or not 0.1 < share < 0.9:
+    if not 0.1 < share < 0.9 or not _signs_help(seen, speed, alpha, sign, good):
         return ()
-    return (say.MAGNITUDE_CHANNEL(channel="omega"),) if after.left < POLICY.fold * before.left else ()
+    return (say.MAGNITUDE_CHANNEL(channel="omega"),)

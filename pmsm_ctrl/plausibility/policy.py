@@ -58,6 +58,8 @@ class Policy:
         More jumps are another thing.
     lost : float
         Share of steps that are twice the steps beside them, from which on samples are missing.
+    counts : float
+        Counts of the encoder that the axis has to move in a sample for a lost one to show.
     held : float
         s; the slowest speed loops hold a torque command for 2 ms.
     held_periods : int
@@ -101,6 +103,7 @@ class Policy:
     cut: float = 10.0
     most_cuts: int = 20
     lost: float = 0.004
+    counts: float = 8.0
     held: float = 4e-3
     held_periods: int = 2
     jitter: float = 40.0

@@ -122,14 +122,14 @@ def _lost(log: Log) -> tuple[Notice, ...]:
     here = step[2:-2]
     grain = quantum(log["theta"])
     grain = grain if math.isfinite(grain) else 0.0
-    calm = np.abs(step[1:-3] - step[3:-1]) < 0.1 * np.abs(usual)
-    fast = np.abs(usual) > max(20.0 * grain, 0.2 * float(np.percentile(np.abs(step), 99)))
+    calm = np.abs(step[1:-3] - step[3:-1]) < 0.1 * np.abs(usual) + 2.0 * grain
+    fast = np.abs(usual) > max(POLICY.counts * grain, 0.2 * float(np.percentile(np.abs(step), 99)))
     even = np.abs(dt[2:-2] - log.period) < 0.2 * log.period
     judged = calm & fast & even
     if int(judged.sum()) < 200:
         return ()
     ratio = here[judged] / usual[judged]
-    missing = np.abs(ratio - 2.0) < 0.15
+    missing = np.abs(ratio - 2.0) < 0.25
     share = float(missing.mean())
     return (say.LOST_SAMPLES(percent=100.0 * share),) if share > POLICY.lost else ()
 

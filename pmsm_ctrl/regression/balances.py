@@ -111,6 +111,8 @@ class Record:
         where the log has a position.
     late : float or None
         Delay of the currents about which its column is taken, s; None as long as the terms read measured currents.
+    changes : tuple of float
+        Times from which on the dry friction is another one, s.
     timing : DriveTiming
         How the drive signal was sampled, as far as that was undone.
     sampling : float
@@ -139,6 +141,7 @@ class Record:
     age: float | None = None
     late: float | None = None
     timing: DriveTiming = UNDELAYED
+    changes: tuple[float, ...] = ()
     sampling: float = 0.0
     early: float = 0.0
     unseen: float = 0.0

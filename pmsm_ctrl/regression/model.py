@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -278,8 +278,15 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
             "tau_turn", lambda: {"torque": -record.dry * record.rate_of(s["direction"])}, 0.0,
             TURN + TURN_SAMPLES * record.period,
         )  # fmt: skip
+    for at in record.changes:
+        yield _Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf)
     if record.age is not None:
         yield _Term("tau_speed", lambda: {"torque": record.rate_of(s["torque"])}, 0.0, FILTERED, True)
+
+
+def _changed(record: Record, at: float) -> Mapping[str, Array]:
+    """Dry friction from a time on, s."""
+    return {"torque": record.signals["direction"] * (record.prepared.t >= at)}
 
 
 def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:

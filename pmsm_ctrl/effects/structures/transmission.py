@@ -33,8 +33,9 @@ Array = NDArray[np.float64]
 # In a shape, and no names that a parameter can have: the load's own frequency sqrt(k / J_load), and its damping
 # d / (2 sqrt(k J_load)). With these the load's inertia multiplies a column.
 FREQUENCY, DAMPING = "(w_a)", "(zeta)"
-# A transmission damped more than this is no spring: it shifts the phase like a delay.
-OVERDAMPED = 0.7
+# A transmission damped more than this is no spring: it shifts the phase like a delay or a filter. Elastomer couplings
+# lose up to psi = 2 of their energy in a swing, zeta = psi / (4 pi) = 0.16.
+OVERDAMPED = 0.35
 # A contact damped more than this does not bounce at all.
 STUCK = 2.0
 LEAST_DAMPED = 1e-3

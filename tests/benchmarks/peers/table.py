@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from tests.benchmarks.peers.marks import TIMING, marks
-from tests.benchmarks.worlds.judge import interval
 
 __all__ = ["merged", "report"]
 
@@ -104,12 +103,22 @@ def _log(row: Row) -> tuple[Any, ...]:
 
 
 def _share(rows: list[Row], key: str) -> str:
-    return interval(sum(getattr(marks(r), key) for r in rows), len(rows))
+    return _counted(sum(getattr(marks(r), key) for r in rows), len(rows))
 
 
 def _false(rows: list[Row], but_timing: bool = False) -> str:
     hits = sum(any(n != TIMING or not but_timing for n in marks(r).false) for r in rows)
-    return interval(hits, len(rows))
+    return _counted(hits, len(rows))
+
+
+def _counted(hits: int, total: int) -> str:
+    """Return a count with the 95 % interval of its share, after C. J. Clopper, E. S. Pearson, Biometrika 26 (1934)."""
+    from scipy.stats import binomtest
+
+    if total == 0:
+        return "-"
+    share = binomtest(hits, total).proportion_ci(0.95, "exact")
+    return f"{hits} of {total} ({100 * share.low:.0f} to {100 * share.high:.0f} %)"
 
 
 def _ratio(rows: list[Row], base: Mapping[tuple[Any, ...], float], percentile: float = 50) -> str:

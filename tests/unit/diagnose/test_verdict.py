@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pmsm_ctrl.diagnose.level import Level, level_of
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Deviation
-from pmsm_ctrl.diagnose.verdict import Level, judged, level_of
+from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.section import Notice

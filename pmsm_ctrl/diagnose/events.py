@@ -1,0 +1,119 @@
+"""Events in a log: a push, something that brakes for a while, friction that steps. They are kept out of the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.diagnose import notices
+from pmsm_ctrl.diagnose.event import Event
+from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.level import level_of
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.evidence.events import Burst, Search, Shift, bursts, explained_by, shift
+from pmsm_ctrl.regression.balances import Record
+
+__all__ = ["events_of", "without_events"]
+
+Array = NDArray[np.float64]
+
+# Hat functions of the signed speed and of the acceleration, and orders of a turn: what a motion can explain by itself.
+SPEED_HATS, ACCELERATION_HATS, ORDERS = 24, 8, 24
+FEWEST = 200  # samples of the thinned grid; fewer hold no event beside a null
+AROUND = 2.0  # periods of the cutoff that are left out on either side
+
+
+def events_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Event, ...]:
+    """Return the events in the torque balance, in the order of time.
+
+    Only where the model explains most of the torque: what departs from a poor model is no event.
+
+    Parameters
+    ----------
+    fit : Fitted
+        The design as it stands, every candidate tried on its residual.
+    policy : Policy
+    """
+    record = fit.record
+    weight = record.weight[0] * record.mask / max(float(fit.weights.sigma[0]), 1e-300)
+    if int(np.count_nonzero(weight)) < FEWEST or level_of(fit, 0).explained < policy.explained_torque:
+        return ()
+    direction = np.sign(record.at_grid(record.signals["omega"]))
+    least = policy.events.size * float(np.sqrt(np.mean(record.target[0][record.mask] ** 2)))
+    found, step = _told_apart(fit.residual[0], (weight, direction, _motion(fit)), (policy.events, record.rate))
+    found = [one for one in found if abs(one.size) >= least]
+    step = step if step is not None and abs(step.size) >= least else None
+    events = [*(_stretch(record, one) for one in found), *([] if step is None else [_step(record, step)])]
+    return tuple(sorted(events, key=lambda event: event.start))
+
+
+def _told_apart(
+    residual: Array, given: tuple[Array, Array, Array], search: tuple[Search, float]
+) -> tuple[list[Burst], Shift | None]:
+    """Return stretches and step; of a stretch and a step that imitate each other the one that explains more."""
+    found, step = bursts(residual, *given, search), shift(residual, *given, search)
+    if step is None:
+        return found, None
+    if sum(explained_by(one, residual, *given) for one in found) < explained_by(step, residual, *given):
+        after = np.arange(len(residual)) >= step.start
+        return bursts(residual - after * (step.size * given[1] + step.offset), *given, search), step
+    weight = given[0].copy()
+    for one in found:
+        weight[one.start : one.stop] = 0.0
+    return found, shift(residual, weight, *given[1:], search)
+
+
+def _motion(fit: Fitted) -> Array:
+    """Columns of everything that the motion may explain: the model, the candidates, speed, acceleration and angle."""
+    record = fit.record
+    model = fit.model.matrix[0]
+    columns = [model[:, np.any(model, axis=0)]]
+    for trial in fit.trials:
+        rows = trial.group.rows[0]
+        if rows is not None and not TIME.intersection(trial.candidate.effect.signals):
+            columns.append(rows.T)
+    for name, count in (("omega", SPEED_HATS), ("alpha", ACCELERATION_HATS)):
+        x = record.at_grid(record.signals[name])
+        knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, count)))
+        columns.append(np.array([np.interp(x, knots, hat) for hat in np.eye(len(knots))]).T)
+    if not record.linear and "theta" in record.signals:
+        angle = record.at_grid(record.signals["theta"])[:, None] * np.arange(1, ORDERS + 1)
+        columns += [np.cos(angle), np.sin(angle)]
+    return np.hstack(columns)
+
+
+# Signals that tell the time: an effect that reads them can imitate an event.
+TIME = frozenset(("t", "temperature"))
+
+
+def _stretch(record: Record, found: Burst) -> Event:
+    start, stop = float(record.t[found.start]), float(record.t[found.stop - 1])
+    words = notices.EVENT_BRAKE if found.along else notices.EVENT_PUSH
+    unit = record.unit("torque")
+    return Event(start, stop, found.size, words(start=start, stop=stop, size=found.size, unit=unit))
+
+
+def _step(record: Record, found: Shift) -> Event:
+    at, unit = float(record.t[found.start]), record.unit("torque")
+    return Event(at, at, found.size, notices.EVENT_STEP(at=at, size=found.size, unit=unit))
+
+
+def without_events(record: Record, events: Iterable[Event]) -> Record:
+    """Return the record with the stretches masked, and with steps of the friction as changes that are fitted.
+
+    Parameters
+    ----------
+    record : Record
+    events : iterable of Event
+    """
+    mask, changes = record.mask.copy(), list(record.changes)
+    around = AROUND / record.cutoff
+    for one in events:
+        if one.lasting:
+            changes.append(one.start)
+        else:
+            mask &= (record.t < one.start - around) | (record.t > one.stop + around)
+    return replace(record, mask=mask, changes=tuple(changes), memo={}, kept={})

@@ -1,0 +1,56 @@
+"""How much of a balance a fit explains, beside how much of it is noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.diagnose.fit import Fitted
+
+__all__ = ["Level", "level_of"]
+
+
+@dataclass(frozen=True)
+class Level:
+    """Sizes in one balance, by the weights of the estimate and in units of its noise.
+
+    Attributes
+    ----------
+    measured : float
+        Rms of the measured side.
+    left : float
+        Rms that the model leaves; 1 where that is noise alone.
+    """
+
+    measured: float
+    left: float
+
+    @property
+    def explained(self) -> float:
+        """Share of the mean square that the model explains."""
+        return 1.0 - (self.left / self.measured) ** 2 if self.measured > 0.0 else 0.0
+
+    @property
+    def explicable(self) -> float:
+        """Share of the mean square that is not noise."""
+        return 1.0 - 1.0 / max(self.measured, 1.0) ** 2
+
+
+def level_of(fit: Fitted, row: int) -> Level:
+    """Return the sizes in a balance.
+
+    Parameters
+    ----------
+    fit : Fitted
+    row : int
+        Of the balance.
+    """
+    record = fit.record
+    scale = record.weight[row][record.mask] / max(float(fit.weights.sigma[row]), 1e-300)
+
+    def rms(values: NDArray[np.float64]) -> float:
+        return float(np.sqrt(np.mean((values[record.mask] * scale) ** 2)))
+
+    return Level(rms(record.target[row]), rms(fit.residual[row]))

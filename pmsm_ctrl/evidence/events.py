@@ -1,0 +1,303 @@
+"""Stretches of time in which a residual departs and returns, and times at which it steps and stays.
+
+A stretch is judged by the mean of the residual in it, of constant sign or along the direction of motion. Its null is
+the scatter of such means elsewhere in the residual, which holds whatever correlation the noise has; Student's
+distribution allows for their number, and Bonferroni for the number of places looked at. It must also stand out: what a
+model lacks shows in many places, a push in one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.evidence.linalg import GRAM_RANK_TOLERANCE, factored
+
+__all__ = ["Burst", "Search", "Shift", "bursts", "explained_by", "shift"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAD = 1.4826  # standard deviation of normal noise over the median of its magnitude
+FEWEST = 12  # means of one length, side by side, that make a null
+# Share of the samples that a stretch holds at most, and by how much the scatter of means grows, over that of white
+# noise, where their length doubles.
+LONGEST, GROWTH = 0.35, 1.3
+STRIDE = 8  # places in the length of a stretch
+USED = 0.5  # share of a stretch's samples that must count
+PLACES = 60  # times at which a step is looked for
+MARGIN = 0.05  # share of the samples that lie before and after an event
+NEAR = 21  # times around the best of them
+DRIFTS = (0.03, 0.06, 0.12, 0.25, 0.5)  # time constants of a drift, as shares of the log
+
+
+@dataclass(frozen=True)
+class Search:
+    """What counts as an event.
+
+    Attributes
+    ----------
+    significance : float
+        Of the whole search.
+    durations : tuple of float
+        Lengths of a stretch that are tried, s.
+    shortest : float
+        Of a stretch once its ends are found, s.
+    stands_out : float
+        Times by which it exceeds every other mean of its length.
+    own, own_step : float
+        Share of the shape of a stretch, and of a step, that no motion explains.
+    drift : float
+        Times by which a step must explain more than any drift.
+    even : float
+        Most of a step that may be the same for both directions of motion, as a share: friction opposes either.
+    size : float
+        Least torque of an event, as a share of the rms of the balance.
+    most : int
+        Stretches that are looked for.
+    """
+
+    significance: float = 1e-3
+    durations: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+    shortest: float = 0.1
+    stands_out: float = 2.0
+    own: float = 0.3
+    own_step: float = 0.1
+    drift: float = 1.05
+    even: float = 0.5
+    size: float = 0.02
+    most: int = 3
+
+
+@dataclass(frozen=True)
+class Burst:
+    """A stretch, samples ``start <= k < stop``, with the size of the residual in it, in its unit.
+
+    `along` says whether its sign is that of the motion: something that brakes. `score` is its size in standard errors.
+    """
+
+    start: int
+    stop: int
+    size: float
+    along: bool
+    score: float
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A sample from which on the residual differs by `size` along the motion, and by `offset` whatever the motion."""
+
+    start: int
+    size: float
+    offset: float
+    score: float
+
+
+def bursts(
+    residual: Array, weight: Array, direction: Array, motion: Array, search: tuple[Search, float]
+) -> list[Burst]:
+    """Return the stretches in which the residual departs, the clearest first.
+
+    Parameters
+    ----------
+    residual, weight : array, shape (m,)
+        The weight is the inverse of the noise's level; zero where a sample does not count.
+    direction : array, shape (m,)
+        Of motion.
+    motion : array, shape (m, k)
+        Columns of what the motion alone can explain.
+    search : (Search, float)
+        What counts, and the sampling rate, Hz.
+    """
+    rules, rate = search
+    found: list[Burst] = []
+    used = weight.copy()
+    for _ in range(rules.most):
+        basis = factored(motion * used[:, None]).basis
+        target = _beyond(basis, residual * used)
+        judged = [
+            _judged(one, target, used, direction, basis, rules)
+            for one in _candidates(target / np.where(used > 0.0, used, np.inf), used, direction, rules, rate)
+            if one.stop - one.start >= rules.shortest * rate
+        ]
+        passed = [pair for pair in judged if pair is not None]
+        if not passed:
+            break
+        _, burst = max(passed, key=lambda pair: pair[0])
+        found.append(burst)
+        length = burst.stop - burst.start
+        used = used.copy()
+        used[max(0, burst.start - length // 4) : burst.stop + length // 4] = 0.0
+    return found
+
+
+def _candidates(rest: Array, weight: Array, direction: Array, rules: Search, rate: float) -> Iterator[Burst]:
+    """Yield the stretch of the greatest mean for every length and shape, its ends moved to where it explains most."""
+    count = np.concatenate([[0.0], np.cumsum(weight > 0.0)])
+    for along in (False, True):
+        sums, powers = _sums(rest, weight, direction if along else np.ones(len(rest)))
+        for seconds in rules.durations:
+            n = round(seconds * rate)
+            if n < 4 or n > LONGEST * count[-1]:
+                continue
+            starts = np.arange(0, len(rest) - n + 1, max(1, n // STRIDE))
+            starts = starts[count[starts + n] - count[starts] >= USED * n]
+            power = powers[starts + n] - powers[starts]
+            if not np.any(power > 0.0):
+                continue
+            means = np.abs(sums[starts + n] - sums[starts]) / np.sqrt(np.where(power > 0.0, power, np.inf))
+            start = int(starts[np.argmax(means)])
+            yield _refined(rest, weight, direction, Burst(start, start + n, 0.0, along, 0.0))
+
+
+def _judged(
+    one: Burst, target: Array, weight: Array, direction: Array, basis: Array, rules: Search
+) -> tuple[float, Burst] | None:
+    """Return what a stretch explains, and the stretch with its size; None where it does not count as an event.
+
+    Its null is taken from what is left with the stretch in the model: one that holds a fifth of a log would hide in it.
+    """
+    from scipy.stats import t as student
+
+    places = np.arange(len(weight))
+    inside = (places >= one.start) & (places < one.stop)
+    shape = (direction if one.along else np.ones(len(weight))) * weight
+    explained, values, own, left = _gain((inside * shape)[:, None], target, basis)
+    n, count = one.stop - one.start, int(np.count_nonzero(weight))
+    counted = np.flatnonzero(weight)
+    around = min(np.count_nonzero(counted < one.start), np.count_nonzero(counted >= one.stop))
+    if around < max(n // 4, MARGIN * count):  # it departs and returns
+        return None
+    if np.count_nonzero(shape[inside]) < USED * n or own < rules.own or n > LONGEST * count or explained <= 0.0:
+        return None
+    outside = ~inside
+    short = min(n, max(4, count // (2 * FEWEST)))  # enough means for a null
+    others = np.abs(_means(left * outside, shape * outside, short))
+    if len(others) < FEWEST:
+        return None
+    scale = max(1.0, MAD * float(np.median(others))) * GROWTH ** math.log2(n / short)
+    score = math.sqrt(explained) / scale
+    tries = 4 * len(rules.durations) * STRIDE * count / n
+    level = float(student.isf(rules.significance / tries, max(len(others) / STRIDE, FEWEST) - 1))
+    if score < max(level, rules.stands_out * float(others.max()) / scale):
+        return None
+    return explained, replace(one, size=float(values[0]), score=score)
+
+
+def _means(white: Array, shape: Array, n: int) -> Array:
+    """Return means of a whitened residual along a shape, over all stretches of `n` samples, in standard errors."""
+    sums = np.concatenate([[0.0], np.cumsum(white * shape)])
+    powers = np.concatenate([[0.0], np.cumsum(shape**2)])
+    counts = np.concatenate([[0.0], np.cumsum(shape != 0.0)])
+    starts = np.arange(0, len(white) - n + 1, max(1, n // STRIDE))
+    starts = starts[counts[starts + n] - counts[starts] >= USED * n]
+    return np.asarray((sums[starts + n] - sums[starts]) / np.sqrt(powers[starts + n] - powers[starts]))
+
+
+def _sums(rest: Array, weight: Array, shape: Array) -> tuple[Array, Array]:
+    """Return running sums of residual times shape, and of the shape's square, weighted, from zero on."""
+    square = weight**2
+    return (
+        np.concatenate([[0.0], np.cumsum(square * shape * rest)]),
+        np.concatenate([[0.0], np.cumsum(square * shape**2)]),
+    )
+
+
+def _refined(rest: Array, weight: Array, direction: Array, rough: Burst) -> Burst:
+    """Move start and stop to where the stretch explains most."""
+    sums, powers = _sums(rest, weight, direction if rough.along else np.ones(len(rest)))
+    n = rough.stop - rough.start
+    step = max(1, n // 16)
+    first = np.arange(max(0, rough.start - n), rough.start + n // 2, step)
+    last = np.arange(rough.stop - n // 2 + step, min(len(rest), rough.stop + n) + 1, step)
+    total = sums[last][None] - sums[first][:, None]
+    power = powers[last][None] - powers[first][:, None]
+    gain = np.divide(total**2, power, out=np.zeros_like(total), where=power > 0.0)
+    i, k = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    size = float(total[i, k] / power[i, k])
+    return Burst(int(first[i]), int(last[k]), size, rough.along, rough.score)
+
+
+def _beyond(basis: Array, values: Array) -> Array:
+    """Return what is left of values, shape (m,) or (m, k), beside an orthonormal basis, shape (m, rank)."""
+    left: Array = values - basis @ (basis.T @ values)
+    return left
+
+
+def shift(
+    residual: Array, weight: Array, direction: Array, motion: Array, search: tuple[Search, float]
+) -> Shift | None:
+    """Return the time at which the residual steps along the motion and stays; None where it does not.
+
+    A step must explain more than any drift: a line, and exponentials of all time constants.
+
+    Parameters
+    ----------
+    residual, weight, direction, motion, search
+        As for `bursts`.
+    """
+    from scipy.stats import chi2
+
+    rules = search[0]
+    used = np.flatnonzero(weight > 0.0)
+    if len(used) < 4 * FEWEST:
+        return None
+    basis = factored(motion * weight[:, None]).basis
+    target = _beyond(basis, residual * weight)
+
+    def gain(columns: Array) -> tuple[float, Array, float, Array]:
+        return _gain(columns * weight[:, None], target, basis)
+
+    inner = used[round(MARGIN * len(used)) : -round(MARGIN * len(used))]
+    places = np.unique(inner[np.linspace(0, len(inner) - 1, PLACES).astype(np.int64)])
+    best = int(np.argmax([gain(_after(k, direction))[0] for k in places.tolist()]))
+    near = np.linspace(places[max(best - 1, 0)], places[min(best + 1, len(places) - 1)], NEAR).astype(np.int64)
+    place = int(max(near.tolist(), key=lambda k: gain(_after(k, direction))[0]))
+    explained, values, own, left = gain(_after(place, direction))
+    time = np.arange(len(residual)) / len(residual)
+    courses = [time, *(np.exp(-time / tau) for tau in DRIFTS)]
+    drift = max(gain(np.column_stack([c * direction, c]))[0] for c in courses)
+    scale = _scatter(left, weight * direction, used)
+    level = float(chi2.isf(rules.significance / PLACES, 2))
+    if explained < level * scale**2 or explained < rules.drift * drift or own < rules.own_step:
+        return None
+    if abs(values[1]) > rules.even * abs(values[0]):
+        return None
+    return Shift(place, float(values[0]), float(values[1]), float(np.sqrt(explained)) / scale)
+
+
+def explained_by(found: Burst | Shift, residual: Array, weight: Array, direction: Array, motion: Array) -> float:
+    """Return the fall of the weighted sum of squares by an event, beyond what the motion explains."""
+    basis = factored(motion * weight[:, None]).basis
+    columns: Array = _after(found.start, direction)
+    if isinstance(found, Burst):
+        inside = (np.arange(len(direction)) >= found.start) & (np.arange(len(direction)) < found.stop)
+        columns = np.where(inside, direction if found.along else 1.0, 0.0)[:, None].astype(np.float64)
+    return _gain(columns * weight[:, None], _beyond(basis, residual * weight), basis)[0]
+
+
+def _after(place: int, direction: Array) -> Array:
+    on = (np.arange(len(direction)) >= place).astype(np.float64)
+    return np.column_stack([on * direction, on])
+
+
+def _gain(columns: Array, target: Array, basis: Array) -> tuple[float, Array, float, Array]:
+    """Return what columns explain beyond a basis, their values, the first one's own share, and what is left."""
+    free = _beyond(basis, columns)
+    values: Array = np.asarray(np.linalg.lstsq(free, target, rcond=GRAM_RANK_TOLERANCE)[0], dtype=np.float64)
+    fitted = free @ values
+    total = float(columns[:, 0] @ columns[:, 0])
+    own = float(free[:, 0] @ free[:, 0]) / total if total > 0.0 else 0.0
+    return float(fitted @ fitted), values, own, target - fitted
+
+
+def _scatter(white: Array, shape: Array, places: NDArray[np.int64]) -> float:
+    """Return the level of slow noise: of means along a shape over a sixteenth of the samples, over that of white."""
+    n = max(4, len(places) // (2 * FEWEST))
+    pieces = [places[k : k + n] for k in range(0, len(places) - n + 1, n)]
+    means = [float(white[p] @ shape[p]) / max(float(np.linalg.norm(shape[p])), 1e-300) for p in pieces]
+    return max(1.0, float(np.sqrt(np.mean(np.square(means)))))
