@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 # Hat functions of the signed speed and of the acceleration, and orders of a turn: what a motion can explain by itself.
 SPEED_HATS, ACCELERATION_HATS, ORDERS = 24, 8, 24
 FEWEST = 200  # samples of the thinned grid; fewer hold no event beside a null
+# A stretch of motion in one direction, in which a brake and a push are the same: what lasts longer brakes, s.
+ONE_WAY, LONG = 0.95, 1.0
 AROUND = 2.0  # periods of the cutoff that are left out on either side
 
 
@@ -46,7 +48,7 @@ def events_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Event, ...]:
     found, step = _told_apart(fit.residual[0], (weight, direction, _motion(fit)), (policy.events, record.rate))
     found = [one for one in found if abs(one.size) >= least]
     step = step if step is not None and abs(step.size) >= least else None
-    events = [*(_stretch(record, one) for one in found), *([] if step is None else [_step(record, step)])]
+    events = [*(_stretch(record, one, direction) for one in found), *([] if step is None else [_step(record, step)])]
     return tuple(sorted(events, key=lambda event: event.start))
 
 
@@ -89,11 +91,17 @@ def _motion(fit: Fitted) -> Array:
 TIME = frozenset(("t", "temperature"))
 
 
-def _stretch(record: Record, found: Burst) -> Event:
+def _stretch(record: Record, found: Burst, direction: Array) -> Event:
+    """Name a stretch: what opposes the motion either way, or for long, brakes; all else is a push or a load."""
     start, stop = float(record.t[found.start]), float(record.t[found.stop - 1])
-    words = notices.EVENT_BRAKE if found.along else notices.EVENT_PUSH
-    unit = record.unit("torque")
-    return Event(start, stop, found.size, words(start=start, stop=stop, size=found.size, unit=unit))
+    part = direction[found.start : found.stop]
+    way = float(np.median(part))
+    opposing = found.size if found.along else found.size * way
+    one_way = float(np.mean(part == way)) > ONE_WAY
+    brakes = opposing > 0.0 and (stop - start > LONG if one_way else found.along)
+    words = notices.EVENT_BRAKE if brakes else notices.EVENT_PUSH
+    size = opposing if brakes else found.size * (way if found.along else 1.0)
+    return Event(start, stop, size, words(start=start, stop=stop, size=size, unit=record.unit("torque")))
 
 
 def _step(record: Record, found: Shift) -> Event:

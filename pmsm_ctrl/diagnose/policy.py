@@ -101,8 +101,8 @@ class Policy:
         Share of the torque from which on a dry friction below zero contradicts the design; with less it stays at zero,
         and something else is missing. A convention.
     above_floor : float
-        Weighted residual over the noise floor from which on a model is not called consistent. Clean logs of the three
-        simulators stay below 1.25.
+        Weighted residual over the noise floor from which on a model is not called consistent. The rest of a
+        clean log lies within 1.25 times it where motions are smooth, and up to 1.8 where edges are not sampled.
     refused_share : float
         The same for a significant effect that was refused: the share of the residual that it would explain.
     events : Search
@@ -146,8 +146,8 @@ class Policy:
     explained_torque: float = 0.5
     implausible_factor: float = 3.0
     friction_share: float = 0.1
-    above_floor: float = 1.4
-    refused_share: float = 0.1
+    above_floor: float = 2.0
+    refused_share: float = 0.3
     events: Search = field(default_factory=Search)
     alarms: float = 0.05
 

@@ -74,8 +74,9 @@ def contradictions_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Notice, ...
     policy : Policy
     """
     torque = level_of(fit, 0)
-    told = torque.explicable >= policy.explained_torque  # or most of the torque is noise, and so is what it says
-    names = POSITIVE if told and _sharp(fit) else ELECTRICAL
+    # where most of the torque, or of the acceleration, is noise, a fit says little of the axis
+    told = torque.explicable >= policy.explained_torque and _sharp(fit)
+    names = POSITIVE if told else ELECTRICAL
     found = [notice for name in names if (notice := _impossible(fit, name, policy)) is not None]
     if told and torque.explained < policy.explained_torque * torque.explicable:
         found.append(notices.UNRELATED_TORQUE(percent=100.0 * max(torque.explained, 0.0)))

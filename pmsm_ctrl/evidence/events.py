@@ -127,7 +127,10 @@ def bursts(
         passed = [pair for pair in judged if pair is not None]
         if not passed:
             break
-        _, burst = max(passed, key=lambda pair: pair[0])
+        rough = max(passed, key=lambda pair: pair[0])[1]
+        shapes = [replace(rough, along=along) for along in (False, True)]
+        settled = [_settled(one, target, used, direction, basis) for one in shapes]
+        burst = max(settled, key=lambda pair: pair[0])[1]
         found.append(burst)
         length = burst.stop - burst.start
         used = used.copy()
@@ -186,6 +189,29 @@ def _judged(
     if score < max(level, rules.stands_out * float(others.max()) / scale):
         return None
     return explained, replace(one, size=float(values[0]), score=score)
+
+
+def _settled(one: Burst, target: Array, weight: Array, direction: Array, basis: Array) -> tuple[float, Burst]:
+    """Move the ends of a stretch until it explains most, exactly; also across a reversal, where a brake turns over."""
+
+    def gain(start: int, stop: int) -> tuple[float, float]:
+        shape = np.zeros(len(weight))
+        shape[start:stop] = (direction[start:stop] if one.along else 1.0) * weight[start:stop]
+        explained, values, _, _ = _gain(shape[:, None], target, basis)
+        return explained, float(values[0])
+
+    start, stop, best = one.start, one.stop, gain(one.start, one.stop)
+    step = (stop - start) // 2
+    while step >= max(1, (one.stop - one.start) // 32):
+        moves = [(start - step, stop), (start + step, stop), (start, stop - step), (start, stop + step)]
+        moves = [(a, b) for a, b in moves if 0 <= a < b <= len(weight) and b - a >= 2 * step]
+        tried = [(gain(*move), move) for move in moves]
+        found, move = max(tried, key=lambda pair: pair[0][0], default=(best, (start, stop)))
+        if found[0] > best[0]:
+            best, (start, stop) = found, move
+        else:
+            step //= 2
+    return best[0], replace(one, start=start, stop=stop, size=best[1])
 
 
 def _means(white: Array, shape: Array, n: int) -> Array:

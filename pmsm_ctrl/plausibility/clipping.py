@@ -34,7 +34,7 @@ def unclipped(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...], tuple[
     size = np.abs(log[name])
     limit = float(size.max())
     at_limit = size >= limit * (1.0 - 1e-9)
-    if not _needs_more(design, binned(log), name, limit):
+    if not _needs_more(design, binned(log), name, at_limit):
         return log, (), ()
     out = summed(at_limit.astype(np.float64), 2 * REACH + 1) > 0.5
     share = 100.0 * float(np.mean(at_limit))
@@ -50,27 +50,27 @@ def unclipped(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...], tuple[
     return Log(kept, log.motion, provenance=log.provenance), (reason,), stretches
 
 
-def _needs_more(design: Design, bins: Bins, name: str, limit: float) -> bool:
+def _needs_more(design: Design, bins: Bins, name: str, at_limit: Mask) -> bool:
     """Whether the motion at the limit needs more torque than the limit, by the balance of all other samples."""
     motion, torque = moved(bins, BOXES), torque_of(design, bins.channels)
     if motion is None or torque is None:
         return False
     omega, alpha = motion
-    held = (np.abs(bins.channels[name]) >= limit * (1.0 - 1e-6)).astype(np.float64)
-    inside = summed(held, 3 * BOXES) / (3 * BOXES)
-    columns = {
-        "J": alpha,
-        "F_c": np.sign(np.where(moving(omega), omega, 0.0)),
-        "F_v": omega,
-        "T_0": np.ones_like(omega),
-    }
+    fast = moving(omega)
+    k, m = bins.samples, len(torque)
+    share = bins.smooth(at_limit[: m * k].reshape(m, k).mean(axis=1), BOXES)
+    side = np.sign(np.where(fast, omega, 0.0))
+    columns = {"J": alpha, "F_c": side, "F_v": omega, "T_0": np.ones_like(omega)}
     seen = bins.smooth(torque, BOXES)
-    fit = fitted(seen, columns, moving(omega) & (inside == 0.0))
+    fit = fitted(seen, columns, fast & (share == 0.0))
     if fit is None or fit.value("J") <= 0.0:
         return False
     predicted = sum(value * columns[column] for column, value in zip(fit.names, fit.values, strict=True))
-    judged = (inside > 0.7) & np.isfinite(seen) & np.isfinite(predicted)
+    judged = (share > POLICY.clipped_share) & np.isfinite(predicted)
     if int(judged.sum()) < POLICY.clipped_bins:
         return False
-    excess = float(np.mean((predicted * np.sign(seen) - np.abs(seen))[judged]))
-    return excess > POLICY.excess * float(np.mean(np.abs(seen[judged])))
+    missing = ((predicted - seen) * np.sign(predicted))[judged]
+    limit = float(np.max(np.abs(torque)))
+    # what a drive's own limit leaves is as often too much as too little
+    sure = float(np.mean(missing)) > 3.0 * float(np.std(missing)) / np.sqrt(judged.sum() / (3.0 * BOXES))
+    return sure and float(np.mean(missing)) > POLICY.excess * limit * float(np.mean(share[judged]))

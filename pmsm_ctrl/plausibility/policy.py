@@ -65,8 +65,10 @@ class Policy:
     held_periods : int
     jitter : float
         Periods; stamps that are off by more are no jitter of a clock, but pauses.
+    clipped_share : float
+        Share of a window at the limit from which on it is judged.
     clipped_bins : int
-        Bins of 5 ms at the limit that are needed to tell a clipped channel from a drive's limit.
+        Windows with samples at the limit that are needed to tell a clipped channel from a drive's limit.
     excess : float
         Share of the limit by which the motion needs more than it where a channel was clipped.
     most_clipped : float
@@ -107,6 +109,7 @@ class Policy:
     held: float = 4e-3
     held_periods: int = 2
     jitter: float = 40.0
+    clipped_share: float = 0.1
     clipped_bins: int = 10
     excess: float = 0.15
     most_clipped: float = 0.6

@@ -114,7 +114,7 @@ def test_a_log_of_noise_decides_nothing() -> None:
 
 
 def test_a_residual_well_above_its_floor_is_not_consistent() -> None:
-    assert verdict_of(fit_of(left=2.0)) == ("inconclusive", ["above_noise_floor"])
+    assert verdict_of(fit_of(left=2.5)) == ("inconclusive", ["above_noise_floor"])
 
 
 def test_a_record_that_is_too_short_decides_nothing() -> None:
