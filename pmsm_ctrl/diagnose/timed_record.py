@@ -26,7 +26,7 @@ def timed_record(design: Design, log: Log) -> Record:
 
     Where the log has a speed alone the lag of that is corrected, else the filter of a drive signal that is later than
     sampling can make it. A wider band than the default one is taken where the drive signal has one, the sampling can
-    be described there, and the acceleration is no noise there.
+    be described there, and the acceleration is no noise there, or already was in the default one.
 
     Parameters
     ----------
@@ -75,4 +75,5 @@ def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
         return record
     processing = Processing(standstill=STANDSTILL, cutoff=wanted)
     wide = make_record(design, log, processing, record.age or 0.0, record.timing)
-    return record if noise_share(wide, wide.acceleration()) >= MOST_NOISE else wide
+    usual, share = (noise_share(one, one.acceleration()) for one in (record, wide))
+    return record if share >= max(MOST_NOISE, usual) else wide
