@@ -16,8 +16,8 @@ from pmsm_ctrl.regression.model import LATENESS, MOST_NOISE, SPREAD, noise_share
 __all__ = ["timed_record"]
 
 ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
-# Angle, rad, up to which two moments describe a late or filtered signal: the third is 2 % of it then.
-EXPANDED = 0.5
+# Angle, rad, up to which two moments describe a late or filtered signal: the third is 0.1 % of it then.
+EXPANDED = 0.2
 WIDER = 1.25  # times the default band: less is not worth a second pass
 
 

@@ -9,14 +9,15 @@ A design's table, here for the ``speed_test1.txt`` of the LAAS MN4004 bench, who
     omega_ref = "Reference Velocity [rad/s]"
     i_q = "Iq [A]"
 
-A column is named by its header, its name without the unit, or its number (``"#3 [rpm]"``); a minus before it turns
-its sign (``"-Iq [A]"``). A drive's own unit
+A column is named by its header, its name without the unit, or its number (``"#3 [rpm]"``); a factor or
+a minus may stand before it (``"1.732 * Uq [V]"``, ``"-Iq [A]"``). A drive's own unit
 needs a factor: torque in per mille of 2.4 N m is ``torque = "Torque actual value [‰]"`` with
 ``[log.scale] torque = 0.0024``.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -29,6 +30,9 @@ from pmsm_ctrl.units import UNITS
 
 __all__ = ["Assignment", "Source", "assign", "find_column"]
 
+_FACTOR = re.compile(
+    r"(?:(?P<factor>[-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*\*|(?P<minus>-))\s*(?P<column>\S.*)", re.IGNORECASE
+)
 # a log needs at least one channel of each group
 REQUIRED = (("t",), ("theta", "omega"), ("i_q", "torque"))
 
@@ -107,9 +111,8 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
             near, known = nearest(channel, CHANNELS), ", ".join(CHANNELS)
             raise LogError(f"{table.file}: [log] maps unknown channel '{one_line(channel)}'{near} (known: {known})")
     scales = dict(design.log.scale) if design is not None and not canonical else {}
-    turned = {channel for channel, spec in wanted.items() if _turned(table, spec)}
-    bare = {channel: spec.strip()[1:].strip() if channel in turned else spec for channel, spec in wanted.items()}
-    chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, spec in bare.items()}
+    stated = {channel: _stated_factor(table, spec) for channel, spec in wanted.items()}
+    chosen = {channel: (*find_column(table, channel, spec), "mapped") for channel, (_, spec) in stated.items()}
     table_complete = design is not None and bool(design.log.channels)
     for channel, index, how in _unmapped(table, chosen, guess=not table_complete):
         chosen[channel] = (index, "", how)
@@ -118,18 +121,24 @@ def assign(table: Table, design: Design | None, mapping: Mapping[str, str] | Non
         _source(table, channel, index, unit, how, scales.get(channel), motion)
         for channel, (index, unit, how) in chosen.items()
     )
-    sources = tuple(replace(s, scale=-s.scale) if s.channel in turned else s for s in sources)
+    sources = tuple(replace(s, scale=s.scale * stated[s.channel][0]) if s.channel in stated else s for s in sources)
     _require(table, sources)
     notes += _notes(table, sources)
     ordered = tuple(sorted(sources, key=lambda source: list(CHANNELS).index(source.channel)))
     return Assignment(ordered, motion, tuple(notes))
 
 
-def _turned(table: Table, spec: str) -> bool:
-    """Whether a mapping such as "-speed [rpm]" turns a sign; a column's own name may begin with a minus."""
+def _stated_factor(table: Table, spec: str) -> tuple[float, str]:
+    """Return the factor of a mapping such as '-speed [rpm]' or '1.732 * Uq [V]', and the mapping without it.
+
+    A column's own name may look like that as well, and comes first.
+    """
     text = one_line(spec).strip()
     names = {name for column in table.columns for name in (column.header, column.name)}
-    return text.startswith("-") and not {text, split_header(text)[0]} & names
+    match = _FACTOR.fullmatch(text)
+    if match is None or {text, split_header(text)[0]} & names:
+        return 1.0, spec
+    return (-1.0 if match["minus"] else float(match["factor"])), match["column"]
 
 
 def find_column(table: Table, channel: str, spec: str) -> tuple[int, str]:

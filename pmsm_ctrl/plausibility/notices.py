@@ -15,35 +15,32 @@ __all__ = [
 # -- log and design do not belong together ----
 CURRENT_SIGN = Template(
     "current_sign",
-    "{channel} and the acceleration disagree in sign: map {channel} with a factor of -1 ([log.scale]){other}",
+    "{channel} and the acceleration disagree in sign: map {channel} as '-COLUMN'{other}",
 )
 MOTION_SIGN = Template(
     "motion_sign",
-    "{channel} counts against the current and the voltages: the encoder is counted backwards; map it with a factor of "
-    "-1 ([log.scale])",
+    "{channel} counts against the current and the voltages: the encoder is counted backwards; map it as '-COLUMN'",
 )
 VOLTAGE_SIGN = Template(
     "voltage_sign",
-    "u_d and u_q have the opposite sign of R i + p psi_f omega: map them with a factor of -1 ([log.scale])",
+    "u_d and u_q have the opposite sign of R i + p psi_f omega: map them as '-COLUMN'",
 )
 VOLTAGE_FACTOR = Template(
     "voltage_factor",
-    "u_d and u_q are {factor:.4g} times what R, psi_f and L of the design need{cause}; map them with a factor of "
-    "{inverse:.4g} ([log.scale])",
+    "u_d and u_q are {factor:.4g} times what R, psi_f and L of the design need{cause}; map them as "
+    "'{inverse:.4g} * COLUMN'",
 )
 CURRENT_FACTOR = Template(
     "current_factor",
-    "{channel} is {factor:.4g} times what the motion needs{cause}; map it with a factor of {inverse:.4g} ([log.scale])",
+    "{channel} is {factor:.4g} times what the motion needs{cause}; map it as '{inverse:.4g} * COLUMN'",
 )
 MOTION_FACTOR = Template(
     "motion_factor",
-    "{channel} is {factor:.4g} times what torque and voltages need{cause}; map it with a factor of {inverse:.4g} "
-    "([log.scale])",
+    "{channel} is {factor:.4g} times what torque and voltages need{cause}; map it as '{inverse:.4g} * COLUMN'",
 )
 TIME_FACTOR = Template(
     "time_factor",
-    "time runs {factor:.4g} times as long as torque and voltages need{cause}; map t with a factor of {inverse:.4g} "
-    "([log.scale])",
+    "time runs {factor:.4g} times as long as torque and voltages need{cause}; map t as '{inverse:.4g} * COLUMN'",
 )
 POLE_PAIRS = Template(
     "pole_pairs",

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 FREQUENCY, DAMPING = "(w_a)", "(zeta)"
 # A transmission damped more than this is no spring: it shifts the phase like a delay or a filter. Elastomer couplings
 # lose up to psi = 2 of their energy in a swing, zeta = psi / (4 pi) = 0.16.
-OVERDAMPED = 0.35
+OVERDAMPED = 0.25
 # A contact damped more than this does not bounce at all.
 STUCK = 2.0
 LEAST_DAMPED = 1e-3

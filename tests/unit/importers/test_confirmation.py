@@ -49,6 +49,15 @@ def test_a_minus_turns_the_sign_of_a_current(tmp_path: Path, seed: int) -> None:
     np.testing.assert_array_equal(read_log(path, believed(), {"i_q": "-i_q [A]"})["i_q"], log["i_q"])
 
 
+@pytest.mark.parametrize("factor", ["0.5", "-2", "1e-1", "1.5E+1"])
+def test_a_factor_may_stand_before_a_column(tmp_path: Path, factor: str) -> None:
+    log = drawn(3, seconds=2.0)
+    path = written(tmp_path, log)
+    found = read_log(path, believed(), {"u_q": f"{factor} * u_q [V]", "u_d": f"{factor}*u_d"})
+    np.testing.assert_allclose(found["u_q"], float(factor) * log["u_q"], rtol=1e-12)
+    np.testing.assert_allclose(found["u_d"], float(factor) * log["u_d"], rtol=1e-12)
+
+
 def test_a_column_may_begin_with_a_minus(tmp_path: Path) -> None:
     log = drawn(3, seconds=2.0)
     rows = np.column_stack([log.t, log["theta"], log["i_q"]])
