@@ -127,7 +127,7 @@ def fit_design(
         model, notes = _assemble(design, record, accepted, settled)
         model = with_torque_held(record, model, OWN)
         rough = solve_model(record, model, rough_weights(record, model))
-        held = with_sampling_bounded(record, model, rough.values) if settled else model
+        held = with_sampling_bounded(record, model, rough) if settled else model
         if held is not model:
             model = held
             rough = solve_model(record, model, rough_weights(record, model))

@@ -29,7 +29,7 @@ def timed_record(design: Design, log: Log) -> Record:
 
     Where the log has a speed alone the lag of that is corrected, else the filter of a drive signal that is later than
     sampling can make it. A wider band than the default one is taken where the drive signal has one, the sampling can
-    be described there, and the acceleration is no noise there.
+    be described there, and the acceleration is no noise there, or already was in the default one.
 
     Parameters
     ----------
@@ -78,7 +78,8 @@ def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
         return record
     processing = Processing(standstill=STANDSTILL, cutoff=wanted)
     wide = make_record(design, log, processing, record.age or 0.0, record.timing)
-    if noise_share(wide, wide.acceleration()) >= MOST_NOISE:
+    usual, share = (noise_share(one, one.acceleration()) for one in (record, wide))
+    if share >= max(MOST_NOISE, usual):
         return record
     noisy = _noise(fit_design(design, wide, (), {}, explore=False)) > NOISIER * _noise(fit)
     return record if noisy else wide

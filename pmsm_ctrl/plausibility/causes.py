@@ -47,6 +47,8 @@ _POWERS: dict[Cause, dict[str, int]] = {
     Cause.RESISTANCE: {"R": 1},
     Cause.CROSS: {"X": 1},
 }
+# A dead time is as well a resistance of several times the design's: that alone is for the diagnosis to tell.
+_IMITATED = ("R",)
 _SIGNED = (Cause.CURRENT, Cause.TORQUE, Cause.VOLTAGE, Cause.MOTION)
 
 
@@ -85,7 +87,9 @@ def strange(ratios: Mapping[str, Ratio]) -> list[str]:
     return [
         name
         for name, (deviation, stderr, sign) in _deviations(ratios).items()
-        if sign < 0 or abs(deviation) > math.log(POLICY.limit[name]) + 2.0 * stderr
+        if sign < 0
+        or (0.0 if name in _IMITATED else deviation) > (reach := math.log(POLICY.limit[name]) + 2.0 * stderr)
+        or deviation < -reach
     ]
 
 

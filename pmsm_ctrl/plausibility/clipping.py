@@ -60,7 +60,7 @@ def _needs_more(design: Design, bins: Bins, name: str, at_limit: Mask) -> bool:
     k, m = bins.samples, len(torque)
     share = bins.smooth(at_limit[: m * k].reshape(m, k).mean(axis=1), BOXES)
     side = np.sign(np.where(fast, omega, 0.0))
-    columns = {"J": alpha, "F_c": side, "F_v": omega, "T_0": np.ones_like(omega)}
+    columns = {"J": alpha, "F_c": side, "F_v": omega, "constant": np.ones_like(omega)}
     seen = bins.smooth(torque, BOXES)
     fit = fitted(seen, columns, fast & (share == 0.0))
     if fit is None or fit.value("J") <= 0.0:

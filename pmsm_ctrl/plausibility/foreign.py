@@ -62,7 +62,7 @@ def sensor_offset(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
     fit, q = evidence.narrow, evidence.voltages.get("q")
     if fit is None or q is None or not evidence.from_current or not q.value("R") > 0.0:
         return ()
-    in_torque, in_voltage = fit.ratio("T_0", evidence.design.K_t_assumed), q.ratio("u_0", -q.value("R"))
+    in_torque, in_voltage = fit.ratio("constant", evidence.design.K_t_assumed), q.ratio("u_0", -q.value("R"))
     if in_torque is None or in_voltage is None:
         return ()
     dry = evidence.design.parameters("coulomb").get("F_c", 0.0) / evidence.design.K_t_assumed
@@ -173,7 +173,12 @@ def _signs_help(seen: Array, omega: Array, alpha: Array, sign: Array, used: NDAr
     """
 
     def left(signs: Array | float) -> float:
-        parts = {"J": signs * alpha, "F_c": signs * np.sign(omega), "F_v": signs * omega, "T_0": np.ones_like(seen)}
+        parts = {
+            "J": signs * alpha,
+            "F_c": signs * np.sign(omega),
+            "F_v": signs * omega,
+            "constant": np.ones_like(seen),
+        }
         fit = fitted(seen, parts, used)
         return fit.left if fit is not None else np.inf
 

@@ -162,7 +162,7 @@ def torque_balance(bins: Bins, torque: Array, design: Design, boxes: int = BOXES
         y[: max(0, -lag)] = y[len(y) - max(0, lag) :] = np.nan
     fast = moving(omega)
     side = np.sign(np.where(fast, omega, 0.0))
-    columns = {"J": alpha, "F_c": side, "F_v": omega, "T_0": np.ones_like(y), "late": np.gradient(y, bins.width)}
+    columns = {"J": alpha, "F_c": side, "F_v": omega, "constant": np.ones_like(y), "late": np.gradient(y, bins.width)}
     return fitted(y, columns, fast)
 
 

@@ -50,6 +50,9 @@ DRY = frozenset(("omega", "direction", "p"))
 # Names of the nuisance parameters of the drive signal's sampling; the prior of the first in units of what is possible.
 LATENESS, SPREAD, VAGUE = "tau_drive", "spread_drive", 100.0
 FIXED = 1e-4  # share of a value within which it stays where it must not move
+# Share of what sampling can do from which on an error says that a log does not tell the lateness: slow reversals alone
+# do not, as an error in the inertia or in the moment of a reversal is the same there.
+UNTOLD = 0.2
 # Tolerance of a datasheet's value where the design states none.
 TOLERANCE = 0.15
 # Age, s, and angle over speed, s, of the voltage command: a few control periods at most.
@@ -314,22 +317,25 @@ def lateness(model: Model, values: Array) -> float:
     return float(values[model.names.index(LATENESS)]) if LATENESS in model.names else 0.0
 
 
-def with_sampling_bounded(record: Record, model: Model, values: Array) -> Model:
+def with_sampling_bounded(record: Record, model: Model, fit: Solved) -> Model:
     """Hold the lateness of the drive signal inside what sampling can do: the rest is a delay, an effect.
+
+    Where the log does not tell it, it stays where it was taken out.
 
     Parameters
     ----------
     record : Record
     model : Model
-    values : array, shape (k,)
-        Of its parameters.
+    fit : Solved
+        With the lateness free.
     """
     if LATENESS not in model.names:
         return model
     nominal, sigma = model.nominal.copy(), model.sigma.copy()
     k = model.names.index(LATENESS)
-    late = record.timing.late + float(values[k])
-    if any(group.effect is not None and group.effect.structure.delays for group in model.groups):
+    late = record.timing.late + float(fit.values[k])
+    delayed = any(group.effect is not None and group.effect.structure.delays for group in model.groups)
+    if delayed or fit.stderr[k] > UNTOLD * record.sampling:
         nominal[k] = 0.0
     elif not -record.early <= late <= record.sampling:
         nominal[k] = (record.sampling if late > 0.0 else -record.early) - record.timing.late

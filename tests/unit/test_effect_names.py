@@ -28,6 +28,8 @@ ALLOWED = {
     ("track/model.py", "gap"): "a gap of the log, as an event of the tracker",
     ("datasheet.py", "g"): "gram",
     ("tune/sampled.py", "d"): "the direct axis",
+    ("plausibility/foreign.py", "d"): "the direct axis",
+    ("plausibility/relations.py", "d"): "the direct axis",
     ("report/present.py", "term"): "a column of the table of effects",
     ("diagnose/excitation.py", "order"): "a detail of a refusal",
     ("export/tables.py", "order"): "a key of the exported file",

@@ -41,7 +41,18 @@ def test_significance() -> None:
     [(0.0041, 0.0, True), (0.0039, 0.0119, False), (0.0039, 0.0121, True), (0.0009, 0.5, False)],
 )
 def test_size_is_that_of_the_balance_or_what_is_explained(share: float, explained: float, passes: bool) -> None:
-    assert (criteria.size(share, explained) is None) is passes
+    refusal = criteria.size(share, explained, 1.0)
+    assert reason(refusal) is (None if passes else Reason.TOO_SMALL)
+
+
+def test_size_is_a_share_of_what_is_above_the_noise() -> None:
+    least = POLICY.excess
+    assert criteria.size(0.5, 0.5, 1.01 * least) is None
+    refusal = criteria.size(0.5, 0.5, 0.99 * least)
+    assert reason(refusal) is Reason.MINOR
+    assert str(refusal) == f"significant but minor: {99.0 * least:.2g} % of what the residual has above its noise"
+    # what is too small for a name is called so first
+    assert reason(criteria.size(0.0, 0.0, 0.0)) is Reason.TOO_SMALL
 
 
 def confirmed(gain: float, whole: float = 1e4, relief: float = 0.0, first: bool = True, p_rank: float = 0.5) -> bool:
@@ -99,9 +110,10 @@ def test_the_voltages_may_not_get_worse_all_samples_alike() -> None:
 
 
 def test_an_error_has_to_fall_or_the_winding_to_return() -> None:
-    assert criteria.error_lowered({"torque": 1.0}, {"torque": 0.9959}, 0.0) is None
-    assert criteria.error_lowered({"torque": 1.0, "u_q": 2.0}, {"torque": 1.5, "u_q": 1.99}, 0.0) is None
-    stays = {"torque": 1.0, "u_q": 2.0}, {"torque": 0.9961, "u_q": 2.0}
+    below, above = POLICY.lowered - 1e-4, POLICY.lowered + 1e-4
+    assert criteria.error_lowered({"torque": 1.0}, {"torque": below}, 0.0) is None
+    assert criteria.error_lowered({"torque": 1.0, "u_q": 2.0}, {"torque": 1.5, "u_q": 2.0 * below}, 0.0) is None
+    stays = {"torque": 1.0, "u_q": 2.0}, {"torque": above, "u_q": 2.0}
     assert reason(criteria.error_lowered(*stays, 24.9)) is Reason.ERROR_NOT_LOWERED
     assert criteria.error_lowered(*stays, 25.1) is None
 
