@@ -26,7 +26,8 @@ REACH = 6  # samples beside a clipped one; a gap in time has to be longer than f
 def unclipped(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...], tuple[Stretch, ...]]:
     """Leave out samples of the current or torque that were clipped by the recorder.
 
-    A drive's own limit holds the current too; but there the motion needs no more than the limit.
+    With too many of them nothing is left out. A drive's own limit holds the current too; but there the motion needs no
+    more than the limit.
     """
     name = "torque" if "torque" in log else "i_q"
     if name not in log or saturated_share(log[name]) == 0.0:
@@ -39,7 +40,7 @@ def unclipped(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...], tuple[
     out = summed(at_limit.astype(np.float64), 2 * REACH + 1) > 0.5
     share = 100.0 * float(np.mean(at_limit))
     reason = say.CLIPPED_CHANNEL(channel=name, limit=limit, unit=log.unit(name), percent=share)
-    if float(np.mean(out)) > POLICY.most_clipped:
+    if float(np.mean(at_limit)) > POLICY.most_clipped:
         return log, (reason,), ()
     edges = np.flatnonzero(np.diff(np.concatenate(([False], out, [False])).astype(np.int8)))
     stretches = tuple(

@@ -13,7 +13,6 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility.bins import binned
 from pmsm_ctrl.plausibility.causes import likeliest, strange
 from pmsm_ctrl.plausibility.foreign import foreign_current, foreign_voltage, late_channel, magnitudes, sensor_offset
-from pmsm_ctrl.plausibility.notices import LOST_SAMPLES
 from pmsm_ctrl.plausibility.recorder import recorded
 from pmsm_ctrl.plausibility.relations import Evidence, evidence_of
 from pmsm_ctrl.plausibility.result import Plausibility
@@ -49,9 +48,7 @@ def examine(design: Design, log: Log) -> Plausibility:
     with np.errstate(all="ignore"):
         found = recorded(design, log)
         evidence = evidence_of(design, binned(found.log))
-        # with samples missing, the time is wrong in many places, and so is every derivative
-        told = any(doubt.code == LOST_SAMPLES.code for doubt in found.doubts)
-        contradictions = (*found.contradictions, *(() if told else _contradictions(evidence, found.log)))
+        contradictions = found.contradictions or _contradictions(evidence, found.log)
         changed, late = (found.log, ()) if contradictions else late_channel(evidence, found.log)
     return Plausibility(changed, contradictions, (*found.doubts, *late), found.excluded, found.repairs)
 

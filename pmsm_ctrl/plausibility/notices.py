@@ -97,7 +97,7 @@ HELD_CHANNEL = Template(
 )
 CLIPPED_CHANNEL = Template(
     "clipped_channel",
-    "{channel} is clipped at {limit:.4g} {unit} in {percent:.2g} % of the samples: they are left out",
+    "{channel} was clipped at {limit:.4g} {unit} in {percent:.2g} % of the samples: the motion needs more there",
 )
 CURRENT_FILTERED = Template(
     "current_filtered",
@@ -105,7 +105,8 @@ CURRENT_FILTERED = Template(
 )
 LOST_SAMPLES = Template(
     "lost_samples",
-    "samples are missing without a gap in time, about {percent:.2g} %: theta advances by two or more periods at once",
+    "samples are missing without a gap in time, about {percent:.2g} % of them: theta advances by two "
+    "periods at once; log the time as well, or at a lower rate",
 )
 CUT_IN_TIME = Template(
     "cut_in_time",

@@ -72,7 +72,7 @@ class Policy:
     excess : float
         Share of the limit by which the motion needs more than it where a channel was clipped.
     most_clipped : float
-        Share of the log that is left out at most; with more of it clipped, nothing is left out, and the doubt remains.
+        Share of the samples that may be clipped: without more of them a log says little of its drive.
     beyond : float
         s; a lag above it is taken out of the log, as no correction of the sampling instants reaches so far.
     sharper : float
@@ -111,9 +111,9 @@ class Policy:
     jitter: float = 40.0
     clipped_share: float = 0.1
     clipped_bins: int = 10
-    excess: float = 0.15
-    most_clipped: float = 0.6
-    beyond: float = 12e-3
+    excess: float = 0.06
+    most_clipped: float = 0.05
+    beyond: float = 6e-3
     sharper: float = 0.8
     offset: float = 0.5
     alike: float = 0.3

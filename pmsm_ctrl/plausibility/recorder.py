@@ -41,8 +41,10 @@ def recorded(design: Design, log: Log) -> Plausibility:
     log, wraps = _unwrapped(design, log)
     log, cuts = _joined(log)
     log, clipped, left_out = unclipped(design, log)
-    doubts = (*_lost(log), *_held(log), *cuts, *clipped)
-    return Plausibility(log, _copies(log), doubts, left_out, (*unrolled, *wraps))
+    doubts = (*_held(log), *cuts, *(clipped if left_out else ()))
+    # what is missing all over a log cannot be left out, and every derivative is wrong
+    broken = (*_copies(log), *_lost(log), *(() if left_out else clipped))
+    return Plausibility(log, broken, doubts, left_out, (*unrolled, *wraps))
 
 
 def _require_torque(log: Log) -> None:
