@@ -63,8 +63,8 @@ class Search:
 
     significance: float = 1e-3
     durations: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-    shortest: float = 0.1
-    stands_out: float = 2.0
+    shortest: float = 0.2
+    stands_out: float = 3.0
     own: float = 0.3
     own_step: float = 0.1
     drift: float = 1.05
@@ -122,7 +122,6 @@ def bursts(
         judged = [
             _judged(one, target, used, direction, basis, rules)
             for one in _candidates(target / np.where(used > 0.0, used, np.inf), used, direction, rules, rate)
-            if one.stop - one.start >= rules.shortest * rate
         ]
         passed = [pair for pair in judged if pair is not None]
         if not passed:
@@ -130,7 +129,10 @@ def bursts(
         rough = max(passed, key=lambda pair: pair[0])[1]
         shapes = [replace(rough, along=along) for along in (False, True)]
         settled = [_settled(one, target, used, direction, basis) for one in shapes]
-        burst = max(settled, key=lambda pair: pair[0])[1]
+        again = _judged(max(settled, key=lambda pair: pair[0])[1], target, used, direction, basis, rules)
+        if again is None or again[1].stop - again[1].start < rules.shortest * rate:
+            break
+        burst = again[1]
         found.append(burst)
         length = burst.stop - burst.start
         used = used.copy()
