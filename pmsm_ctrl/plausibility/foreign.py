@@ -40,9 +40,9 @@ def late_channel(evidence: Evidence, log: Log) -> tuple[Log, tuple[Notice, ...]]
     filtered = False
     if late > 0.0:
         # y + tau y' is the torque exactly behind a filter of first order; behind a delay the lag in bins is better
-        design, bins = evidence.design, evidence.bins
-        as_filter = torque_balance(bins, evidence.torque, design)
-        as_delay = torque_balance(bins, evidence.torque, design, BOXES, max(1, round(late / width)))
+        bins = evidence.bins
+        as_filter = torque_balance(bins, evidence.torque)
+        as_delay = torque_balance(bins, evidence.torque, BOXES, max(1, round(late / width)))
         if as_filter is not None and as_delay is not None and as_filter.left < POLICY.sharper * as_delay.left:
             filtered, late = True, -as_filter.value("late")
     words = say.CURRENT_FILTERED if filtered else say.NOT_SYNCHRONOUS
@@ -103,7 +103,7 @@ def _swapped_currents(evidence: Evidence) -> tuple[Notice, ...]:
     have = evidence.bins.channels
     if "i_d" not in have or "i_q" not in have or not evidence.from_current:
         return ()
-    other = torque_balance(evidence.bins, evidence.design.K_t_assumed * have["i_d"], evidence.design)
+    other = torque_balance(evidence.bins, evidence.design.K_t_assumed * have["i_d"])
     if other is None or evidence.narrow is None or other.left > POLICY.swap * evidence.narrow.left:
         return ()
     k = other.value("J") / evidence.design.J
@@ -124,7 +124,7 @@ def _stationary(evidence: Evidence, log: Log) -> tuple[Notice, ...]:
     best = 1.0
     for part in parts:  # the angle may count from another axis: either part, or both, can be the torque's
         values = part[: m * k].reshape(m, k).mean(axis=1)
-        fit = torque_balance(evidence.bins, evidence.design.K_t_assumed * values, evidence.design)
+        fit = torque_balance(evidence.bins, evidence.design.K_t_assumed * values)
         best = min(best, fit.left) if fit is not None else best
     return (say.STATIONARY_CURRENTS(),) if best < POLICY.swap else ()
 

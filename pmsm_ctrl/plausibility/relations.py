@@ -151,19 +151,21 @@ def moving(omega: Array) -> NDArray[np.bool_]:
     return np.asarray(size > SLOW * top)
 
 
-def torque_balance(bins: Bins, torque: Array, design: Design, boxes: int = BOXES, lag: int = 0) -> Fit | None:
+def torque_balance(bins: Bins, torque: Array, boxes: int = BOXES, lag: int = 0) -> Fit | None:
     """Regress the torque, taken `lag` bins later, on acceleration, friction and a small delay."""
     motion = moved(bins, boxes)
-    if motion is None:
-        return None
-    omega, alpha = motion
-    y = bins.smooth(np.roll(torque, -lag), boxes)
+    return None if motion is None else _balance(bins, *motion, bins.smooth(torque, boxes), lag)
+
+
+def _balance(bins: Bins, omega: Array, alpha: Array, torque: Array, lag: int, step: int = 1) -> Fit | None:
+    """Regress a torque in windows, taken `lag` bins later; every `step`-th window takes part."""
+    y = np.roll(torque, -lag)
     if lag:
         y[: max(0, -lag)] = y[len(y) - max(0, lag) :] = np.nan
     fast = moving(omega)
     side = np.sign(np.where(fast, omega, 0.0))
     columns = {"J": alpha, "F_c": side, "F_v": omega, "constant": np.ones_like(y), "late": np.gradient(y, bins.width)}
-    return fitted(y, columns, fast)
+    return fitted(y[::step], {name: values[::step] for name, values in columns.items()}, fast[::step])
 
 
 def voltage_balances(
@@ -239,24 +241,25 @@ def evidence_of(design: Design, bins: Bins) -> Evidence:
     narrow = wide = None
     lag = 0
     if torque is not None:
-        narrow = torque_balance(bins, torque, design)
-        lag = _best_lag(bins, torque, design, narrow)
+        narrow = torque_balance(bins, torque)
+        lag = _best_lag(bins, torque, narrow)
         if lag:
-            narrow = torque_balance(bins, torque, design, BOXES, lag)
-        wide = torque_balance(bins, torque, design, WIDE, lag)
+            narrow = torque_balance(bins, torque, BOXES, lag)
+        wide = torque_balance(bins, torque, WIDE, lag)
     p = design.motor.p
     voltages = voltage_balances(bins, p) if p is not None else {}
     return Evidence(design, bins, torque, channel, narrow, wide, lag, voltages)
 
 
-def _best_lag(bins: Bins, torque: Array, design: Design, now: Fit | None) -> int:
+def _best_lag(bins: Bins, torque: Array, now: Fit | None) -> int:
     """Return the bins by which the torque has to be moved; 0 unless that explains far more of it."""
-    longest = int(POLICY.longest_lag / bins.width)
-    if now is None or now.left < POLICY.well or len(torque) < 20 * longest:
+    longest, motion = int(POLICY.longest_lag / bins.width), moved(bins, BOXES)
+    if now is None or motion is None or now.left < POLICY.well or len(torque) < 20 * longest:
         return 0
+    seen = bins.smooth(torque, BOXES)
     best, least = 0, POLICY.late_gain * now.left
     for lag in (*range(-longest // 4, 0), *range(1, longest + 1)):
-        fit = torque_balance(bins, torque, design, BOXES, lag)
+        fit = _balance(bins, *motion, seen, lag, BOXES)
         if fit is not None and fit.left < least and fit.value("J") > 0.0:
             best, least = lag, fit.left
     return best
