@@ -71,6 +71,8 @@ class Policy:
         Windows with samples at the limit that are needed to tell a clipped channel from a drive's limit.
     excess : float
         Share of the limit by which the motion needs more than it where a channel was clipped.
+    few_clipped : float
+        Per cent of the samples; with more of them clipped, what is left is chosen by its value, and no name is safe.
     most_clipped : float
         Share of the samples that may be clipped: without more of them a log says little of its drive.
     beyond : float
@@ -112,6 +114,7 @@ class Policy:
     clipped_share: float = 0.1
     clipped_bins: int = 10
     excess: float = 0.06
+    few_clipped: float = 0.5
     most_clipped: float = 0.05
     beyond: float = 6e-3
     sharper: float = 0.8

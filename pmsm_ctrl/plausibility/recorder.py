@@ -41,9 +41,10 @@ def recorded(design: Design, log: Log) -> Plausibility:
     log, wraps = _unwrapped(design, log)
     log, cuts = _joined(log)
     log, clipped, left_out = unclipped(design, log)
-    doubts = (*_held(log), *cuts, *(clipped if left_out else ()))
+    few = all(notice.detail["percent"] < POLICY.few_clipped for notice in clipped)
+    doubts = (*_held(log), *cuts, *(clipped if few else ()))
     # what is missing all over a log cannot be left out, and every derivative is wrong
-    broken = (*_copies(log), *_lost(log), *(() if left_out else clipped))
+    broken = (*_copies(log), *_lost(log), *(() if few else clipped))
     return Plausibility(log, broken, doubts, left_out, (*unrolled, *wraps))
 
 
