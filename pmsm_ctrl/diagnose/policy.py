@@ -106,7 +106,7 @@ class Policy:
     refused_share : float
         The same for a significant effect that was refused: the share of the residual that it would explain.
     events : Search
-        What counts as an event. Pushes, brakes and steps of 0.7 F_c in 14 worlds, none in clean and hidden logs.
+        What counts as an event. Pushes, brakes and steps of 0.7 F_c in 14 worlds; one named in 160 worlds without.
     alarms : float
         Share of false alarms in the simulated calibration from which on the answer is doubted. A convention.
     """
