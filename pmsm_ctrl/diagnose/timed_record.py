@@ -70,7 +70,7 @@ def _filter(design: Design, record: Record, fit: Fitted) -> DriveTiming:
 
 
 def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
-    wanted = signal_band(log)
+    wanted = min(signal_band(log), record.prepared.rate / 8.0)  # a fast log was thinned to a lower rate
     if record.age is None:
         late = max(abs(_value(fit, LATENESS)[0]), math.sqrt(2.0 * abs(_value(fit, SPREAD)[0])), record.timing.lag)
         wanted = min(wanted, EXPANDED / (2.0 * math.pi * max(late, 1e-9)))
