@@ -306,7 +306,7 @@ def make_record(
     except LogError as error:
         short = error
     try:
-        wide = _made(design, log, replace(usual, cutoff=signal_band(log)), age, timing)
+        wide = _made(design, log, replace(usual, cutoff=signal_band(_thinned(log))), age, timing)
     except LogError as error:
         raise short or error from None
     return wide if short is not None or wide.usable > record.usable else record

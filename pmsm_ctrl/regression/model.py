@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -15,7 +16,7 @@ from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures.interface import Known
 from pmsm_ctrl.evidence.linalg import factored, own_shares
 from pmsm_ctrl.evidence.whitening import Whitener
-from pmsm_ctrl.regression.balances import Record, Rows
+from pmsm_ctrl.regression.balances import CURRENT_LOOP, Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 
 __all__ = [
@@ -49,6 +50,7 @@ MOST_NOISE, HELD = 0.05, 0.01
 DRY = frozenset(("omega", "direction", "p"))
 # Names of the nuisance parameters of the drive signal's sampling; the prior of the first in units of what is possible.
 LATENESS, SPREAD, VAGUE = "tau_drive", "spread_drive", 100.0
+EMF_LATE = 5e-3  # s, by which the compensation of the back-emf lags: a speed filter
 FIXED = 1e-4  # share of a value within which it stays where it must not move
 # Share of what sampling can do from which on an error says that a log does not tell the lateness: slow reversals alone
 # do not, as an error in the inertia or in the moment of a reversal is the same there.
@@ -303,6 +305,27 @@ def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:
         curved = record.rate_of(record.rate_of(torque))
         known = max(record.sampling, record.timing.lag) ** 2 / 6.0
         yield _Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
+    if (column := _emf_left(record)) is not None:
+        yield _Term("tau_emf", lambda: {"torque": column}, 0.0, EMF_LATE, True)
+
+
+def _emf_left(record: Record) -> Array | None:
+    """Torque that a current loop lets the back-emf take from its command, per second that its compensation is late.
+
+    With its zero on the winding's pole the loop answers a disturbance ``u`` by ``s u / ((L s + R) (s + w))``, and the
+    compensation misses ``p psi tau s omega`` of the emf. A logged command is what the drive asked for; a measured
+    current holds nothing of this, and the parameter comes out as zero. Source: D. Schroeder, Elektrische Antriebe -
+    Regelung von Antriebssystemen, 4th ed., Springer 2015, ch. 15 (current loop with back-emf).
+    """
+    from scipy.signal import lfilter
+
+    motor = record.design.motor
+    if not motor.electrical or motor.R is None or motor.L_q is None or motor.psi_f is None or motor.p is None:
+        return None
+    decay = math.exp(-record.period * motor.R / motor.L_q)
+    jerk = record.rate_of(record.signals["alpha"])
+    lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], jerk))
+    return record.design.K_t_assumed * motor.p * motor.psi_f * CURRENT_LOOP / motor.R * lagged
 
 
 def lateness(model: Model, values: Array) -> float:
