@@ -123,6 +123,8 @@ class Problem:
 
     def matrix(self) -> Array:
         """Return the columns side by side, shape (m, number of columns)."""
+        if not self.columns:  # all of them are held at their bounds
+            return np.zeros((len(self.target), 0))
         return np.column_stack([column.values for column in self.columns])
 
     def instruments(self) -> Array | None:
