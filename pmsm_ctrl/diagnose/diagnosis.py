@@ -30,6 +30,7 @@ from pmsm_ctrl.diagnose.selection import Selection, best
 from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.timed_record import timed_record
 from pmsm_ctrl.diagnose.unexplained import unexplained
+from pmsm_ctrl.diagnose.verdict import explains_most
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
@@ -122,7 +123,11 @@ def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
         return outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
     case = _without_events(case)
     selection = swap(case, _select(case, progress=progress), _select)
-    structure = unexplained(selection, case.policy)
+    structure = None
+    if explains_most(selection.fit, case.policy):
+        structure = unexplained(selection, case.policy)
+    else:  # what most of the torque is, no name can tell
+        selection = Selection(selection.fits[:1], (), selection.refused)
     experiment = next_experiment(case, selection) if plan else None
     return outcome(case, selection, structure, experiment)
 

@@ -49,7 +49,7 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, CrossValidation] | 
     The p-value is corrected for the shapes searched and for the number of candidates.
     """
     effect, record = trial.candidate.effect, fit.record
-    parts = effect.structure.rivals(record)
+    parts = effect.structure.rivals(effect, trial.group.shape, record)
     if not parts:
         return None
     symbols = tuple(f"rival {k + 1}" for k in range(len(parts)))

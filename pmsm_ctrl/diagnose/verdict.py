@@ -24,13 +24,24 @@ from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
 from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
 from pmsm_ctrl.section import Notice
 
-__all__ = ["contradictions_of", "judged", "open_questions"]
+__all__ = ["contradictions_of", "explains_most", "judged", "open_questions"]
 
 # What a motor cannot have below zero, and what is never so many times its design; friction may be.
 POSITIVE, KNOWN, ELECTRICAL = ("J", "R", "psi_f", "F_c"), ("J", "R", "psi_f"), ("R", "psi_f")
 IMITATED = (
     "R",
 )  # a dead time is as well a resistance of four times the datasheet's: that is structure, not contradiction
+
+
+def explains_most(fit: Fitted, policy: Policy = POLICY) -> bool:
+    """Whether a model explains most of the torque.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    return level_of(fit, 0).explained >= policy.explained_torque
 
 
 def judged(

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 Lines = dict[str, list[str]]
 # A parameter is searched over these multiples of its start value where its effect does not say more.
 MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)
+# Fewest lines of an encoder whose signals are interpolated, and the error of that at most, in lines.
+FEWEST_LINES, LINE_ERROR = 32.0, 0.02
 
 
 class UnavailableError(Exception):
@@ -347,12 +349,19 @@ class Structure(ABC):
         """
         return None
 
-    def rivals(self, balances: Balances) -> list[dict[str, Array]]:
+    def rivals(self, effect: Effect, shape: Mapping[str, float], balances: Balances) -> list[dict[str, Array]]:
         """Return what must not be taken for the effect, shape (n,) each, at the log's rate, as large as it may be.
 
-        The effect is only named if it explains something beside all of these.
+        The effect is only named if it explains something beside all of these. Of a wave of a high order that is the
+        error of the encoder's lines: it swings the measured acceleration with the square of the speed.
         """
-        return []
+        order = float(shape.get(effect.order, 0.0)) if effect.order else 0.0
+        if effect.enters != "torque" or order < FEWEST_LINES or balances.linear or not float(np.log2(order)).is_integer():
+            return []  # encoders whose signals are interpolated have a power of two of lines
+        error = LINE_ERROR * 2.0 * np.pi / order
+        angle = order * balances.signals["theta"]
+        swings = [balances.rate_of(balances.rate_of(error * wave(angle))) for wave in (np.sin, np.cos)]
+        return [{"torque": balances.design.J * swing} for swing in swings]
 
     # -- search
 

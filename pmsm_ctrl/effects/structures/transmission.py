@@ -148,7 +148,7 @@ class Transmission(Structure):
             part[np.abs(part) <= ABOVE_NOISE * noise] = 0.0
         return out
 
-    def rivals(self, balances: Balances) -> list[dict[str, Array]]:
+    def rivals(self, effect: Effect, shape: Mapping[str, float], balances: Balances) -> list[dict[str, Array]]:
         """Return what bends the response of an axis with one mass, and what turns with it.
 
         Channels that are late, averaged or filtered, by a time tau, make a response that is smooth in the frequency: a
