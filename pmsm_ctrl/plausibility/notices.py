@@ -8,8 +8,7 @@ __all__ = [
     "CLIPPED_CHANNEL", "CURRENTS_SWAPPED", "CURRENT_FACTOR", "CURRENT_FILTERED", "CURRENT_OFFSET", "CURRENT_SIGN",
     "CUT_IN_TIME", "EVEN_STAMPS", "HELD_CHANNEL", "INERTIA_FACTOR", "LOST_SAMPLES", "MAGNITUDE_CHANNEL",
     "MOTION_FACTOR", "MOTION_SIGN", "NOT_SYNCHRONOUS", "PARAMETER_FACTOR", "POLE_PAIRS", "REFERENCE_AS_MEASURED",
-    "STATIONARY_CURRENTS", "TIME_FACTOR", "UNRELATED_TORQUE", "UNRELATED_VOLTAGES", "VOLTAGES_SWAPPED",
-    "VOLTAGE_FACTOR", "VOLTAGE_SIGN",
+    "STATIONARY_CURRENTS", "TIME_FACTOR", "UNRELATED_TORQUE", "VOLTAGES_SWAPPED", "VOLTAGE_FACTOR", "VOLTAGE_SIGN",
 ]  # fmt: skip
 
 # -- log and design do not belong together ----
@@ -73,10 +72,6 @@ UNRELATED_TORQUE = Template(
     "unrelated_torque",
     "{channel} does not drive this motion: it explains {percent:.2g} % of the inertia's torque, and {left:.2g} % of it "
     "belongs to no motion at all; another axis's channel, noise, or another time",
-)
-UNRELATED_VOLTAGES = Template(
-    "unrelated_voltages",
-    "u_q does not belong to this motion: R i_q + p psi_f omega leaves {left:.2g} % of it",
 )
 MAGNITUDE_CHANNEL = Template(
     "magnitude_channel",

@@ -98,7 +98,7 @@ class Policy:
     expected: float = 0.02
     swap_limit: float = 3.0
     swap: float = 0.25
-    fold: float = 0.3
+    fold: float = 0.65
     late: float = 3e-3
     late_periods: float = 2.5
     late_gain: float = 0.5

@@ -266,7 +266,7 @@ def answer_of(log: Log, design: Design, only_examine: bool) -> tuple[str, set[st
             return verdict, set(), codes
         diagnosis = diagnose(design, log, plan=False)
     except PmsmCtrlError as error:
-        return type(error).__name__, {str(error)}, codes
+        return type(error).__name__, set(), codes | {str(error)}
     codes |= {notice.code for notice in diagnosis.notices}
     return str(diagnosis.verdict), {step.effect for step in diagnosis.steps}, codes
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log, Provenance
+from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.rendering import to_html
 from pmsm_ctrl.report import chain, study
 from pmsm_ctrl.result import Result, Verdict
@@ -118,7 +120,20 @@ def test_a_current_of_the_wrong_sign_is_implausible(verb: str, design: Design, r
     assert (data["plausible"] is False) if verb == "identify" else data["verdict"] == "implausible"
     if verb == "diagnose":
         assert data["steps"] == []
-        assert found.design == design  # no parameter of such a log is written
+        assert diagnose(design, reversed_current, plan=False).design == design  # no parameter of such a log is written
+
+
+def test_an_inertia_below_zero_is_implausible_where_nothing_else_is_left(
+    design: Design, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # friction and inertia of this log all end at their bounds
+    log = simulate(design, "identification", seed=1)
+    module = importlib.import_module("pmsm_ctrl.identify.identification")  # the verb hides its room
+    monkeypatch.setattr(module, "doubts_about", lambda design, log: Plausibility(log))
+    found = identify(design, log.with_channels(i_q=-log["i_q"]))
+    assert [notice.code for notice in found.contradictions] == ["inertia_negative"]
+    assert found.to_dict()["plausible"] is False
+    assert "large_error" in {notice.code for notice in found.notices}
 
 
 def test_white_noise_for_a_current_is_never_consistent(design: Design, noise: Log) -> None:
