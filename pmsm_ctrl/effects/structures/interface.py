@@ -356,7 +356,12 @@ class Structure(ABC):
         error of the encoder's lines: it swings the measured acceleration with the square of the speed.
         """
         order = float(shape.get(effect.order, 0.0)) if effect.order else 0.0
-        if effect.enters != "torque" or order < FEWEST_LINES or balances.linear or not float(np.log2(order)).is_integer():
+        if (
+            effect.enters != "torque"
+            or order < FEWEST_LINES
+            or balances.linear
+            or not float(np.log2(order)).is_integer()
+        ):
             return []  # encoders whose signals are interpolated have a power of two of lines
         error = LINE_ERROR * 2.0 * np.pi / order
         angle = order * balances.signals["theta"]

@@ -159,6 +159,17 @@ def test_an_angle_of_few_digits_has_steps_that_grow() -> None:
     )
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_constant_speed_is_no_step(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.arange(20000) * 1e-3
+    for speed in (3.0, 40.0, 200.0):
+        # the angle advances by about speed * 1 ms, which is the resolution of nothing
+        theta = speed * t + 1e-3 * speed * 0.02 * np.cumsum(rng.standard_normal(t.size)) / 100.0
+        assert growing_steps(theta) == 0.0
+        assert growing_steps(np.concatenate([0.05 * theta, theta])) == 0.0
+
+
 def test_runs_and_shares_by_hand() -> None:
     assert longest_run(np.array([0, 1, 1, 0, 1, 1, 1, 0], dtype=bool)) == 3
     assert longest_run(np.zeros(4, dtype=bool)) == 0
