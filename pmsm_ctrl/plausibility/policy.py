@@ -58,6 +58,8 @@ class Policy:
         More jumps are another thing.
     lost : float
         Share of steps that are twice the steps beside them, from which on samples are missing.
+    few_lost : float
+        Share up to which the samples around the jumps of the speed that they make can be left out, and the rest judged.
     counts : float
         Counts of the encoder that the axis has to move in a sample for a lost one to show.
     held : float
@@ -107,6 +109,7 @@ class Policy:
     cut: float = 10.0
     most_cuts: int = 20
     lost: float = 0.004
+    few_lost: float = 0.02
     counts: float = 8.0
     held: float = 4e-3
     held_periods: int = 2
