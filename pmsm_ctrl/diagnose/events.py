@@ -81,6 +81,10 @@ def _motion(fit: Fitted) -> Array:
         x = record.at_grid(record.signals[name])
         knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, count)))
         columns.append(np.array([np.interp(x, knots, hat) for hat in np.eye(len(knots))]).T)
+    direction = np.sign(record.at_grid(record.signals["omega"]))
+    torque = np.abs(record.at_grid(record.signals["torque"]))  # friction may hang on the load
+    knots = np.unique(np.quantile(torque[record.mask], np.linspace(0.0, 1.0, ACCELERATION_HATS)))
+    columns.append(np.array([np.interp(torque, knots, hat) * direction for hat in np.eye(len(knots))]).T)
     if not record.linear and "theta" in record.signals:
         angle = record.at_grid(record.signals["theta"])[:, None] * np.arange(1, ORDERS + 1)
         columns += [np.cos(angle), np.sin(angle)]

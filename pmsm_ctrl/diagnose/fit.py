@@ -26,14 +26,13 @@ from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_mod
 from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import effect_group, seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
+from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
 from pmsm_ctrl.regression.model import (
     OWN,
     Model,
     Solved,
     base_groups,
-    lateness,
     solve_model,
-    with_sampling_bounded,
     with_torque_held,
 )
 

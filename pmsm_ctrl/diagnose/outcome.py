@@ -16,7 +16,7 @@ from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design, fitted_pa
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Structure, Verdict
-from pmsm_ctrl.diagnose.search import Trial, least_shown
+from pmsm_ctrl.diagnose.search import Trial, amounts_that_gain, least_shown
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
@@ -173,6 +173,10 @@ def _shown_from(fit: Fitted, trial: Trial, policy: Policy) -> dict[str, Estimate
         return {}  # the size of their column is not their amount
     level = policy.significance / max(len(fit.trials), 1)
     amounts = least_shown(fit.solved, fit.whitener, trial.group, level)
+    # without it the error is so much higher that it is worth a name
+    left = sum(float(rest @ rest) for rest in (fit.plain.rest_of(row) for row, _ in trial.group.entering))
+    worth = left * (policy.lowered**-2 - 1.0)
+    amounts = np.maximum(amounts, amounts_that_gain(fit.plain, fit.weights, trial.group, worth))
     shown = {}
     for symbol, amount in zip(trial.group.symbols, amounts.tolist(), strict=True):
         p = effect.parameter(symbol)

@@ -84,6 +84,9 @@ class Policy:
     resembled_share : float
         A significant effect that cross-validation did not confirm, and that explains this share of the residual, is
         unexplained structure. The same as `excess`: what is less may be the sampling, or the current loop. Worlds.
+    resembled_at_turns : float
+        The same where the residual sits around reversals, as no sampling leaves it: presliding left out of the
+        candidates is a Stribeck curve for 3 to 5 % of it. Blind.
     around_reversals : float
         Ratio of rms residuals around reversals and elsewhere from which on the structure is said to sit there. Blind.
     visible_share : float
@@ -139,6 +142,7 @@ class Policy:
     sound_weight: float = 0.5
     structure_share: float = 0.015
     resembled_share: float = 0.2
+    resembled_at_turns: float = 0.025
     around_reversals: float = 1.5
     visible_share: float = 0.1
     own_share: float = 0.02

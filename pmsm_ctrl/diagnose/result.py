@@ -14,6 +14,8 @@ from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.drive_timing import DriveTiming
+from pmsm_ctrl.regression.lateness import lateness
 from pmsm_ctrl.result import Estimate, Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
 
@@ -229,6 +231,12 @@ class Diagnosis(Result):
     holdout_name: str = ""
 
     @property
+    def timing(self) -> DriveTiming:
+        """How late after the position the drive signal was sampled, and the filter that it passed."""
+        fit, undone = self.selection.fit, self.record.timing
+        return DriveTiming(undone.late + lateness(fit.model, fit.plain.values), undone.lag)
+
+    @property
     def unexplained(self) -> str:
         """What no effect of the catalogue explains, in words; empty when there is nothing."""
         return self.left.text if self.left is not None else ""
@@ -246,6 +254,7 @@ class Diagnosis(Result):
             "steps": [vars(step) for step in self.steps],
             "ranking": [row.to_dict() for row in self.ranking],
             "parameter_deviations": [vars(d) for d in self.parameter_deviations],
+            "timing": vars(self.timing),
             "next_experiment": self.next_experiment,
             "unexplained": self.unexplained,
             "unexplained_code": self.left.code if self.left is not None else "",

@@ -24,6 +24,7 @@ __all__ = [
     "Offer",
     "Rows",
     "Trial",
+    "amounts_that_gain",
     "beyond",
     "blocked_gain",
     "least_shown",
@@ -366,14 +367,41 @@ def least_shown(solved: Solved, whitener: Whitener, group: Group, level: float, 
         Source: Cramer and Rao's bound in the power of the chi-square test, S. M. Kay, Fundamentals of Statistical
         Signal Processing II, Prentice Hall 1998, sec. 6.5.
     """
+    rank, seen = _seen(solved, whitener, group, along)
+    amounts: Array = (
+        np.sqrt(noncentrality(level, rank)) / np.maximum(seen, 1e-300) if rank else np.full(len(seen), np.inf)
+    )
+    return amounts
+
+
+def amounts_that_gain(solved: Solved, whitener: Whitener, group: Group, gain: float) -> Array:
+    """Return the amount of each parameter, alone, that makes the sum of squares larger by so much.
+
+    Parameters
+    ----------
+    solved : Solved
+    whitener : Whitener
+    group : Group
+    gain : float
+        In units of the noise.
+
+    Returns
+    -------
+    array, shape (k,)
+    """
+    rank, seen = _seen(solved, whitener, group)
+    amounts: Array = np.sqrt(gain) / np.maximum(seen, 1e-300) if rank else np.full(len(seen), np.inf)
+    return amounts
+
+
+def _seen(solved: Solved, whitener: Whitener, group: Group, along: Array | None = None) -> tuple[int, Array]:
+    """Return the rank of a group beside the model, and what a unit of it leaves there, in units of the noise."""
     _, own = beyond(solved, whitener, group)
     parts = np.eye(len(own.size)) if along is None else np.asarray(along, dtype=float)[:, None]
     if own.rank == 0:
-        return np.full(parts.shape[1], np.inf)
-    # what is left of the columns beside the model, in standard deviations of the noise
-    seen = np.linalg.norm(np.linalg.pinv(own.back * own.size[:, None]) @ (own.size[:, None] * parts), axis=0)
-    amounts: Array = np.sqrt(noncentrality(level, own.rank)) / np.maximum(seen, 1e-300)
-    return amounts
+        return 0, np.zeros(parts.shape[1])
+    seen: Array = np.linalg.norm(np.linalg.pinv(own.back * own.size[:, None]) @ (own.size[:, None] * parts), axis=0)
+    return own.rank, seen
 
 
 def plain_evidence(covariance: NoiseCovariance, candidate: Candidate, group: Group) -> tuple[float, float]:

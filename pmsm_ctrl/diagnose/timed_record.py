@@ -18,7 +18,7 @@ from pmsm_ctrl.regression.model import LATENESS, MOST_NOISE, SPREAD, noise_share
 __all__ = ["timed_record"]
 
 ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
-# Angle, rad, up to which two moments describe a late or filtered signal: the third is 0.1 % of it then.
+# Angle, rad, up to which two moments describe a filtered signal: the third is 0.1 % of it then.
 EXPANDED = 0.2
 WIDER = 1.25  # times the default band: less is not worth a second pass
 NOISIER = 3.0  # times the noise floor: white noise grows with the root of the band, by no more than this
@@ -72,8 +72,10 @@ def _filter(design: Design, record: Record, fit: Fitted) -> DriveTiming:
 def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
     wanted = min(signal_band(log), record.prepared.rate / 8.0)  # a fast log was thinned to a lower rate
     if record.age is None:
-        late = max(abs(_value(fit, LATENESS)[0]), math.sqrt(2.0 * abs(_value(fit, SPREAD)[0])), record.timing.lag)
-        wanted = min(wanted, EXPANDED / (2.0 * math.pi * max(late, 1e-9)))
+        # of a lateness alone the slope is taken over all of it, which is exact
+        spread, stderr = _value(fit, SPREAD)
+        lag = max(math.sqrt(2.0 * max(abs(spread) - stderr, 0.0)), record.timing.lag)
+        wanted = min(wanted, EXPANDED / (2.0 * math.pi * max(lag, 1e-9)))
     if wanted < WIDER * record.cutoff:
         return record
     processing = Processing(standstill=STANDSTILL, cutoff=wanted)

@@ -101,7 +101,7 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     glaring = [
         (trial, refusal)
         for trial in fit.trials
-        if trial.gain > policy.resembled_share * total and trial.p_value < policy.significance
+        if trial.gain > policy.resembled_at_turns * total and trial.p_value < policy.significance
         and (refusal := selection.refused.get(name_of(trial))) and refusal.reason is Reason.NOT_CONFIRMED
     ]  # fmt: skip
     if not glaring:
@@ -111,6 +111,8 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     record = fit.record
     row = _where_it_enters(fit, best.plain_direction)
     ratio, curve = _around_reversals(fit, row)
+    if share <= policy.resembled_share and ratio <= policy.around_reversals:
+        return None
     place, coordinate, unit = "", "time since the reversal", "s"
     if ratio > policy.around_reversals:
         place = f" and {ratio:.2g} times as large around reversals as elsewhere"

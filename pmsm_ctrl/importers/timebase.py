@@ -104,9 +104,12 @@ def growing_steps(values: Array) -> float:
     top = float(size.max(initial=0.0))
     coarse = _grid(values[size > 0.9 * top])
     near_zero = np.unique(values[size < 0.09 * top][:SAMPLE])
-    if not coarse > 0.0 or near_zero.size < 100:
+    if not coarse > 0.0 or near_zero.size < 100 or _off_grid(near_zero - near_zero[0], coarse) <= 0.2:
         return 0.0
-    return coarse if _off_grid(near_zero - near_zero[0], coarse) > 0.2 else 0.0
+    # a tenth of the size has a tenth of the step, or an eighth in binary: no other finer grid comes from digits
+    small = np.unique(values[(size < 0.09 * top) & (size > 0.01 * top)][:SAMPLE])
+    finer = [_off_grid(small - small[0], coarse / part) for part in (100.0, 128.0)] if small.size else [1.0]
+    return coarse if min(finer) < 0.02 else 0.0
 
 
 def _grid(values: Array) -> float:

@@ -59,7 +59,7 @@ class Policy:
     lost : float
         Share of steps that are twice the steps beside them, from which on samples are missing.
     few_lost : float
-        Per cent of the samples; with fewer lost, the rest is evaluated: an operating system loses one here and there.
+        Share up to which the samples around the jumps of the speed that they make can be left out, and the rest judged.
     counts : float
         Counts of the encoder that the axis has to move in a sample for a lost one to show.
     held : float
@@ -109,7 +109,7 @@ class Policy:
     cut: float = 10.0
     most_cuts: int = 20
     lost: float = 0.004
-    few_lost: float = 2.0
+    few_lost: float = 0.02
     counts: float = 8.0
     held: float = 4e-3
     held_periods: int = 2

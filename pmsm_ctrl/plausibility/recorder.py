@@ -43,7 +43,7 @@ def recorded(design: Design, log: Log) -> Plausibility:
     log, clipped, left_out = unclipped(design, log)
     few = all(notice.detail["percent"] < POLICY.few_clipped for notice in clipped)
     lost = _lost(log)
-    rare = all(notice.detail["percent"] < POLICY.few_lost for notice in lost)
+    rare = all(notice.detail["percent"] < 100.0 * POLICY.few_lost for notice in lost)
     doubts = (*_held(log), *cuts, *(clipped if few else ()), *(lost if rare else ()))
     # what is missing all over a log cannot be left out, and every derivative is wrong
     broken = (*_copies(log), *(() if rare else lost), *(() if few else clipped))

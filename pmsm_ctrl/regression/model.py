@@ -28,11 +28,9 @@ __all__ = [
     "Solved",
     "base_groups",
     "known",
-    "lateness",
     "noise_share",
     "solve_model",
     "solve_on_factors",
-    "with_sampling_bounded",
     "with_torque_held",
 ]
 
@@ -52,9 +50,6 @@ DRY = frozenset(("omega", "direction", "p"))
 LATENESS, SPREAD, VAGUE = "tau_drive", "spread_drive", 100.0
 EMF_LATE = 5e-3  # s, by which the compensation of the back-emf lags: a speed filter
 FIXED = 1e-4  # share of a value within which it stays where it must not move
-# Share of what sampling can do from which on an error says that a log does not tell the lateness: slow reversals alone
-# do not, as an error in the inertia or in the moment of a reversal is the same there.
-UNTOLD = 0.2
 # Tolerance of a datasheet's value where the design states none.
 TOLERANCE = 0.15
 # Age, s, and angle over speed, s, of the voltage command: a few control periods at most.
@@ -326,46 +321,6 @@ def _emf_left(record: Record) -> Array | None:
     jerk = record.rate_of(record.signals["alpha"])
     lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], jerk))
     return record.design.K_t_assumed * motor.p * motor.psi_f * CURRENT_LOOP / motor.R * lagged
-
-
-def lateness(model: Model, values: Array) -> float:
-    """Return how late the drive signal was sampled, s; zero where that is not fitted.
-
-    Parameters
-    ----------
-    model : Model
-    values : array, shape (k,)
-        Of its parameters.
-    """
-    return float(values[model.names.index(LATENESS)]) if LATENESS in model.names else 0.0
-
-
-def with_sampling_bounded(record: Record, model: Model, fit: Solved) -> Model:
-    """Hold the lateness of the drive signal inside what sampling can do: the rest is a delay, an effect.
-
-    Where the log does not tell it, it stays where it was taken out.
-
-    Parameters
-    ----------
-    record : Record
-    model : Model
-    fit : Solved
-        With the lateness free.
-    """
-    if LATENESS not in model.names:
-        return model
-    nominal, sigma = model.nominal.copy(), model.sigma.copy()
-    k = model.names.index(LATENESS)
-    late = record.timing.late + float(fit.values[k])
-    delayed = any(group.effect is not None and group.effect.structure.delays for group in model.groups)
-    if delayed or fit.stderr[k] > UNTOLD * record.sampling:
-        nominal[k] = 0.0
-    elif not -record.early <= late <= record.sampling:
-        nominal[k] = (record.sampling if late > 0.0 else -record.early) - record.timing.late
-    else:
-        return model
-    sigma[k] = FIXED * record.sampling
-    return replace(model, nominal=nominal, sigma=sigma)
 
 
 def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
 from pmsm_ctrl.diagnose.refusal import Reason
@@ -32,10 +33,18 @@ def test_emps_finds_the_asymmetry_its_authors_found_years_later(emps: Diagnosis)
     assert -emps.steps[0].parameters["dF_v"].value == pytest.approx(0.5 * (240.4 - 166.7), rel=0.1)
 
 
+def test_emps_with_its_authors_parameters_has_their_error(measured, project_root: Path) -> None:
+    design = Design.read(project_root / "designs" / "emps.toml")
+    log = read_log(measured("emps/DATA_EMPS.mat"), design=design)
+    assert compare(design, log).log.errors["torque"].relative == pytest.approx(0.0408, abs=0.002)
+
+
 def test_emps_error_falls_on_both_records(emps: Diagnosis) -> None:
-    # the authors: 4.08 % and 5.98 % with four parameters
-    assert emps.errors["nominal"]["torque"]["relative"] == pytest.approx(0.0408, abs=0.002)
-    assert emps.steps[0].holdout_before["torque"]["relative"] == pytest.approx(0.0598, abs=0.002)
+    # the authors: 4.08 % and 5.98 % with four parameters; the time at which the force was sampled is part of the model
+    assert 0.02 < emps.errors["nominal"]["torque"]["relative"] < 0.0408
+    assert 0.03 < emps.steps[0].holdout_before["torque"]["relative"] < 0.0598
+    assert abs(emps.timing.late) < 1e-3  # one period of the log
+    assert emps.timing.lag == 0.0
     for step in emps.steps:
         assert step.error_after["torque"]["rms"] < step.error_before["torque"]["rms"]
         assert step.holdout_after["torque"]["rms"] < step.holdout_before["torque"]["rms"]

@@ -16,6 +16,8 @@ from pmsm_ctrl.diagnose.present import _candidates, _errors, _found, verdict_tex
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Calibration, Diagnosis, DiagnosisStep, Ranked, Verdict
 from pmsm_ctrl.diagnose.unexplained import resemblance
+from pmsm_ctrl.regression.drive_timing import DriveTiming
+from pmsm_ctrl.regression.model import LATENESS
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 
@@ -46,8 +48,15 @@ def found() -> Diagnosis:
     return Diagnosis(
         Verdict.EFFECTS_MISSING, SimpleNamespace(name="axis", motion="rotary"), ladder, (STRIBECK,), RANKING, (), None,  # type: ignore[arg-type]
         (Notice("speed_lag", "the logged speed lags the torque by 0.17 ms (corrected)"),), None, None,
-        None, None,  # type: ignore[arg-type]
+        *fitted(late=2.5e-4, lag=3e-3),
     )  # fmt: skip
+
+
+def fitted(late: float, lag: float) -> tuple[Any, Any]:
+    """Record and selection of a log whose torque was so late, and filtered before that was undone."""
+    model = SimpleNamespace(names=("J", LATENESS))
+    fit = SimpleNamespace(model=model, plain=SimpleNamespace(values=np.array([1.0, late])))
+    return SimpleNamespace(timing=DriveTiming(0.0, lag)), SimpleNamespace(fit=fit)
 
 
 def test_the_verdict_names_the_effects(found: Diagnosis) -> None:
@@ -95,6 +104,7 @@ def test_json_has_sentences_and_codes(found: Diagnosis) -> None:
     assert (refused["accepted"], refused["why_not_code"]) == (False, "not_significant")
     assert refused["shown_from"]["T_0"]["unit"] == "N m"
     assert (data["unexplained"], data["unexplained_code"]) == ("", "")
+    assert data["timing"] == {"late": 2.5e-4, "lag": 3e-3}
 
 
 @pytest.mark.parametrize(("alarms", "warned"), [(0, False), (1, False), (2, True)])
@@ -131,15 +141,15 @@ def resembling(gain: float, reason: Reason, p_value: float = 1e-20) -> Any:
 
 
 def test_what_only_cross_validation_refused_is_unexplained_when_it_is_large() -> None:
-    found = resembling(3.1, Reason.NOT_CONFIRMED)
+    found = resembling(100.0 * POLICY.resembled_share + 0.1, Reason.NOT_CONFIRMED)
     assert (found.channel, found.coordinate, found.resembles) == ("u_d", "acceleration", "compliance")
-    assert found.share == pytest.approx(0.031)
-    assert "compliance would explain 3 % of it, but is not confirmed by cross-validation" in found.notice.text
+    assert found.share == pytest.approx(POLICY.resembled_share + 1e-3)
+    assert "compliance would explain 20 % of it, but is not confirmed by cross-validation" in found.notice.text
     x, forward, _ = found.curve
     assert forward[np.isfinite(forward)] == pytest.approx(x[np.isfinite(forward)], abs=0.06)
 
 
 def test_other_refusals_and_small_shares_are_no_structure() -> None:
-    assert resembling(2.9, Reason.NOT_CONFIRMED) is None
+    assert resembling(100.0 * POLICY.resembled_share - 0.1, Reason.NOT_CONFIRMED) is None
     assert resembling(50.0, Reason.BALANCE_WORSE) is None
     assert resembling(50.0, Reason.NOT_CONFIRMED, p_value=0.02) is None

@@ -1,0 +1,162 @@
+"""How the drive signal was sampled: filters undone, moments, decisions; and what a diagnosis makes of late channels."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import Diagnosis, diagnose
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind
+
+J, K_T, F_C, F_V = 0.01, 1.3, 0.4, 0.02
+PERIOD, FINE = 1e-3, 50  # s, and steps of the made-up torque in it
+SAMPLING = PERIOD
+
+
+def believed(F_c: float = F_C, F_v: float = F_V) -> Design:
+    drive = Design.from_dict({"name": "made", "motor": {"J": J, "K_t": K_T}})
+    return drive.with_effect("coulomb", {"F_c": F_c}).with_effect("viscous", {"F_v": F_v})
+
+
+def made(seed: int, *, late: float = 0.0, mean: bool = False, lag: float = 0.0, pieces: int = 1) -> Log:
+    """Return a log of sines of speed, its current late, a mean over the period before, or filtered, in closed form."""
+    rng = np.random.default_rng(seed)
+    step, parts = PERIOD / FINE, ((14.0, 2.1), (6.0, 5.3), (0.8, 41.0), (0.3, 77.0))
+    phases = rng.uniform(0.0, 6.28, len(parts))
+    t = step * np.arange(-FINE * 200, round(24.0 / step))
+    speed, alpha, theta = (
+        sum(f(a, w, w * t + p) for (a, w), p in zip(parts, phases, strict=True))
+        for f in (
+            lambda a, w, x: a * np.sin(x), lambda a, w, x: a * w * np.cos(x), lambda a, w, x: -a / w * np.cos(x)
+        )
+    )  # fmt: skip
+    torque = J * alpha + F_C * np.sign(speed) + F_V * speed
+    if mean:
+        torque = lfilter(np.full(FINE, 1.0 / FINE), 1.0, torque)
+    if lag > 0.0:
+        share = 1.0 - np.exp(-step / lag)
+        torque = lfilter([share], [1.0, share - 1.0], torque, zi=[(1.0 - share) * torque[0]])[0]
+    logged = np.arange(FINE * 200, len(t), FINE)
+    torque = torque[logged - round(late / step)] + 0.02 * rng.normal(size=len(logged))
+    clock = t[logged]
+    if pieces > 1:  # runs one after the other, seconds apart
+        clock = clock + 4.0 * np.floor(pieces * clock / 24.0)
+    return Log({"t": clock, "theta": theta[logged], "omega": speed[logged], "i_q": torque / K_T})
+
+
+# ---- closed forms -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("timing", [DriveTiming(0.4e-3, 0.0), DriveTiming(0.0, 3e-3), DriveTiming(-0.7e-3, 2e-3)])
+@pytest.mark.parametrize("frequency", [3.0, 20.0])
+def test_a_late_and_filtered_sine_is_undone(timing: DriveTiming, frequency: float) -> None:
+    t, w = np.arange(2000) * PERIOD, 2.0 * np.pi * frequency
+    response = np.exp(-1j * w * timing.late) / (1.0 + 1j * w * timing.lag)
+    sine = {"t": t, "theta": t, "i_q": np.imag(response * np.exp(1j * w * t)), "u_q": np.sin(w * t)}
+    undone = timing.undone(Log(sine))
+    inside = slice(50, -50)
+    assert np.max(np.abs(undone["i_q"] - np.sin(w * t))[inside]) < 2e-4
+    assert np.array_equal(undone["u_q"], sine["u_q"])  # the voltage has an age of its own
+    assert np.array_equal(undone["theta"], t)
+
+
+def test_nothing_is_done_to_a_log_that_is_not_late() -> None:
+    log = made(1)
+    assert UNDELAYED.undone(log) is log
+
+
+@pytest.mark.parametrize(("late", "lag"), [(0.5e-3, 0.0), (0.2e-3, 3e-3)])
+def test_moments_are_those_of_the_impulse_response(late: float, lag: float) -> None:
+    timing, t = DriveTiming(late, lag), np.linspace(0.0, 0.1, 200_001)
+    if lag == 0.0:
+        assert (timing.delay, timing.spread) == (late, 0.0)
+        return
+    response = np.exp(-t / lag) / lag
+    mean = np.trapezoid(t * response, t)
+    assert timing.delay == pytest.approx(late + mean, rel=1e-4)
+    assert timing.spread == pytest.approx(0.5 * np.trapezoid((t - mean) ** 2 * response, t), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("delay", "spread", "expected"),
+    [
+        (0.9e-3, (0.0, 1e-8), None),  # within what sampling can do: nothing is to be undone
+        (5e-3, (0.0, 1e-7), None),  # a dead time: no filter without a spread
+        (5e-3, (7.0e-6, 0.3e-6), None),  # 8e-6 at least is that of a filter of 4 ms
+        (5e-3, (7.8e-6, 0.3e-6), DriveTiming(1e-3, 4e-3)),  # which it has to have where sampling does the rest
+        (3.4e-3, (0.5 * 3e-3**2, 1e-7), DriveTiming(0.4e-3, 3e-3)),
+        (3e-3, (0.5 * 4e-3**2, 1e-7), DriveTiming(0.0, 3e-3)),  # not earlier than the position
+    ],
+)
+def test_a_filter_is_told_from_a_delay_by_its_spread(
+    delay: float, spread: tuple[float, float], expected: DriveTiming | None
+) -> None:
+    found = filter_behind(delay, spread, SAMPLING)
+    if expected is None:
+        assert found is None
+    else:
+        assert found is not None
+        assert (found.late, found.lag) == pytest.approx((expected.late, expected.lag), abs=1e-9)
+        assert found.delay == pytest.approx(delay)
+
+
+# ---- what a diagnosis makes of it -------------------------------------------------------------------------------
+
+
+def names(found: Diagnosis) -> list[str]:
+    return [step.effect for step in found.steps]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("sampled", "delay"),
+    [({"late": 0.5e-3}, 0.5e-3), ({"mean": True}, 0.5e-3), ({"late": 0.25e-3, "mean": True}, 0.75e-3)],
+)  # fmt: skip
+def test_what_sampling_can_do_is_no_effect_and_is_reported(seed: int, sampled: dict, delay: float) -> None:
+    found = diagnose(believed(), made(seed, **sampled), plan=False)
+    assert (found.verdict, names(found)) == ("consistent", [])
+    assert found.timing.lag == 0.0
+    assert found.timing.late == pytest.approx(delay, rel=0.05)
+    assert json.loads(json.dumps(found.to_dict()))["timing"]["late"] == found.timing.late
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_filter_of_the_current_is_no_effect_and_its_time_constant_is_reported(seed: int) -> None:
+    found = diagnose(believed(), made(seed, lag=3e-3), plan=False)
+    assert (found.verdict, names(found)) == ("consistent", [])
+    assert found.timing.delay == pytest.approx(3e-3, rel=0.05)
+    assert found.timing.lag == pytest.approx(3e-3, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_delay_that_no_filter_explains_is_one(seed: int) -> None:
+    found = diagnose(believed(), made(seed, late=5e-3), plan=False)
+    assert names(found) == ["delay"]
+    assert found.steps[0].parameters["tau"].value == pytest.approx(5e-3, rel=0.04)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_current_that_is_not_late_has_no_lateness(seed: int) -> None:
+    found = diagnose(believed(), made(seed), plan=False)
+    assert (found.verdict, names(found)) == ("consistent", [])
+    assert found.timing.late == pytest.approx(0.0, abs=0.03e-3)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_runs_joined_with_gaps_name_nothing(seed: int) -> None:
+    found = diagnose(believed(), made(seed, pieces=3), plan=False)
+    assert names(found) == []
+    assert found.timing.lag == 0.0
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5, 3.0])
+def test_friction_that_is_not_the_designs_is_no_effect(factor: float) -> None:
+    # as much larger as a drag of the iron makes it: nothing in one log tells the two apart
+    found = diagnose(believed(F_C / factor, F_V / factor), made(1), plan=False)
+    assert names(found) == []
+    assert found.design.parameters("coulomb")["F_c"] == pytest.approx(F_C, rel=0.01)
