@@ -32,6 +32,7 @@ Lines = dict[str, list[str]]
 MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)
 # Fewest lines of an encoder whose signals are interpolated, and the error of that at most, in lines.
 FEWEST_LINES, LINE_ERROR = 32.0, 0.02
+HIGHEST_SLOPE = 4  # of the acceleration in the response of a drive: a loop of four lags
 
 
 class UnavailableError(Exception):
@@ -119,6 +120,27 @@ class Balances(Protocol):
 
     def shaft_noise(self) -> float:
         """Noise of the acceleration, rms."""
+
+
+def drive_path(balances: Balances) -> list[dict[str, Array]]:
+    """Return what lies between the logged drive signal and the torque, shape (n,) each, as large as it may be.
+
+    Channels that are late, averaged or filtered, by a time tau, and a current loop, make a response that is smooth in
+    the frequency: a Taylor series in s tau, of the torque and of what accelerates the axis.
+
+    Parameters
+    ----------
+    balances : Balances
+    """
+    s, design = balances.signals, balances.design
+    tau = max(balances.period, design.drive.speed_period if design.motor.electrical else 0.0)
+    columns: list[Array] = []
+    for start, order in ((s["torque"], 2), (design.J * s["alpha"], HIGHEST_SLOPE)):
+        slope = start
+        for _ in range(order):
+            slope = tau * balances.rate_of(slope)
+            columns.append(slope)
+    return [{"torque": column} for column in columns]
 
 
 @dataclass(frozen=True)
@@ -355,13 +377,12 @@ class Structure(ABC):
         The effect is only named if it explains something beside all of these. Of a wave of a high order that is the
         error of the encoder's lines: it swings the measured acceleration with the square of the speed.
         """
-        order = float(shape.get(effect.order, 0.0)) if effect.order else 0.0
-        if (
-            effect.enters != "torque"
-            or order < FEWEST_LINES
-            or balances.linear
-            or not float(np.log2(order)).is_integer()
-        ):
+        if effect.enters != "torque":
+            return []
+        if not effect.order:
+            return drive_path(balances)
+        order = float(shape.get(effect.order, 0.0))
+        if order < FEWEST_LINES or balances.linear or not float(np.log2(order)).is_integer():
             return []  # encoders whose signals are interpolated have a power of two of lines
         error = LINE_ERROR * 2.0 * np.pi / order
         angle = order * balances.signals["theta"]
