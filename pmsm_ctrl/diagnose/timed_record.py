@@ -8,10 +8,11 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import Fitted, fit_design
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
+from pmsm_ctrl.regression.balances import STANDSTILL, USABLE, Record, make_record
 from pmsm_ctrl.regression.bandwidth import signal_band
-from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind
 from pmsm_ctrl.regression.model import LATENESS, MOST_NOISE, SPREAD, noise_share
 
@@ -20,6 +21,8 @@ __all__ = ["timed_record"]
 ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
 # Angle, rad, up to which two moments describe a filtered signal: the third is 0.1 % of it then.
 EXPANDED = 0.2
+HALVINGS = 2  # of the default band: 10 Hz still hold the friction of an axis
+BLUE = 0.66  # what half the band leaves of a noise that grows with the frequency; of white noise it leaves 0.7
 WIDER = 1.25  # times the default band: less is not worth a second pass
 NOISIER = 3.0  # times the noise floor: white noise grows with the root of the band, by no more than this
 
@@ -40,16 +43,16 @@ def timed_record(design: Design, log: Log) -> Record:
     -------
     Record
     """
-    record = make_record(design, log)
-    fit = fit_design(design, record, (), {}, explore=False)
+    record, fit = _sharpened(design, log, make_record(design, log))
+    same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     for _ in range(ROUNDS):
         if record.age is not None:
-            record = make_record(design, log, None, record.age + _value(fit, "tau_speed")[0])
+            record = make_record(design, log, same, record.age + _value(fit, "tau_speed")[0])
         else:
             timing = _filter(design, record, fit)
             if timing == record.timing:
                 break
-            record = make_record(design, log, None, 0.0, timing)
+            record = make_record(design, log, same, 0.0, timing)
         fit = fit_design(design, record, (), {}, explore=False)
     return _widened(design, log, record, fit)
 
@@ -69,6 +72,28 @@ def _filter(design: Design, record: Record, fit: Fitted) -> DriveTiming:
     return filter_behind(delay, (record.timing.spread + value, stderr), record.sampling) or UNDELAYED
 
 
+def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Fitted]:
+    """Narrow the band of a log as long as noise of the acceleration, of a coarse encoder mostly, is what is left.
+
+    Noise in the motion is noise in every column, and the drive answers it: no column can be judged against it. It
+    grows with the square of the frequency, so that the noise floor falls faster with the band than that of white noise.
+    """
+    fit = fit_design(design, record, (), {}, explore=False)
+    for _ in range(HALVINGS):
+        size, floor = _size(record), _noise(fit)
+        if design.J * record.shaft_noise() < floor * size:
+            break
+        try:
+            narrow = make_record(design, log, Processing(standstill=STANDSTILL, cutoff=0.5 * record.cutoff))
+        except LogError:
+            break
+        quiet = fit_design(design, narrow, (), {}, explore=False)
+        if narrow.usable < USABLE or _noise(quiet) > BLUE * floor:
+            break
+        record, fit = narrow, quiet
+    return record, fit
+
+
 def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
     wanted = min(signal_band(log), record.prepared.rate / 8.0)  # a fast log was thinned to a lower rate
     if record.age is None:
@@ -76,7 +101,7 @@ def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
         spread, stderr = _value(fit, SPREAD)
         lag = max(math.sqrt(2.0 * max(abs(spread) - stderr, 0.0)), record.timing.lag)
         wanted = min(wanted, EXPANDED / (2.0 * math.pi * max(lag, 1e-9)))
-    if wanted < WIDER * record.cutoff:
+    if wanted < WIDER * record.cutoff or record.cutoff < default_cutoff(record.prepared.rate):
         return record
     processing = Processing(standstill=STANDSTILL, cutoff=wanted)
     wide = make_record(design, log, processing, record.age or 0.0, record.timing)
@@ -89,5 +114,8 @@ def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
 
 def _noise(fit: Fitted) -> float:
     """Noise floor of the torque balance, as a share of the torque."""
-    size = float(np.sqrt(np.mean(fit.record.target[0][fit.record.mask] ** 2)))
-    return float(fit.weights.sigma[0]) / max(size, 1e-300)
+    return float(fit.weights.sigma[0]) / max(_size(fit.record), 1e-300)
+
+
+def _size(record: Record) -> float:
+    return float(np.sqrt(np.mean(record.target[0][record.mask] ** 2)))
