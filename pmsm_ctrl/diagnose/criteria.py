@@ -77,7 +77,9 @@ def significance(p_holm: float, policy: Policy = POLICY) -> Refusal | None:
     return Refusal(Reason.NOT_SIGNIFICANT, {"p": p_holm}) if p_holm > policy.significance else None
 
 
-def size(share: float, explained: float, excess: float, policy: Policy = POLICY) -> Refusal | None:
+def size(
+    share: float, explained: float, excess: float, memory: bool = False, policy: Policy = POLICY
+) -> Refusal | None:
     """Check that an effect is worth a name.
 
     Parameters
@@ -88,12 +90,14 @@ def size(share: float, explained: float, excess: float, policy: Policy = POLICY)
         Share of the residual's sum of squares that it explains.
     excess : float
         The same of what the residual has above its noise floor.
+    memory : bool
+        Whether the torque of the effect hangs on the motion before.
     policy : Policy
     """
     least = policy.small_size if explained > policy.explained else policy.size
     if share < least:
         return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share})
-    if excess < policy.excess:
+    if excess < policy.excess or (memory and explained < policy.with_memory):
         return Refusal(Reason.MINOR, {"percent": 100.0 * min(excess, 1.0)})
     return None
 

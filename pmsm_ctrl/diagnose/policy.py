@@ -42,6 +42,9 @@ class Policy:
     excess : float
         Share that an effect must explain of what the residual has above its noise floor. What a sampling, a filter or
         a current loop leaves is no noise, and any effect explains a little of it. Worlds.
+    with_memory : float
+        Share of the whole residual that a spring, a gap, a bristle or a delay must explain: what lies between the
+        logged drive signal and the torque has a memory as well, and no model of it is exact. Worlds.
     lowered : float
         An accepted effect must bring the rms error of at least one balance down to this share. Plant: a speed that the
         drive filtered, and an angle of five digits, let a delay pass without it.
@@ -123,6 +126,7 @@ class Policy:
     small_size: float = 0.001
     explained: float = 0.012
     excess: float = 0.2
+    with_memory: float = 0.2
     lowered: float = 0.985
     balance_worse: float = 1.03
     traded: float = 0.2
@@ -151,7 +155,7 @@ class Policy:
     implausible_factor: float = 3.0
     friction_share: float = 0.1
     above_floor: float = 2.0
-    refused_share: float = 0.3
+    refused_share: float = 0.1
     events: Search = field(default_factory=Search)
     alarms: float = 0.05
 

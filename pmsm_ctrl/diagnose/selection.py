@@ -181,7 +181,8 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
     whole = sum(float(rest @ rest) for rest in left)
     above = max(whole - sum(len(rest) for rest in left), trial.plain_gain)
     explained = trial.plain_gain / max(whole, trial.plain_gain)
-    refusal = criteria.size(share, explained, trial.plain_gain / above, policy)
+    memory = trial.candidate.effect.structure.has_memory
+    refusal = criteria.size(share, explained, trial.plain_gain / above, memory, policy)
     if refusal is not None:
         return refusal
     found, whole, relief = cross_validated(fit, trial)

@@ -266,6 +266,11 @@ class Structure(ABC):
     replaces_direction: ClassVar[bool] = False
     delays: ClassVar[bool] = False
 
+    @property
+    def has_memory(self) -> bool:
+        """Whether the torque hangs on the motion before, as it does behind a filter, a sampling or a current loop."""
+        return self.splits_inertia or self.replaces_direction or self.delays
+
     # -- simulation
 
     @staticmethod
