@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 STRETCHES = 24  # of time, over which the scatter of the products is taken
 SLOW = 0.03  # of the 99 % quantile of the speed: friction is set-valued below
+LITTLE_REST = 0.05  # share of a window at rest that a reversal takes
+FEW = 0.25  # of the windows that move, below which all of them count
 FEWEST = 60  # rows of a regression
 STEADY = 0.25  # of a speed that a window four times as wide leaves at least
 BIASED = 0.5  # share of what is left that may act along a column
@@ -154,18 +156,36 @@ def moving(omega: Array) -> NDArray[np.bool_]:
 def torque_balance(bins: Bins, torque: Array, boxes: int = BOXES, lag: int = 0) -> Fit | None:
     """Regress the torque, taken `lag` bins later, on acceleration, friction and a small delay."""
     motion = moved(bins, boxes)
-    return None if motion is None else _balance(bins, *motion, bins.smooth(torque, boxes), lag)
+    return None if motion is None else _balance(bins, motion, _sliding(bins, boxes), bins.smooth(torque, boxes), lag)
 
 
-def _balance(bins: Bins, omega: Array, alpha: Array, torque: Array, lag: int, step: int = 1) -> Fit | None:
-    """Regress a torque in windows, taken `lag` bins later; every `step`-th window takes part."""
+def _sliding(bins: Bins, boxes: int) -> NDArray[np.bool_]:
+    """Return the windows in which the axis moves from end to end, shape (m,).
+
+    Friction at rest is whatever holds the axis: a window that holds some of it has less than F_c in its mean, which
+    looks like a late torque where the axis stops and starts. Where nearly every window holds some, all that move count.
+    """
+    motion, closer = moved(bins, boxes), moved(bins, 1)
+    if motion is None or closer is None:
+        return np.zeros(len(bins.t), dtype=np.bool_)
+    known = np.isfinite(closer[0])
+    rest = (known & ~moving(closer[0])).astype(np.float64)
+    fast = moving(motion[0])
+    free = fast & (bins.smooth(rest, boxes) < LITTLE_REST)
+    return free if free.sum() > FEW * fast.sum() else fast
+
+
+def _balance(
+    bins: Bins, motion: tuple[Array, Array], used: NDArray[np.bool_], torque: Array, lag: int, step: int = 1
+) -> Fit | None:
+    """Regress a torque in windows, taken `lag` bins later; every `step`-th of the used windows takes part."""
+    omega, alpha = motion
     y = np.roll(torque, -lag)
     if lag:
         y[: max(0, -lag)] = y[len(y) - max(0, lag) :] = np.nan
-    fast = moving(omega)
-    side = np.sign(np.where(fast, omega, 0.0))
+    side = np.sign(np.where(used, omega, 0.0))
     columns = {"J": alpha, "F_c": side, "F_v": omega, "constant": np.ones_like(y), "late": np.gradient(y, bins.width)}
-    return fitted(y[::step], {name: values[::step] for name, values in columns.items()}, fast[::step])
+    return fitted(y[::step], {name: values[::step] for name, values in columns.items()}, used[::step])
 
 
 def voltage_balances(
@@ -256,10 +276,10 @@ def _best_lag(bins: Bins, torque: Array, now: Fit | None) -> int:
     longest, motion = int(POLICY.longest_lag / bins.width), moved(bins, BOXES)
     if now is None or motion is None or now.left < POLICY.well or len(torque) < 20 * longest:
         return 0
-    seen = bins.smooth(torque, BOXES)
+    seen, used = bins.smooth(torque, BOXES), _sliding(bins, BOXES)
     best, least = 0, POLICY.late_gain * now.left
     for lag in (*range(-longest // 4, 0), *range(1, longest + 1)):
-        fit = _balance(bins, *motion, seen, lag, BOXES)
+        fit = _balance(bins, motion, used, seen, lag, BOXES)
         if fit is not None and fit.left < least and fit.value("J") > 0.0:
             best, least = lag, fit.left
     return best

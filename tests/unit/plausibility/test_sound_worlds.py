@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.plausibility import examine
+from tests.benchmarks.other_plant import other_log
+from tests.benchmarks.sizes import SIZES, sized
 from tests.benchmarks.worlds.hidden import simulate_world
 from tests.benchmarks.worlds.world import draw
 from tests.effort import amount
@@ -22,3 +24,9 @@ def test_clean_worlds_raise_nothing() -> None:
         if found:
             raised[seed] = found
     assert raised == {}
+
+
+def test_a_drive_that_stops_within_a_window_is_not_late() -> None:
+    # what holds the axis at rest is less than F_c: in the means over a window it lags the motion by 6 ms
+    fast = sized(*other_log("none", 1180, kind="cycle"), *SIZES["fast"])
+    assert examine(*fast).notices == ()
