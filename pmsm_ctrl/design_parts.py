@@ -246,3 +246,14 @@ class LogMap(Part):
     scale: dict[str, Finite] = Field(default_factory=dict, description="factor applied to a channel after units")
     separator: str | None = None
     decimal: Literal[".", ","] | None = None
+    sampling: Literal["unknown", "instant", "mean", "command"] = Field(
+        default="unknown", description="torque and currents beside the position: sampled at once, mean over the period "
+        "before, or the drive's command"
+    )  # fmt: skip
+    late: Finite = Field(default=0.0, description="time by which torque and currents are sampled after the position, s")
+    filter: Finite = Field(default=0.0, ge=0.0, description="time constant of the filter of torque and currents, s")
+
+    @property
+    def sampling_told(self) -> bool:
+        """Whether the time of sampling is known, and no nuisance of the fit."""
+        return self.sampling in ("instant", "mean")

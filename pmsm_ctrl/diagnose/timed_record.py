@@ -31,8 +31,9 @@ def timed_record(design: Design, log: Log) -> Record:
     """Condition a log, after the base model has told how it was sampled.
 
     Where the log has a speed alone the lag of that is corrected, else the filter of a drive signal that is later than
-    sampling can make it. A wider band than the default one is taken where the drive signal has one, the sampling can
-    be described there, and the acceleration is no noise there, or already was in the default one.
+    sampling can make it, unless the design states how the log was sampled. A wider band than the default one is taken
+    where the drive signal has one, the sampling can be described there, and the acceleration is no noise there, or
+    already was in the default one; a narrower one where noise of the acceleration is what is left.
 
     Parameters
     ----------
@@ -48,6 +49,8 @@ def timed_record(design: Design, log: Log) -> Record:
     for _ in range(ROUNDS):
         if record.age is not None:
             record = make_record(design, log, same, record.age + _value(fit, "tau_speed")[0])
+        elif design.log.sampling_told:
+            break
         else:
             timing = _filter(design, record, fit)
             if timing == record.timing:

@@ -20,7 +20,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
-from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming
+from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, stated_timing
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
 from pmsm_ctrl.regression.timing import punctual
@@ -69,6 +69,8 @@ INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d change
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
+# Part of a period of the log by which a sampling that the design states may be off: the clocks of two boards.
+TOLD = 0.05
 # Share of a log that the default band has to leave.
 USABLE = 0.1
 # Period of the speed loop of a drive of which nothing is known, and what a current loop lags its command at most, s:
@@ -272,7 +274,7 @@ class Record:
 
 
 def make_record(
-    design: Design, log: Log, processing: Processing | None = None, age: float = 0.0, timing: DriveTiming = UNDELAYED
+    design: Design, log: Log, processing: Processing | None = None, age: float = 0.0, timing: DriveTiming | None = None
 ) -> Record:
     """Prepare a log for the diagnosis.
 
@@ -287,8 +289,8 @@ def make_record(
         The default band, or one as wide as the drive signal's where that leaves more, when left out.
     age : float
         Of a speed beyond what the design knows of it, s; it counts only where the log has no position.
-    timing : DriveTiming
-        How the drive signal was sampled; it is undone.
+    timing : DriveTiming, optional
+        How the drive signal was sampled; it is undone. What the design states of the log when left out.
 
     Raises
     ------
@@ -296,6 +298,7 @@ def make_record(
         When a channel is missing, or the axis never moves.
     """
     log.check_evaluable(FEWEST_SAMPLES)
+    timing = stated_timing(design.log, log.period) if timing is None else timing
     if processing is not None:
         return _made(design, log, processing, age, timing)
     usual, short = Processing(standstill=STANDSTILL), None
@@ -313,7 +316,10 @@ def make_record(
 
 
 def _made(design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming) -> Record:
-    sampling = max(log.period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
+    told = design.log.sampling_told
+    possible = max(log.period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
+    sampling = TOLD * log.period if told else possible
+    early = sampling if told else sampling + CURRENT_LOOP
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
     log = timing.undone(_thinned(_in_time(design, log, age)))
     prepared = condition(design, log, processing, as_logged=True)
@@ -356,7 +362,7 @@ def _made(design: Design, log: Log, processing: Processing, age: float, timing: 
     return Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], (*few, *prepared.notes),
-        None if "theta" in log else age, timing=timing, sampling=sampling, early=sampling + CURRENT_LOOP,
+        None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
         unseen=_in_gaps(log),
     )  # fmt: skip
 

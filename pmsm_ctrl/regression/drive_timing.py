@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.log import Log
 
-__all__ = ["UNDELAYED", "DriveTiming", "filter_behind"]
+__all__ = ["UNDELAYED", "DriveTiming", "filter_behind", "stated_timing"]
 
 Array = NDArray[np.float64]
 
@@ -72,6 +73,21 @@ class DriveTiming:
 
 
 UNDELAYED = DriveTiming()
+
+
+def stated_timing(stated: LogMap, period: float) -> DriveTiming:
+    """Return how the drive signal was sampled, as the log's table in the design says.
+
+    Parameters
+    ----------
+    stated : LogMap
+    period : float
+        Of the log, s: a mean over it is late by half of it, and has the variance of a filter of ``period / sqrt(12)``.
+    """
+    width = period / math.sqrt(12.0) if stated.sampling == "mean" else 0.0
+    lag = math.hypot(stated.filter, width)
+    centre = 0.5 * period if stated.sampling == "mean" else 0.0
+    return DriveTiming(stated.late + centre + stated.filter - lag, lag)
 
 
 def filter_behind(delay: float, spread: tuple[float, float], sampling: float) -> DriveTiming | None:

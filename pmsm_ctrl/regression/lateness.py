@@ -47,12 +47,14 @@ def with_sampling_bounded(record: Record, model: Model, fit: Solved) -> Model:
         return model
     nominal, sigma = model.nominal.copy(), model.sigma.copy()
     k = model.names.index(LATENESS)
-    late = record.timing.late + float(fit.values[k])
+    # a sampling that the design states is the centre of what is possible, else the time of the position is
+    undone = 0.0 if record.design.log.sampling_told else record.timing.late
+    late = undone + float(fit.values[k])
     delayed = any(group.effect is not None and group.effect.structure.delays for group in model.groups)
     if delayed or fit.stderr[k] > UNTOLD * record.sampling:
         nominal[k] = 0.0
     elif not -record.early <= late <= record.sampling:
-        nominal[k] = (record.sampling if late > 0.0 else -record.early) - record.timing.late
+        nominal[k] = (record.sampling if late > 0.0 else -record.early) - undone
     else:
         return model
     sigma[k] = FIXED * record.sampling

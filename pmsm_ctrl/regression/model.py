@@ -315,7 +315,14 @@ def _emf_left(record: Record) -> Array | None:
     from scipy.signal import lfilter
 
     motor = record.design.motor
-    if not motor.electrical or motor.R is None or motor.L_q is None or motor.psi_f is None or motor.p is None:
+    if (
+        record.design.log.sampling_told
+        or not motor.electrical
+        or motor.R is None
+        or motor.L_q is None
+        or motor.psi_f is None
+        or motor.p is None
+    ):
         return None
     decay = math.exp(-record.period * motor.R / motor.L_q)
     jerk = record.rate_of(record.signals["alpha"])

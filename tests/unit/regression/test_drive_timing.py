@@ -160,3 +160,27 @@ def test_friction_that_is_not_the_designs_is_no_effect(factor: float) -> None:
     found = diagnose(believed(F_C / factor, F_V / factor), made(1), plan=False)
     assert names(found) == []
     assert found.design.parameters("coulomb")["F_c"] == pytest.approx(F_C, rel=0.01)
+
+
+# ---- what the design states of the log ------------------------------------------------------------------------------
+
+
+def stating(**log: object) -> Design:
+    return Design.from_dict({**believed().to_dict(), "log": log})
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_stated_mean_over_the_period_is_undone(seed: int) -> None:
+    found = diagnose(stating(sampling="mean"), made(seed, mean=True), plan=False)
+    assert found.steps == ()
+    assert found.timing.delay == pytest.approx(0.5 * PERIOD, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_beside_a_stated_sampling_half_a_period_is_a_delay(seed: int) -> None:
+    log = made(seed, late=0.5 * PERIOD)
+    assert diagnose(believed(), log, plan=False).steps == ()
+    found = diagnose(stating(sampling="instant"), log, plan=False)
+    assert [step.effect for step in found.steps] == ["delay"]
+    assert found.steps[0].parameters["tau"].value == pytest.approx(0.5 * PERIOD, rel=0.1)
+    assert diagnose(stating(sampling="instant", late=0.5 * PERIOD), log, plan=False).steps == ()
