@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -116,10 +117,10 @@ def _in_best_band(design: Design, log: Log, processing: Processing, usual: Probl
 def _with_sound_inertia(design: Design, log: Log, problem: Problem) -> Problem:
     """Lower the band of the inertia until errors in the acceleration do not bias it.
 
-    That is until their known part, its white noise, shrinks it by less than `NEGLIGIBLE_BIAS`, and until half the band
-    gives the same inertia: whatever else is wrong with an acceleration (lines of the encoder, channels that are not
-    synchronous) grows with the frequency. Two estimates from one log differ by a noise that is known (J. A. Hausman,
-    Econometrica 46 (1978) 1251).
+    That is until their known part, its white noise, shrinks it by less than `NEGLIGIBLE_BIAS`, or by no less in half
+    the band, its standard error counted; and until half the band gives an inertia inside the interval of this one:
+    whatever else is wrong with an acceleration (lines of the encoder, channels that are not synchronous) grows with the
+    frequency. Two estimates from one log differ by a noise that is known (J. A. Hausman, Econometrica 46 (1978) 1251).
     """
     top = problem.inertia_cutoff or problem.cutoff
     if "J" not in problem.names:
@@ -127,26 +128,26 @@ def _with_sound_inertia(design: Design, log: Log, problem: Problem) -> Problem:
     bands = [top / 2.0**k for k in range(HALVINGS + 1) if top / 2.0**k >= NARROWEST or k == 0]
     tried = [problem if band == problem.cutoff else replace(problem, inertia_cutoff=band) for band in bands]
     fits = [solve(one) for one in tried]
-    best = 0
+    best, bias = 0, _shrinkage(design, log, tried[0])
     for k in range(len(bands) - 1):
         if "J" not in fits[k + 1].values or fits[k + 1].stderr["J"] > LOSS * fits[best].stderr["J"]:
             break
-        if _shrinkage(design, log, tried[best]) <= NEGLIGIBLE_BIAS and not _differ(
-            tried[best], fits[best], fits[k + 1]
-        ):
+        narrow = _shrinkage(design, log, tried[k + 1])
+        error, less = (f.stderr["J"] * math.hypot(1.0, b) for f, b in ((fits[k], bias), (fits[k + 1], narrow)))
+        if not (bias > NEGLIGIBLE_BIAS and less < error) and not _differ(tried[k], fits[k], fits[k + 1]):
             break
-        best = k + 1
+        best, bias = k + 1, narrow
     return tried[best]
 
 
 def _differ(problem: Problem, wide: Fit, narrow: Fit) -> bool:
-    """Whether two estimates of the inertia from one log differ by more than its noise makes of their difference."""
+    """Whether a narrower band has an inertia beyond the interval of a wide one, and beyond the noise of both."""
     k = problem.names.index("J")
     contrast = np.zeros(len(problem.target))
     contrast[problem.mask] = wide.weights[k] - narrow.weights[k]
     variance = narrow.spread * float(contrast @ narrow.noise.toeplitz(contrast[:, None])[:, 0])
     apart = abs(wide.values["J"] - narrow.values["J"])
-    return apart > t_quantile(SURE, narrow.dof) * float(np.sqrt(variance))
+    return apart > t_quantile(SURE, narrow.dof) * max(float(np.sqrt(variance)), wide.stderr["J"])
 
 
 def _information(problem: Problem) -> Array:
