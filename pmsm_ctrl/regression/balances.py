@@ -20,7 +20,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
-from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, stated_timing
+from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, possible_sampling, stated_timing
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
 from pmsm_ctrl.regression.timing import punctual
@@ -69,13 +69,8 @@ INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d change
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
-# Part of a period of the log by which a sampling that the design states may be off: the clocks of two boards.
-TOLD = 0.05
 # Share of a log that the default band has to leave.
 USABLE = 0.1
-# Period of the speed loop of a drive of which nothing is known, and what a current loop lags its command at most, s:
-# one of 160 Hz and more.
-UNKNOWN_LOOP, CURRENT_LOOP = 1e-3, 1e-3
 # A delay below this share of a sample is met well enough to first order.
 LATE = 0.03
 
@@ -316,10 +311,7 @@ def make_record(
 
 
 def _made(design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming) -> Record:
-    told = design.log.sampling_told
-    possible = max(log.period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
-    sampling = TOLD * log.period if told else possible
-    early = sampling if told else sampling + CURRENT_LOOP
+    sampling, early = possible_sampling(design, log.period)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
     log = timing.undone(_thinned(_in_time(design, log, age)))
     prepared = condition(design, log, processing, as_logged=True)

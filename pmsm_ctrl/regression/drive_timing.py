@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.log import Log
 
-__all__ = ["UNDELAYED", "DriveTiming", "filter_behind", "stated_timing"]
+__all__ = ["CURRENT_LOOP", "UNDELAYED", "DriveTiming", "filter_behind", "possible_sampling", "stated_timing"]
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,11 @@ Array = NDArray[np.float64]
 DRIVE = ("torque", "i_q", "i_d")
 # Standard errors by which the spread must miss that of a filter for the rest to be called a delay.
 SURE = 3.0
+# Part of a period of the log by which a sampling that the design states may be off: the clocks of two boards.
+TOLD = 0.05
+# Period of the speed loop of a drive of which nothing is known, and what a current loop lags its command at most, s:
+# one of 160 Hz and more.
+UNKNOWN_LOOP, CURRENT_LOOP = 1e-3, 1e-3
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,24 @@ def stated_timing(stated: LogMap, period: float) -> DriveTiming:
     lag = math.hypot(stated.filter, width)
     centre = 0.5 * period if stated.sampling == "mean" else 0.0
     return DriveTiming(stated.late + centre + stated.filter - lag, lag)
+
+
+def possible_sampling(design: Design, period: float) -> tuple[float, float]:
+    """Return how late and how early, s, a drive signal may be sampled beside the position.
+
+    By a period of the log, or of the speed loop, whose steps are always sampled at the same place; and earlier by what
+    a current loop lags, since the signal may be its command.
+
+    Parameters
+    ----------
+    design : Design
+    period : float
+        Of the log, s.
+    """
+    if design.log.sampling_told:
+        return TOLD * period, TOLD * period
+    late = max(period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
+    return late, late + CURRENT_LOOP
 
 
 def filter_behind(delay: float, spread: tuple[float, float], sampling: float) -> DriveTiming | None:

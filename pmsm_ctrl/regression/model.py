@@ -16,8 +16,9 @@ from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures.interface import Known
 from pmsm_ctrl.evidence.linalg import factored, own_shares
 from pmsm_ctrl.evidence.whitening import Whitener
-from pmsm_ctrl.regression.balances import CURRENT_LOOP, Record, Rows
+from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
+from pmsm_ctrl.regression.drive_timing import CURRENT_LOOP
 
 __all__ = [
     "LATENESS",
