@@ -90,6 +90,8 @@ def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Fitted
             narrow = make_record(design, log, Processing(standstill=STANDSTILL, cutoff=0.5 * record.cutoff))
         except LogError:
             break
+        if design.J * narrow.shaft_noise() > _size(narrow):  # what lies above this band is the motion itself
+            break
         quiet = fit_design(design, narrow, (), {}, explore=False)
         if narrow.usable < USABLE or _noise(quiet) > BLUE * floor:
             break
