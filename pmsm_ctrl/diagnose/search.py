@@ -185,7 +185,7 @@ def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tupl
         weight = record.weight[row] * record.mask
         gram = gram_of(blocks, weight)
         room = max(FEWEST_DIRECTIONS, int(_effective(weight) / SAMPLES_PER_DIRECTION))
-        coefficients, rank = projection_on_all(gram[1:, 1:], gram[1:, 0], room)
+        coefficients, rank = projection_on_all(gram[1:, 1:], gram[1:, 0], room, len(inside))
         residual[row] = record.target[row]
         start = 0
         for block in blocks[1:]:

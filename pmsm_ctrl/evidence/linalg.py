@@ -129,7 +129,7 @@ def gram_of(blocks: Sequence[Array], weight: Array) -> Array:
     return out
 
 
-def projection_on_all(gram: Array, right: Array, room: int) -> tuple[Array, int]:
+def projection_on_all(gram: Array, right: Array, room: int, first: int = 0) -> tuple[Array, int]:
     """Return the coefficients of a least-squares fit of all columns, and how many directions it has.
 
     Parameters
@@ -140,6 +140,9 @@ def projection_on_all(gram: Array, right: Array, room: int) -> tuple[Array, int]
         Their products with the target.
     room : int
         Most directions that are fitted: those that the columns have in common come first.
+    first : int
+        Columns that are fitted in any case, the leading ones: where the room is small, the directions that the others
+        have in common need not hold them.
 
     Returns
     -------
@@ -149,13 +152,18 @@ def projection_on_all(gram: Array, right: Array, room: int) -> tuple[Array, int]
     size = np.sqrt(np.diag(gram))
     alive = size > 0.0
     size = size[alive]
-    values, vectors = np.linalg.eigh(gram[np.ix_(alive, alive)] / np.outer(size, size))
-    kept = values > GRAM_RANK_TOLERANCE * values[-1]
-    kept[: max(0, len(kept) - room)] = False
-    along = vectors[:, kept].T @ (right[alive] / size)
+    scaled, along = gram[np.ix_(alive, alive)] / np.outer(size, size), right[alive] / size
+    lead = int(alive[:first].sum())
+    own = np.linalg.pinv(scaled[:lead, :lead], rcond=GRAM_RANK_TOLERANCE, hermitian=True)
+    beside = own @ scaled[:lead, lead:]
+    left = scaled[lead:, lead:] - scaled[lead:, :lead] @ beside
+    values, vectors = np.linalg.eigh(left) if len(left) else (np.zeros(0), np.zeros((0, 0)))
+    kept = values > GRAM_RANK_TOLERANCE * max(float(np.linalg.norm(scaled, 2)), 1e-300)
+    kept[: max(0, len(kept) - max(room - lead, 0))] = False
+    further = vectors[:, kept] @ ((vectors[:, kept].T @ (along[lead:] - beside.T @ along[:lead])) / values[kept])
     coefficients = np.zeros(len(gram))
-    coefficients[alive] = vectors[:, kept] @ (along / values[kept]) / size
-    return coefficients, int(kept.sum())
+    coefficients[alive] = np.concatenate([own @ along[:lead] - beside @ further, further]) / size
+    return coefficients, lead + int(kept.sum())
 
 
 @dataclass(frozen=True, eq=False)
