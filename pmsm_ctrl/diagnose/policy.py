@@ -41,7 +41,8 @@ class Policy:
         acceleration all friction is small. Machines; currents in steps of 60 mA.
     excess : float
         Share that an effect must explain of what the residual has above its noise floor. What a sampling, a filter or
-        a current loop leaves is no noise, and any effect explains a little of it. Worlds.
+        a current loop leaves is no noise, and any effect explains a little of it. A significant effect that was not
+        confirmed by cross-validation, and explains this share of the residual, is unexplained structure. Worlds.
     with_memory : float
         Share of the whole residual that a spring, a gap, a bristle or a delay must explain: what lies between the
         logged drive signal and the torque has a memory as well, and no model of it is exact. Worlds.
@@ -84,12 +85,9 @@ class Policy:
         Weight below which a sample is not searched for structure: edges of the torque are aliased. A speed sweep.
     structure_share : float
         Least share of the residual's mean square that a curve must explain to be named. Clean.
-    resembled_share : float
-        A significant effect that cross-validation did not confirm, and that explains this share of the residual, is
-        unexplained structure. The same as `excess`: what is less may be the sampling, or the current loop. Worlds.
     resembled_at_turns : float
-        The same where the residual sits around reversals, as no sampling leaves it: presliding left out of the
-        candidates is a Stribeck curve for 3 to 5 % of it. Blind.
+        The share of such structure where the residual sits around reversals, as no sampling leaves it: presliding
+        left out of the candidates is a Stribeck curve for 3 to 5 % of it. Blind.
     around_reversals : float
         Ratio of rms residuals around reversals and elsewhere from which on the structure is said to sit there. Blind.
     visible_share : float
@@ -145,7 +143,6 @@ class Policy:
     torque_constant: float = 0.02
     sound_weight: float = 0.5
     structure_share: float = 0.015
-    resembled_share: float = 0.2
     resembled_at_turns: float = 0.025
     around_reversals: float = 1.5
     visible_share: float = 0.1

@@ -111,7 +111,7 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     record = fit.record
     row = _where_it_enters(fit, best.plain_direction)
     ratio, curve = _around_reversals(fit, row)
-    if share <= policy.resembled_share and ratio <= policy.around_reversals:
+    if share <= policy.excess and ratio <= policy.around_reversals:
         return None
     place, coordinate, unit = "", "time since the reversal", "s"
     if ratio > policy.around_reversals:

@@ -333,7 +333,7 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     blind: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called absurd
-    policy = replace(POLICY, absurd=np.inf, resembled_share=0.03)
+    policy = replace(POLICY, absurd=np.inf, excess=0.03)
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80), policy)
     assert result.verdict == "unexplained"
     assert (result.structure.resembles, result.structure.channel) == ("dead_time", "u_q")

@@ -141,15 +141,15 @@ def resembling(gain: float, reason: Reason, p_value: float = 1e-20) -> Any:
 
 
 def test_what_only_cross_validation_refused_is_unexplained_when_it_is_large() -> None:
-    found = resembling(100.0 * POLICY.resembled_share + 0.1, Reason.NOT_CONFIRMED)
+    found = resembling(100.0 * POLICY.excess + 0.1, Reason.NOT_CONFIRMED)
     assert (found.channel, found.coordinate, found.resembles) == ("u_d", "acceleration", "compliance")
-    assert found.share == pytest.approx(POLICY.resembled_share + 1e-3)
+    assert found.share == pytest.approx(POLICY.excess + 1e-3)
     assert "compliance would explain 20 % of it, but is not confirmed by cross-validation" in found.notice.text
     x, forward, _ = found.curve
     assert forward[np.isfinite(forward)] == pytest.approx(x[np.isfinite(forward)], abs=0.06)
 
 
 def test_other_refusals_and_small_shares_are_no_structure() -> None:
-    assert resembling(100.0 * POLICY.resembled_share - 0.1, Reason.NOT_CONFIRMED) is None
+    assert resembling(100.0 * POLICY.excess - 0.1, Reason.NOT_CONFIRMED) is None
     assert resembling(50.0, Reason.BALANCE_WORSE) is None
     assert resembling(50.0, Reason.NOT_CONFIRMED, p_value=0.02) is None
