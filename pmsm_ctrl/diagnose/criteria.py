@@ -97,7 +97,7 @@ def size(
     least = policy.small_size if explained > policy.explained else policy.size
     if share < least:
         return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share})
-    if excess < policy.excess or (memory and explained < policy.with_memory):
+    if excess < (policy.with_memory if memory else policy.excess):
         return Refusal(Reason.MINOR, {"percent": 100.0 * min(excess, 1.0)})
     return None
 

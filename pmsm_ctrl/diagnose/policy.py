@@ -44,8 +44,8 @@ class Policy:
         a current loop leaves is no noise, and any effect explains a little of it. A significant effect that was not
         confirmed by cross-validation, and explains this share of the residual, is unexplained structure. Worlds.
     with_memory : float
-        Share of the whole residual that a spring, a gap, a bristle or a delay must explain: what lies between the
-        logged drive signal and the torque has a memory as well, and no model of it is exact. Worlds.
+        The same for a spring, a gap, a bristle or a delay: what lies between the logged drive signal and the torque
+        has a memory as well, and no model of it is exact. Worlds.
     lowered : float
         An accepted effect must bring the rms error of at least one balance down to this share. Plant: a speed that the
         drive filtered, and an angle of five digits, let a delay pass without it.
@@ -124,7 +124,7 @@ class Policy:
     small_size: float = 0.001
     explained: float = 0.012
     excess: float = 0.2
-    with_memory: float = 0.2
+    with_memory: float = 0.5
     lowered: float = 0.985
     balance_worse: float = 1.03
     traded: float = 0.2
