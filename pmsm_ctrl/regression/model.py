@@ -310,8 +310,8 @@ def _emf_left(record: Record) -> Array | None:
 
     With its zero on the winding's pole the loop answers a disturbance ``u`` by ``s u / ((L s + R) (s + w))``, and the
     compensation misses ``p psi tau s omega`` of the emf. A logged command is what the drive asked for; a measured
-    current holds nothing of this, and the parameter comes out as zero. Source: D. Schroeder, Elektrische Antriebe -
-    Regelung von Antriebssystemen, 4th ed., Springer 2015, ch. 15 (current loop with back-emf).
+    current holds nothing of this, and the parameter comes out as zero. Derived from the winding's equation
+    ``L di/dt + R i = u - p psi omega`` with a PI controller.
     """
     from scipy.signal import lfilter
 

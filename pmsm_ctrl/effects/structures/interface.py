@@ -32,7 +32,7 @@ Lines = dict[str, list[str]]
 MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)
 # Fewest lines of an encoder whose signals are interpolated, and the error of that at most, in lines.
 FEWEST_LINES, LINE_ERROR = 32.0, 0.02
-HIGHEST_SLOPE = 4  # of the acceleration in the response of a drive: a loop of four lags
+HIGHEST_SLOPE = 4  # derivatives of the acceleration: with two a filter over several periods still looks like a spring
 
 
 class UnavailableError(Exception):

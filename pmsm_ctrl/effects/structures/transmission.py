@@ -19,6 +19,7 @@ from pmsm_ctrl.effects.structures.interface import (
     Search,
     SecondMass,
     Structure,
+    drive_path,
     kernel_call,
 )
 from pmsm_ctrl.errors import DesignError
@@ -46,9 +47,6 @@ ABOVE_NOISE = 4.0
 LEAST_LOAD = 0.02  # a load is a share of the inertia that is worth the name
 # Lowest and highest frequency of a load on its spring, Hz, and the dampings of those that ring.
 LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
-# Derivatives of the acceleration that describe a smooth response; clean worlds of the third simulator: with two of them
-# a filter of the current over several periods still looks like a spring.
-HIGHEST_SLOPE = 4
 # Amplitude of a wave of a turn, in the torque's rms, of which nothing is known.
 UNBOUNDED = 1e3
 # Twist of a spring, rad rms at its output: twice what even highly flexible couplings are rated for, at their peak.
@@ -156,21 +154,14 @@ class Transmission(Structure):
         its antiresonance. At a constant speed any wave of a turn is a single frequency, which a spring that resonates
         there would explain.
         """
-        s, design = balances.signals, balances.design
-        tau = max(balances.period, design.drive.speed_period if design.motor.electrical else 0.0)
-        columns: list[Array] = []
-        for start, order in ((s["torque"], 2), (design.J * s["alpha"], HIGHEST_SLOPE)):
-            slope = start
-            for _ in range(order):
-                slope = tau * balances.rate_of(slope)
-                columns.append(slope)
-        if not balances.linear:
-            free = UNBOUNDED * float(np.std(s["torque"]))
-            p = design.motor.p or 1
-            waves = [free * wave(order * s["theta"]) for order in sorted({1, 2, p, 2 * p}) for wave in (np.cos, np.sin)]
-            square = s["omega"] ** 2 / max(float(np.mean(s["omega"] ** 2)), 1e-300)
-            columns += [*waves, *(square * wave for wave in waves[:2])]
-        return [{"torque": column} for column in columns]
+        path = drive_path(balances)
+        if balances.linear:
+            return path
+        s, p = balances.signals, balances.design.motor.p or 1
+        free = UNBOUNDED * float(np.std(s["torque"]))
+        waves = [free * wave(order * s["theta"]) for order in sorted({1, 2, p, 2 * p}) for wave in (np.cos, np.sin)]
+        square = s["omega"] ** 2 / max(float(np.mean(s["omega"] ** 2)), 1e-300)
+        return [*path, *({"torque": column} for column in (*waves, *(square * wave for wave in waves[:2])))]
 
     def search(self, effect: Effect, log: LogView) -> Search:
         """Return springs over a coarse grid, and the best of a fine one, in which none that rings can be missed.

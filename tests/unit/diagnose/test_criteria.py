@@ -55,6 +55,13 @@ def test_size_is_a_share_of_what_is_above_the_noise() -> None:
     assert reason(criteria.size(0.0, 0.0, 0.0)) is Reason.TOO_SMALL
 
 
+def test_an_effect_with_a_memory_explains_half_of_what_is_above_the_noise() -> None:
+    assert reason(criteria.size(0.5, 0.5, 0.49, memory=True)) is Reason.MINOR
+    assert criteria.size(0.5, 0.5, 0.51, memory=True) is None
+    assert criteria.size(0.5, 0.5, 0.49) is None
+    assert reason(criteria.size(0.5, 0.5, 0.19)) is Reason.MINOR
+
+
 def confirmed(gain: float, whole: float = 1e4, relief: float = 0.0, first: bool = True, p_rank: float = 0.5) -> bool:
     found = CrossValidation(gain, 1.0, 16, p_rank)
     return criteria.cross_validation(found, whole, relief, first) is None

@@ -103,3 +103,15 @@ def test_own_share_of_columns() -> None:
     # x^2 beside x: 1 - (1/4)^2 / (1/3 1/5) = 1/16
     assert own_shares(np.column_stack([x, x**2])) == pytest.approx([0.25, 0.25], rel=0.01)
     assert own_shares(x[:, None]) == pytest.approx([1.0])
+
+
+def test_projection_on_all_holds_the_first_columns_however_small_the_room(rng: np.random.Generator) -> None:
+    base, much = rng.standard_normal((2, 400)), np.repeat(rng.standard_normal((10, 400)), 30, axis=0)
+    columns = np.vstack([base, much + 0.1 * rng.standard_normal((300, 400))])
+    y = base.T @ [3.0, -2.0] + 1e-3 * rng.standard_normal(400)
+    coefficients, rank = projection_on_all(columns @ columns.T, columns @ y, room=5, first=2)
+    left = y - coefficients @ columns
+    assert rank == 5
+    assert np.sqrt(np.mean(left**2)) < 1.1e-3
+    assert base @ left == pytest.approx([0.0, 0.0], abs=1e-8)
+    assert np.std(y - projection_on_all(columns @ columns.T, columns @ y, room=5)[0] @ columns) > 1.0

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind
+from pmsm_ctrl.regression.model import base_groups
+from pmsm_ctrl.simulate import simulate
 
 J, K_T, F_C, F_V = 0.01, 1.3, 0.4, 0.02
 PERIOD, FINE = 1e-3, 50  # s, and steps of the made-up torque in it
@@ -184,3 +189,13 @@ def test_beside_a_stated_sampling_half_a_period_is_a_delay(seed: int) -> None:
     assert [step.effect for step in found.steps] == ["delay"]
     assert found.steps[0].parameters["tau"].value == pytest.approx(0.5 * PERIOD, rel=0.1)
     assert diagnose(stating(sampling="instant", late=0.5 * PERIOD), log, plan=False).steps == ()
+
+
+def test_a_stated_sampling_leaves_no_back_emf_in_the_current(project_root: Path) -> None:
+    design = Design.read(project_root / "designs" / "seed_motor.toml")
+    log = simulate(design, "identification", seed=1)
+    names = [
+        base_groups(one, make_record(one, log))[0].names
+        for one in (design, design.model_copy(update={"log": LogMap(sampling="instant")}))
+    ]
+    assert ["tau_emf" in found for found in names] == [True, False]
