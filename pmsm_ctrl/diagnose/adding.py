@@ -9,12 +9,12 @@ from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design
 from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, try_candidate
-from pmsm_ctrl.diagnose.timed_record import timed_record
 from pmsm_ctrl.effects.catalogue import catalogue_of, lookup
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import examine
 from pmsm_ctrl.regression.bounds import holding
+from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.section import Notice
 
 __all__ = ["add", "added"]

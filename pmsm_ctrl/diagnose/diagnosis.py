@@ -28,7 +28,6 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.selection import Selection, best
 from pmsm_ctrl.diagnose.swap import swap
-from pmsm_ctrl.diagnose.timed_record import timed_record
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.diagnose.verdict import explains_most
 from pmsm_ctrl.effects.base import Effect
@@ -39,6 +38,7 @@ from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.regression.balances import STANDSTILL, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.fast_orders import orders_beyond
+from pmsm_ctrl.regression.timed_record import timed_record
 
 __all__ = ["diagnose"]
 

@@ -15,45 +15,32 @@ from pmsm_ctrl.diagnose.search import (
     Trial,
     offer,
     plain_evidence,
-    rough_weights,
-    saturated_whiteners,
     try_all,
     try_group,
 )
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.whitening import Whitener
-from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
-from pmsm_ctrl.regression.bounds import bounded
-from pmsm_ctrl.regression.columns import effect_group, seen_as_candidate
-from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
-from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
-from pmsm_ctrl.regression.model import (
-    OWN,
-    Model,
-    Solved,
-    base_groups,
-    solve_model,
-    with_torque_held,
+from pmsm_ctrl.regression.balances import Record, with_modelled_torque
+from pmsm_ctrl.regression.base_fit import (
+    Accepted,
+    assembled,
+    delay_of,
+    estimated,
+    false_torque,
+    settled_model,
+    with_bristles,
 )
+from pmsm_ctrl.regression.columns import seen_as_candidate
+from pmsm_ctrl.regression.covariance import NoiseCovariance
+from pmsm_ctrl.regression.model import Model, Solved
 
 __all__ = ["Accepted", "Fitted", "errors", "fit_design", "predicted_elsewhere"]
 
 Array = NDArray[np.float64]
 
-# Passes in which a delay is linearised at its last value: to first order one of two samples comes out a third low.
-PASSES = 4
 MOST_REFINED = 6  # candidates of a round
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
 PARSIMONY = 0.98
-
-
-@dataclass(frozen=True, eq=False)
-class Accepted:
-    """An accepted effect, with its nonlinear parameters."""
-
-    effect: Effect
-    shape: Mapping[str, float]
-    grid: tuple[Mapping[str, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,46 +95,23 @@ class Fitted:
 
 def fit_design(
     design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect],
-    explore: bool = True, settled: bool = True,
+    explore: bool = True,
 ) -> Fitted:  # fmt: skip
-    """Fit the design with the accepted effects, and try every candidate on the residual.
-
-    Not `settled` is a fit that finds out how the drive signal was sampled.
-    """
-    given = record
-    for one in (*_bristles(design, effects), *accepted):
-        structure = one.effect.structure
-        if structure.replaces_direction:
-            record = with_direction(record, structure.direction(record, one.effect, one.shape))
-    model, notes = _assemble(design, record, accepted, settled)
-    rough = solve_model(record, with_torque_held(record, model), rough_weights(record, model))
-    for _ in range(PASSES):
-        record = with_modelled_torque(record, _true_torque(model, rough), _delay(model, rough.values))
-        model, notes = _assemble(design, record, accepted, settled)
-        model = with_torque_held(record, model, OWN)
-        rough = solve_model(record, model, rough_weights(record, model))
-        held = with_sampling_bounded(record, model, rough) if settled else model
-        if held is not model:
-            model = held
-            rough = solve_model(record, model, rough_weights(record, model))
-        if abs(_delay(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
-            break
+    """Fit the design with the accepted effects, and try every candidate on the residual."""
+    found = settled_model(design, record, accepted)
+    given, record, model, notes = record, found.record, found.model, found.notes
     present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
-    residual = record.target[0] - rough.predicted()[0]
+    residual = record.target[0] - found.rough.predicted()[0]
     candidates = candidates_for(record, design, effects, residual, present)
-    laid, left, lost = offer(record, model, candidates)
-    whitener, weights = saturated_whiteners(record, left, lost)
-    solved = solve_model(record, model, whitener)
-    covariance = noise_covariance(solve_model(record, model, weights), weights, whitener)
-    plain = with_honest_errors(covariance)
-    inside = bounded(covariance.fit)
-    estimate = with_honest_errors(replace(covariance, fit=inside)) if inside.held else plain
+    laid, left = offer(record, model, candidates)
+    fit = estimated(record, model, left)
+    whitener, weights, solved, plain, estimate = fit.whitener, fit.weights, fit.solved, fit.plain, fit.estimate
     if not explore:
         return Fitted(record, model, whitener, solved, plain, estimate, weights, (), (), notes, accepted)
     tried = try_all(laid, plain, weights)
     closed = [candidate for candidate, trial in zip(candidates, tried, strict=True) if trial is None]
     trials = [trial for trial in tried if trial is not None]
-    trials = [judged((solved, whitener), covariance, t) for t in _refined(record, plain, weights, trials)]
+    trials = [judged((solved, whitener), fit.covariance, t) for t in _refined(record, plain, weights, trials)]
     trials = in_order(trials)
     record.memo.clear()  # hundreds of columns; the best of each candidate stays with its trial
     if record.kept is not given.kept:
@@ -162,16 +126,13 @@ def predicted_elsewhere(
     effects: Mapping[str, Effect],
 ) -> tuple[Record, Array]:  # fmt: skip
     """Return another record, read with the torque of the fit, and its balances predicted with the fit's parameters."""
-    for one in (*_bristles(design, effects), *accepted):
-        structure = one.effect.structure
-        if structure.replaces_direction:
-            record = with_direction(record, structure.direction(record, one.effect, one.shape))
+    record = with_bristles(design, record, accepted)
     for _ in range(2):
-        model, _ = _assemble(design, record, accepted)
+        model, _ = assembled(design, record, accepted)
         by_name = dict(zip(fit.model.names, fit.estimate.values, strict=True))
         values = np.array([by_name.get(name, 0.0) for name in model.names])
         predicted = model.matrix @ values
-        record = with_modelled_torque(record, predicted[0] - _false_torque(model, values), _delay(model, values))
+        record = with_modelled_torque(record, predicted[0] - false_torque(model, values), delay_of(model, values))
     return record, predicted
 
 
@@ -186,16 +147,6 @@ def errors(record: Record, residual: Array, channels: Iterable[str] | None = Non
         rms = float(np.sqrt(np.mean(residual[row][used] ** 2)))
         out[name] = (rms, rms / size if size > 0.0 else float("nan"))
     return out
-
-
-def _assemble(design: Design, record: Record, accepted: Iterable[Accepted], settled: bool = True) -> tuple[
-    Model, tuple[str, ...]
-]:  # fmt: skip
-    model, notes = base_groups(design, record, settled)
-    for one in accepted:
-        if not one.effect.structure.replaces_direction:
-            model = model.plus(effect_group(record, one.effect, one.shape))
-    return model, notes
 
 
 def judged(fit: tuple[Solved, Whitener], covariance: NoiseCovariance, trial: Trial) -> Trial:
@@ -231,41 +182,6 @@ def in_order(trials: list[Trial]) -> list[Trial]:
         out.append(chosen)
         left.remove(chosen)
     return out
-
-
-def _true_torque(model: Model, fit: Solved) -> Array:
-    """Torque that acts: the balance without what is only measured wrongly."""
-    torque: Array = fit.predicted()[0] - _false_torque(model, fit.values)
-    return torque
-
-
-def _false_torque(model: Model, values: Array) -> Array:
-    out = np.zeros(model.matrix.shape[1])
-    for position, group in enumerate(model.groups):
-        if group.misread:
-            columns = model.columns_of(position)
-            out += model.matrix[0][:, columns] @ values[columns]
-    return out
-
-
-def _delay(model: Model, values: Array) -> float:
-    """Delay of the currents that a model has, s, inside its bounds; 0 where it has none."""
-    return lateness(model, values) + sum(
-        group.effect.structure.delay(group.effect, values[model.columns_of(position)].tolist())
-        for position, group in enumerate(model.groups)
-        if group.effect is not None
-    )
-
-
-def _bristles(design: Design, effects: Mapping[str, Effect]) -> list[Accepted]:
-    found = []
-    for entry in design.effects:
-        effect = effects.get(entry.id)
-        if effect is not None and effect.structure.replaces_direction:
-            values = effect.values(entry)
-            if effect.active(values):
-                found.append(Accepted(effect, values))
-    return found
 
 
 def _refined(record: Record, solved: Solved, whitener: Whitener, trials: list[Trial]) -> list[Trial]:

@@ -10,17 +10,16 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.evidence.blocks import equal_blocks, left_out_gains
-from pmsm_ctrl.evidence.linalg import Added, added, gram_of, projection_on_all
+from pmsm_ctrl.evidence.linalg import Added, added
 from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
-from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
+from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, candidate_groups
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved
+from pmsm_ctrl.regression.saturated import Saturated, saturated
 
 __all__ = [
-    "FEWEST_DIRECTIONS",
-    "SAMPLES_PER_DIRECTION",
     "Offer",
     "Rows",
     "Trial",
@@ -30,9 +29,7 @@ __all__ = [
     "least_shown",
     "offer",
     "plain_evidence",
-    "rough_weights",
     "rows_of",
-    "saturated_whiteners",
     "try_all",
     "try_candidate",
     "try_group",
@@ -41,9 +38,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-KNOTS = 10  # of the hat functions of speed and of time in the saturated model
-# Effective samples that the saturated model leaves for each of its directions, and the fewest directions it keeps.
-SAMPLES_PER_DIRECTION, FEWEST_DIRECTIONS = 8.0, 10
 LONGEST_GAP = 1.0  # s left out on either side of a block that is judged
 # The gap in memories of the noise, and in periods of the filter: both have died away by then.
 GAP_MEMORIES, GAP_PERIODS = 3.0, 4.0
@@ -146,7 +140,7 @@ class Offer:
     places: tuple[Mapping[int, slice], ...]
 
 
-def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tuple[Offer, Array, int]:
+def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tuple[Offer, Saturated]:
     """Lay out all candidates, and return what even a model with every one of them leaves over.
 
     Parameters
@@ -158,85 +152,13 @@ def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tupl
     Returns
     -------
     offer : Offer
-    residual : array, shape (channels, m)
-        Zero where a sample does not count.
-    lost : int
-        Most columns that were fitted away in a balance.
+    left : Saturated
     """
     laid = tuple(
         (candidate, tuple(candidate_groups(record, candidate.effect, candidate.grid))) for candidate in candidates
     )
-    groups = [group for _, some in laid for group in some]
-    places: list[dict[int, slice]] = [{} for _ in groups]
-    grams, entering = [], []
-    residual, lost = np.zeros(record.target.shape), 0
-    for row in range(len(record.channels)):
-        inside = np.flatnonzero(np.any(model.matrix[row], axis=0))
-        blocks = [record.target[row][None], model.matrix[row][:, inside].T]
-        end = 1 + len(inside)
-        for place, group in zip(places, groups, strict=True):
-            columns = group.rows[row]
-            if columns is not None:
-                place[row] = slice(end, end + len(columns))
-                end = place[row].stop
-                blocks.append(columns)
-        if row == 0:
-            blocks.append(_smooth(record))
-        weight = record.weight[row] * record.mask
-        gram = gram_of(blocks, weight)
-        room = max(FEWEST_DIRECTIONS, int(_effective(weight) / SAMPLES_PER_DIRECTION))
-        coefficients, rank = projection_on_all(gram[1:, 1:], gram[1:, 0], room, len(inside))
-        residual[row] = record.target[row]
-        start = 0
-        for block in blocks[1:]:
-            residual[row] -= coefficients[start : start + len(block)] @ block
-            start += len(block)
-        residual[row][weight == 0.0] = 0.0
-        lost = max(lost, rank)
-        grams.append(gram[:end, :end])
-        entering.append(inside)
-    return Offer(laid, tuple(grams), tuple(entering), tuple(places)), residual, lost
-
-
-def saturated_whiteners(record: Record, residual: Array, lost: int) -> tuple[Whitener, Whitener]:
-    """Fit the noise to what a saturated model leaves over.
-
-    Returns the prewhitener, and the same noise without its correlation: point estimates use that one, because
-    whitening shifts the weight to high frequencies, where differentiation and timing errors live.
-
-    Parameters
-    ----------
-    record : Record
-    residual : array, shape (channels, m)
-    lost : int
-        Columns that were fitted away.
-    """
-    noise = residual, record.weight, record.mask, record.rate, lost
-    return make_whitener(*noise), make_whitener(*noise, 0)
-
-
-def rough_weights(record: Record, model: Model) -> Whitener:
-    """Return weights from what the model leaves over beside curves of speed and time, no candidate in it."""
-    _, residual, lost = offer(record, model, ())
-    return make_whitener(residual, record.weight, record.mask, record.rate, lost, 0)
-
-
-def _effective(weight: Array) -> float:
-    """Number of samples of full weight that carry the same information."""
-    top = float(weight.max())
-    return float(np.sum(weight**2)) / top**2 if top > 0.0 else 0.0
-
-
-def _smooth(record: Record) -> Array:
-    """Hat functions of speed and of time, shape (k, m): what no effect of the catalogue may explain of the torque."""
-    key = ("hat functions",)
-    if key not in record.kept:
-        out = []
-        for x in (record.at_grid(record.signals["omega"]), record.t):
-            knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, KNOTS)))
-            out += [np.interp(x, knots, hat) for hat in np.eye(len(knots))]
-        record.kept[key] = np.array(out)
-    return np.asarray(record.kept[key])
+    left = saturated(record, model, [group for _, some in laid for group in some])
+    return Offer(laid, left.grams, left.entering, left.places), left
 
 
 def try_all(laid: Offer, solved: Solved, weights: Whitener) -> list[Trial | None]:

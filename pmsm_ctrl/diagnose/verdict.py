@@ -17,11 +17,11 @@ from pmsm_ctrl.diagnose.level import level_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Deviation, Verdict
-from pmsm_ctrl.diagnose.search import FEWEST_DIRECTIONS, SAMPLES_PER_DIRECTION
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
 from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
+from pmsm_ctrl.regression.saturated import FEWEST_DIRECTIONS, SAMPLES_PER_DIRECTION
 from pmsm_ctrl.section import Notice
 
 __all__ = ["contradictions_of", "explains_most", "judged", "open_questions"]

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.fit import Fitted, fit_design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import STANDSTILL, USABLE, Record, make_record
 from pmsm_ctrl.regression.bandwidth import signal_band
+from pmsm_ctrl.regression.base_fit import Estimated, base_fit
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind
 from pmsm_ctrl.regression.model import LATENESS, MOST_NOISE, SPREAD, noise_share
@@ -48,7 +48,7 @@ def timed_record(design: Design, log: Log) -> Record:
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     for _ in range(ROUNDS):
         if record.age is not None:
-            record = make_record(design, log, same, record.age + _value(fit, "tau_speed")[0])
+            record = make_record(design, log, same, record.age + fit.value("tau_speed")[0])
         elif design.log.sampling_told:
             break
         else:
@@ -56,32 +56,27 @@ def timed_record(design: Design, log: Log) -> Record:
             if timing == record.timing:
                 break
             record = make_record(design, log, same, 0.0, timing)
-        fit = fit_design(design, record, (), {}, explore=False)
+        fit = base_fit(design, record)
     return _widened(design, log, record, fit)
 
 
-def _value(fit: Fitted, name: str) -> tuple[float, float]:
-    k = fit.model.names.index(name)
-    return float(fit.plain.values[k]), float(fit.plain.stderr[k])
-
-
-def _filter(design: Design, record: Record, fit: Fitted) -> DriveTiming:
+def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:
     """Return the filter of the drive signal that explains a delay beyond what sampling can do; none where none does."""
-    if record.timing == UNDELAYED and _value(fit, LATENESS)[0] <= record.sampling:
+    if record.timing == UNDELAYED and fit.value(LATENESS)[0] <= record.sampling:
         return UNDELAYED
-    free = fit_design(design, record, (), {}, explore=False, settled=False)
-    value, stderr = _value(free, SPREAD)
-    delay = record.timing.delay + _value(free, LATENESS)[0]
+    free = base_fit(design, record, settled=False)
+    value, stderr = free.value(SPREAD)
+    delay = record.timing.delay + free.value(LATENESS)[0]
     return filter_behind(delay, (record.timing.spread + value, stderr), record.sampling) or UNDELAYED
 
 
-def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Fitted]:
+def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Estimated]:
     """Narrow the band of a log as long as noise of the acceleration, of a coarse encoder mostly, is what is left.
 
     Noise in the motion is noise in every column, and the drive answers it: no column can be judged against it. It
     grows with the square of the frequency, so that the noise floor falls faster with the band than that of white noise.
     """
-    fit = fit_design(design, record, (), {}, explore=False)
+    fit = base_fit(design, record)
     for _ in range(HALVINGS):
         size, floor = _size(record), _noise(fit)
         if design.J * record.shaft_noise() < floor * size:
@@ -92,18 +87,18 @@ def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Fitted
             break
         if design.J * narrow.shaft_noise() > _size(narrow):  # what lies above this band is the motion itself
             break
-        quiet = fit_design(design, narrow, (), {}, explore=False)
+        quiet = base_fit(design, narrow)
         if narrow.usable < USABLE or _noise(quiet) > BLUE * floor:
             break
         record, fit = narrow, quiet
     return record, fit
 
 
-def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
+def _widened(design: Design, log: Log, record: Record, fit: Estimated) -> Record:
     wanted = min(signal_band(log), record.prepared.rate / 8.0)  # a fast log was thinned to a lower rate
     if record.age is None:
         # of a lateness alone the slope is taken over all of it, which is exact
-        spread, stderr = _value(fit, SPREAD)
+        spread, stderr = fit.value(SPREAD)
         lag = max(math.sqrt(2.0 * max(abs(spread) - stderr, 0.0)), record.timing.lag)
         wanted = min(wanted, EXPANDED / (2.0 * math.pi * max(lag, 1e-9)))
     if wanted < WIDER * record.cutoff or record.cutoff < default_cutoff(record.prepared.rate):
@@ -113,11 +108,11 @@ def _widened(design: Design, log: Log, record: Record, fit: Fitted) -> Record:
     usual, share = (noise_share(one, one.acceleration()) for one in (record, wide))
     if share >= max(MOST_NOISE, usual):
         return record
-    noisy = _noise(fit_design(design, wide, (), {}, explore=False)) > NOISIER * _noise(fit)
+    noisy = _noise(base_fit(design, wide)) > NOISIER * _noise(fit)
     return record if noisy else wide
 
 
-def _noise(fit: Fitted) -> float:
+def _noise(fit: Estimated) -> float:
     """Noise floor of the torque balance, as a share of the torque."""
     return float(fit.weights.sigma[0]) / max(_size(fit.record), 1e-300)
 

@@ -1,0 +1,235 @@
+"""The base model fitted to one record: its terms read the torque that it predicts, and its sampling is bounded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
+from pmsm_ctrl.regression.bounds import bounded
+from pmsm_ctrl.regression.columns import effect_group
+from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, with_honest_errors
+from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
+from pmsm_ctrl.regression.model import OWN, Model, Solved, base_groups, solve_model, with_torque_held
+from pmsm_ctrl.regression.saturated import Saturated, rough_weights, saturated, whiteners
+
+__all__ = [
+    "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "estimated", "false_torque",
+    "settled_model", "true_torque", "with_bristles",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+
+# Passes in which a delay is linearised at its last value: to first order one of two samples comes out a third low.
+PASSES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Accepted:
+    """An effect that is in the model beside the design's own, with its nonlinear parameters."""
+
+    effect: Effect
+    shape: Mapping[str, float]
+    grid: tuple[Mapping[str, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A model whose terms read the torque that it predicts.
+
+    Attributes
+    ----------
+    record : Record
+        With modelled torque in its signals.
+    model : Model
+        With the sampling of the drive signal inside what is possible.
+    rough : Solved
+        By rough weights.
+    notes : tuple of str
+        What of the design this log cannot evaluate.
+    """
+
+    record: Record
+    model: Model
+    rough: Solved
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimated:
+    """A settled model, solved with the noise that a saturated model leaves over.
+
+    Attributes
+    ----------
+    record : Record
+    model : Model
+    whitener, weights : Whitener
+        The noise with its correlation, and without: the weights of the estimate.
+    solved, plain : Solved
+        The model solved with either, without bounds.
+    estimate : Solved
+        `plain` inside the bounds of the parameters: what is reported and written.
+    covariance : NoiseCovariance
+        Of `plain`.
+    """
+
+    record: Record
+    model: Model
+    whitener: Whitener
+    weights: Whitener
+    solved: Solved
+    plain: Solved
+    estimate: Solved
+    covariance: NoiseCovariance
+
+    def value(self, name: str) -> tuple[float, float]:
+        """Return a parameter without bounds, and its standard error."""
+        k = self.model.names.index(name)
+        return float(self.plain.values[k]), float(self.plain.stderr[k])
+
+
+def base_fit(design: Design, record: Record, settled: bool = True) -> Estimated:
+    """Fit the design as it stands to a record.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    settled : bool
+        Whether a filter of the drive signal was undone already, if there was one.
+    """
+    found = settled_model(design, record, (), settled)
+    return estimated(found.record, found.model, saturated(found.record, found.model))
+
+
+def settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...] = (), settled: bool = True) -> Settled:
+    """Return the model of the design with further effects, about the delay that the drive signal has.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    accepted : tuple of Accepted
+    settled : bool
+        False in a fit that finds out how the drive signal was sampled.
+    """
+    record = with_bristles(design, record, accepted)
+    model, notes = assembled(design, record, accepted, settled)
+    rough = solve_model(record, with_torque_held(record, model), rough_weights(record, model))
+    for _ in range(PASSES):
+        record = with_modelled_torque(record, true_torque(model, rough), delay_of(model, rough.values))
+        model, notes = assembled(design, record, accepted, settled)
+        model = with_torque_held(record, model, OWN)
+        rough = solve_model(record, model, rough_weights(record, model))
+        held = with_sampling_bounded(record, model, rough) if settled else model
+        if held is not model:
+            model = held
+            rough = solve_model(record, model, rough_weights(record, model))
+        if abs(delay_of(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
+            break
+    return Settled(record, model, rough, notes)
+
+
+def estimated(record: Record, model: Model, left: Saturated) -> Estimated:
+    """Solve a model with the noise that a saturated one leaves over.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    left : Saturated
+    """
+    whitener, weights = whiteners(record, left.residual, left.lost)
+    solved = solve_model(record, model, whitener)
+    covariance = noise_covariance(solve_model(record, model, weights), weights, whitener)
+    plain = with_honest_errors(covariance)
+    inside = bounded(covariance.fit)
+    estimate = with_honest_errors(replace(covariance, fit=inside)) if inside.held else plain
+    return Estimated(record, model, whitener, weights, solved, plain, estimate, covariance)
+
+
+def assembled(
+    design: Design, record: Record, accepted: Iterable[Accepted], settled: bool = True
+) -> tuple[Model, tuple[str, ...]]:
+    """Return the model of the design with further effects, and notes on what this log cannot evaluate.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    accepted : iterable of Accepted
+    settled : bool
+        As in `settled_model`.
+    """
+    model, notes = base_groups(design, record, settled)
+    for one in accepted:
+        if not one.effect.structure.replaces_direction:
+            model = model.plus(effect_group(record, one.effect, one.shape))
+    return model, notes
+
+
+def with_bristles(design: Design, record: Record, accepted: Iterable[Accepted] = ()) -> Record:
+    """Return the record in which dry friction follows the bristle, if the model has one.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    accepted : iterable of Accepted
+    """
+    own = (Accepted(effect, values) for effect, values in bound_effects(design) if effect.active(values))
+    for one in (*own, *accepted):
+        structure = one.effect.structure
+        if structure.replaces_direction:
+            record = with_direction(record, structure.direction(record, one.effect, one.shape))
+    return record
+
+
+def true_torque(model: Model, fit: Solved) -> Array:
+    """Return the torque that acts, shape (m,): the balance without what is only measured wrongly.
+
+    Parameters
+    ----------
+    model : Model
+    fit : Solved
+    """
+    torque: Array = fit.predicted()[0] - false_torque(model, fit.values)
+    return torque
+
+
+def false_torque(model: Model, values: Array) -> Array:
+    """Return what is only measured wrongly in the torque balance, shape (m,).
+
+    Parameters
+    ----------
+    model : Model
+    values : array, shape (k,)
+    """
+    out = np.zeros(model.matrix.shape[1])
+    for position, group in enumerate(model.groups):
+        if group.misread:
+            columns = model.columns_of(position)
+            out += model.matrix[0][:, columns] @ values[columns]
+    return out
+
+
+def delay_of(model: Model, values: Array) -> float:
+    """Return the delay of the currents that a model has, s, inside its bounds; 0 where it has none.
+
+    Parameters
+    ----------
+    model : Model
+    values : array, shape (k,)
+    """
+    return lateness(model, values) + sum(
+        group.effect.structure.delay(group.effect, values[model.columns_of(position)].tolist())
+        for position, group in enumerate(model.groups)
+        if group.effect is not None
+    )

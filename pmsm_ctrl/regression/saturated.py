@@ -1,0 +1,129 @@
+"""What even a saturated model leaves over: the noise of a record, and the weights of its balances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.evidence.linalg import gram_of, projection_on_all
+from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.columns import Group
+from pmsm_ctrl.regression.model import Model
+
+__all__ = ["FEWEST_DIRECTIONS", "SAMPLES_PER_DIRECTION", "Saturated", "rough_weights", "saturated", "whiteners"]
+
+Array = NDArray[np.float64]
+
+KNOTS = 10  # of the hat functions of speed and of time in the saturated model
+# Effective samples that the saturated model leaves for each of its directions, and the fewest directions it keeps.
+SAMPLES_PER_DIRECTION, FEWEST_DIRECTIONS = 8.0, 10
+
+
+@dataclass(frozen=True, eq=False)
+class Saturated:
+    """What a model with further groups, and with curves of speed and time, leaves over.
+
+    Attributes
+    ----------
+    residual : array, shape (channels, m)
+        Zero where a sample does not count.
+    lost : int
+        Most columns that were fitted away in a balance.
+    grams : arrays, shape (1 + p + columns, 1 + p + columns)
+        Per balance, weighted: of the target, the model's columns and those of all groups that enter it.
+    entering : int arrays, shape (p,)
+        The model's columns in each balance.
+    places : tuple of dict of balance to slice
+        Per group, where its columns stand in the Gram matrix of a balance.
+    """
+
+    residual: Array
+    lost: int
+    grams: tuple[Array, ...]
+    entering: tuple[NDArray[np.int64], ...]
+    places: tuple[Mapping[int, slice], ...]
+
+
+def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Saturated:
+    """Fit a model with further groups, and with curves of speed and time, by weighted least squares.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    groups : sequence of Group
+    """
+    places: list[dict[int, slice]] = [{} for _ in groups]
+    grams, entering = [], []
+    residual, lost = np.zeros(record.target.shape), 0
+    for row in range(len(record.channels)):
+        inside = np.flatnonzero(np.any(model.matrix[row], axis=0))
+        blocks = [record.target[row][None], model.matrix[row][:, inside].T]
+        end = 1 + len(inside)
+        for place, group in zip(places, groups, strict=True):
+            columns = group.rows[row]
+            if columns is not None:
+                place[row] = slice(end, end + len(columns))
+                end = place[row].stop
+                blocks.append(columns)
+        if row == 0:
+            blocks.append(_smooth(record))
+        weight = record.weight[row] * record.mask
+        gram = gram_of(blocks, weight)
+        room = max(FEWEST_DIRECTIONS, int(_effective(weight) / SAMPLES_PER_DIRECTION))
+        coefficients, rank = projection_on_all(gram[1:, 1:], gram[1:, 0], room, len(inside))
+        residual[row] = record.target[row]
+        start = 0
+        for block in blocks[1:]:
+            residual[row] -= coefficients[start : start + len(block)] @ block
+            start += len(block)
+        residual[row][weight == 0.0] = 0.0
+        lost = max(lost, rank)
+        grams.append(gram[:end, :end])
+        entering.append(inside)
+    return Saturated(residual, lost, tuple(grams), tuple(entering), tuple(places))
+
+
+def whiteners(record: Record, residual: Array, lost: int) -> tuple[Whitener, Whitener]:
+    """Fit the noise to what a saturated model leaves over.
+
+    Returns the prewhitener, and the same noise without its correlation: point estimates use that one, because
+    whitening shifts the weight to high frequencies, where differentiation and timing errors live.
+
+    Parameters
+    ----------
+    record : Record
+    residual : array, shape (channels, m)
+    lost : int
+        Columns that were fitted away.
+    """
+    noise = residual, record.weight, record.mask, record.rate, lost
+    return make_whitener(*noise), make_whitener(*noise, 0)
+
+
+def rough_weights(record: Record, model: Model) -> Whitener:
+    """Return weights from what the model leaves over beside curves of speed and time, no other group in it."""
+    left = saturated(record, model)
+    return make_whitener(left.residual, record.weight, record.mask, record.rate, left.lost, 0)
+
+
+def _effective(weight: Array) -> float:
+    """Number of samples of full weight that carry the same information."""
+    top = float(weight.max())
+    return float(np.sum(weight**2)) / top**2 if top > 0.0 else 0.0
+
+
+def _smooth(record: Record) -> Array:
+    """Hat functions of speed and of time, shape (k, m): what no effect of the catalogue may explain of the torque."""
+    key = ("hat functions",)
+    if key not in record.kept:
+        out = []
+        for x in (record.at_grid(record.signals["omega"]), record.t):
+            knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, KNOTS)))
+            out += [np.interp(x, knots, hat) for hat in np.eye(len(knots))]
+        record.kept[key] = np.array(out)
+    return np.asarray(record.kept[key])
