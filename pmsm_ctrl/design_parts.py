@@ -131,7 +131,13 @@ class Drive(SheetPart):
     f_control: Positive = Field(default=16000.0, ge=1.0, le=1e7, description="current control rate = PWM rate, Hz")
     speed_divider: int = Field(default=4, ge=1, le=1000, description="current periods per speed and position period")
     delay_periods: int = Field(default=1, ge=0, le=1, description="computation delay in control periods")
-    plant_steps: int = Field(default=1, ge=1, le=64, description="integration steps per control period")
+    plant_steps: int = Field(
+        default=1,
+        ge=1,
+        le=64,
+        description="least integration steps per control period; "
+        "more are taken where the drive's fastest mode needs them",
+    )
 
     @property
     def speed_period(self) -> float:

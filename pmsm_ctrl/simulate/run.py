@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
@@ -19,6 +19,7 @@ from pmsm_ctrl.simulate.compose import BARE_STATES, load, structures
 from pmsm_ctrl.simulate.feedforward import Feedforward
 from pmsm_ctrl.simulate.motions import Scenario
 from pmsm_ctrl.simulate.parameters import Controller, Plant
+from pmsm_ctrl.simulate.resolution import second_mass, steps_needed
 from pmsm_ctrl.simulate.scenarios import scenario as named_scenario
 
 __all__ = ["LOGGED", "Prepared", "prepare", "run_kernel", "simulate"]
@@ -172,7 +173,7 @@ def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = 
             "are possible; shorten the motion, or raise sensor.log_divider"
         )
     bound = [(effect, values) for effect, values in bound_effects(plant_design) if effect.active(values)]
-    bound = _as_simulated(bound, plant, plant_design)
+    bound, plant = _as_simulated(bound, plant, plant_design)
     effects = tuple(value for _, values in bound for value in values.values()) or (0.0,)
     active = tuple(effect for effect, _ in bound)
     return Prepared(motion, plant, controller, Feedforward.of(design), active, effects, plant_design)
@@ -190,23 +191,28 @@ def _start(motion: Scenario, plant: Plant, active: Sequence[Effect]) -> Array:
     return states
 
 
-def _as_simulated(bound: list[Bound], plant: Plant, design: Design) -> list[Bound]:
-    """Return the effects with the values that the kernel can simulate.
+def _as_simulated(bound: list[Bound], plant: Plant, design: Design) -> tuple[list[Bound], Plant]:
+    """Return the effects with the values that the kernel can simulate, and the plant with the steps that they need.
 
     Raises
     ------
     DesignError
-        For an effect with a state of its own given twice.
+        For an effect with a state of its own given twice, or a mode too fast to simulate.
     """
     where = f"{design.source}: " if design.source else ""
     dry = sum(abs(effect.standing(values, p=float(plant.p))) for effect, values in bound if effect.dry)
-    found: list[Bound] = []
-    for effect, values in bound:
-        label = f"{where}effects.{effect.id}"
-        if effect.has_state and any(effect is other for other, _ in found):
-            raise DesignError(f"{label}: given twice; one was expected")
-        found.append((effect, effect.structure.simulated(effect, values, plant, dry, label)))
-    return found
+    for k, (effect, values) in enumerate(bound):
+        if effect.has_state and any(effect is other for other, _ in bound[:k]):
+            raise DesignError(f"{where}effects.{effect.id}: given twice; one was expected")
+        if effect.structure.splits_inertia:
+            bound[k] = effect, effect.structure.simulated(effect, values, plant, dry, f"{where}effects.{effect.id}")
+    plant = replace(plant, steps=steps_needed(plant, bound, i_max=design.drive.i_max, label=where))
+    mass = second_mass(bound)
+    shaft = plant if mass is None else replace(plant, J=plant.J - mass.J_load)  # a bristle acts on the motor alone
+    for k, (effect, values) in enumerate(bound):
+        if not effect.structure.splits_inertia:
+            bound[k] = effect, effect.structure.simulated(effect, values, shaft, dry, f"{where}effects.{effect.id}")
+    return bound, plant
 
 
 def run_kernel(
@@ -263,6 +269,6 @@ def _diverged(tick: int, plant: Plant, motion: Scenario) -> str:
     t = tick * plant.period
     return (
         f"scenario '{motion.name}': the simulation diverged at t = {t:.6g} s "
-        f"(control period {tick}); a loop is unstable, or the step of {plant.period / plant.steps:.3g} s is too "
-        "long for the plant: check the loop gains, or raise drive.plant_steps"
+        f"(control period {tick}); the step of {plant.period / plant.steps:.3g} s resolves every mode of the plant, so "
+        "a loop is unstable: check the loop gains"
     )

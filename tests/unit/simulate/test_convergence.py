@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -34,7 +36,8 @@ COMPOSED = {"presliding": SLIDING, "compliance": SPRUNG, "delay": DELAYED}
 
 
 @pytest.mark.parametrize("identifier", sorted(CATALOGUE))
-def test_order_of_convergence(project_root, checked, identifier):
+def test_order_of_convergence(project_root, checked, monkeypatch, identifier):
+    monkeypatch.setattr(sys.modules["pmsm_ctrl.simulate.resolution"], "RESOLVED", np.inf)  # coarse where asked for
     base = Design.read(project_root / "designs/seed_motor.toml").replace_effects(())
     base = base.replace(
         sensor={"encoder_counts": 0, "current_noise": 0.0, "log_divider": 1}, drive={"f_control": 4000.0},
