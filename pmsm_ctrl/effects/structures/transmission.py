@@ -47,6 +47,9 @@ ABOVE_NOISE = 4.0
 LEAST_LOAD = 0.02  # a load is a share of the inertia that is worth the name
 # Lowest and highest frequency of a load on its spring, Hz, and the dampings of those that ring.
 LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
+# Times in which the mean acceleration of a log carries the shaft across a gap, s, and how many gaps are searched: one
+# that is crossed faster looks like an error of the moment of reversal, one that is crossed slower like a free load.
+SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
 # Amplitude of a wave of a turn, in the torque's rms, of which nothing is known.
 UNBOUNDED = 1e3
 # Twist of a spring, rad rms at its output: twice what even highly flexible couplings are rated for, at their peak.
@@ -172,7 +175,7 @@ class Transmission(Structure):
         if self.gap:
             return Search(tuple(
                 {self.gap: float(gap), FREQUENCY: 2.0 * np.pi * f, DAMPING: zeta}
-                for gap in np.geomspace(0.002, 0.08, 11)
+                for gap in _gaps(log.balances)
                 for f in (80.0, 300.0)
                 for zeta in (0.4, 1.2)
             ))  # fmt: skip
@@ -295,12 +298,22 @@ def _passed(shape: Mapping[str, float], cutoff: float) -> float:
     return float(np.sqrt(np.mean(response.real**2 + response.imag**2)))
 
 
+def _gaps(balances: Balances) -> Array:
+    """Return the gaps that a log can show, rad (m): what is crossed in a given time grows with the acceleration."""
+    return 0.5 * _mean_acceleration(balances) * np.geomspace(SHORTEST, LONGEST, GAPS) ** 2
+
+
+def _mean_acceleration(balances: Balances) -> float:
+    """Rms acceleration, rad/s^2 (m/s^2)."""
+    return float(np.sqrt(np.mean(balances.acceleration()[balances.mask] ** 2)))
+
+
 def _softest(balances: Balances) -> float:
     """Return the lowest frequency of a load that its acceleration twists no further than shafts bear, rad/s."""
     if balances.linear:
         return 0.0
     twist = MOST_TWIST * balances.design.load.gear
-    return float(np.sqrt(np.sqrt(np.mean(balances.acceleration()[balances.mask] ** 2)) / twist))
+    return float(np.sqrt(_mean_acceleration(balances) / twist))
 
 
 def _coarse() -> Iterator[tuple[float, float]]:
