@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.kernels import kernel
 
-__all__ = ["wave_sums"]
+__all__ = ["apart_sums", "wave_sums"]
 
 Array = NDArray[np.float64]
 
@@ -60,3 +60,43 @@ def wave_sums(
         once[k, 1, 0], once[k, 1, 1], once[k, 1, 2], once[k, 1, 3], once[k, 1, 4] = b0, b1, b2, b3, b4
         twice[k, 0, 0], twice[k, 0, 1], twice[k, 0, 2] = d0, d1, d2
         twice[k, 1, 0], twice[k, 1, 1], twice[k, 1, 2] = e0, e1, e2
+
+
+@kernel
+def apart_sums(theta: Array, values: Array, odd: Array, edges: NDArray[np.int64], sums: Array, span: Array) -> None:
+    """Sum values times the conjugate wave of every order, bin by bin, over odd and over even pieces of time apart.
+
+    Parameters
+    ----------
+    theta, values : array, shape (n,)
+        Angle, rad, and what is demodulated.
+    odd : array, shape (n,)
+        1 in odd pieces, 0 in even ones.
+    edges : int array, shape (orders, bins + 1)
+        Samples at which the bins of an order begin, and its last end, which never comes after that of the order before.
+    sums : array, shape (orders, bins, 2, 2)
+        Filled: odd and even pieces, real and imaginary part.
+    span : array, shape (orders,)
+        Filled: the greatest angle of an order's samples less the smallest.
+    """
+    turn_c, turn_s = np.cos(theta), np.sin(theta)
+    c, s = np.ones(theta.size), np.zeros(theta.size)
+    bins = edges.shape[1] - 1
+    for k in range(edges.shape[0]):
+        for i in range(edges[k, bins]):
+            x = c[i] * turn_c[i] - s[i] * turn_s[i]
+            s[i] = c[i] * turn_s[i] + s[i] * turn_c[i]
+            c[i] = x
+        low, high = np.inf, -np.inf
+        for b in range(bins):
+            re0 = im0 = re1 = im1 = 0.0
+            for i in range(edges[k, b], edges[k, b + 1]):
+                re, im = values[i] * c[i], -values[i] * s[i]
+                re0 += re * (1.0 - odd[i])
+                im0 += im * (1.0 - odd[i])
+                re1 += re * odd[i]
+                im1 += im * odd[i]
+                low, high = min(low, theta[i]), max(high, theta[i])
+            sums[k, b, 0, 0], sums[k, b, 0, 1] = re1, im1
+            sums[k, b, 1, 0], sums[k, b, 1, 1] = re0, im0
+        span[k] = high - low

@@ -92,23 +92,26 @@ def _waves(theta: Array, speed: Array, fast: Array, odd: Array, band: tuple[floa
     Samples are in the order of their speed; the power is the product of two means, over `odd` pieces of time and over
     the others, and noise has none.
     """
-    power, without_best = np.zeros(HIGHEST), np.zeros(HIGHEST)
-    turn, wave = np.exp(-1j * theta), np.ones(len(theta), dtype=complex)
-    for k in range(1, HIGHEST + 1):
-        wave *= turn
-        start, stop = np.searchsorted(speed, 2.0 * np.pi * np.array(band) / k).tolist()
-        if stop - start < FEWEST or np.ptp(theta[start:stop]) < 2.0 * np.pi * TURNS:
-            continue
-        bins = np.linspace(0, stop - start, SPEEDS + 1).astype(int)[:-1]
-        product, label = 2.0 * fast[start:stop] * wave[start:stop], odd[start:stop]
-        counts = np.add.reduceat(label, bins), np.add.reduceat(1.0 - label, bins)
-        sums = np.add.reduceat(product * label, bins), np.add.reduceat(product * (1.0 - label), bins)
-        means = [part / np.maximum(count, 1.0) for part, count in zip(sums, counts, strict=True)]
-        each = (means[0] * means[1].conj()).real
-        power[k - 1], without_best[k - 1] = np.mean(each), np.mean(np.sort(each)[:-BEST])
+    from pmsm_ctrl.kernels.orders import apart_sums
+
+    orders = np.arange(1, HIGHEST + 1)
+    start, stop = (np.searchsorted(speed, 2.0 * np.pi * edge / orders) for edge in band)
+    bins = start[:, None] + np.linspace(0, stop - start, SPEEDS + 1, axis=1).astype(np.int64)
+    sums, span = np.empty((HIGHEST, SPEEDS, 2, 2)), np.empty(HIGHEST)
+    apart_sums(theta, 2.0 * fast, odd, bins, sums, span)
+    judged = np.flatnonzero((stop - start >= FEWEST) & (span >= 2.0 * np.pi * TURNS))
+    power, standing = np.zeros(HIGHEST), np.zeros(HIGHEST)
+    if not len(judged):
+        return power
+    labelled = np.diff(np.concatenate([[0.0], np.cumsum(odd)])[bins[judged]], axis=1)
+    counts = np.stack([labelled, np.diff(bins[judged], axis=1) - labelled], axis=-1)
+    means = sums[judged] / np.maximum(counts, 1.0)[..., None]
+    each = np.sum(means[:, :, 0] * means[:, :, 1], axis=-1)
+    power[judged], standing[judged] = np.mean(each, axis=1), np.mean(np.sort(each, axis=1)[:, :-BEST], axis=1)
     size = np.abs(power)
-    judged = np.flatnonzero(size)
-    level = float(np.median(size[judged])) if len(judged) else np.inf
-    near = [size[judged[np.abs(judged - k) <= NEIGHBOURS]] for k in range(HIGHEST)]
-    around = np.array([max(level, float(np.median(some))) if len(some) else np.inf for some in near])
-    return np.where(without_best > STANDS_OUT * around, np.sqrt(np.maximum(power, 0.0)), 0.0)
+    least = STANDS_OUT * float(np.median(size[judged]))
+    for k in np.flatnonzero(standing > least).tolist():
+        near = size[judged[np.abs(judged - k) <= NEIGHBOURS]]
+        if not standing[k] > STANDS_OUT * float(np.median(near)):
+            standing[k] = 0.0
+    return np.where(standing > least, np.sqrt(np.maximum(power, 0.0)), 0.0)
