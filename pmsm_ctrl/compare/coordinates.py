@@ -18,7 +18,7 @@ from pmsm_ctrl.regression.conditioning import Prepared
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.units import axis_unit, drives
 
-__all__ = ["Curve", "Drive", "curves", "grid_coordinates"]
+__all__ = ["Curve", "Drive", "accelerations", "curves", "grid_coordinates", "with_orders"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,11 +42,14 @@ class Drive:
         Inertia in that prediction.
     per_ampere : float or None
         Torque constant; None where the log has a torque and no current.
+    accelerations : (array, array), or None
+        As the function of that name returns them, where several channels are judged.
     """
 
     torque: Array
     J: float
     per_ampere: float | None = None
+    accelerations: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +92,9 @@ def grid_coordinates(prepared: Prepared, drive: Drive, noise: float = 0.0) -> di
     changes of the acceleration mirror the noise of the measured current.
     """
     s, keep = prepared.signals, prepared.keep
-    alpha = prepared.column(prepared.alpha)
+    alpha, confirmed = drive.accelerations or accelerations(prepared, drive.J)
     half = policy.PLAY * noise / drive.J if drive.J > 0.0 else 0.0
-    slow = _with_play(_confirmed(prepared, alpha, drive.J), half)
+    slow = _with_play(confirmed, half)
     load = "current" if drive.per_ampere is not None else drives(prepared.motion)
     out = {
         "speed": s["omega"][keep],
@@ -122,22 +125,32 @@ def _with_play(x: Array, half: float) -> Array:
     return mean
 
 
-def _confirmed(prepared: Prepared, alpha: Array, J: float) -> Array:
-    """Return the acceleration, its fast part only where the drive's torque confirms it.
+def accelerations(prepared: Prepared, J: float) -> tuple[Array, Array]:
+    """Return the acceleration, and the same with its fast part only where the drive's torque confirms it.
 
     The noise of a coarse encoder stands in the prediction and in the acceleration alike, and would be a dependence.
     What is true of the fast part needs torque: the slope of one over the other, in inertias, is the share that is.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    J : float
+
+    Returns
+    -------
+    both of shape (m,)
     """
     slow, rate = policy.SLOW * prepared.cutoff, prepared.rate
-    wide = low_pass(prepared.alpha, rate, slow)
     torque = prepared.signals["torque"]
-    fast, needed = (
-        prepared.column(x)[prepared.mask] for x in (prepared.alpha - wide, torque - low_pass(torque, rate, slow))
+    wide, slow_torque = low_pass(np.stack([prepared.alpha, torque]), rate, slow)
+    alpha, fast, needed, confirmed = prepared.column(
+        np.stack([prepared.alpha, prepared.alpha - wide, torque - slow_torque, wide])
     )
+    fast, needed = fast[prepared.mask], needed[prepared.mask]
     power = float(fast @ fast)
     if power <= 0.0 or float(fast @ needed) > policy.CONFIRMED * J * power:
-        return alpha
-    return prepared.column(wide)
+        return alpha, alpha
+    return alpha, confirmed
 
 
 def curves(
@@ -145,8 +158,7 @@ def curves(
 ) -> list[Curve]:
     """Return the curves that this log can show; a coordinate that hardly varies has none. Arrays have shape (m,)."""
     direction = coordinates["direction"]
-    share = float(np.mean(direction[mask] > 0.0))
-    both = policy.ONE_WAY < share < 1.0 - policy.ONE_WAY
+    both = _both(direction, mask)
     made = []
     for name, x in coordinates.items():
         unit = axis_unit(UNITS[name], prepared.motion)
@@ -166,6 +178,35 @@ def curves(
             if found is not None:
                 made.append(found)
     return made
+
+
+def with_orders(
+    made: list[Curve], prepared: Prepared, residual: Array, mask: Mask, weight: Array, direction: Array
+) -> list[Curve]:
+    """Return the curves with the orders of a turn looked for again, by the weight of each sample.
+
+    Parameters
+    ----------
+    made : list of Curve
+        As `curves` returns them.
+    prepared, residual, mask, weight
+        As for `curves`.
+    direction : array, shape (m,)
+    """
+    again = [
+        _turn(
+            prepared, c.unit, prepared.signals["theta"][prepared.keep], residual, mask, weight, _both(direction, mask)
+        )
+        if c.orders
+        else c
+        for c in made
+    ]
+    return [c for c in again if c is not None]
+
+
+def _both(direction: Array, mask: Mask) -> bool:
+    """Whether the axis moves both ways."""
+    return bool(policy.ONE_WAY < float(np.mean(direction[mask] > 0.0)) < 1.0 - policy.ONE_WAY)
 
 
 def _direction(unit: str, x: Array) -> Curve:

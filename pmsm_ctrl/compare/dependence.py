@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare import policy
-from pmsm_ctrl.compare.coordinates import Curve, Drive, curves, grid_coordinates
+from pmsm_ctrl.compare.coordinates import Curve, Drive, curves, grid_coordinates, with_orders
 from pmsm_ctrl.compare.stretches import run_around
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.evidence.residual import Bench, Noise, Outcome, bench, noise_of
@@ -322,7 +322,7 @@ def _modelled(
     made = curves(prepared, coordinates, residual, mask, mask.astype(np.float64))
     noise = noise_of(residual, [np.hstack([c.base, c.own]) for c in made], mask, rate)
     if any(c.orders for c in made):
-        made = curves(prepared, coordinates, residual, mask, noise.weight)
+        made = with_orders(made, prepared, residual, mask, noise.weight, coordinates["direction"])
         noise = noise_of(residual, [np.hstack([c.base, c.own]) for c in made], mask, rate)
     return made, noise
 

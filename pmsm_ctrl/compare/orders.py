@@ -94,7 +94,8 @@ def _normal_equations(none: Array, once: Array, twice: Array) -> tuple[Array, Ar
 
 def _solved(gram: Array, right: Array, power: Array, count: NDArray[np.int64], base: int) -> tuple[Array, Array, Mask]:
     """Amplitude and score of every order beyond the first `base` columns, and where its waves can be told apart."""
-    well = np.linalg.cond(gram) <= 1e3
+    values = np.abs(np.linalg.eigvalsh(gram))
+    well = values.max(axis=1) <= 1e3 * values.min(axis=1)
     sound = np.where(well[:, None, None], gram, np.eye(gram.shape[-1]))
     x = np.linalg.solve(sound, right[..., None])[..., 0]
     without = np.linalg.solve(sound[:, :base, :base], right[:, :base, None])[..., 0]

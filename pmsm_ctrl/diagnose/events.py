@@ -13,7 +13,7 @@ from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.level import level_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
-from pmsm_ctrl.evidence.events import Burst, Search, Shift, bursts, explained_by, shift
+from pmsm_ctrl.evidence.events import Burst, Search, Shift, basis_of, bursts, explained_by, shift
 from pmsm_ctrl.regression.balances import Record
 
 __all__ = ["events_of", "without_events"]
@@ -56,12 +56,13 @@ def _told_apart(
     residual: Array, given: tuple[Array, Array, Array], search: tuple[Search, float]
 ) -> tuple[list[Burst], Shift | None]:
     """Return stretches and step; of a stretch and a step that imitate each other the one that explains more."""
-    found, step = bursts(residual, *given, search), shift(residual, *given, search)
+    basis = basis_of(given[2], given[0])
+    found, step = bursts(residual, *given, search, basis), shift(residual, *given, search, basis)
     if step is None:
         return found, None
-    if sum(explained_by(one, residual, *given) for one in found) < explained_by(step, residual, *given):
+    if sum(explained_by(one, residual, *given, basis) for one in found) < explained_by(step, residual, *given, basis):
         after = np.arange(len(residual)) >= step.start
-        return bursts(residual - after * (step.size * given[1] + step.offset), *given, search), step
+        return bursts(residual - after * (step.size * given[1] + step.offset), *given, search, basis), step
     weight = given[0].copy()
     for one in found:
         weight[one.start : one.stop] = 0.0

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.coordinates import Drive
+from pmsm_ctrl.compare.coordinates import Drive, accelerations
 from pmsm_ctrl.compare.dependence import Dependence, Relevance, Trace, residual_structure
 from pmsm_ctrl.compare.notices import coordinate_words, largest_words
 from pmsm_ctrl.diagnose import notices
@@ -59,6 +59,7 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     predicted = plain.predicted()
     J = float(plain.values[plain.model.names.index("J")])
     per_ampere = record.design.K_t_assumed if "i_q" in record.prepared.signals else None
+    drive = Drive(predicted[0], J, per_ampere, accelerations(record.prepared, J))
     found: list[tuple[Dependence, str]] = []
     for row, name in enumerate(record.channels):
         sound = record.mask & (record.weight[row] > policy.sound_weight)
@@ -70,7 +71,6 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
         least = max(policy.size * whole, record.coarse[row]) / max(level, 1e-300)
         trace = Trace(record.t, record.target[row], predicted[row], sound, record.unit(name))
         relevance = Relevance(policy.structure_share, least)
-        drive = Drive(predicted[0], J, per_ampere)
         structure = residual_structure(record.prepared, trace, drive, relevance, table=False)
         if structure.named:
             found.append((structure.named[0], name))

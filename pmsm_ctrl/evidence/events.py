@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.linalg import GRAM_RANK_TOLERANCE, factored
 
-__all__ = ["Burst", "Search", "Shift", "bursts", "explained_by", "shift"]
+__all__ = ["Burst", "Search", "Shift", "basis_of", "bursts", "explained_by", "shift"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -97,9 +97,21 @@ class Shift:
     score: float
 
 
+def basis_of(motion: Array, weight: Array) -> Array:
+    """Return an orthonormal basis, shape (m, rank), of what the motion can explain, weighted.
+
+    Parameters
+    ----------
+    motion : array, shape (m, k)
+    weight : array, shape (m,)
+    """
+    return factored(motion * weight[:, None]).basis
+
+
 def bursts(
-    residual: Array, weight: Array, direction: Array, motion: Array, search: tuple[Search, float]
-) -> list[Burst]:
+    residual: Array, weight: Array, direction: Array, motion: Array, search: tuple[Search, float],
+    basis: Array | None = None,
+) -> list[Burst]:  # fmt: skip
     """Return the stretches in which the residual departs, the clearest first.
 
     Parameters
@@ -112,12 +124,14 @@ def bursts(
         Columns of what the motion alone can explain.
     search : (Search, float)
         What counts, and the sampling rate, Hz.
+    basis : array, shape (m, rank), optional
+        `basis_of` motion and weight, where it is known already.
     """
     rules, rate = search
     found: list[Burst] = []
     used = weight.copy()
+    basis = basis_of(motion, weight) if basis is None else basis
     for _ in range(rules.most):
-        basis = factored(motion * used[:, None]).basis
         target = _beyond(basis, residual * used)
         judged = [
             _judged(one, target, used, direction, basis, rules)
@@ -137,6 +151,7 @@ def bursts(
         length = burst.stop - burst.start
         used = used.copy()
         used[max(0, burst.start - length // 4) : burst.stop + length // 4] = 0.0
+        basis = basis_of(motion, used)
     return found
 
 
@@ -257,15 +272,16 @@ def _beyond(basis: Array, values: Array) -> Array:
 
 
 def shift(
-    residual: Array, weight: Array, direction: Array, motion: Array, search: tuple[Search, float]
-) -> Shift | None:
+    residual: Array, weight: Array, direction: Array, motion: Array, search: tuple[Search, float],
+    basis: Array | None = None,
+) -> Shift | None:  # fmt: skip
     """Return the time at which the residual steps along the motion and stays; None where it does not.
 
     A step must explain more than any drift: a line, and exponentials of all time constants.
 
     Parameters
     ----------
-    residual, weight, direction, motion, search
+    residual, weight, direction, motion, search, basis
         As for `bursts`.
     """
     from scipy.stats import chi2
@@ -274,21 +290,18 @@ def shift(
     used = np.flatnonzero(weight > 0.0)
     if len(used) < 4 * FEWEST:
         return None
-    basis = factored(motion * weight[:, None]).basis
+    basis = basis_of(motion, weight) if basis is None else basis
     target = _beyond(basis, residual * weight)
-
-    def gain(columns: Array) -> tuple[float, Array, float, Array]:
-        return _gain(columns * weight[:, None], target, basis)
-
     inner = used[round(MARGIN * len(used)) : -round(MARGIN * len(used))]
     places = np.unique(inner[np.linspace(0, len(inner) - 1, PLACES).astype(np.int64)])
-    best = int(np.argmax([gain(_after(k, direction))[0] for k in places.tolist()]))
+    best = int(np.argmax(_gains_after(places, weight, direction, target, basis)))
     near = np.linspace(places[max(best - 1, 0)], places[min(best + 1, len(places) - 1)], NEAR).astype(np.int64)
-    place = int(max(near.tolist(), key=lambda k: gain(_after(k, direction))[0]))
-    explained, values, own, left = gain(_after(place, direction))
+    place = int(near[np.argmax(_gains_after(near, weight, direction, target, basis))])
+    explained, values, own, left = _gain(_after(place, direction) * weight[:, None], target, basis)
     time = np.arange(len(residual)) / len(residual)
-    courses = [time, *(np.exp(-time / tau) for tau in DRIFTS)]
-    drift = max(gain(np.column_stack([c * direction, c]))[0] for c in courses)
+    courses = np.array([time, *(np.exp(-time / tau) for tau in DRIFTS)]) * weight
+    along, even = (_products(c, target, basis) for c in (courses * direction, courses))
+    drift = float(np.max(_pair_gains(along, even, np.sum(courses**2 * direction, axis=1))))
     scale = _scatter(left, weight * direction, used)
     level = float(chi2.isf(rules.significance / PLACES, 2))
     if explained < level * scale**2 or explained < rules.drift * drift or own < rules.own_step:
@@ -298,9 +311,55 @@ def shift(
     return Shift(place, float(values[0]), float(values[1]), float(np.sqrt(explained)) / scale)
 
 
-def explained_by(found: Burst | Shift, residual: Array, weight: Array, direction: Array, motion: Array) -> float:
-    """Return the fall of the weighted sum of squares by an event, beyond what the motion explains."""
-    basis = factored(motion * weight[:, None]).basis
+# Products of columns with themselves, with a target and with a basis, shapes (p,), (p,) and (p, rank).
+_Products = tuple[Array, Array, Array]
+
+
+def _products(columns: Array, target: Array, basis: Array) -> _Products:
+    return np.sum(columns**2, axis=1), columns @ target, columns @ basis
+
+
+def _gains_after(places: NDArray[np.int64], weight: Array, direction: Array, target: Array, basis: Array) -> Array:
+    """Return what steps explain that begin at these places, in order: by sums over the samples between them."""
+
+    def after(values: Array) -> Array:
+        pieces = np.array(
+            [np.sum(values[a:b], axis=0) for a, b in zip(places, [*places[1:], len(values)], strict=True)]
+        )
+        return np.asarray(np.cumsum(pieces[::-1], axis=0)[::-1])
+
+    shapes = weight * direction, weight
+    along, even = ((after(one**2), after(one * target), after(one[:, None] * basis)) for one in shapes)
+    return _pair_gains(along, even, after(shapes[0] * shapes[1]))
+
+
+def _pair_gains(first: _Products, second: _Products, mixed: Array) -> Array:
+    """Return what pairs of columns explain beyond the basis, shape (p,); `mixed` holds the products of either two."""
+    gram = np.empty((len(mixed), 2, 2))
+    for i, one in enumerate((first, second)):
+        for j, other in enumerate((first, second)):
+            whole = one[0] if i == j else mixed
+            gram[:, i, j] = whole - np.sum(one[2] * other[2], axis=1)
+    size = np.sqrt(np.maximum(np.stack([first[0], second[0]], axis=1), 1e-300))
+    along = np.stack([first[1], second[1]], axis=1) / size
+    values, vectors = np.linalg.eigh(gram / (size[:, :, None] * size[:, None, :]))
+    inverse = np.where(values > GRAM_RANK_TOLERANCE, 1.0 / np.maximum(values, GRAM_RANK_TOLERANCE), 0.0)
+    gains: Array = np.sum(np.einsum("pij,pi->pj", vectors, along) ** 2 * inverse, axis=1)
+    return gains
+
+
+def explained_by(
+    found: Burst | Shift, residual: Array, weight: Array, direction: Array, motion: Array, basis: Array | None = None
+) -> float:
+    """Return the fall of the weighted sum of squares by an event, beyond what the motion explains.
+
+    Parameters
+    ----------
+    found : Burst or Shift
+    residual, weight, direction, motion, basis
+        As for `bursts`.
+    """
+    basis = basis_of(motion, weight) if basis is None else basis
     columns: Array = _after(found.start, direction)
     if isinstance(found, Burst):
         inside = (np.arange(len(direction)) >= found.start) & (np.arange(len(direction)) < found.stop)
@@ -316,7 +375,10 @@ def _after(place: int, direction: Array) -> Array:
 def _gain(columns: Array, target: Array, basis: Array) -> tuple[float, Array, float, Array]:
     """Return what columns explain beyond a basis, their values, the first one's own share, and what is left."""
     free = _beyond(basis, columns)
-    values: Array = np.asarray(np.linalg.lstsq(free, target, rcond=GRAM_RANK_TOLERANCE)[0], dtype=np.float64)
+    if free.shape[1] == 1:
+        values: Array = (free[:, 0] @ target / max(float(free[:, 0] @ free[:, 0]), 1e-300))[None]
+    else:
+        values = np.asarray(np.linalg.lstsq(free, target, rcond=GRAM_RANK_TOLERANCE)[0], dtype=np.float64)
     fitted = free @ values
     total = float(columns[:, 0] @ columns[:, 0])
     own = float(free[:, 0] @ free[:, 0]) / total if total > 0.0 else 0.0

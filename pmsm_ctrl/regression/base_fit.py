@@ -54,12 +54,15 @@ class Settled:
         By rough weights.
     notes : tuple of str
         What of the design this log cannot evaluate.
+    left : Saturated
+        What the model and curves of speed and time leave over.
     """
 
     record: Record
     model: Model
     rough: Solved
     notes: tuple[str, ...]
+    left: Saturated
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +109,13 @@ def base_fit(design: Design, record: Record, settled: bool = True) -> Estimated:
         Whether a filter of the drive signal was undone already, if there was one.
     """
     found = settled_model(design, record, (), settled)
-    return estimated(found.record, found.model, saturated(found.record, found.model))
+    return estimated(found.record, found.model, found.left)
 
 
 def settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...] = (), settled: bool = True) -> Settled:
     """Return the model of the design with further effects, about the delay that the drive signal has.
+
+    That of the design alone is remembered with the record.
 
     Parameters
     ----------
@@ -120,21 +125,36 @@ def settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...]
     settled : bool
         False in a fit that finds out how the drive signal was sampled.
     """
+    if accepted or design is not record.design:
+        return _settled_model(design, record, accepted, settled)
+    key = ("settled model", settled)
+    if key not in record.kept:
+        found = _settled_model(design, record, (), settled)
+        if found.record.kept is not record.kept:  # a bristle turns the friction: its columns are others
+            return found
+        record.kept[key] = replace(found, record=replace(found.record, kept={}))  # no circle of references
+    remembered: Settled = record.kept[key]
+    return replace(remembered, record=replace(remembered.record, kept=record.kept))
+
+
+def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...], settled: bool) -> Settled:
     record = with_bristles(design, record, accepted)
     model, notes = assembled(design, record, accepted, settled)
-    rough = solve_model(record, with_torque_held(record, model), rough_weights(record, model))
+    rough = solve_model(record, with_torque_held(record, model), rough_weights(record, saturated(record, model)))
     for _ in range(PASSES):
         record = with_modelled_torque(record, true_torque(model, rough), delay_of(model, rough.values))
         model, notes = assembled(design, record, accepted, settled)
         model = with_torque_held(record, model, OWN)
-        rough = solve_model(record, model, rough_weights(record, model))
+        left = saturated(record, model)
+        weights = rough_weights(record, left)
+        rough = solve_model(record, model, weights)
         held = with_sampling_bounded(record, model, rough) if settled else model
         if held is not model:
             model = held
-            rough = solve_model(record, model, rough_weights(record, model))
+            rough = solve_model(record, model, weights)
         if abs(delay_of(model, rough.values) - (record.late or 0.0)) < LATE * record.period:
             break
-    return Settled(record, model, rough, notes)
+    return Settled(record, model, rough, notes, left)
 
 
 def estimated(record: Record, model: Model, left: Saturated) -> Estimated:

@@ -105,9 +105,15 @@ def whiteners(record: Record, residual: Array, lost: int) -> tuple[Whitener, Whi
     return make_whitener(*noise), make_whitener(*noise, 0)
 
 
-def rough_weights(record: Record, model: Model) -> Whitener:
-    """Return weights from what the model leaves over beside curves of speed and time, no other group in it."""
-    left = saturated(record, model)
+def rough_weights(record: Record, left: Saturated) -> Whitener:
+    """Return weights from what a saturated model leaves over.
+
+    Parameters
+    ----------
+    record : Record
+    left : Saturated
+        Of the model alone, no other group in it.
+    """
     return make_whitener(left.residual, record.weight, record.mask, record.rate, left.lost, 0)
 
 
