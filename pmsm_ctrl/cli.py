@@ -241,7 +241,9 @@ def compare(
 
     axis = read_design(design, effects)
     other = log_if_given(holdout, axis, mapping)
-    result = run_comparison(axis, load_log(log, axis, mapping), holdout=other)
+    record = load_log(log, axis, mapping)
+    with progress_bar(f"compare {axis.name}") as progress:
+        result = run_comparison(axis, record, holdout=other, progress=progress)
     finish("compare", result, json_file=json_file, report=report)
 
 

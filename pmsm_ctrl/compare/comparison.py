@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare.closed_loop import closed_loop
 from pmsm_ctrl.compare.coordinates import Drive
 from pmsm_ctrl.compare.dependence import ResidualStructure, Trace, residual_structure
-from pmsm_ctrl.compare.free_run import free_run
+from pmsm_ctrl.compare.free_run import free_run, whole_run
 from pmsm_ctrl.compare.notices import HOLDOUT_IS_LOG, STRUCTURE
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.compare.verdict import judged
@@ -24,13 +24,15 @@ from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
-from pmsm_ctrl.regression.timing import punctual
+from pmsm_ctrl.regression.timing import punctual, uniform
 from pmsm_ctrl.result import Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
 
 __all__ = ["ChannelError", "Comparison", "Record", "Simulated", "compare"]
 
 Array = NDArray[np.float64]
+
+WHOLE = "free run, whole record"
 
 
 @dataclass(frozen=True)
@@ -85,13 +87,17 @@ class Simulated:
     Attributes
     ----------
     method : str
-        How it was simulated: free run in restarted windows, or closed loop.
+        How it was simulated: free run in restarted windows, closed loop, or free run over the whole record.
     errors : dict of channel to ChannelError
-        ``omega``, ``theta`` and in closed loop ``i_q``.
+        ``omega``, ``theta`` and in closed loop ``i_q``. Over a whole record the relative error is that to the standard
+        deviation of the channel, 1 - fit.
+    fit : float
+        Of the position over a whole record; NaN otherwise.
     """
 
     method: str
     errors: Mapping[str, ChannelError]
+    fit: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,14 +181,12 @@ class Comparison(Result):
             **self.doubts(),
             "log": log.name,
             "errors": _plain(log.errors),
-            "simulation": [{"method": s.method, "errors": _plain(s.errors)} for s in log.simulated],
+            "simulation": [_plain_run(s) for s in log.simulated],
             "where": {name: found.to_dict() for name, found in log.structure.items()},
             "worst_stretches": stretches,
             "holdout_log": other and other.name,
             "holdout_errors": other and _plain(other.errors),
-            "holdout_simulation": other and [
-                {"method": s.method, "errors": _plain(s.errors)} for s in other.simulated
-            ],
+            "holdout_simulation": other and [_plain_run(s) for s in other.simulated],
         })  # fmt: skip
         return plain
 
@@ -191,15 +195,24 @@ def _plain(errors: Mapping[str, ChannelError]) -> dict[str, Any]:
     return {name: vars(error) for name, error in errors.items()}
 
 
+def _plain_run(run: Simulated) -> dict[str, Any]:
+    return {"method": run.method, "errors": _plain(run.errors), "fit": run.fit}
+
+
 def compare(
-    design: Design, log: Log, *, holdout: Log | None = None, processing: Processing | None = None
+    design: Design,
+    log: Log,
+    *,
+    holdout: Log | None = None,
+    processing: Processing | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Comparison:
     """Compare what a design predicts with what was measured; nothing is fitted.
 
     Torque by inverse dynamics, ``J alpha + effects + T_load`` against the drive torque, and the dq voltages by
     the voltage equations, both sides through the same zero-phase filter, standstill left out. Speed and position by
-    simulation: driven by the measured torque in windows restarted from the measured state, and in closed loop where
-    the log holds the reference and the design the loops.
+    simulation: driven by the measured torque in windows restarted from the measured state and over the whole record,
+    and in closed loop where the log holds the reference and the design the loops.
 
     Parameters
     ----------
@@ -210,6 +223,8 @@ def compare(
         Another record, predicted with the same parameters.
     processing : Processing, optional
         Filter, derivative and mask.
+    progress : function, optional
+        Called with the share done, 0 to 1.
 
     Returns
     -------
@@ -226,7 +241,9 @@ def compare(
         record.check_evaluable(100)
     believed = doubts_about(design, log)
     processing = processing or Processing(cutoff=signal_band(believed.log))
-    here = _record(design, believed.log, processing)
+    advance = progress or (lambda share: None)
+    part = 1.0 if holdout is None else 0.5
+    here = _record(design, believed.log, processing, lambda share: advance(part * share))
     verdict, reasons = judged(here.errors["torque"].relative, here.structure, here.ratios, believed)
     # structure has its own place in a result
     stated = (reason for reason in reasons if reason.code != STRUCTURE.code)
@@ -236,7 +253,8 @@ def compare(
     if processing.cutoff is not None:
         processing = replace(processing, cutoff=min(processing.cutoff, holdout.rate / 8.0))
     held_out = doubts_about(design, holdout)
-    other = replace(_record(design, held_out.log, processing), name=holdout.provenance.file or "the holdout")
+    held = _record(design, held_out.log, processing, lambda share: advance(0.5 + 0.5 * share))
+    other = replace(held, name=holdout.provenance.file or "the holdout")
     of_other = (*map(of_holdout, held_out.notices), *other.notices)
     notices = (*doubted, *(notice for notice in of_other if notice not in here.notices))
     if log.provenance.sha256 and log.provenance.sha256 == holdout.provenance.sha256:
@@ -244,7 +262,9 @@ def compare(
     return Comparison(design, here, other, notices, verdict, reasons)
 
 
-def _record(design: Design, log: Log, processing: Processing) -> Record:
+def _record(
+    design: Design, log: Log, processing: Processing, progress: Callable[[float], None] | None = None
+) -> Record:
     """Predict, simulate and search one log."""
     prepared = prepare(design, log, processing)
     prepared = replace(prepared, moving=prepared.moving & punctual(log, prepared.t, prepared.cutoff))
@@ -272,7 +292,7 @@ def _record(design: Design, log: Log, processing: Processing) -> Record:
         traces=traces,
         structure=structure,
         stretches=worst_stretches(torque.t, torque.residual, torque.mask, problem.omega),
-        simulated=(*free, *closed),
+        simulated=(*free, *closed, *_whole_run(design, log, prepared, progress)),
         omega=problem.omega,
         notices=(*problem.notes, *beyond, *left_out, *free_notices, *closed_notices),
     )
@@ -294,6 +314,23 @@ def _free_run(
         "theta": theta,
     }
     return (Simulated(f"free run, restarted every {free.window:.3g} s", errors),), free.notices
+
+
+def _whole_run(
+    design: Design, log: Log, prepared: Prepared, progress: Callable[[float], None] | None
+) -> Iterable[Simulated]:
+    """Simulate the whole record from its torque alone; one with gaps has no torque there."""
+    if not uniform(log)[2].all():
+        return ()
+    run = whole_run(design, prepared, progress)
+    if run is None:
+        return ()
+    pairs = {"omega": (run.omega_meas, run.omega), "theta": (run.theta_meas, run.theta)}
+    errors = {
+        name: ChannelError.of(measured - measured.mean(), simulated - measured.mean(), log.unit(name))
+        for name, (measured, simulated) in pairs.items()
+    }
+    return (Simulated(WHOLE, errors, run.fit),)
 
 
 def _closed_loop(

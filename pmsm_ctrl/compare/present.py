@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compare.comparison import ChannelError, Comparison, Record
 from pmsm_ctrl.compare.notices import OBJECTIONS, largest_words, motion_words, structure_words
-from pmsm_ctrl.rendering.numbers import number, percent, probability
+from pmsm_ctrl.rendering.numbers import number, percent, probability, with_prefix
 from pmsm_ctrl.result import Verdict
 from pmsm_ctrl.section import Picture, Section, Table, present
 from pmsm_ctrl.units import axis_unit, drives
@@ -33,11 +34,24 @@ def _(result: Comparison) -> Section:
             *(notice for notice in result.notices if notice not in result.reasons[:1]),
             *(_capital(sentence) for sentence in found[1:]),
             Table(_HEADER, rows, "Errors (measured - predicted)"),
+            *_whole(records, motion),
             _dependences(result, names["torque"]),
             _stretches(log, axis_unit("rad/s", motion)),
             *_pictures(result),
         ),
     )
+
+
+def _whole(records: Iterable[tuple[str, Record]], motion: str) -> Iterator[str]:
+    """Yield the free run over each whole record in one sentence."""
+    for label, run in ((label, run) for label, record in records for run in record.simulated):
+        if math.isfinite(run.fit):
+            position, speed = (run.errors[name] for name in ("theta", "omega"))
+            yield (
+                f"The {label} simulated from its {drives(motion)} alone, the state given at the start: position "
+                f"{with_prefix(position.rms, position.unit)} rms (fit {percent(run.fit)}), speed "
+                f"{with_prefix(speed.rms, speed.unit)} rms (fit {percent(1.0 - speed.relative)})."
+            )
 
 
 _VERDICTS = {

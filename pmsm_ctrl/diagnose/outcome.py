@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pmsm_ctrl.compare.free_run import whole_run
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviations, winding_substitutes
@@ -82,6 +83,11 @@ def outcome(
         left=left,
         structure=structure,
         events=case.events,
+        free_run={
+            "nominal": _free_run(case, None),
+            "base": _free_run(case, selection.fits[0]),
+            "final": _free_run(case, selection.fit),
+        },
         record=case.record,
         selection=selection,
     )
@@ -115,6 +121,7 @@ def _steps(case: Case, selection: Selection) -> Iterator[DiagnosisStep]:
         yield DiagnosisStep(
             effect.id, name, effect.title, step.equivalents, parameters,
             own[k], own[k + 1], other[k], other[k + 1], _evidence(step.evidence),
+            _free_run(case, selection.fits[k + 1]),
         )  # fmt: skip
 
 
@@ -125,6 +132,16 @@ def _evidence(e: Evidence) -> dict[str, Any]:
         "block_gain": cv.gain, "block_stderr": cv.stderr, "p_rank": cv.p_rank, "material_share": e.size,
         "explained_share": e.explained,
     }  # fmt: skip
+
+
+def _free_run(case: Case, fit: Fitted | None) -> dict[str, Any]:
+    """Return the error of the position when the whole log is simulated; of the design as given without a fit."""
+    record = case.record
+    if record.unseen > 0.0:
+        return {}  # what bridges a gap drives nothing
+    design = case.design if fit is None else fitted_design(case.design, fit)
+    run = whole_run(design, record.prepared)
+    return {} if run is None else {"rms": run.rms, "unit": axis_unit("rad", record.prepared.motion), "fit": run.fit}
 
 
 def _table(record: Record, found: Mapping[str, tuple[float, float]]) -> Errors:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from pmsm_ctrl.diagnose.notices import calibration_text
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
@@ -94,16 +95,32 @@ def _errors(d: Diagnosis) -> Table:
     channels, names = list(d.errors["base"]), {"torque": drives(d.design.motion)}
     other = [c for c in channels if d.steps and c in d.steps[0].holdout_before]
     first = d.steps[0].holdout_before if d.steps else {}
-    rows: list[tuple[str, Errors, Errors]] = [
-        ("design as given", d.errors["nominal"], {}), ("parameters refitted", d.errors["base"], first),
-        *((f"+ {step.name}", step.error_after, step.holdout_after) for step in d.steps),
-        ("noise floor", d.errors["noise_floor"], {}),
-    ]  # fmt: skip
+    run = d.free_run
+    rows: list[tuple[str, Errors, Errors, Mapping[str, Any]]] = [
+        ("design as given", d.errors["nominal"], {}, run.get("nominal", {})),
+        ("parameters refitted", d.errors["base"], first, run.get("base", {})),
+        *((f"+ {step.name}", step.error_after, step.holdout_after, step.free_run) for step in d.steps),
+        ("noise floor", d.errors["noise_floor"], {}, {}),
+    ]
+    simulated = any(of_run for *_, of_run in rows)
     return Table(
-        ("model", *(names.get(c, c) for c in channels), *(f"held-out {names.get(c, c)}" for c in other)),
-        tuple((name, *_relative(own, channels), *_relative(held, other)) for name, own, held in rows),
-        "Relative rms error of each balance",
+        (
+            "model",
+            *(names.get(c, c) for c in channels),
+            *(f"held-out {names.get(c, c)}" for c in other),
+            *(("free run", "fit") if simulated else ()),
+        ),
+        tuple(
+            (name, *_relative(own, channels), *_relative(held, other), *(_run_cells(of_run) if simulated else ()))
+            for name, own, held, of_run in rows
+        ),
+        "Relative rms error of each balance"
+        + ("; position of the whole log, simulated from the torque alone" if simulated else ""),
     )
+
+
+def _run_cells(run: Mapping[str, Any]) -> tuple[str, str]:
+    return (with_prefix(run["rms"], run["unit"]), percent(run["fit"])) if run else ("", "")
 
 
 def _relative(errors: Errors, channels: list[str]) -> list[str]:

@@ -40,6 +40,9 @@ class DiagnosisStep:
         The held-out ones are empty without a held-out record.
     evidence : dict
         Gains and p-values.
+    free_run : dict
+        Error of the position when the whole log is simulated from the torque alone, after this step: ``rms``, ``unit``
+        and ``fit``, 1 less the error's share of the position's standard deviation. Empty where that is not possible.
     """
 
     effect: str
@@ -52,6 +55,7 @@ class DiagnosisStep:
     holdout_before: Errors
     holdout_after: Errors
     evidence: Mapping[str, Any]
+    free_run: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -208,6 +212,8 @@ class Diagnosis(Result):
         errors and the steps support.
     events : tuple of Event
         Stretches that were left out, and steps of the friction.
+    free_run : dict of {"nominal", "base", "final"} to dict
+        As in `DiagnosisStep`.
     log_name, holdout_name : str
         The latter is empty without a held-out record.
     """
@@ -227,6 +233,7 @@ class Diagnosis(Result):
     calibration: Calibration | None = None
     reasons: tuple[Notice, ...] = ()
     events: tuple[Event, ...] = ()
+    free_run: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     log_name: str = "the given log"
     holdout_name: str = ""
 
@@ -251,6 +258,7 @@ class Diagnosis(Result):
             "log": self.log_name,
             "holdout": self.holdout_name or None,
             "errors": self.errors,
+            "free_run": self.free_run,
             "steps": [vars(step) for step in self.steps],
             "ranking": [row.to_dict() for row in self.ranking],
             "parameter_deviations": [vars(d) for d in self.parameter_deviations],

@@ -21,13 +21,19 @@ from pmsm_ctrl.kernels.rotation import cos_small, normal, quantise, sin_small
 
 
 @inlined
+def drive_torque(y, machine):
+    """Electromagnetic torque in N m."""
+    return torque_em(machine[3], machine[4], machine[1], machine[2], y[0], y[1])  # <drive torque>
+
+
+@inlined
 def shaft_torque(y, t, direction, held, machine, effects):
     """Accelerating torque of the shaft in N m."""
     i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]  # noqa: F841 - an effect may read them
     R, L_d, L_q, p, psi_f, J = machine
     # <parameters>
     # <states>
-    torque = torque_em(p, psi_f, L_d, L_q, i_d, i_q)
+    torque = drive_torque(y, machine)
     opposing = held[3]  # <coupling>
     # <bristle>
     # <torque>
@@ -47,7 +53,7 @@ def derivative(y, t, direction, held, machine, effects):
     u_q = s * held[0] + c * held[1]
     di_d, di_q = 0.0, 0.0
     # <voltage>
-    di_d = (u_d - voltage_d(R, L_d, L_q, p, i_d, i_q, 0.0, omega)) * (1.0 / L_d)
+    di_d = (u_d - voltage_d(R, L_d, L_q, p, i_d, i_q, 0.0, omega)) * (1.0 / L_d)  # <direct current>
     di_q = (u_q - voltage_q(R, L_d, L_q, p, psi_f, i_d, i_q, 0.0, omega)) * (1.0 / L_q)  # <incremental inductance>
     domega = shaft_torque(y, t, direction, held, machine, effects) * (1.0 / J)  # <acceleration>
     # <load>

@@ -11,7 +11,7 @@ import importlib.util
 import re
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -24,7 +24,7 @@ from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import cache_folder
 from pmsm_ctrl.simulate.feedforward import compensation_lines
 
-__all__ = ["BARE_STATES", "load", "module_of", "source", "structures"]
+__all__ = ["BARE_STATES", "completed", "lines_of", "load", "module_of", "source", "structures"]
 
 _LOADING = threading.Lock()  # a module loaded twice would be compiled twice
 _MARK = re.compile(r"#\s<([a-z_ ]+)>\s*$")
@@ -32,11 +32,21 @@ BARE_STATES = 15  # states of the kernel without effects; structures add theirs
 _TEMPLATE = Path(__file__).resolve().parent.parent / "kernels" / "drive_template.py"
 
 
-def source(effects: Sequence[Effect], compensated: Sequence[Effect] = ()) -> str:
-    """Return the drive kernel's source for these effects, in this order, and those its controller compensates."""
-    lines = _lines(effects) | {"compensation": compensation_lines(compensated)}
+def source(
+    effects: Sequence[Effect], compensated: Sequence[Effect] = (), driven: Mapping[str, list[str]] | None = None
+) -> str:
+    """Return the drive kernel's source for these effects, in this order, and those its controller compensates.
+
+    `driven` holds the lines for further marks.
+    """
+    lines = {**lines_of(effects), "compensation": compensation_lines(compensated), **(driven or {})}
+    return completed(_TEMPLATE, lines)
+
+
+def completed(template: Path, lines: Mapping[str, list[str]]) -> str:
+    """Return the text of a template with the lines for its marks."""
     out = []
-    for line in _TEMPLATE.read_text(encoding="utf-8").splitlines():
+    for line in template.read_text(encoding="utf-8").splitlines():
         mark = _MARK.search(line)
         if mark is None:
             out.append(line)
@@ -94,7 +104,7 @@ def structures(effects: Sequence[Effect]) -> list[tuple[type[Structure], int]]:
     return found
 
 
-def _lines(effects: Sequence[Effect]) -> dict[str, list[str]]:
+def lines_of(effects: Sequence[Effect]) -> dict[str, list[str]]:
     """Return the lines for every mark of the template."""
     numbered = list(enumerate(effects))
     names = [f"e{k}_{p.symbol}" for k, effect in numbered for p in effect.parameters]

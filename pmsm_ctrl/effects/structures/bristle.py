@@ -72,7 +72,7 @@ class Bristle(Structure):
                 "start = (held[0], held[1], held[2], held[3], zeta, y[3])",
                 "y = runge_kutta(y, t + m * h, h, 1.0, start, machine, effects)",
                 "i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]",
-                "torque = torque_em(p, machine[4], machine[1], machine[2], i_d, i_q)",
+                "torque = drive_torque(y, machine)",
                 f"level, rest = {level('omega')}, {level('0.0')}",
                 f"zeta = {kernel_call(k, effect, travel='theta - start[5]', limit='level / rest')}[0]",
             ],
@@ -118,6 +118,13 @@ class Bristle(Structure):
         loop(out, s["theta"], s["omega"], *(values[symbol] for symbol in symbols))
         return out
 
+    def memory_along(self, effect: Effect, values: Mapping[str, float], omega: Array, theta: Array) -> Array:
+        """Return the deflection along a measured motion that begins with a straight bristle, shape (n, 1)."""
+        loop, symbols = compiled_loop(effect, "deflection", _deflection)
+        out = np.empty(len(theta))
+        loop(out, np.ascontiguousarray(theta), np.ascontiguousarray(omega), *(values[symbol] for symbol in symbols))
+        return out[:, None]
+
     def search(self, effect: Effect, log: LogView) -> Search:
         """Return deflections from those of a stiff bearing to those of a soft belt, the rest at the start values."""
         scale = log.travel / 100.0 if log.balances.linear else 1.0
@@ -141,6 +148,12 @@ class Bristle(Structure):
     def amounts_are_linear(self) -> bool:
         """Whether the size of the column is the amount of the effect: it is that of the dry friction."""
         return False
+
+
+def _deflection(effect: Effect) -> tuple[str, tuple[str, ...]]:
+    """Source of the loop that notes the deflection, and the parameters it takes."""
+    text, symbols = _loop(effect)
+    return text.replace("_zeta, _out[_n] =", "_zeta, _ =") + "        _out[_n] = _zeta\n", symbols
 
 
 def _loop(effect: Effect) -> tuple[str, tuple[str, ...]]:

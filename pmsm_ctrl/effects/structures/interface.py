@@ -293,6 +293,10 @@ class Structure(ABC):
         """Return the structure's memory for an axis that turns at `omega` and nothing is deflected."""
         return 0.0
 
+    def memory_along(self, effect: Effect, values: Mapping[str, float], omega: Array, theta: Array) -> Array:
+        """Return the structure's memory along a measured motion of shape (n,), shape (n, memory)."""
+        return np.tile(np.atleast_1d(self.start(0.0, 0.0)), (len(omega), 1))[:, : self.memory]
+
     def simulated(
         self, effect: Effect, values: Mapping[str, float], machine: Machine, dry: float, label: str
     ) -> dict[str, float]:
@@ -353,9 +357,9 @@ class Structure(ABC):
         return False
 
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
-        """Return the columns by which an effect that is not in the model yet is judged, shape (channels, m, k).
+        """Return the columns by which an effect not in the model yet is judged: `values`, shape (channels, m, k).
 
-        `values` are those of the model. What is made of noise, or of errors of the filters, is zero.
+        What is made of noise, or of errors of the filters, is zero.
         """
         return values
 
@@ -486,15 +490,12 @@ def default_shapes(effect: Effect) -> Iterable[dict[str, float]]:
     for p in effect.searched:
         values = [p.start * f for f in MULTIPLES] if p.start else [p.start]
         axes.append(sorted({float(min(max(v, p.lower), p.upper)) for v in values}))
-    for combination in itertools.product(*axes):
-        yield dict(zip((p.symbol for p in effect.searched), combination, strict=True))
+    names = [p.symbol for p in effect.searched]
+    yield from (dict(zip(names, combination, strict=True)) for combination in itertools.product(*axes))
 
 
 def kernel_call(number: int, effect: Effect, /, **given: Any) -> str:
-    """Return the call of an effect's term in the drive kernel: its own parameters, and signals that are locals there.
-
-    `given` says what stands for an argument instead.
-    """
+    """Return the call of an effect's term in the drive kernel; `given` says what stands for an argument instead."""
     own = {p.symbol for p in effect.parameters}
     arguments = (given.get(name, f"e{number}_{name}" if name in own else name) for name in effect.arguments)
     return f"e{number}_term({', '.join(arguments)})"

@@ -110,6 +110,10 @@ class Transmission(Structure):
         """Return speed and angle of the load: it turns with the motor."""
         return omega, theta
 
+    def memory_along(self, effect: Effect, values: Mapping[str, float], omega: Array, theta: Array) -> Array:
+        """Return speed and angle of a load that follows the motor, shape (n, 2)."""
+        return np.column_stack([omega, theta])
+
     def simulated(
         self, effect: Effect, values: Mapping[str, float], machine: Machine, dry: float, label: str
     ) -> dict[str, float]:

@@ -210,7 +210,7 @@ def test_emps_by_simulation_on_both_records(measured, designs: Path) -> None:
     design = Design.read(designs / "emps.toml")
     logs = [read_log(measured(f"emps/{name}"), design) for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")]
     result = compare(design, logs[0], holdout=logs[1])
-    assert [len(s) for s in (result.log.simulated, result.holdout.simulated)] == [1, 1]
+    assert [len(s) for s in (result.log.simulated, result.holdout.simulated)] == [2, 2]
     speed = result.log.simulated[0].errors["omega"]
     assert speed.unit == "m/s"
     assert 0.02 < speed.relative < 0.05
