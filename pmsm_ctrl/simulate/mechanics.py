@@ -20,6 +20,7 @@ from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.effects.signals import INTERNAL
 from pmsm_ctrl.simulate.compose import BARE_STATES, completed, lines_of, module_of, source, structures
+from pmsm_ctrl.simulate.resolution import RESOLVED, second_mass
 
 __all__ = ["INPUTS", "Mechanics"]
 
@@ -28,8 +29,8 @@ Bound = tuple[Effect, dict[str, float]]
 
 # What drives the axis, in the kernel's order.
 INPUTS = ("torque", "T_load", "i_d", "i_q")
-# Longest integration step, s; and what a step may be of a wave's angle, rad, and of a spring's time constants.
-LONGEST, WAVE, SPRING = 1e-3, 0.5, 0.25
+# Longest integration step, s; and what a step may be of a wave's angle, rad.
+LONGEST, WAVE = 1e-3, 0.5
 # Most integration steps per sample: what is faster still is simulated slower than it is.
 MOST = 64
 CHUNK = 1 << 20  # integration steps between two progress reports: a fraction of a second
@@ -128,7 +129,12 @@ class Mechanics:
             When a load is heavier than the whole axis.
         """
         dry = sum(abs(e.standing(v, p=self.p)) for e, v in self.bound if e.dry)
-        return [e.structure.simulated(e, v, self, dry, f"effects.{e.id}") for e, v in self.bound]
+        mass = second_mass(self.bound)
+        shaft = self if mass is None else replace(self, J=self.J - mass.J_load)  # a bristle acts on the motor alone
+        return [
+            e.structure.simulated(e, v, self if e.structure.splits_inertia else shaft, dry, f"effects.{e.id}")
+            for e, v in self.bound
+        ]
 
     def run(
         self,
@@ -189,10 +195,10 @@ def _steps(bound: Sequence[Bound], J: float, period: float, top_speed: float, p:
         if effect.order:
             per_turn = values[effect.order] * (p if "p" in effect.signals else 1.0)
             needed = max(needed, per_turn * top_speed * period / WAVE)
-        load = effect.structure.second_mass(values)
-        if load is not None and 0.0 < load.J_load < J:
-            inverse = 1.0 / load.J_load + 1.0 / (J - load.J_load)
-            needed = max(needed, period * math.sqrt(load.k * inverse) / SPRING, period * load.d * inverse / SPRING)
+    load = second_mass(bound)
+    if load is not None and 0.0 < load.J_load < J:
+        inverse = 1.0 / load.J_load + 1.0 / (J - load.J_load)
+        needed = max(needed, period * math.sqrt(load.k * inverse) / RESOLVED, period * load.d * inverse / RESOLVED)
     return min(MOST, max(1, math.ceil(needed * (1.0 - 1e-3))))
 
 

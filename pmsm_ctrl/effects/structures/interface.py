@@ -21,10 +21,8 @@ from pmsm_ctrl.effects.signals import INTERNAL
 if TYPE_CHECKING:
     from pmsm_ctrl.effects.base import Effect
 
-__all__ = [
-    "Balances", "Known", "Lines", "LogView", "Machine", "Search", "SecondMass", "Structure", "UnavailableError",
-    "kernel_call",
-]  # fmt: skip
+__all__ = ["Balances", "Known", "Lines", "LogView", "Machine", "Search", "SecondMass", "Structure", "UnavailableError"]
+__all__ += ["kernel_call"]
 
 Array = NDArray[np.float64]
 Lines = dict[str, list[str]]
@@ -276,14 +274,14 @@ class Structure(ABC):
     @staticmethod
     @abstractmethod
     def lines(wired: Sequence[tuple[int, Effect]], offset: int, dry: Sequence[tuple[int, Effect]]) -> Lines:
-        """Return the lines for the marks of the drive kernel's template.
+        """Return the lines for the marks of the kernels' templates.
 
         Parameters
         ----------
         wired : sequence of (int, Effect)
             All active effects of this structure, with their numbers in the kernel.
         offset : int
-            Where the structure's memory begins in the states.
+            Where its memory begins in the states.
         dry : sequence of (int, Effect)
             The active dry frictions.
         """
@@ -491,7 +489,7 @@ def default_shapes(effect: Effect) -> Iterable[dict[str, float]]:
         values = [p.start * f for f in MULTIPLES] if p.start else [p.start]
         axes.append(sorted({float(min(max(v, p.lower), p.upper)) for v in values}))
     names = [p.symbol for p in effect.searched]
-    yield from (dict(zip(names, combination, strict=True)) for combination in itertools.product(*axes))
+    yield from (dict(zip(names, each, strict=True)) for each in itertools.product(*axes))
 
 
 def kernel_call(number: int, effect: Effect, /, **given: Any) -> str:
