@@ -7,7 +7,7 @@ because friction that drifts or depends on the position changes its sign with th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,14 +193,12 @@ def with_orders(
         As for `curves`.
     direction : array, shape (m,)
     """
-    again = [
-        _turn(
-            prepared, c.unit, prepared.signals["theta"][prepared.keep], residual, mask, weight, _both(direction, mask)
+    theta = prepared.signals["theta"][prepared.keep]
+    again: list[Curve | None] = []
+    for c in made:
+        again.append(
+            _turn(prepared, c.unit, theta, residual, mask, weight, _both(direction, mask), c) if c.orders else c
         )
-        if c.orders
-        else c
-        for c in made
-    ]
     return [c for c in again if c is not None]
 
 
@@ -244,22 +242,24 @@ def _apart(columns: Array, direction: Array, both: bool) -> Array:
 
 
 def _turn(
-    prepared: Prepared, unit: str, theta: Array, residual: Array, mask: Mask, weight: Array, both: bool
-) -> Curve | None:
+    prepared: Prepared, unit: str, theta: Array, residual: Array, mask: Mask, weight: Array, both: bool,
+    known: Curve | None = None,
+) -> Curve | None:  # fmt: skip
     direction = np.sign(prepared.signals["omega"])
     spectrum, orders, tried = strongest_orders(prepared, residual, mask, weight, policy.MOST_ORDERS)
     if not orders:
         return None
-    angle = prepared.signals["theta"]
-    raw = waves(angle, orders)
+    # the best few of so many: choosing each of them was a search
+    ways = max(1, tried) ** len(orders)
+    if known is not None and known.orders == tuple(orders):
+        return replace(known, tried=ways, spectrum=spectrum)
+    raw = waves(prepared.signals["theta"], orders)
     own = prepared.column(_apart(raw, direction, both).T).T
 
     def draw(points: Array, sign: float) -> tuple[Array, Array]:
         along = np.full(len(points), sign)
         return _base(along, both), _apart(waves(points, orders), along, both)
 
-    # the best few of so many: choosing each of them was a search
-    ways = max(1, tried) ** len(orders)
     x, base = np.mod(theta, 2.0 * np.pi), _base(direction[prepared.keep], both)
     return Curve("position", unit, x, base, own, draw, ways, tuple(orders), spectrum)
 

@@ -321,9 +321,11 @@ def _modelled(
     rate = prepared.thinned_rate
     made = curves(prepared, coordinates, residual, mask, mask.astype(np.float64))
     noise = noise_of(residual, [np.hstack([c.base, c.own]) for c in made], mask, rate)
-    if any(c.orders for c in made):
+    first = [c.orders for c in made]
+    if any(first):
         made = with_orders(made, prepared, residual, mask, noise.weight, coordinates["direction"])
-        noise = noise_of(residual, [np.hstack([c.base, c.own]) for c in made], mask, rate)
+        if [c.orders for c in made] != first:  # the noise is the same beside the same curves
+            noise = noise_of(residual, [np.hstack([c.base, c.own]) for c in made], mask, rate)
     return made, noise
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.event import Event
-from pmsm_ctrl.diagnose.fit import Accepted, Fitted, errors, fit_design, predicted_elsewhere
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted, errors, fit_design, predicted_elsewhere, ranked
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.balances import Record
@@ -58,11 +59,24 @@ class Case:
         ----------
         accepted : tuple of Accepted
         """
+        return self._known(accepted) or fit_design(self.design, self.record, accepted, self.effects)
+
+    def _known(self, accepted: tuple[Accepted, ...]) -> Fitted | None:
         asked = [(one.effect.id, one.shape) for one in accepted]
-        for fit in self.fits:
-            if [(one.effect.id, one.shape) for one in fit.accepted] == asked:
-                return fit
-        return fit_design(self.design, self.record, accepted, self.effects)
+        return next((f for f in self.fits if [(one.effect.id, one.shape) for one in f.accepted] == asked), None)
+
+    def first_beside(self, accepted: tuple[Accepted, ...]) -> Trial | None:
+        """Return the candidate that explains most beside these effects; None where there is none.
+
+        Its significance is not judged.
+
+        Parameters
+        ----------
+        accepted : tuple of Accepted
+        """
+        known = self._known(accepted)
+        trials = ranked(self.design, self.record, accepted, self.effects) if known is None else known.trials
+        return trials[0] if trials else None
 
     def keep(self, fit: Fitted) -> Fitted:
         """Remember a fit that belongs to a selection, and return it.

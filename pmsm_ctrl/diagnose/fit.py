@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,18 +11,15 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import Candidate, candidates_for
 from pmsm_ctrl.diagnose.refine import refine
-from pmsm_ctrl.diagnose.search import (
-    Trial,
-    offer,
-    plain_evidence,
-    try_all,
-    try_group,
-)
+from pmsm_ctrl.diagnose.search import Offer, Rows, Trial, beyond_each, offer, plain_evidence, tried, try_all, try_group
 from pmsm_ctrl.effects.base import Effect
+from pmsm_ctrl.evidence.linalg import Added
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, with_modelled_torque
 from pmsm_ctrl.regression.base_fit import (
     Accepted,
+    Estimated,
+    Settled,
     assembled,
     delay_of,
     estimated,
@@ -34,11 +31,12 @@ from pmsm_ctrl.regression.columns import seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved
 
-__all__ = ["Accepted", "Fitted", "errors", "fit_design", "predicted_elsewhere"]
+__all__ = ["Accepted", "Fitted", "errors", "fit_design", "predicted_elsewhere", "ranked"]
 
 Array = NDArray[np.float64]
 
 MOST_REFINED = 6  # candidates of a round
+AT_ONCE = 4e6  # bytes of whitened columns that are judged at once, of one column each
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
 PARSIMONY = 0.98
 
@@ -98,27 +96,64 @@ def fit_design(
     explore: bool = True,
 ) -> Fitted:  # fmt: skip
     """Fit the design with the accepted effects, and try every candidate on the residual."""
+    found, fit, laid = _laid_out(design, record, accepted, effects)
+    closed: tuple[Candidate, ...] = ()
+    trials: list[Trial] = []
+    if explore:
+        every = try_all(laid, fit.plain, fit.weights)
+        closed = tuple(one for (one, _), trial in zip(laid.candidates, every, strict=True) if trial is None)
+        refined = _refined(fit, [trial for trial in every if trial is not None])
+        trials = in_order(judged((fit.solved, fit.whitener), fit.covariance, refined))
+    _forget(record, fit.record)
+    return Fitted(
+        fit.record, fit.model, fit.whitener, fit.solved, fit.plain, fit.estimate, fit.weights, tuple(trials),
+        closed, found.notes, accepted,
+    )  # fmt: skip
+
+
+def ranked(
+    design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect]
+) -> list[Trial]:
+    """Return the candidates that have columns beside the accepted effects, the one that explains most first.
+
+    Their significance is not judged.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    accepted : tuple of Accepted
+    effects : dict of id to Effect
+    """
+    _, fit, laid = _laid_out(design, record, accepted, effects)
+    every = [trial for trial in try_all(laid, fit.plain, fit.weights) if trial is not None]
+    trials = in_order([replace(trial, plain_gain=trial.gain) for trial in _refined(fit, every)])
+    while trials and not trials[0].singular:
+        first = trials[0]
+        if not try_group(fit.solved, fit.whitener, first.candidate, first.group).singular:
+            break
+        trials = in_order([replace(first, singular=True), *trials[1:]])
+    _forget(record, fit.record)
+    return trials
+
+
+def _laid_out(
+    design: Design, record: Record, accepted: tuple[Accepted, ...], effects: Mapping[str, Effect]
+) -> tuple[Settled, Estimated, Offer]:
+    """Fit the design with the accepted effects, by the noise that all candidates together leave."""
     found = settled_model(design, record, accepted)
-    given, record, model, notes = record, found.record, found.model, found.notes
     present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
     residual = record.target[0] - found.rough.predicted()[0]
-    candidates = candidates_for(record, design, effects, residual, present)
-    laid, left = offer(record, model, candidates)
-    fit = estimated(record, model, left)
-    whitener, weights, solved, plain, estimate = fit.whitener, fit.weights, fit.solved, fit.plain, fit.estimate
-    if not explore:
-        return Fitted(record, model, whitener, solved, plain, estimate, weights, (), (), notes, accepted)
-    tried = try_all(laid, plain, weights)
-    closed = [candidate for candidate, trial in zip(candidates, tried, strict=True) if trial is None]
-    trials = [trial for trial in tried if trial is not None]
-    trials = [judged((solved, whitener), fit.covariance, t) for t in _refined(record, plain, weights, trials)]
-    trials = in_order(trials)
-    record.memo.clear()  # hundreds of columns; the best of each candidate stays with its trial
-    if record.kept is not given.kept:
-        record.kept.clear()
-    return Fitted(
-        record, model, whitener, solved, plain, estimate, weights, tuple(trials), tuple(closed), notes, accepted
-    )
+    candidates = candidates_for(found.record, design, effects, residual, present)
+    laid, left = offer(found.record, found.model, candidates)
+    return found, estimated(found.record, found.model, left), laid
+
+
+def _forget(given: Record, used: Record) -> None:
+    """Drop hundreds of columns; the best of each candidate stays with its trial."""
+    used.memo.clear()
+    if used.kept is not given.kept:
+        used.kept.clear()
 
 
 def predicted_elsewhere(
@@ -149,14 +184,36 @@ def errors(record: Record, residual: Array, channels: Iterable[str] | None = Non
     return out
 
 
-def judged(fit: tuple[Solved, Whitener], covariance: NoiseCovariance, trial: Trial) -> Trial:
-    """Keep a trial's shape and size, found with plain weights, and judge its significance.
+def judged(fit: tuple[Solved, Whitener], covariance: NoiseCovariance, trials: Sequence[Trial]) -> list[Trial]:
+    """Keep the trials' shapes and sizes, found with plain weights, and judge their significance.
 
     Twice: prewhitened, which has the greatest power where a column is right at all frequencies, and with the weights
     of the estimate, which tolerates errors of its fast part. The better one counts, at twice its p-value.
+
+    Parameters
+    ----------
+    fit : (Solved, Whitener)
+        Prewhitened.
+    covariance : NoiseCovariance
+        Of the estimate.
+    trials : sequence of Trial
     """
-    sure = try_group(*fit, trial.candidate, trial.group)
-    slow_gain, slow_p = plain_evidence(covariance, trial.candidate, trial.group)
+    out: list[Trial] = []
+    size = max(1, int(AT_ONCE / (8.0 * len(fit[1].used))))
+    for some in (trials[start : start + size] for start in range(0, len(trials), size)):
+        groups = [trial.group for trial in some]
+        found = beyond_each(*fit, groups), beyond_each(covariance.fit, covariance.weights, groups)
+        out += [
+            _judged(fit, covariance, trial, white[1], plain) for trial, white, plain in zip(some, *found, strict=True)
+        ]
+    return out
+
+
+def _judged(
+    fit: tuple[Solved, Whitener], covariance: NoiseCovariance, trial: Trial, own: Added, plain: tuple[Rows, Added]
+) -> Trial:
+    sure = tried(trial.candidate, trial.group, own, fit)
+    slow_gain, slow_p = plain_evidence(covariance, trial.candidate, trial.group, plain)
     fast_p = 1.0 if sure.wrong_sign else sure.p_value
     slow = slow_p < fast_p
     gain = slow_gain if slow else sure.gain
@@ -184,9 +241,10 @@ def in_order(trials: list[Trial]) -> list[Trial]:
     return out
 
 
-def _refined(record: Record, solved: Solved, whitener: Whitener, trials: list[Trial]) -> list[Trial]:
+def _refined(fit: Estimated, trials: list[Trial]) -> list[Trial]:
     """Refine the shapes of the few that matter."""
     best = sorted((t for t in trials if not t.wrong_sign), key=lambda t: -t.score)[:MOST_REFINED]
     return [
-        refine(record, solved, whitener, t, seen_as_candidate) if t in best and t.score > 0.0 else t for t in trials
+        refine(fit.record, fit.plain, fit.weights, t, seen_as_candidate) if t in best and t.score > 0.0 else t
+        for t in trials
     ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.evidence.blocks import equal_blocks, left_out_gains
-from pmsm_ctrl.evidence.linalg import Added, added
+from pmsm_ctrl.evidence.linalg import Added, added_each
 from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
@@ -25,11 +26,12 @@ __all__ = [
     "Trial",
     "amounts_that_gain",
     "beyond",
+    "beyond_each",
     "blocked_gain",
     "least_shown",
     "offer",
     "plain_evidence",
-    "rows_of",
+    "tried",
     "try_all",
     "try_candidate",
     "try_group",
@@ -164,7 +166,7 @@ def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tupl
 def try_all(laid: Offer, solved: Solved, weights: Whitener) -> list[Trial | None]:
     """Return every candidate at the best of its shapes, by the weights alone; None where it has no column.
 
-    All products come from the Gram matrices and from one pass over the columns.
+    All products come from the Gram matrices.
 
     Parameters
     ----------
@@ -173,49 +175,77 @@ def try_all(laid: Offer, solved: Solved, weights: Whitener) -> list[Trial | None
         By the weights.
     weights : Whitener
     """
-    rest = np.zeros((len(laid.grams), solved.model.matrix.shape[1]))
-    for row, channel in enumerate(weights.channels):
-        rest[row, weights.used] = channel.scale * solved.rest_of(row)
-    count = len(solved.values)
-    places = iter(laid.places)
+    groups = [group for _, some in laid.candidates for group in some]
+    counts = np.array([len(group.symbols) for group in groups], dtype=np.int64)
+    starts = (np.cumsum(counts) - counts).tolist()
+    total = int(counts.sum())
+    grams = [np.zeros((k, k)) for k in counts.tolist()]
+    beside, along = np.zeros((len(solved.values), total)), np.zeros(total)
+    for row, (whole, inside) in enumerate(zip(laid.grams, laid.entering, strict=True)):
+        power, end = weights.channels[row].sigma ** 2, 1 + len(inside)
+        entering = [np.zeros(0, dtype=np.int64)]
+        for gram, start, places in zip(grams, starts, laid.places, strict=True):
+            if row in places:
+                gram += whole[places[row], places[row]] / power
+                entering.append(np.arange(start, start + len(gram)))
+        columns = np.concatenate(entering)
+        beside[np.ix_(inside, columns)] += whole[1:end, end:] / power
+        along[columns] += (whole[end:, 0] - whole[end:, 1:end] @ solved.values[inside]) / power
+    # the fit's basis is its whitened columns, and the priors, times `inverse`
+    found = iter(added_each(grams, solved.inverse.T @ beside, along))
+    return [
+        _best_of(candidate, [(group, next(found)) for group in some], (solved, weights))
+        for candidate, some in laid.candidates
+    ]
 
-    def tried(candidate: Candidate, group: Group) -> Trial:
-        k = len(group.symbols)
-        gram, beside, along = np.zeros((k, k)), np.zeros((count, k)), np.zeros(k)
-        for row, place in next(places).items():
-            whole, inside, level = laid.grams[row], laid.entering[row], weights.channels[row].sigma
-            gram += whole[place, place] / level**2
-            beside[inside] += whole[1 : 1 + len(inside), place] / level**2
-        for row, columns in group.entering:
-            along += columns @ rest[row]
-        # the fit's basis is its whitened columns, and the priors, times `inverse`
-        return _trial(candidate, group, added(gram, solved.inverse.T @ beside, along), (solved, weights))
 
-    return [_best([tried(candidate, group) for group in groups]) for candidate, groups in laid.candidates]
+def _best_of(
+    candidate: Candidate, shapes: Sequence[tuple[Group, Added]], judge: tuple[Solved, Whitener]
+) -> Trial | None:
+    """Return the trial of the highest score, one of the right sign where there is any; None without a shape."""
+    order = sorted(shapes, key=lambda shape: -_score(candidate, shape[1], judge[0]))
+    signed = (shape for shape in order if not shape[1].rank or not _wrong_sign(*shape, judge[0]))
+    best = next(signed, order[0] if order else None)
+    return None if best is None else tried(candidate, *best, judge)
+
+
+def _score(candidate: Candidate, own: Added, solved: Solved) -> float:
+    """Return the gain less what the parameters cost; 0 for columns that the model has already."""
+    price = float(np.log(max(len(solved.rest), 2)))
+    return own.gain - (own.rank + candidate.free) * price if own.rank else 0.0
 
 
 def try_candidate(record: Record, solved: Solved, whitener: Whitener, candidate: Candidate) -> Trial | None:
     """Return the candidate at the best of its shapes, or None when it has no column on this log."""
     groups = candidate_groups(record, candidate.effect, candidate.grid)
-    return _best(try_group(solved, whitener, candidate, group) for group in groups)
-
-
-def _best(trials: Iterable[Trial]) -> Trial | None:
-    """Return the trial of the highest score, one of the right sign where there is any."""
-    return max(trials, key=lambda trial: (not trial.wrong_sign, trial.score), default=None)
+    found = beyond_each(solved, whitener, groups)
+    return _best_of(
+        candidate, [(group, own) for group, (_, own) in zip(groups, found, strict=True)], (solved, whitener)
+    )
 
 
 def try_group(solved: Solved, whitener: Whitener, candidate: Candidate, group: Group) -> Trial:
     """Test one group of columns against the model."""
-    return _trial(candidate, group, beyond(solved, whitener, group)[1], (solved, whitener))
+    return tried(candidate, group, beyond(solved, whitener, group)[1], (solved, whitener))
 
 
-def _trial(candidate: Candidate, group: Group, own: Added, judge: tuple[Solved, Whitener]) -> Trial:
+def tried(candidate: Candidate, group: Group, own: Added, judge: tuple[Solved, Whitener]) -> Trial:
+    """Return the trial of a candidate.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    group : Group
+    own : Added
+        What its columns explain beyond the model.
+    judge : (Solved, Whitener)
+        The model.
+    """
     solved, k = judge[0], own.rank
     if k == 0:
         none = np.zeros(len(own.size))
         return Trial(candidate, group, 0.0, 0.0, 1.0, none, np.full(len(none), np.inf), judge, singular=True)
-    score = own.gain - (k + candidate.free) * np.log(max(len(solved.rest), 2))
+    score = _score(candidate, own, solved)
     p = f_tail(own.gain / k, k, max(solved.rows - solved.rank - k, 1)) * max(candidate.searched, 1)
     values = own.values
     return Trial(
@@ -223,31 +253,41 @@ def _trial(candidate: Candidate, group: Group, own: Added, judge: tuple[Solved, 
     )
 
 
-def rows_of(solved: Solved, whitener: Whitener, group: Group) -> Rows:
-    """Whiten a group's columns in the balances they enter.
+def beyond(solved: Solved, whitener: Whitener, group: Group) -> tuple[Rows, Added]:
+    """Return a group's whitened columns, and what they explain beyond the model."""
+    return beyond_each(solved, whitener, [group])[0]
+
+
+def beyond_each(solved: Solved, whitener: Whitener, groups: Sequence[Group]) -> list[tuple[Rows, Added]]:
+    """Return the whitened columns of several groups, and what each of them explains beyond the model.
 
     Parameters
     ----------
     solved : Solved
     whitener : Whitener
-    group : Group
+    groups : sequence of Group
     """
-    own, shared = {}, np.zeros((solved.rank, len(group.symbols)))
-    for row, columns in group.entering:
-        own[row] = whitener.part(row, columns)
-        shared += solved.mixing[solved.parts[row]].T @ (solved.bases[row] @ own[row].T)
-    return Rows(own, shared)
-
-
-def beyond(solved: Solved, whitener: Whitener, group: Group) -> tuple[Rows, Added]:
-    """Return a group's whitened columns, and what they explain beyond the model."""
-    rows = rows_of(solved, whitener, group)
-    k = rows.shared.shape[1]
-    gram, along = np.zeros((k, k)), np.zeros(k)
-    for row, columns in rows.own.items():
-        gram += columns @ columns.T
-        along += columns @ solved.rest_of(row)
-    return rows, added(gram, rows.shared, along)
+    ends = np.cumsum([0, *(len(group.symbols) for group in groups)]).tolist()
+    parts = [slice(*pair) for pair in itertools.pairwise(ends)]
+    grams = [np.zeros((part.stop - part.start,) * 2) for part in parts]
+    shared, along = np.zeros((solved.rank, ends[-1])), np.zeros(ends[-1])
+    own: list[dict[int, Array]] = [{} for _ in groups]
+    for row in range(len(solved.bases)):
+        inside = [k for k, group in enumerate(groups) if group.rows[row] is not None]
+        if not inside:
+            continue
+        white = whitener.part(
+            row, np.concatenate([columns for k in inside if (columns := groups[k].rows[row]) is not None])
+        )
+        places = np.concatenate([np.arange(parts[k].start, parts[k].stop) for k in inside])
+        shared[:, places] += solved.mixing[solved.parts[row]].T @ (solved.bases[row] @ white.T)
+        along[places] += white @ solved.rest_of(row)
+        end = 0
+        for k in inside:
+            own[k][row] = white[end : (end := end + len(grams[k]))]
+            grams[k] += own[k][row] @ own[k][row].T
+    found = added_each(grams, shared, along)
+    return [(Rows(one, shared[:, part]), new) for one, part, new in zip(own, parts, found, strict=True)]
 
 
 def whitened_rows(solved: Solved, rows: Rows, back: Array) -> list[Array]:
@@ -326,7 +366,9 @@ def _seen(solved: Solved, whitener: Whitener, group: Group, along: Array | None 
     return own.rank, seen
 
 
-def plain_evidence(covariance: NoiseCovariance, candidate: Candidate, group: Group) -> tuple[float, float]:
+def plain_evidence(
+    covariance: NoiseCovariance, candidate: Candidate, group: Group, found: tuple[Rows, Added] | None = None
+) -> tuple[float, float]:
     """Return gain and p-value of the estimate by weighted least squares, its covariance that of correlated noise.
 
     Less powerful than the prewhitened test where a column is right at every frequency; where its fast part is not,
@@ -338,9 +380,11 @@ def plain_evidence(covariance: NoiseCovariance, candidate: Candidate, group: Gro
         Of the fit by weighted least squares.
     candidate : Candidate
     group : Group
+    found : (Rows, Added), optional
+        What `beyond` returns of it and that fit, where it is known already.
     """
     plain = covariance.fit
-    rows, own = beyond(plain, covariance.weights, group)
+    rows, own = beyond(plain, covariance.weights, group) if found is None else found
     k = own.rank
     if k == 0:
         return 0.0, 1.0

@@ -129,8 +129,8 @@ def _starts(case: Case, found: Selection) -> Iterator[tuple[str, ...]]:
         if one.effect.repeated or len(found.accepted) + len(waiting) < 2:
             continue
         others = (*found.accepted[:k], *found.accepted[k + 1 :], *waiting)
-        trials = case.fit(others).trials
-        instead = trials[0].candidate.effect.id if trials and not trials[0].wrong_sign else one.effect.id
+        first = case.first_beside(others)
+        instead = first.candidate.effect.id if first is not None and not first.wrong_sign else one.effect.id
         if instead in present or case.effects[instead].repeated:
             continue
         ids = [other.effect.id for other in others] + [instead]

@@ -24,6 +24,7 @@ __all__ = [
     "Added",
     "Factored",
     "added",
+    "added_each",
     "factored",
     "gram_of",
     "own_shares",
@@ -158,12 +159,20 @@ def projection_on_all(gram: Array, right: Array, room: int, first: int = 0) -> t
     beside = own @ scaled[:lead, lead:]
     left = scaled[lead:, lead:] - scaled[lead:, :lead] @ beside
     values, vectors = np.linalg.eigh(left) if len(left) else (np.zeros(0), np.zeros((0, 0)))
-    kept = values > GRAM_RANK_TOLERANCE * max(float(np.linalg.eigvalsh(scaled)[-1]) if len(scaled) else 0.0, 1e-300)
+    largest = float(values.max(initial=0.0)) if lead == 0 else _largest_eigenvalue(scaled)
+    kept = values > GRAM_RANK_TOLERANCE * max(largest, 1e-300)
     kept[: max(0, len(kept) - max(room - lead, 0))] = False
     further = vectors[:, kept] @ ((vectors[:, kept].T @ (along[lead:] - beside.T @ along[:lead])) / values[kept])
     coefficients = np.zeros(len(gram))
     coefficients[alive] = np.concatenate([own @ along[:lead] - beside @ further, further]) / size
     return coefficients, lead + int(kept.sum())
+
+
+def _largest_eigenvalue(gram: Array) -> float:
+    from scipy.linalg import eigh
+
+    last = len(gram) - 1
+    return float(eigh(gram, eigvals_only=True, subset_by_index=[last, last], check_finite=False)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,14 +226,34 @@ def added(gram: Array, shared: Array, along: Array) -> Added:
     along : array, shape (k,)
         Products of the columns with the model's residual.
     """
-    size = np.sqrt(np.diag(gram))
-    size = np.where(size > 0.0, size, 1.0)
-    left = (gram - shared.T @ shared) / (size[:, None] * size)
-    if len(left) == 1:  # most are: no decomposition
-        own = float(left[0, 0])
-        back = np.full((1, 1), 1.0 / (np.sqrt(own) * size[0])) if own > OWN_SHARE**2 else np.zeros((1, 0))
-        return Added(back, back[0] * along[0], size)
-    values, vectors = np.linalg.eigh(left)
-    kept = values > OWN_SHARE**2
-    back = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
-    return Added(back, back.T @ along, size)
+    return added_each([gram], shared, along)[0]
+
+
+def added_each(grams: Sequence[Array], shared: Array, along: Array) -> list[Added]:
+    """Return what each of several groups of columns explains beyond a model, none of the others in it.
+
+    Parameters
+    ----------
+    grams : arrays of shape (k, k)
+        Of the columns of a group.
+    shared : array, shape (rank of the model, columns)
+        Products of the model's orthonormal basis with the columns of all groups, one group after the other.
+    along : array, shape (columns,)
+        Products of the columns with the model's residual.
+    """
+    counts = np.array([len(gram) for gram in grams], dtype=np.int64)
+    starts = np.cumsum(counts) - counts
+    out: dict[int, Added] = {}
+    for k in set(counts.tolist()):  # groups of as many columns are decomposed at once
+        places = np.flatnonzero(counts == k)
+        columns = starts[places, None] + np.arange(k)
+        gram, beside, right = np.array([grams[i] for i in places.tolist()]), shared[:, columns], along[columns]
+        size = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+        size = np.where(size > 0.0, size, 1.0)
+        left = (gram - np.einsum("rgi,rgj->gij", beside, beside)) / (size[:, :, None] * size[:, None, :])
+        values, vectors = np.linalg.eigh(left) if k > 1 else (left[:, 0], np.ones_like(left))  # most have one
+        for i, size_i, values_i, vectors_i, right_i in zip(places.tolist(), size, values, vectors, right, strict=True):
+            kept = values_i > OWN_SHARE**2
+            back = vectors_i[:, kept] / np.sqrt(values_i[kept]) / size_i[:, None]
+            out[i] = Added(back, back.T @ right_i, size_i)
+    return [out[i] for i in range(len(grams))]

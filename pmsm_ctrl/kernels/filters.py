@@ -16,6 +16,7 @@ __all__ = ["LANES", "coloured_back", "followed", "reflections", "whitened", "zer
 Array = NDArray[np.float64]
 
 LANES = 16  # columns side by side: two cache lines
+FEW = 4  # columns; fewer are filtered one by one, with the filter's state in registers
 
 
 @uncontracted
@@ -95,6 +96,8 @@ def zero_phase(values: Array, sections: Array, settled: Array, pad: int, step: i
     """
     columns, n = values.shape
     sweeps = (columns + LANES - 1) // LANES
+    if columns < FEW and len(sections) <= 4:
+        sweeps = columns
     for sweep in range(sweeps):
         start = sweep * columns // sweeps
         lanes = (sweep + 1) * columns // sweeps - start

@@ -9,7 +9,7 @@ ASME 79, 1957).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +37,15 @@ class Bins:
         Median distance, s.
     samples : int
         Per bin.
+    motions : dict
+        Those that were worked out: several relations read them.
     """
 
     t: Array
     channels: Mapping[str, Array]
     width: float
     samples: int
+    motions: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
 
     def smooth(self, values: Array, boxes: int) -> Array:
         """Return values averaged over three boxes of so many bins, shape (m,); NaN at the ends and across gaps."""

@@ -140,9 +140,10 @@ def moved(bins: Bins, boxes: int = BOXES) -> tuple[Array, Array] | None:
     if name is None:
         return None
     of = bins.motion if name == "theta" else bins.speed
-    values = bins.channels[name]
-    narrow, wide = (float(np.sqrt(np.nanmean(of(values, size)[0] ** 2))) for size in (BOXES, WIDE))
-    return of(values, boxes) if wide > STEADY * narrow else None
+    for size in {BOXES, WIDE, boxes} - bins.motions.keys():
+        bins.motions[size] = of(bins.channels[name], size)
+    narrow, wide = (float(np.sqrt(np.nanmean(bins.motions[size][0] ** 2))) for size in (BOXES, WIDE))
+    return bins.motions[boxes] if wide > STEADY * narrow else None
 
 
 def moving(omega: Array) -> NDArray[np.bool_]:

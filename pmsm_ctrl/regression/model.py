@@ -166,7 +166,8 @@ class Solved:
         parts = [basis.T @ self.mixing[part] for basis, part in zip(self.bases, self.parts, strict=True)]
         return np.vstack([*parts, self.mixing[self.parts[-1].stop :]])
 
-    @property
+    # Read at every trial of a candidate.
+    @cached_property
     def parts(self) -> tuple[slice, ...]:
         """Rows of `mixing` that belong to each balance."""
         ends = np.cumsum([len(basis) for basis in self.bases]).tolist()

@@ -126,15 +126,22 @@ def through(
     Set-valued friction in a semi-implicit step: what would carry the speed through zero stops it there.
     """
     h = period / SUBSTEPS
+    push, most = h / J, level * h / J
     travel = 0.0
     share[: torque.size] = 0.0
     for n in range(torque.size - 1):
+        early = late = 0.0
         for m in range(SUBSTEPS):
             x = (m + 0.5) / SUBSTEPS
-            free = speed + h / J * ((1.0 - x) * torque[n] + x * torque[n + 1] + missing)
-            friction = min(level, max(-level, free * J / h))
+            free = speed + push * ((1.0 - x) * torque[n] + x * torque[n + 1] + missing)
+            held = min(most, max(-most, free))
             before = speed
-            speed = free - h / J * friction
-            travel += 0.5 * h * (before + speed)
-            share[n + (1 if x > 0.5 else 0)] += friction / (level * SUBSTEPS)
-    return speed, travel
+            speed = free - held
+            travel += before + speed
+            if m < SUBSTEPS // 2:
+                early += held
+            else:
+                late += held
+        share[n] += early / (most * SUBSTEPS)
+        share[n + 1] += late / (most * SUBSTEPS)
+    return speed, 0.5 * h * travel

@@ -11,10 +11,11 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import STANDSTILL, USABLE, Record, make_record
 from pmsm_ctrl.regression.bandwidth import signal_band
-from pmsm_ctrl.regression.base_fit import Estimated, base_fit
+from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind
 from pmsm_ctrl.regression.model import LATENESS, MOST_NOISE, SPREAD, noise_share
+from pmsm_ctrl.regression.saturated import rough_weights
 
 __all__ = ["timed_record"]
 
@@ -87,10 +88,9 @@ def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Estima
             break
         if design.J * narrow.shaft_noise() > _size(narrow):  # what lies above this band is the motion itself
             break
-        quiet = base_fit(design, narrow)
-        if narrow.usable < USABLE or _noise(quiet) > BLUE * floor:
+        if narrow.usable < USABLE or _noise_floor(design, narrow) > BLUE * floor:
             break
-        record, fit = narrow, quiet
+        record, fit = narrow, base_fit(design, narrow)
     return record, fit
 
 
@@ -108,13 +108,19 @@ def _widened(design: Design, log: Log, record: Record, fit: Estimated) -> Record
     usual, share = (noise_share(one, one.acceleration()) for one in (record, wide))
     if share >= max(MOST_NOISE, usual):
         return record
-    noisy = _noise(base_fit(design, wide)) > NOISIER * _noise(fit)
+    noisy = _noise_floor(design, wide) > NOISIER * _noise(fit)
     return record if noisy else wide
 
 
 def _noise(fit: Estimated) -> float:
     """Noise floor of the torque balance, as a share of the torque."""
     return float(fit.weights.sigma[0]) / max(_size(fit.record), 1e-300)
+
+
+def _noise_floor(design: Design, record: Record) -> float:
+    """Do the same for a record that is not fitted yet, without an estimate."""
+    found = settled_model(design, record)
+    return float(rough_weights(found.record, found.left).sigma[0]) / max(_size(record), 1e-300)
 
 
 def _size(record: Record) -> float:
