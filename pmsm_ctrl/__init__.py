@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+from pmsm_ctrl.rooms import Room
 
 if TYPE_CHECKING:
     from pmsm_ctrl.compare import compare
@@ -54,8 +55,10 @@ def __getattr__(name: str) -> Any:
         from pmsm_ctrl.errors import nearest
 
         raise AttributeError(f"module 'pmsm_ctrl' has no attribute '{name}'{nearest(name, _EXPORTS)}")
-    value = getattr(import_module(_EXPORTS[name]), name)
-    globals()[name] = value
+    module = import_module(_EXPORTS[name])
+    if _EXPORTS[name] == f"{__name__}.{name}":
+        return module  # a room that is called by its verb
+    value = globals()[name] = getattr(module, name)
     return value
 
 
@@ -63,14 +66,4 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *_EXPORTS})
 
 
-class _Package(ModuleType):
-    """A package in which importing the module `pmsm_ctrl.simulate` does not hide the verb `simulate`."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        # The import system binds each submodule here. A verb shares its module's name and must win,
-        # as it would with an eager `from pmsm_ctrl.simulate import simulate`.
-        if not (name in _EXPORTS and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
+sys.modules[__name__].__class__ = Room

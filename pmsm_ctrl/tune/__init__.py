@@ -34,6 +34,8 @@ _HOME = {
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
+    module = importlib.import_module(f"{__name__}.{_HOME[name]}")
+    if _HOME[name] == name:
+        return module  # it is called by the function of its name
+    value = globals()[name] = getattr(module, name)
     return value

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import inspect
+import pickle
 import subprocess
 import sys
 
@@ -40,7 +42,7 @@ def test_public_names_are_frozen() -> None:
 def test_public_name_resolves_and_is_documented(name: str) -> None:
     value = getattr(pmsm_ctrl, name)
     assert inspect.getdoc(value)
-    assert value.__name__ == name
+    assert value.__name__.removeprefix("pmsm_ctrl.") == name
     if inspect.isfunction(value):
         hidden = [p for p in inspect.signature(value).parameters.values() if p.kind is p.VAR_KEYWORD]
         assert not hidden, "**kwargs would swallow a typo"
@@ -55,9 +57,38 @@ def test_every_parameter_of_a_verb_is_in_its_docstring(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SAME_NAME)
-def test_verb_wins_over_the_module_of_the_same_name(name: str) -> None:
-    code = f"import pmsm_ctrl.{name}, pmsm_ctrl; assert callable(pmsm_ctrl.{name}), pmsm_ctrl.{name}"
+def test_a_verb_and_the_module_of_its_name_are_the_same(name: str) -> None:
+    room = importlib.import_module(f"pmsm_ctrl.{name}")
+    assert getattr(pmsm_ctrl, name) is room
+    function = getattr(room, name)
+    assert inspect.isfunction(function)
+    assert inspect.signature(room) == inspect.signature(function)
+    assert inspect.getdoc(function) in inspect.getdoc(room)
+    assert pickle.loads(pickle.dumps(room)) is room
+
+
+IMPORTS = {
+    "import pmsm_ctrl": "pmsm_ctrl.tune, pmsm_ctrl.tune.margins",
+    "import pmsm_ctrl.tune as t": "t, t.margins",
+    "import pmsm_ctrl.tune.margins as m": "m, m.Margins",
+    "import pmsm_ctrl.simulate as s": "s, s.scenario",
+    "from pmsm_ctrl import tune": "tune, tune.margins",
+    "from pmsm_ctrl.tune import margins": "margins, margins.Margins",
+    "from pmsm_ctrl.tune import margins; import pmsm_ctrl.tune.margins as m": "m, margins",
+    "import pmsm_ctrl.tune.margins; from pmsm_ctrl.tune import margins": "margins, margins.margins",
+    "from pmsm_ctrl.tune.margins import margins": "margins",
+}
+
+
+@pytest.mark.parametrize("first", IMPORTS)
+def test_every_form_of_import_gives_what_can_be_called(first: str) -> None:
+    code = f"{first}\nfor one in ({IMPORTS[first]},): assert callable(one), one"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_verb_is_called_with_its_arguments() -> None:
+    with pytest.raises(TypeError, match="missing 1 required positional argument"):
+        pmsm_ctrl.tune()  # type: ignore[call-arg]
 
 
 def test_unknown_name_suggests_the_nearest() -> None:
