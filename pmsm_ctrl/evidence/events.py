@@ -105,7 +105,12 @@ def basis_of(motion: Array, weight: Array) -> Array:
     motion : array, shape (m, k)
     weight : array, shape (m,)
     """
-    return factored(motion * weight[:, None]).basis
+    columns = motion * weight[:, None]
+    columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    # on the triangular factor: the basis of so many columns would be worked out twice otherwise
+    triangle: Array = np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
+    basis: Array = columns @ factored(triangle).inverse
+    return basis
 
 
 def bursts(

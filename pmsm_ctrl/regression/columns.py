@@ -17,7 +17,8 @@ __all__ = ["Group", "UnavailableError", "candidate_groups", "effect_group", "see
 Array = NDArray[np.float64]
 
 # Bytes of columns that are kept from one fit to the next, roughly, and of signals that are filtered at once.
-MOST_KEPT, AT_ONCE = 100e6, 40e6
+MOST_KEPT, AT_ONCE = 100e6, 6e6
+FEWEST_AT_ONCE = 4  # shapes: fewer columns are filtered one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +122,7 @@ def candidate_groups(record: Record, effect: Effect, shapes: Sequence[Mapping[st
     symbols = structure.symbols(effect)
     keys = [("seen", *_key(effect, shape)) for shape in shapes]
     missing = [k for k, key in enumerate(keys) if key not in _memo(record, effect, key)]
-    batch = max(1, int(AT_ONCE / (len(record.prepared.t) * 8 * max(1, len(symbols)))))
+    batch = max(FEWEST_AT_ONCE, int(AT_ONCE / (len(record.prepared.t) * 8 * max(1, len(symbols)))))
     for start in range(0, len(missing), batch):
         some = missing[start : start + batch]
         try:
