@@ -224,9 +224,11 @@ def notices() -> str:
 
     lines = ["# Warning codes", "", "A result carries its warnings as notices: a code, a sentence and its values.",
              "JSON has the codes under `warning_codes`. Values stand in braces.", ""]  # fmt: skip
-    for path in sorted(Path(pmsm_ctrl.__file__).parent.glob("*/notices.py")):
-        room = importlib.import_module(f"pmsm_ctrl.{path.parent.name}.notices")
-        lines += [f"## {path.parent.name}", "", "| code | sentence |", "|---|---|"]
+    package = Path(pmsm_ctrl.__file__).parent
+    rooms = {path.parent.name: f"pmsm_ctrl.{path.parent.name}.notices" for path in package.glob("*/notices.py")}
+    for name, module in sorted({**rooms, "datasheet": "pmsm_ctrl.datasheet"}.items()):
+        room = importlib.import_module(module)
+        lines += [f"## {name}", "", "| code | sentence |", "|---|---|"]
         found = (held for held in vars(room).values() if isinstance(held, Template))
         lines += [f"| `{template.code}` | {_cell(template.words)} |" for template in found]
         lines.append("")

@@ -144,6 +144,7 @@ LARGE_REFUSED = Template(
     "refused_but_large", "{effect} would explain {percent:.0f} % of the residual, but is {refusal}"
 )
 NOT_CALIBRATED = Template("not_calibrated", "too many false alarms on this motion: {calibration}")
+LOG_CONDITIONING = Template("log_conditioning", "{note}")
 
 
 def of_log(notes: Iterable[Notice | str]) -> tuple[Notice, ...]:
@@ -153,7 +154,7 @@ def of_log(notes: Iterable[Notice | str]) -> tuple[Notice, ...]:
     ----------
     notes : iterable of Notice or str
     """
-    return tuple(note if isinstance(note, Notice) else Notice("log_conditioning", note) for note in notes)
+    return tuple(note if isinstance(note, Notice) else LOG_CONDITIONING(note=note) for note in notes)
 
 
 def calibration_text(found: Calibration) -> str:

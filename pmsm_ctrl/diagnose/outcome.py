@@ -151,9 +151,10 @@ def _table(record: Record, found: Mapping[str, tuple[float, float]]) -> Errors:
 def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
     first, last = selection.fits[0], selection.fit
     nominal = first.model.nominal.copy()
-    for k, name in enumerate(first.model.names):  # nuisances have no nominal value
-        free = not np.isfinite(first.model.sigma[k]) and nominal[k] == 0.0
-        if free or (first.model.group_of(k).effect is None and name.startswith(("tau_", "spread_"))):
+    for k in range(len(nominal)):  # nuisances have no nominal value
+        group = first.model.group_of(k)
+        free = not np.isfinite(first.model.sigma[k]) or group.effect is None
+        if group.sampling or (free and nominal[k] == 0.0):
             nominal[k] = first.plain.values[k]
     residual = first.record.target - first.model.matrix @ nominal
     floor = {}

@@ -56,6 +56,7 @@ TOLERANCE = 0.15
 # Age, s, and angle over speed, s, of the voltage command: a few control periods at most.
 COMMAND = 2e-3
 TIMING = ("tau_u", "tau_frame")
+ANSWER = ("kappa_d", "kappa_q")  # of the controller to noise: nothing is known of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,7 +408,7 @@ def _winding(design: Design, record: Record) -> Iterator[_Term]:
         nominal, sigma = 0.0, np.inf
         if name in TIMING:
             sigma = COMMAND
-        elif not name.startswith("kappa"):
+        elif name not in ANSWER:
             nominal = float(getattr(motor, name))
             sigma = motor.tolerance.get(name, TOLERANCE) * nominal
         yield _Term(name, part, nominal, sigma, modelled)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.report.history import Entry
+from pmsm_ctrl.report.notices import NOT_VALIDATED
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
 
@@ -118,7 +119,7 @@ class CatalogueEntry(Result):
         """A notice when the effect has not been validated."""
         if self.effect.validated != "not at all":
             return ()
-        return (Notice("not_validated", "this effect has not been validated"),)
+        return (NOT_VALIDATED(),)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON.

@@ -13,6 +13,9 @@ from pmsm_ctrl.simulate.motions import Array, Limits, PathBuilder, Scenario, mul
 
 __all__ = ["identification", "identification_parts"]
 
+# Segments in which a multisine is added to the current, and the share of the top speed at which the axis turns.
+MULTISINES = {"multisine forward": 0.3, "multisine backward": -0.3}
+
 
 def identification(
     *,
@@ -52,7 +55,7 @@ def identification(
         )
     builder, segments = identification_parts(unit, top, slope)
     path, ramp = builder.path(), 0.3 * top / (0.1 * slope)
-    stays = [(start + ramp, stop - ramp) for name, start, stop in segments if name.startswith("multisine")]
+    stays = [(start + ramp, stop - ramp) for name, start, stop in segments if name in MULTISINES]
 
     def references(t: Array) -> Mapping[str, Array]:
         signal = np.zeros_like(t)
@@ -118,8 +121,7 @@ def identification_parts(unit: float, top: float, slope: float) -> tuple[PathBui
         ("slow turns", _slow_turns),
         ("staircase", _staircase),
         ("reversals", _reversals),
-        ("multisine forward", _stay(0.3)),
-        ("multisine backward", _stay(-0.3)),
+        *((name, _stay(share)) for name, share in MULTISINES.items()),
     ):
         start = builder.t
         part(builder, unit, top, slope)

@@ -135,6 +135,14 @@ def test_source_to_latex_keeps_the_meaning(source: str, latex: str, generate: Mo
     assert generate.latex(ast.parse(source, mode="eval").body) == latex
 
 
+def test_the_page_of_codes_has_every_notice(generate: ModuleType) -> None:
+    page = generate.notices()
+    sources = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "pmsm_ctrl").rglob("*.py"))
+    codes = re.findall(r"(?:Template|Notice)\(\s*\"([a-z_]+)\"", sources)
+    assert len(codes) > 100
+    assert [code for code in codes if f"`{code}`" not in page] == []
+
+
 def test_every_page_is_a_page_of_the_site_and_every_link_leads_somewhere(generate: ModuleType) -> None:
     printed = {f"printed/{name}" for name in generate.PAGES}  # made when the site is built
     for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
