@@ -366,6 +366,7 @@ def export_code(
         Path | None,
         typer.Option("--output", "-o", metavar="PATH", help="a file, or without suffix a folder for all parts"),
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="export a gain of the compensation that is not safe")] = False,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -376,10 +377,10 @@ def export_code(
 
     axis = read_design(design, effects)
     if output is not None and not output.suffix:
-        files = export_files(axis, language, flavour=flavour)
+        files = export_files(axis, language, flavour=flavour, force=force)
         output.mkdir(parents=True, exist_ok=True)
     else:
-        files = {output.name if output else "": run_export(axis, language, part=part, flavour=flavour)}
+        files = {output.name if output else "": run_export(axis, language, part=part, flavour=flavour, force=force)}
     for name, text in files.items():
         if output is None:
             print(text, end="")

@@ -179,6 +179,11 @@ class PositionLoop(Part):
     K_v: NonNegative = Field(description="position gain, 1/s")
     velocity_feedforward: NonNegative = Field(default=1.0, description="share of the reference speed fed forward")
     acceleration_feedforward: NonNegative = Field(default=0.0, description="share of J alpha_ref fed forward")
+    velocity_filter: NonNegative | None = Field(
+        default=None,
+        description="time constant of the filter of the reference speed in position control, s; the speed loop's "
+        "reference filter where left out",
+    )
 
 
 class Loops(Part):
@@ -187,6 +192,16 @@ class Loops(Part):
     current: CurrentLoop
     speed: SpeedLoop
     position: PositionLoop = PositionLoop(K_v=0.0)
+
+    def reference_filter(self, *, in_position: bool) -> float:
+        """Return the time constant of the reference speed's filter in speed control, or in position control, s.
+
+        Parameters
+        ----------
+        in_position : bool
+        """
+        own = self.position.velocity_filter
+        return own if in_position and own is not None else self.speed.reference_filter
 
 
 class Assumed(Part):
@@ -231,9 +246,25 @@ class Compensation(Part):
     """Feedforward friction compensation."""
 
     source: Literal["reference", "commanded", "measured", "adaptive"] = "reference"
-    gain: NonNegative = Field(default=0.0, description="share of the modelled friction that is fed forward")
-    smoothing: NonNegative = Field(default=0.0, description="speed over which the sign is smoothed, rad/s")
+    gain: NonNegative | None = Field(
+        default=None,
+        description="share of the modelled friction that is fed forward; left out: none, and a code export takes 1",
+    )
+    smoothing: NonNegative | None = Field(
+        default=None,
+        description="speed over which the sign is smoothed, rad/s; left out: five encoder counts times K_v with the "
+        "commanded speed, else 0",
+    )
     effects: tuple[str, ...] = Field(default=("coulomb", "viscous"), description="effects that are compensated")
+    dead_zone: NonNegative = Field(default=0.0, description="speed up to which the direction counts as 0, rad/s")
+    limit: Positive | None = Field(
+        default=None, description="largest current that is fed forward, A peak; left out: the drive's i_max"
+    )
+
+    @property
+    def share(self) -> float:
+        """The gain of the simulated drive: 0 where none is stated."""
+        return 0.0 if self.gain is None else self.gain
 
 
 class Acceptance(Part):

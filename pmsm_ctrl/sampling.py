@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["filter_delay", "smoothing", "speed_lag"]
+__all__ = ["filter_delay", "smoothing", "speed_lag", "time_constant"]
 
 
 def smoothing(period: float, time_constant: float) -> float:
@@ -51,3 +51,18 @@ def speed_lag(period: float, time_constant: float) -> float:
     float
     """
     return 0.5 * period + filter_delay(period, time_constant)
+
+
+def time_constant(period: float, delay: float) -> float:
+    """Time constant of the filter whose delay at low frequency is this one, s: the inverse of `filter_delay`.
+
+    Parameters
+    ----------
+    period, delay : float
+        s.
+
+    Returns
+    -------
+    float
+    """
+    return 0.0 if delay <= 0.0 else period / math.log1p(period / delay)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pmsm_ctrl.compensate.metrics import CHANGE, UNITS
 from pmsm_ctrl.compensate.motions import named_trial
-from pmsm_ctrl.compensate.runs import judge, run_trial, scaled
+from pmsm_ctrl.compensate.runs import count_angle, judge, run_trial, scaled
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 from pmsm_ctrl.log import Log
@@ -79,7 +79,7 @@ def accept(design: Design, wanted: Acceptance, *, seed: int = 0) -> Verdict:
         )
     trial = named_trial(design, wanted.scenario)
     chosen = design.compensation
-    if wanted.metric.endswith("_change") and chosen.gain == 0.0:
+    if wanted.metric.endswith("_change") and chosen.share == 0.0:
         raise DesignError(
             f"{design.source or design.name}: compensation.gain: found 0; '{wanted.metric}' compares with no "
             "compensation and needs a gain above 0"
@@ -87,9 +87,9 @@ def accept(design: Design, wanted: Acceptance, *, seed: int = 0) -> Verdict:
     off = design.model_copy(update={"compensation": chosen.model_copy(update={"gain": 0.0})})
     believed = design if wanted.factor == 1.0 else scaled(design, chosen.effects, wanted.factor)
     with_it = run_trial(believed, trial, truth=design, seed=seed)
-    without = with_it if chosen.gain == 0.0 else run_trial(off, trial, truth=design, seed=seed)
+    without = with_it if chosen.share == 0.0 else run_trial(off, trial, truth=design, seed=seed)
     name = wanted.metric.removesuffix("_change")
-    found, reference = (float(getattr(judge(trial, logs), name)) for logs in (with_it, without))
+    found, reference = (float(getattr(judge(trial, logs, count_angle(design)), name)) for logs in (with_it, without))
     value = found
     if name != wanted.metric:
         value = found / reference - 1.0 if reference > 0.0 else 0.0

@@ -15,6 +15,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.simulate import Scenario
 from pmsm_ctrl.simulate.compose import load
+from pmsm_ctrl.simulate.feedforward import TRUSTED
 from pmsm_ctrl.simulate.run import LOGGED, prepare
 from pmsm_ctrl.track import Settings
 from pmsm_ctrl.track import model as states_of
@@ -29,7 +30,6 @@ RENEWED = {"F_c": "coulomb.F_c", "F_v": "viscous.F_v"}
 EVERY = 0.05  # s between two updates
 UNKNOWN_SPEED = 100.0  # rad/s at which viscous and Coulomb friction are assumed equal where only one is known
 NOISELESS = 0.01  # torque noise as a share of the friction, where the design states no current noise
-TRUSTED = 0.1  # standard error as a share of the estimate below which it is fed forward
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,9 @@ from pmsm_ctrl.section import Notice
 
 __all__ = ["CompensationStudy", "Row", "Variant"]
 
+AT_FLOOR = 1.2  # RMS error, as a share of that of the axis without friction, that compensation cannot lower further
+FRICTION_SHOWS = -0.9  # change of the RMS error from which on the floor is of no interest
+
 
 class Variant(StrEnum):
     """What is compensated, and by which speed."""
@@ -27,6 +30,7 @@ class Variant(StrEnum):
     COMMANDED = "all effects, commanded speed"
     ADAPTIVE = "adaptive"
     PERFECT = "perfect model"
+    FLOOR = "axis without friction"
 
 
 @dataclass(frozen=True)
@@ -86,16 +90,27 @@ class CompensationStudy(Result):
         failed = (verdict for verdict in self.verdicts if not verdict.passed)
         out = [notices.ACCEPTANCE(line=notices.sentence(verdict)) for verdict in failed]
         out += [notices.NOT_COMPENSATED(effect=effect) for effect in self.not_compensated]
-        gain, source = self.design.compensation.gain, self.design.compensation.source
+        gain, source = self.design.compensation.share, self.design.compensation.source
         window = self.windows.get("reference" if source == "adaptive" else source)
         if window is not None and gain > window.safe:
             out.append(notices.UNSAFE_DESIGN(gain=100.0 * gain, source=source, safe=100.0 * window.safe))
         short = (window for window in self.windows.values() if window.safe < 1.0)
         out += [notices.UNSAFE(source=window.source, safe=100.0 * window.safe) for window in short]
+        if (floor := self._at_floor()) is not None:
+            out.append(notices.FLOOR(change=100.0 * floor))
         cycles = {r.motion for r in self.table if r.variant == Variant.NONE and r.metrics.cycle_amplitude > 0.0}
         if cycles:
             out.append(notices.CYCLES(motions=", ".join(sorted(cycles))))
         return tuple(out)
+
+    def _at_floor(self) -> float | None:
+        """Return the change of the RMS error at reversals where only noise is left; None where more can be gained."""
+        rms = {(r.variant, r.motion): r.metrics.rms for r in self.table if r.factor == 1.0}
+        pairs = [(rms[Variant.ALL, motion], value) for (variant, motion), value in rms.items()
+                 if variant == Variant.FLOOR and motion.startswith("reversal")]  # fmt: skip
+        reached = pairs and all(left <= AT_FLOOR * floor for left, floor in pairs)
+        change = self.change(Variant.ALL) if reached else -1.0
+        return change if change > FRICTION_SHOWS else None
 
     def change(self, variant: str, metric: str = "rms", factor: float = 1.0, motion: str = "reversal") -> float:
         """Return the worst change of a metric against no compensation; -0.8 is -80 %.

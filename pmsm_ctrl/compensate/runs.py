@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
-
-import numpy as np
+from dataclasses import replace
 
 from pmsm_ctrl.compensate.adaptive import simulate_adaptive
 from pmsm_ctrl.compensate.metrics import Metrics, measure, measure_contour
@@ -12,10 +12,10 @@ from pmsm_ctrl.compensate.motions import Trial
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.sampling import speed_lag
 from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate.parameters import matched_filter
 
-__all__ = ["baseline", "compensated", "judge", "run_trial", "scaled"]
+__all__ = ["baseline", "compensated", "count_angle", "judge", "run_trial", "scaled"]
 
 
 def baseline(design: Design) -> Design:
@@ -33,11 +33,11 @@ def baseline(design: Design) -> Design:
     -------
     Design
     """
-    loops = design.require_loops()
-    lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
-    speed = loops.speed.model_copy(update={"reference_filter": loops.speed.reference_filter or lag})
-    forward = {"acceleration_feedforward": loops.position.acceleration_feedforward or 1.0}
-    loops = loops.model_copy(update={"speed": speed, "position": loops.position.model_copy(update=forward)})
+    loops, place = design.require_loops(), design.require_loops().position
+    own = loops.reference_filter(in_position=True)
+    matched = own if own > 0.0 or place.velocity_filter is not None else matched_filter(design)
+    forward = {"acceleration_feedforward": place.acceleration_feedforward or 1.0, "velocity_filter": matched}
+    loops = loops.model_copy(update={"position": place.model_copy(update=forward)})
     off = design.compensation.model_copy(update={"gain": 0.0})
     return design.model_copy(update={"loops": loops, "compensation": off})
 
@@ -46,9 +46,6 @@ def compensated(
     design: Design, effects: Iterable[str], *, gain: float = 1.0, source: str = "reference", factor: float = 1.0
 ) -> Design:
     """Return a design with effects compensated, their linear parameters off by a factor.
-
-    The sign of the commanded speed, which follows the measured angle, is smoothed over what five counts of the
-    encoder make of it, unless the design states a smoothing.
 
     Parameters
     ----------
@@ -65,13 +62,8 @@ def compensated(
     -------
     Design
     """
-    chosen, width = tuple(effects), design.compensation.smoothing
-    if width == 0.0 and source == "commanded" and design.loops is not None:
-        turn = 1.0 if design.motion == "linear" else 2.0 * np.pi
-        width = float(5.0 * design.loops.position.K_v * turn / (design.sensor.encoder_counts or 1 << 20))
-    changed = design.compensation.model_copy(
-        update={"gain": gain, "source": source, "smoothing": width, "effects": chosen}
-    )
+    chosen = tuple(effects)
+    changed = design.compensation.model_copy(update={"gain": gain, "source": source, "effects": chosen})
     return scaled(design, chosen, factor).model_copy(update={"compensation": changed})
 
 
@@ -104,7 +96,7 @@ def run_trial(believed: Design, trial: Trial, *, truth: Design | None = None, se
         One an axis, with the truth.
     """
     plant = trial.plant(truth if truth is not None else believed)
-    adaptive = believed.compensation.source == "adaptive" and believed.compensation.gain > 0.0
+    adaptive = believed.compensation.source == "adaptive" and believed.compensation.share > 0.0
     if adaptive:
         return tuple(
             simulate_adaptive(believed, motion, truth=plant, seed=seed + axis).log
@@ -116,7 +108,19 @@ def run_trial(believed: Design, trial: Trial, *, truth: Design | None = None, se
     )
 
 
-def judge(trial: Trial, logs: tuple[Log, ...]) -> Metrics:
+def count_angle(design: Design) -> float:
+    """Return the angle of one encoder count, rad (m); 0 for an ideal encoder.
+
+    Parameters
+    ----------
+    design : Design
+        The plant.
+    """
+    turn = 1.0 if design.motion == "linear" else 2.0 * math.pi
+    return turn / design.sensor.encoder_counts if design.sensor.encoder_counts else 0.0
+
+
+def judge(trial: Trial, logs: tuple[Log, ...], dither: float = 0.0) -> Metrics:
     """Return the metrics of a trial.
 
     Parameters
@@ -124,9 +128,15 @@ def judge(trial: Trial, logs: tuple[Log, ...]) -> Metrics:
     trial : Trial
     logs : tuple of Log
         Of its axes.
+    dither : float
+        Amplitude below which the motion at rest is no limit cycle, rad (m): one count of the encoder, which the loops
+        cannot resolve.
 
     Returns
     -------
     Metrics
     """
-    return measure_contour(logs[0], logs[1], trial.radius) if trial.radius > 0.0 else measure(logs[0])
+    found = measure_contour(logs[0], logs[1], trial.radius) if trial.radius > 0.0 else measure(logs[0])
+    if found.cycle_amplitude < dither:
+        found = replace(found, cycle_amplitude=0.0, cycle_frequency=0.0)
+    return found

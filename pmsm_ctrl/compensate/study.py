@@ -9,18 +9,17 @@ from pmsm_ctrl.compensate.acceptance import accept
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.motions import Trial, study_trials
 from pmsm_ctrl.compensate.result import CompensationStudy, Row, Variant
-from pmsm_ctrl.compensate.runs import baseline, compensated, judge, run_trial
+from pmsm_ctrl.compensate.runs import baseline, compensated, count_angle, judge, run_trial
 from pmsm_ctrl.compensate.theory import describing_function_limit, hunting
-from pmsm_ctrl.compensate.window import FACTORS, GAINS, gain_window
+from pmsm_ctrl.compensate.window import AT_REST, FACTORS, GAINS, SWEEP_TRIALS, gain_window
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.simulate.feedforward import Feedforward
 
 __all__ = ["AT_REST", "SOURCES", "SWEEP_TRIALS", "compensate"]
 
 SOURCES = ("reference", "commanded", "measured")
-SWEEP_TRIALS = ("reversal 2 rad/s", "creep 1 rad/s", "positioning", "push")
-AT_REST = ("positioning", "push")
 SIMPLE = ("coulomb", "viscous")  # the classical compensator, with which the others are compared
 
 
@@ -37,8 +36,20 @@ class _Runs:
         key = (name, believed.to_toml())
         if key not in self.known:
             logs = run_trial(believed, self.trials[name], truth=self.plant, seed=self.seed)
-            self.known[key] = judge(self.trials[name], logs)
+            self.known[key] = judge(self.trials[name], logs, count_angle(self.plant))
         return self.known[key]
+
+    def floor(self, believed: Design, name: str, friction: tuple[str, ...]) -> Metrics:
+        """Return the metrics of the same axis without friction: what noise and the loops alone leave."""
+        bound = zip(self.plant.effects, bound_effects(self.plant), strict=True)
+        keep = [
+            entry
+            for entry, (effect, _) in bound
+            if effect.id not in friction and not effect.dry and not effect.structure.replaces_direction
+        ]
+        trial = replace(self.trials[name], changed={})
+        logs = run_trial(believed, trial, truth=self.plant.replace_effects(tuple(keep)), seed=self.seed)
+        return judge(trial, logs, count_angle(self.plant))
 
 
 def compensate(
@@ -82,11 +93,11 @@ def compensate(
         raise DesignError(f"{design.source or design.name}: effects: no friction to compensate; identify it first")
     every = tuple(dict.fromkeys(effect.id for effect in full.effects))
     chosen = tuple(name for name in every if name in design.compensation.effects)
-    swept = chosen if design.compensation.gain > 0.0 and chosen else every
+    swept = chosen if design.compensation.share > 0.0 and chosen else every
     rows, table = _compared(runs, base, every), []
     for row in rows:
         table.append(row)
-        advance(0.5 * len(table) / (len(runs.trials) * (1 + (len(Variant) - 1) * len(FACTORS))))
+        advance(0.5 * len(table) / (len(runs.trials) * (2 + (len(Variant) - 2) * len(FACTORS))))
     windows = {}
     for done, source in enumerate(SOURCES):
 
@@ -105,6 +116,7 @@ def _compared(runs: _Runs, base: Design, every: tuple[str, ...]) -> Iterator[Row
     """Run every variant on every trial, with the parameters right and wrong."""
     simple = tuple(name for name in SIMPLE if name in every)
     right = base.replace_effects(runs.plant.effects)
+    yield from (Row(Variant.FLOOR, name, 1.0, runs.floor(base, name, every)) for name in runs.trials)
     variants = {
         Variant.SIMPLE: (base, simple, "reference"),
         Variant.ALL: (base, every, "reference"),

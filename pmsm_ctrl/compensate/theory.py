@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compensate.window import GAINS
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
+from pmsm_ctrl.simulate.feedforward import smoothing_width
 
 __all__ = ["Hunting", "describing_function_limit", "hunting"]
 
@@ -184,12 +185,13 @@ def describing_function_limit(design: Design, source: str, gains: Iterable[float
     Z = design.J * s + design.K_t * control * (seen + position.K_v / s)
     H = seen * acted if source == "measured" else -position.K_v / s * acted
     F_c = design.parameters("coulomb").get("F_c", 0.0)
+    by_source = design.model_copy(update={"compensation": design.compensation.model_copy(update={"source": source})})
     for gain in sorted(gains):
         needed = -(1.0 - gain * H / np.abs(H)) / Z
         crossing = np.flatnonzero(np.diff(np.sign(needed.imag)) != 0)
         for k in crossing.tolist():
             amplitude = 4.0 * F_c / np.pi * needed.real[k]
-            width = design.compensation.smoothing if source == "commanded" else 0.0
+            width = smoothing_width(by_source) if source == "commanded" else 0.0
             if needed.real[k] > 0.0 and amplitude * position.K_v / w[k] >= width:
                 return float(gain)
     return None

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compensate.metrics import Metrics
 
-__all__ = ["FACTORS", "GAINS", "GainWindow", "gain_window", "sweep_gains"]
+__all__ = ["AT_REST", "FACTORS", "GAINS", "SWEEP_TRIALS", "GainWindow", "gain_window", "sweep_gains"]
 
 Array = NDArray[np.float64]
 
 HIGHEST = 1.5  # gain at which a sweep ends
+SWEEP_TRIALS = ("reversal 2 rad/s", "creep 1 rad/s", "positioning", "push")
+AT_REST = ("positioning", "push")
 FACTORS = (0.8, 1.0, 1.2)  # on the compensated parameters
 WORSE = 1.05  # largest RMS error of a safe gain, as a share of that without compensation
 LARGER = 1.5  # amplitude from which a limit cycle is attributed to the compensation, relative to that without

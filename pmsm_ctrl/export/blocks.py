@@ -86,6 +86,11 @@ class Block:
         return f"{self.axis}_{self.part}"
 
     @property
+    def structured(self) -> bool:
+        """Whether a call needs a structure in C: for its memory, or for more than one output."""
+        return bool(self.arrays) or len(self.outputs) > 1
+
+    @property
     def scalars(self) -> dict[str, str]:
         """Scalars of the program that are neither inputs nor outputs, with their kinds, in alphabetical order."""
         known = {value.name for value in (*self.inputs, *self.outputs)}
@@ -112,5 +117,6 @@ def loop_gains(design: Design) -> tuple[Value, ...]:
         Value("SPEED_TN", "s", speed.T_n),
         Value("SPEED_REFERENCE_FILTER", "s", speed.reference_filter),
         Value("POSITION_KV", "1/s", position.K_v),
+        Value("POSITION_VELOCITY_FILTER", "s", design.loops.reference_filter(in_position=True)),
         Value("INERTIA_FEEDFORWARD", "A/(rad/s^2)", inertia),
     )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export.blocks import Block, identifier
-from pmsm_ctrl.export.compensator import compensator
+from pmsm_ctrl.export.compensator import compensator, exported_gain
 from pmsm_ctrl.export.files import br_library, c_header, c_source, st_block, tcpou
 
 if TYPE_CHECKING:
@@ -21,8 +22,9 @@ PARTS = ("compensation", "tracker")
 
 
 def export(
-    design: Design, language: str, *, part: str = "compensation", flavour: str = "iec", settings: Settings | None = None
-) -> str:
+    design: Design, language: str, *, part: str = "compensation", flavour: str = "iec",
+    settings: Settings | None = None, force: bool = False,
+) -> str:  # fmt: skip
     """Return the design's gains and compensator, or its friction tracker, as one source text.
 
     The compensator returns the current to add to the speed controller's output, as in the simulation: gain times the
@@ -33,7 +35,7 @@ def export(
     Parameters
     ----------
     design : Design
-        Its ``[compensation]`` says what is compensated; a gain of 0 is exported as 1.
+        Its ``[compensation]`` says what is compensated; without a gain, 1 is exported.
     language : {"c", "st"}
         C99 with math.h alone, or a Structured Text function block (LREAL).
     part : {"compensation", "tracker"}
@@ -42,6 +44,8 @@ def export(
         For Structured Text: the standard, Automation Studio, TwinCAT 3. B&R needs several files: see `export_files`.
     settings : pmsm_ctrl.track.Settings, optional
         Settings of the tracker.
+    force : bool
+        Export a compensation whose gain is not safe.
 
     Returns
     -------
@@ -51,19 +55,19 @@ def export(
     Raises
     ------
     RequestError
-        For another language, part or flavour, or an effect that a drive cannot evaluate.
+        For another language, part or flavour, an effect that a drive cannot evaluate, or a gain that is not safe.
     """
     _check(language, flavour, part)
     if flavour == "br":
         raise RequestError("flavour: found 'br', which is several files; name a folder, or take iec or beckhoff")
-    block = _block(design, part, settings)
+    block = _block(design, part, settings, force)
     if language == "c":
         return c_source(block, with_header=True)
     return tcpou(block) if flavour == "beckhoff" else st_block(block)
 
 
 def export_files(
-    design: Design, language: str, *, flavour: str = "iec", settings: Settings | None = None
+    design: Design, language: str, *, flavour: str = "iec", settings: Settings | None = None, force: bool = False
 ) -> dict[str, str]:
     """Return every file of the export: compensator, tracker, and the tables that drives accept.
 
@@ -76,6 +80,8 @@ def export_files(
     settings : pmsm_ctrl.track.Settings, optional
         Settings of the tracker. Without them, a design that a tracker cannot work with gets a file with the reason
         in its place.
+    force : bool
+        Export a compensation whose gain is not safe.
 
     Returns
     -------
@@ -85,16 +91,16 @@ def export_files(
     Raises
     ------
     RequestError
-        For another language or flavour, an effect that a drive cannot evaluate, or settings for a tracker that
-        cannot work.
+        For another language or flavour, an effect that a drive cannot evaluate, a gain that is not safe, or settings
+        for a tracker that cannot work.
     """
     from pmsm_ctrl.export.tables import table_files
 
     _check(language, flavour, "compensation")
-    blocks = [_block(design, "compensation", settings)]
+    blocks = [_block(design, "compensation", settings, force)]
     missing = ""
     try:
-        blocks.append(_block(design, "tracker", settings))
+        blocks.append(_block(design, "tracker", settings, force))
     except RequestError as error:
         if settings is not None:
             raise
@@ -112,12 +118,31 @@ def export_files(
     return files | table_files(design)
 
 
-def _block(design: Design, part: str, settings: Settings | None) -> Block:
+def _block(design: Design, part: str, settings: Settings | None, force: bool) -> Block:
     if part == "compensation":
-        return compensator(design)
+        block = compensator(design)
+        if force:
+            return replace(block, title=f"{block.title}; the safety of its gain was not checked (--force)")
+        why = _require_safe(design)
+        return replace(block, title=f"{block.title}; the safety of its gain is not known: {why}") if why else block
     from pmsm_ctrl.export.tracker import tracker
 
     return tracker(design, settings)
+
+
+def _require_safe(design: Design) -> str:
+    """Refuse a gain beyond its safe window; return why a design cannot be simulated, and its gain not be judged."""
+    from pmsm_ctrl.compensate.safety import gain_verdict
+
+    gain = exported_gain(design)
+    verdict = gain_verdict(design, gain)
+    if verdict.safe is False:
+        raise RequestError(
+            f"{design.source or design.name}: compensation.gain: {100.0 * gain:g} % with the "
+            f"{design.compensation.source} speed is not safe: {verdict.why}. `pmsm-ctrl compensate` finds the highest "
+            "safe gain; --force exports this one"
+        )
+    return verdict.why
 
 
 def _check(language: str, flavour: str, part: str) -> None:

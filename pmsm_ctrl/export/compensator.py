@@ -11,9 +11,9 @@ from pmsm_ctrl.export.blocks import Block, Value, identifier, loop_gains
 from pmsm_ctrl.export.program import Flattener
 from pmsm_ctrl.export.trees import constant, name
 from pmsm_ctrl.export.writers import symbols_of
-from pmsm_ctrl.simulate.feedforward import READABLE
+from pmsm_ctrl.simulate.feedforward import READABLE, TRUSTED, core_lines, largest_current, smoothing_width
 
-__all__ = ["Terms", "compensator", "direction_lines"]
+__all__ = ["Terms", "compensator", "direction_lines", "exported_gain"]
 
 _SPEEDS = {
     "measured": "measured speed, rad/s",
@@ -33,7 +33,7 @@ class Terms:
     effects : list of (Effect, dict of str to float)
         The effects and their parameters.
     inputs : dict of str to str, optional
-        Effect to the parameter that is an input of the block, not a constant.
+        Effect to the parameter that is held in the block's memory, not a constant.
     """
 
     def __init__(self, effects: list[tuple[Effect, dict[str, float]]], inputs: dict[str, str] | None = None) -> None:
@@ -45,7 +45,8 @@ class Terms:
         for k, (effect, values) in enumerate(effects):
             for symbol, value in values.items():
                 if effect.id in (inputs or {}) and symbol == (inputs or {})[effect.id]:
-                    self.given[f"v{k}_{symbol}"] = name(symbol)
+                    place = list(inputs or {}).index(effect.id)
+                    self.given[f"v{k}_{symbol}"] = ast.Subscript(name("held"), ast.Tuple([constant(place)]))
                     continue
                 parameter = effect.parameter(symbol)
                 label = self._label(f"{effect.id}_{symbol}".upper())
@@ -95,45 +96,85 @@ def compensator(design: Design) -> Block:
     chosen = design.compensation
     adaptive = {e.id: _TRACKED[e.id][0] for e, _ in effects if chosen.source == "adaptive" and e.id in _TRACKED}
     terms = Terms(effects, adaptive)
-    lines = direction_lines(chosen.smoothing)
-    lines += ["torque = K_t * i_q", *terms.lines("feedforward"), "i_q_add = gain * feedforward / K_t"]
-    constants = [
-        Value("K_T", "N m/A, torque constant", design.K_t_assumed),
-        Value("GAIN", "share of the friction that is fed forward", chosen.gain or 1.0),
-        *([Value("SMOOTHING", "rad/s, half width of the line through zero speed", chosen.smoothing)]
-          if chosen.smoothing > 0.0 else []),
-        *terms.constants,
-    ]  # fmt: skip
+    numbers = {
+        "K_t": Value("K_T", "N m/A, torque constant", design.K_t_assumed),
+        "gain": Value("GAIN", "share of the friction that is fed forward", exported_gain(design)),
+        "smoothing": Value("SMOOTHING", "rad/s, half width of the line through zero speed", smoothing_width(design)),
+        "dead_zone": Value("DEAD_ZONE", "rad/s, speed up to which the direction counts as 0", chosen.dead_zone),
+        "limit": Value("LIMIT", "A, largest current that is added", largest_current(design)),
+        "trusted": Value("TRUSTED", "deviation of a tracked value, as a share of it, below which it is used", TRUSTED),
+    }
+    constants = [*numbers.values(), *terms.constants]
     inputs = (
         Value("omega", _SPEEDS[chosen.source]),
         Value("theta", "measured angle, rad"),
         Value("i_d", "d-axis current, A"),
         Value("i_q", "current asked for without compensation, A"),
-        *(Value(symbol, f"as tracked, {unit}") for effect, (symbol, unit) in _TRACKED.items() if effect in adaptive),
+        *(value for effect in adaptive for value in _tracked(*_TRACKED[effect])),
+        Value("enable", "FALSE: nothing is added", kind="flag"),
     )
     given: dict[str, ast.expr] = {
         **terms.given,
-        "K_t": constant(design.K_t_assumed, "K_T"),
-        "gain": constant(chosen.gain or 1.0, "GAIN"),
-        "smoothing": constant(chosen.smoothing, "SMOOTHING"),
+        **{key: constant(value.number, value.name) for key, value in numbers.items()},
         "p": constant(float(design.motor.p or 0)),
         **{value.name: name(value.name) for value in inputs},
+        "held": name("held"),
     }
-    reserved = [value.name for value in (*inputs, *constants)] + ["i_q_add"]
-    flat = Flattener(reserved).program(ast.parse("\n".join(lines)).body, terms.scope, given, {"i_q_add"})
+    outputs = (
+        Value("i_q_add", "current to add to the speed controller's output, A"),
+        Value("fault", "an input is not a number: nothing is added", kind="flag"),
+    )
+    lines, begin = _text(terms, inputs, adaptive, dict(effects_start(effects)))
+    reserved = [value.name for value in (*inputs, *constants, *outputs)] + ["held"]
+    read_later = {value.name for value in outputs} | ({"held"} if adaptive else set())
+    flat = Flattener(reserved).program(ast.parse("\n".join(lines)).body, terms.scope, given, read_later)
+    first = Flattener(reserved).program(ast.parse("\n".join(begin)).body, terms.scope, given, {"held"}).statements
     used = symbols_of(flat.statements)
     return Block(
-        identifier(design.name), "compensation", f"Friction compensation of {design.name}",
-        inputs, (Value("i_q_add", "current to add to the speed controller's output, A"),), flat,
-        constants=tuple(value for value in constants if value.name in used), gains=loop_gains(design),
-        linear=design.motion == "linear",
+        identifier(design.name), "compensation", f"Friction compensation of {design.name}", inputs, outputs, flat,
+        constants=tuple(value for value in constants if value.name in used),
+        arrays={"held": (len(adaptive),)} if adaptive else {}, start=first if adaptive else (),
+        gains=loop_gains(design), linear=design.motion == "linear",
     )  # fmt: skip
 
 
-def direction_lines(width: float = 0.0) -> list[str]:
-    """Return the lines for the sign of the speed, linear between +- `width` rad/s."""
-    if width > 0.0:
-        return ["direction = min(max(omega / smoothing, -1.0), 1.0)"]
+def exported_gain(design: Design) -> float:
+    """Return the gain that is exported: the design's, also where it is 0; 1 where it states none."""
+    stated = design.compensation.gain
+    return 1.0 if stated is None else stated
+
+
+def effects_start(effects: list[tuple[Effect, dict[str, float]]]) -> list[tuple[str, float]]:
+    """Return the values of the design for what the tracker renews, by symbol."""
+    return [(symbol, v[symbol]) for e, v in effects if e.id in _TRACKED and (symbol := _TRACKED[e.id][0]) in v]
+
+
+def _tracked(symbol: str, unit: str) -> tuple[Value, Value]:
+    return Value(symbol, f"as tracked, {unit}"), Value(f"sd_{symbol}", f"its standard deviation, {unit}")
+
+
+def _text(
+    terms: Terms, inputs: tuple[Value, ...], adaptive: dict[str, str], start: dict[str, float]
+) -> tuple[list[str], list[str]]:
+    """Return the lines of one call, and those that set the memory before the first one.
+
+    An input that is no number adds nothing and sets the flag; a tracked value counts once it can be trusted, and is
+    held while it cannot.
+    """
+    symbols = list(adaptive.values())
+    gate = []
+    for k, symbol in enumerate(symbols):
+        gate += [f"    if {symbol} > 0.0 and sd_{symbol} < trusted * {symbol}:", f"        held[{k}] = {symbol}"]
+    inner = core_lines(terms.lines("feedforward"))
+    finite = " and ".join(f"isfinite({value.name})" for value in inputs if value.kind == "real")
+    lines = ["i_q_add = 0.0", "fault = True", f"if {finite}:", "    fault = False", *gate, "    if enable:"]
+    return [*lines, *(f"        {line}" for line in inner)], [
+        f"held[{k}] = {start[s]!r}" for k, s in enumerate(symbols)
+    ]
+
+
+def direction_lines() -> list[str]:
+    """Return the lines for the sign of the speed."""
     return ["direction = 0.0", "if omega > 0.0:", "    direction = 1.0", "elif omega < 0.0:", "    direction = -1.0"]
 
 

@@ -1,11 +1,13 @@
 """Friction compensation in the drive: the terms of the compensated effects, evaluated once per speed period.
 
+This is the one definition of the compensator: the simulated drive runs `core_lines`, and the code export prints them.
 Their parameters are further columns of the references, so that a changed gain or parameter needs no new kernel, and
 parameters may change with time (adaptive compensation).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,12 +19,15 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.errors import DesignError
 
-__all__ = ["FIRST", "Feedforward", "compensation_lines"]
+__all__ = ["FIRST", "TRUSTED", "Feedforward", "compensation_lines", "core_lines", "largest_current", "smoothing_width"]
 
 Array = NDArray[Any]
 
 FIRST = 6  # columns of references, before those of the compensation
-HEAD = 5  # gain, smoothing width, number of the source, K_t, p
+HEAD = 7  # gain, smoothing width, number of the source, K_t, p, dead zone, limit
+UNLIMITED = 1e6  # A, the limit of a drive without one
+COUNTS = 5.0  # of the encoder, over which the sign of a commanded speed is smoothed
+TRUSTED = 0.1  # standard error of a tracked value, as a share of it, below which it is fed forward
 # Speed of the feedforward: measured; of the reference; of the reference plus the position controller's output.
 SOURCES = {"measured": 0.0, "reference": 1.0, "adaptive": 1.0, "commanded": 2.0}
 # Signals that a compensator in the drive can read. `torque` is the controller's demand without compensation.
@@ -37,9 +42,11 @@ class Feedforward:
     ----------
     effects : tuple of Effect
     values : array, shape (m,)
-        Gain, smoothing width in rad/s, the source's number, K_t, p, then the parameters in order.
+        Gain, smoothing width in rad/s, the source's number, K_t, p, dead zone in rad/s, limit in A, then the parameters
+        in order.
     names : tuple of str
-        Names of the values: ``gain``, ``smoothing``, ``source``, ``K_t``, ``p``, ``coulomb.F_c``, ...
+        Names of the values: ``gain``, ``smoothing``, ``source``, ``K_t``, ``p``, ``dead_zone``, ``limit``,
+        ``coulomb.F_c``, ...
     left_out : tuple of str
         Ids of the effects that a drive cannot evaluate from its own signals.
     """
@@ -69,7 +76,7 @@ class Feedforward:
             When it names an effect that the design does not have.
         """
         chosen = design.compensation
-        if chosen.gain == 0.0:
+        if chosen.share == 0.0:
             return None
         present = {entry.id for entry in design.effects}
         for name in chosen.effects:
@@ -78,8 +85,9 @@ class Feedforward:
                     f"{design.source or design.name}: compensation.effects: '{name}' is not among the design's effects"
                     f" ({', '.join(sorted(present)) or 'none'})"
                 )
-        head = (chosen.gain, chosen.smoothing, SOURCES[chosen.source], design.K_t_assumed)
-        values, names = [*head, float(design.motor.p or 0)], ["gain", "smoothing", "source", "K_t", "p"]
+        head = (chosen.share, smoothing_width(design), SOURCES[chosen.source], design.K_t_assumed)
+        values = [*head, float(design.motor.p or 0), chosen.dead_zone, largest_current(design)]
+        names = ["gain", "smoothing", "source", "K_t", "p", "dead_zone", "limit"]
         effects, left_out = [], []
         for effect, parameters in bound_effects(design):
             if effect.id not in chosen.effects or not effect.active(parameters):
@@ -98,19 +106,14 @@ class Feedforward:
 
 
 def compensation_lines(effects: Sequence[Effect]) -> list[str]:
-    """Return the lines of the speed controller that add the feedforward to the current it wants.
-
-    The sign of the speed is exact for a width of 0, else a straight line through zero over +- the width.
-    """
+    """Return the lines of the speed controller that add the feedforward to the current it wants."""
     if not effects:
         return []
     lines = [
-        "c_gain, c_width, c_reference = reference[6], reference[7], reference[8]",
-        "c_K_t, p = reference[9], reference[10]",
-        "omega = reference[1] if c_reference == 1.0 else (omega_ref if c_reference == 2.0 else omega_hat)",
-        "direction = 0.0 if omega == 0.0 else (1.0 if omega > 0.0 else -1.0)",
-        "direction = direction if c_width == 0.0 else min(max(omega / c_width, -1.0), 1.0)",
-        "theta, i_d, i_q, torque = theta_m, reference[4], wanted, c_K_t * wanted",
+        "gain, smoothing, source, K_t, p = reference[6], reference[7], reference[8], reference[9], reference[10]",
+        "dead_zone, limit = reference[11], reference[12]",
+        "omega = reference[1] if source == 1.0 else (omega_ref if source == 2.0 else omega_hat)",
+        "theta, i_d, i_q = theta_m, reference[4], wanted",
     ]
     column = FIRST + HEAD
     calls = []
@@ -120,5 +123,56 @@ def compensation_lines(effects: Sequence[Effect]) -> list[str]:
             own[parameter.symbol] = f"reference[{column}]"
             column += 1
         calls.append(f"f{k}_term({', '.join(own.get(name, name) for name in effect.arguments)})")
-    lines.append(f"wanted += c_gain * ({' + '.join(calls)}) / c_K_t")
-    return lines
+    return [*lines, *core_lines([f"feedforward = {' + '.join(calls)}"]), "wanted += i_q_add"]
+
+
+def core_lines(terms: Sequence[str]) -> list[str]:
+    """Return the lines that turn a speed into the current to add, `i_q_add`.
+
+    They read `omega`, `i_q` (the current asked for without compensation) and the constants `gain`, `smoothing`,
+    `dead_zone`, `limit` and `K_t`. The sign of the speed is exact for a width of 0, else a straight line through zero
+    over +- the width.
+
+    Parameters
+    ----------
+    terms : sequence of str
+        Lines that set `feedforward` to the sum of the terms in N m, from `direction`, `torque` and the signals.
+    """
+    return [
+        "direction = (1.0 if omega > 0.0 else -1.0) if smoothing == 0.0 else min(max(omega / smoothing, -1.0), 1.0)",
+        "direction = 0.0 if abs(omega) <= dead_zone else direction",
+        "torque = K_t * i_q",
+        *terms,
+        "i_q_add = min(gain * feedforward / K_t, limit)",
+        "i_q_add = -min(-i_q_add, limit)",
+    ]
+
+
+def smoothing_width(design: Design) -> float:
+    """Return the half width of the line that stands for the sign of the speed, rad/s (m/s).
+
+    The commanded speed follows the measured angle, so that a hard sign would shake the axis by counts of its encoder:
+    unless the design states a width it is what five counts make of the speed.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    chosen = design.compensation
+    if chosen.smoothing is not None:
+        return chosen.smoothing
+    if chosen.source != "commanded" or design.loops is None:
+        return 0.0
+    turn = 1.0 if design.motion == "linear" else 2.0 * math.pi
+    return COUNTS * design.loops.position.K_v * turn / (design.sensor.encoder_counts or 1 << 20)
+
+
+def largest_current(design: Design) -> float:
+    """Return the largest current that the compensation adds, A peak.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    stated = design.compensation.limit
+    return min(design.drive.i_max if stated is None else stated, UNLIMITED)

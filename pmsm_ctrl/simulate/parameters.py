@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError
-from pmsm_ctrl.sampling import smoothing
+from pmsm_ctrl.sampling import smoothing, speed_lag, time_constant
 from pmsm_ctrl.units import psi_f_from
 
-__all__ = ["Controller", "Plant"]
+__all__ = ["Controller", "Plant", "matched_filter"]
 
 Array = NDArray[Any]
 
@@ -180,7 +180,7 @@ class Controller:
             speed_gain=0.0 if control == "current" else speed.K_p,
             speed_integral=0.0 if control == "current" else T_s / speed.T_n,
             speed_filter=smoothing(T_s, design.sensor.speed_filter),
-            reference_filter=smoothing(T_s, speed.reference_filter),
+            reference_filter=smoothing(T_s, loops.reference_filter(in_position=in_position)),
             position_gain=position.K_v if in_position else 0.0,
             velocity_feedforward=position.velocity_feedforward if in_position else 1.0,
             acceleration_feedforward=position.acceleration_feedforward * inertia / design.K_t_assumed,
@@ -197,3 +197,21 @@ class Controller:
             self.speed_gain, self.speed_integral, self.speed_filter, self.reference_filter, self.position_gain,
             self.velocity_feedforward, self.acceleration_feedforward, self.i_max, self.L_d, self.L_q, self.psi_f,
         ], dtype=np.float64)  # fmt: skip
+
+
+def matched_filter(design: Design) -> float:
+    """Return the time constant that delays the reference speed as the measured speed lags, s.
+
+    With velocity and inertia fed forward the position error at constant acceleration is then zero: it is the
+    acceleration times the difference of the two delays over K_v, since the integrator rests where its input is zero.
+
+    Parameters
+    ----------
+    design : Design
+
+    Returns
+    -------
+    float
+    """
+    period = design.drive.speed_period
+    return time_constant(period, speed_lag(period, design.sensor.speed_filter))

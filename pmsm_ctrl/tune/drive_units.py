@@ -42,6 +42,7 @@ def drive_units(design: Design) -> dict[str, dict[str, float]]:
             "speed reference filter [ms]": ms * speed.reference_filter,
             "speed filter [ms]": ms * design.sensor.speed_filter,
             "position K_v [1/s]": position.K_v,
+            "position control, reference speed filter [ms]": ms * loops.reference_filter(in_position=True),
         },
         "B&R": {
             "SCTRL_KV [A s] rms": 2.0 * math.pi * speed.K_p * rms,

@@ -11,6 +11,7 @@ import numpy as np
 
 from pmsm_ctrl.design import PositionLoop
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.simulate.parameters import matched_filter
 from pmsm_ctrl.tune.margins import response
 from pmsm_ctrl.tune.sampled import Cascade, frequencies
 
@@ -102,7 +103,12 @@ def tune_position(cascade: Cascade, gain: float | None = None) -> PositionLoop:
         )
     if gain is None and math.isnan(best):
         raise RequestError("position loop: no gain is free of resonance; the speed loop itself resonates")
-    return PositionLoop(K_v=gain if gain is not None else best, velocity_feedforward=1.0, acceleration_feedforward=1.0)
+    return PositionLoop(
+        K_v=gain if gain is not None else best,
+        velocity_feedforward=1.0,
+        acceleration_feedforward=1.0,
+        velocity_filter=matched_filter(cascade.design),
+    )
 
 
 def stiffness(cascade: Cascade) -> Stiffness:

@@ -110,7 +110,9 @@ def _gains(result: Tuning) -> Table:
         rows.insert(0, ("current (d)", pi(current.K_p_d, current.T_n_d, "V/A"), methods["current"]))
     reference = f", reference filter {number(1e3 * speed.reference_filter)} ms"
     rows.append(("speed", pi(speed.K_p, speed.T_n, "A/(rad/s)") + reference, methods["speed"]))
-    rows.append(("position", f"K_v {number(position.K_v)} 1/s", methods["position"]))
+    matched = 1e3 * result.loops.reference_filter(in_position=True)
+    velocity = f"K_v {number(position.K_v)} 1/s, filter of the reference speed {number(matched)} ms"
+    rows.append(("position", velocity, methods["position"]))
     return Table(("loop", "gains", "method"), tuple(rows), "Gains")
 
 

@@ -18,6 +18,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune import position
 from pmsm_ctrl.tune.bench import LOOPS, Bench, LoopName, Multisine, StepName, multisine
 from pmsm_ctrl.tune.margins import Margins, margins, response
+from pmsm_ctrl.tune.moves import MovePair, moves
 from pmsm_ctrl.tune.noise import noise
 from pmsm_ctrl.tune.sampled import Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
@@ -125,12 +126,15 @@ class Proof:
         Simulated.
     speed : float
         At which it was measured, rad/s.
+    moves : tuple of MovePair
+        Profiled moves, promised and simulated; none without a position loop.
     """
 
     checks: tuple[Check, ...]
     loops: Mapping[str, MeasuredLoop]
     steps: Mapping[str, Step] = field(default_factory=dict)
     speed: float = 0.0
+    moves: tuple[MovePair, ...] = ()
 
     def having(self, outcome: Outcome) -> tuple[Check, ...]:
         """Return the checks with an outcome.
@@ -200,9 +204,12 @@ def prove(
             progress((k + 1) / (len(names) + 2))
     steps, more = _steps(experiment, {name: loop.predicted_margins for name, loop in found.items()})
     checks += [*more, *_ripple(experiment)]
+    driven = moves(cascade, truth or design, seed=seed) if cascade.position else ()
+    for move in driven:
+        checks += _move_checks(move, judged=truth is None, motion=design.motion)
     if progress is not None:
         progress(1.0)
-    return Proof(tuple(checks), found, steps, speed)
+    return Proof(tuple(checks), found, steps, speed, driven)
 
 
 def default_speed(design: Design) -> float:
@@ -373,6 +380,23 @@ def _step_checks(name: str, predicted: Step, found: Step) -> list[Check]:
     return [
         Check(f"{name} step", "overshoot", "%", predicted.overshoot, found.overshoot),
         Check(f"{name} step", "settling (2 %)", "ms", *settling),
+    ]
+
+
+def _move_checks(move: MovePair, *, judged: bool, motion: str) -> list[Check]:
+    """Peak error, overshoot and settling of a profiled move; the peak without dry friction is judged."""
+    subject, milli = f"{move.profile.replace('_', '-')} move", "mm" if motion == "linear" else "mrad"
+    outcome = Outcome.NOT_JUDGED
+    if judged and not move.limited:
+        outcome = Outcome.PASSED if move.agrees else Outcome.FAILED
+    smooth = 1e3 * move.smooth_promised.peak, 1e3 * move.smooth_simulated.peak
+    promised, simulated = move.promised, move.simulated
+    window = f"settling within {1e3 * move.window:.2g} {milli}"
+    return [
+        Check(subject, "peak error without dry friction", milli, *smooth, outcome),
+        Check(subject, "peak error", milli, 1e3 * promised.peak, 1e3 * simulated.peak),
+        Check(subject, "overshoot", milli, 1e3 * promised.overshoot, 1e3 * simulated.overshoot),
+        Check(subject, window, "ms", 1e3 * promised.settling, 1e3 * simulated.settling),
     ]
 
 

@@ -224,7 +224,10 @@ class Cascade:
         # Position and speed controllers.
         if self.speed is not None:
             share = self.position.velocity_feedforward if self.position is not None else 1.0
-            filtered = filtered + smoothing(T_s, self.speed.reference_filter) * (share * omega_ref - filtered)
+            tau = self.speed.reference_filter
+            if self.position is not None and self.position.velocity_filter is not None:
+                tau = self.position.velocity_filter
+            filtered = filtered + smoothing(T_s, tau) * (share * omega_ref - filtered)
             wanted = filtered
             if self.position is not None:
                 wanted = wanted + self.position.K_v * (theta_ref - theta - noise)

@@ -10,6 +10,7 @@ import pytest
 from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, judge, measure, run_trial, study_trials
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.result import CompensationStudy
+from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.compensate.study import SOURCES
 from pmsm_ctrl.compensate.window import sweep_gains
 from pmsm_ctrl.design import Acceptance, Design
@@ -19,6 +20,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Table
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.feedforward import Feedforward, compensation_lines
+from pmsm_ctrl.tune import tune
 from tests.benchmarks.windows import EFFECTS, check, prepared, side_by_side
 from tests.unit.compensate.random_drives import random_drive
 
@@ -80,8 +82,9 @@ def test_quadrant_glitch_of_the_circle(study: CompensationStudy) -> None:
 
 def test_every_variant_is_also_run_with_wrong_parameters(study: CompensationStudy) -> None:
     runs = {(row.variant, row.factor) for row in study.table}
-    variants = {variant for variant, _ in runs} - {"none"}
-    assert runs == {(v, f) for v in variants for f in (0.8, 1.0, 1.2)} | {("none", 1.0)}
+    alone = {"none", "axis without friction"}
+    variants = {variant for variant, _ in runs} - alone
+    assert runs == {(v, f) for v in variants for f in (0.8, 1.0, 1.2)} | {(v, 1.0) for v in alone}
     assert len({row.motion for row in study.table}) == 10
 
 
@@ -92,7 +95,13 @@ def test_hunting_is_gone_with_the_commanded_speed(design: Design, T_n: float, K_
         sensor={"encoder_counts": counts},
         loops={"speed": {"K_p": 0.01, "T_n": T_n}, "position": {"K_v": K_v, "acceleration_feedforward": 1.0}},
     )
-    motion = scenario("s_curve", design, distance=0.5, speed=5.0, acceleration=50.0, jerk=1000.0, dwell=3.0, cycles=1.0)
+    move = scenario("s_curve", design, distance=0.5, speed=5.0, acceleration=50.0, jerk=1000.0, dwell=3.0, cycles=1.0)
+
+    def pushed(t: np.ndarray) -> dict[str, np.ndarray]:
+        # Without compensation the axis hunts after a move, or comes to rest, as the noise will have it; a push decides.
+        return {**move.references(t), "T_load": np.where((t > 3.5) & (t < 3.505), 0.12, 0.0)}
+
+    motion = Scenario("pushed", move.duration, pushed, "position")
     base, found = baseline(hunting), {}
     # Coulomb and viscous friction alone, in the same kernel
     simple = base.with_effect("stribeck", {"dF_s": 1e-12, "w_s": 1.0, "delta": 2.0})
@@ -101,11 +110,40 @@ def test_hunting_is_gone_with_the_commanded_speed(design: Design, T_n: float, K_
         ("commanded", compensated(base, ["coulomb", "viscous", "stribeck"], source="commanded", gain=0.9)),
         ("simple", compensated(simple, ["coulomb", "viscous", "stribeck"], source="commanded")),
     ):
-        found[name] = measure(simulate(believed, motion, truth=hunting, seed=1, keep_truth=True))
+        runs = [measure(simulate(believed, motion, truth=hunting, seed=s, keep_truth=True)) for s in range(1, 4)]
+        found[name] = max(runs, key=lambda metrics: metrics.cycle_amplitude)
     assert found["none"].cycle_amplitude > 0.01
     assert found["none"].cycle_frequency > 1.0
     assert found["commanded"].cycle_amplitude == found["simple"].cycle_amplitude == 0.0
     assert found["commanded"].rms < 0.4 * found["none"].rms
+
+
+def test_with_stiff_loops_compensation_reaches_the_noise_of_the_axis(design: Design) -> None:
+    """`tune`, then `compensate`: the friction's error goes, and what is left is that of the axis without friction."""
+    tuned = tune(design, prove=False).design
+    base, trial = baseline(tuned), study_trials(tuned)["reversal 2 rad/s"]
+    assert base.loops == tuned.loops  # nothing has to be repaired
+    plain, on, floor = (
+        judge(trial, run_trial(believed, trial, truth=plant))
+        for believed, plant in (
+            (base, tuned), (compensated(base, ["coulomb", "viscous"]), tuned), (base, tuned.replace_effects(()))
+        )
+    )  # fmt: skip
+    assert plain.rms < 0.2e-3  # the hand-set loops have 2.2 mrad
+    assert on.reversal_peak < 0.1 * plain.reversal_peak
+    assert on.rms < 1.1 * floor.rms
+    assert plain.rms**2 - floor.rms**2 > 10.0 * abs(on.rms**2 - floor.rms**2)
+
+
+def test_dither_below_a_count_is_no_cycle(design: Design) -> None:
+    trial = study_trials(design)["positioning"]
+    t = np.arange(0.0, 3.0, 1e-3)
+    count = count_angle(design)
+    still = {name: np.zeros_like(t) for name in ("theta_ref", "omega_ref", "omega_true", "i_q_ref", "theta")}
+    for amplitude, cycles in ((0.9 * count, False), (1.1 * count, True)):
+        log = Log({"t": t, **still, "theta_true": amplitude * np.sin(40.0 * t)})
+        assert (judge(trial, (log,), count).cycle_amplitude > 0.0) is cycles
+        assert judge(trial, (log,)).cycle_amplitude == pytest.approx(amplitude, rel=1e-2)
 
 
 def test_perfect_model_is_the_limit(study: CompensationStudy) -> None:
@@ -189,7 +227,7 @@ def test_what_cannot_be_compensated_is_told(design: Design) -> None:
     with pytest.raises(DesignError, match="identify it first"):
         compensate(design.replace_effects(()))
     assert compensation_lines(()) == []
-    assert compensation_lines((lookup("coulomb"),))[-1].startswith("wanted += c_gain")
+    assert compensation_lines((lookup("coulomb"),))[-1] == "wanted += i_q_add"
 
 
 def test_metrics_against_a_made_up_log() -> None:

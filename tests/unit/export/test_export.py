@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 import io
+import math
 import re
 import shutil
 import subprocess
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,16 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.export import cogging_table, export, export_files, friction_table
+from pmsm_ctrl.export import cogging_table, friction_table
+from pmsm_ctrl.export import export as checked_export
+from pmsm_ctrl.export import export_files as checked_export_files
 from pmsm_ctrl.export.tables import angle_table, friction_points
-from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.simulate import Scenario, scenario, simulate
+from tests.unit.export.compiled_c import FLAGS, Compensator
 from tests.unit.export.structured_text import parsed, parsed_library, parsed_tcpou
 
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-shared", "-fPIC")
+# The text is compared here. Whether its gain is safe takes simulations: test_safe_export.py.
+export, export_files = (partial(function, force=True) for function in (checked_export, checked_export_files))
 
 
 @pytest.fixture
@@ -40,24 +45,12 @@ def design(designs: Path) -> Design:
     return full.replace(compensation={"gain": 0.8, "effects": tuple(e.id for e in full.effects)})
 
 
-def compiled(design: Design, folder: Path):  # type: ignore[no-untyped-def]
-    """Compile the exported C with warnings as errors and return the function."""
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc not found: the exported C cannot be compiled")
-    source, library = folder / "axis.c", folder / "axis.so"
-    source.write_text(export(design, "c"), encoding="utf-8")
-    subprocess.run(["gcc", *FLAGS, str(source), "-o", str(library), "-lm"], check=True)
-    function = ctypes.CDLL(str(library)).seed_motor_compensation
-    function.argtypes, function.restype = [ctypes.c_double] * 4, ctypes.c_double
-    return function
-
-
 @pytest.mark.parametrize("smoothing", [0.0, 0.5])
 def test_c_agrees_with_the_terms_over_a_scenario(
     design: Design, designs: Path, tmp_path: Path, smoothing: float
 ) -> None:
     changed = design.replace(compensation={"smoothing": smoothing})
-    function = compiled(changed, tmp_path)
+    function = Compensator(changed, tmp_path)
     plain = Design.read(designs / "seed_motor.toml")  # any log has the signals that the terms read
     log = simulate(plain, scenario("reversal", plain, speed=5.0, cycles=1.0), seed=1)
     omega, theta, i_q = log["omega_ref"], log["theta"], log["i_q_ref"]
@@ -75,7 +68,7 @@ def test_every_flavour_of_structured_text_gives_the_current_of_the_c(
     design: Design, tmp_path: Path, smoothing: float
 ) -> None:
     changed = design.replace(compensation={"smoothing": smoothing})
-    function = compiled(changed, tmp_path)
+    function = Compensator(changed, tmp_path)
     files = {flavour: export_files(changed, "st", flavour=flavour) for flavour in ("iec", "br", "beckhoff")}
     blocks = [
         parsed(files["iec"]["FB_seed_motor_compensation.st"]),
@@ -85,19 +78,86 @@ def test_every_flavour_of_structured_text_gives_the_current_of_the_c(
     rng = np.random.default_rng(5)
     for omega, theta, i_d, i_q in [(0.0, 1.0, 0.0, 0.1), *(rng.uniform(-1, 1, (50, 4)) * (20.0, 9.0, 0.0, 0.5))]:
         for block in blocks:
-            block(omega=float(omega), theta=float(theta), i_d=float(i_d), i_q=float(i_q))
+            block(omega=float(omega), theta=float(theta), i_d=float(i_d), i_q=float(i_q), enable=True)
             assert block["i_q_add"] == pytest.approx(function(omega, theta, i_d, i_q), rel=1e-12, abs=1e-15)
 
 
-def test_an_adaptive_compensation_reads_the_tracker(design: Design, tmp_path: Path) -> None:
+def test_an_adaptive_compensation_takes_what_the_tracker_is_sure_of(design: Design, tmp_path: Path) -> None:
     adaptive = design.replace(compensation={"source": "adaptive", "effects": ("coulomb", "viscous"), "gain": 1.0})
-    source = export(adaptive, "c")
-    assert "double omega, double theta, double i_d, double i_q, double F_c, double F_v" in source
-    (tmp_path / "axis.c").write_text(source, encoding="utf-8")
-    subprocess.run(["gcc", *FLAGS, str(tmp_path / "axis.c"), "-o", str(tmp_path / "axis.so"), "-lm"], check=True)
-    function = ctypes.CDLL(str(tmp_path / "axis.so")).seed_motor_compensation
-    function.argtypes, function.restype = [ctypes.c_double] * 6, ctypes.c_double
-    assert function(10.0, 0.0, 0.0, 0.0, 0.03, 2e-4) == pytest.approx((0.03 + 2e-3) / design.K_t, rel=1e-12)
+    function, K_t = Compensator(adaptive, tmp_path), design.K_t
+    block = parsed(export(adaptive, "st"))
+    own = 0.0213, 0.000168
+    for F_c, sd_F_c, F_v, sd_F_v, used in (
+        (0.03, 0.02, 2e-4, 1e-4, own),  # not known well enough: the design's
+        (0.03, 1e-3, 2e-4, 1e-4, (0.03, own[1])),
+        (0.03, 1e-3, 2e-4, 1e-6, (0.03, 2e-4)),
+        (0.05, 0.02, -1e-4, 1e-6, (0.03, 2e-4)),  # the last good ones are held; a friction below zero is none
+        (math.nan, 1e-3, 2e-4, 1e-6, (0.0, 0.0)),
+        (0.04, 1e-3, 2e-4, 1e-6, (0.04, 2e-4)),
+    ):
+        expected = (used[0] + 10.0 * used[1]) / K_t
+        assert function(10.0, 0.0, 0.0, 0.0, F_c, sd_F_c, F_v, sd_F_v) == pytest.approx(expected, rel=1e-12)
+        assert function.fault == math.isnan(F_c)
+        block(omega=10.0, theta=0.0, i_d=0.0, i_q=0.0, F_c=F_c, sd_F_c=sd_F_c, F_v=F_v, sd_F_v=sd_F_v, enable=True)
+        assert block["i_q_add"] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.5])
+def test_an_input_that_is_no_number_adds_nothing_and_sets_the_flag(
+    design: Design, tmp_path: Path, smoothing: float
+) -> None:
+    changed = design.replace(compensation={"smoothing": smoothing})
+    function = Compensator(changed, tmp_path)
+    block = parsed(export(changed, "st"))
+    good = [3.0, 1.0, 0.0, 0.1]
+    for bad in (math.nan, math.inf, -math.inf):
+        for k in range(4):
+            inputs = [bad if n == k else value for n, value in enumerate(good)]
+            assert function(*inputs) == 0.0
+            assert function.fault
+            block(**dict(zip(("omega", "theta", "i_d", "i_q"), inputs, strict=True)), enable=True)
+            assert block["i_q_add"] == 0.0
+            assert block["fault"] is True
+    assert function(*good) != 0.0
+    assert not function.fault
+    assert function(*good, enable=False) == 0.0
+    assert not function.fault
+    assert function.memory.i_q_add == 0.0
+
+
+def test_dead_zone_and_limit_are_those_of_the_simulation(designs: Path, tmp_path: Path) -> None:
+    plain = Design.read(designs / "seed_motor.toml")
+    changed = plain.replace(compensation={"gain": 1.0, "dead_zone": 0.5, "limit": 0.01, "effects": ("coulomb",)})
+    function = Compensator(changed, tmp_path)
+    assert function(0.5, 0.0, 0.0, 0.0) == 0.0
+    assert function(-0.6, 0.0, 0.0, 0.0) == -0.01
+    motion = Scenario("one", 0.02, lambda t: {"omega_ref": np.full(t.shape, 3.0)}, omega_0=3.0)
+    still = changed.replace(sensor={"current_noise": 0.0})
+    off = still.replace(compensation={"gain": 0.0})
+    with_it, without = (simulate(d, motion, truth=off)["i_q_ref"][0] for d in (still, off))
+    assert with_it - without == pytest.approx(0.01, rel=1e-12)
+
+
+@pytest.mark.parametrize("gain", [None, 0.0, 0.3])
+def test_the_exported_gain_is_the_designs_and_a_zero_stays_zero(designs: Path, tmp_path: Path, gain: float) -> None:
+    plain = Design.read(designs / "seed_motor.toml")
+    chosen = plain if gain is None else Design.from_dict(plain.to_dict() | {"compensation": {"gain": gain}})
+    again = Design.from_dict(tomllib.loads(chosen.to_toml()))
+    assert again.compensation.gain == gain
+    function = Compensator(again, tmp_path)
+    expected = (1.0 if gain is None else gain) * (0.0213 + 3.0 * 0.000168) / plain.K_t
+    assert function(3.0, 0.0, 0.0, 0.0) == pytest.approx(expected, rel=1e-12)
+
+
+def test_fast_math_is_refused(design: Design, tmp_path: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc not found")
+    source = tmp_path / "axis.c"
+    source.write_text(export(design, "c"), encoding="utf-8")
+    found = subprocess.run(["gcc", "-ffast-math", "-c", str(source), "-o", str(tmp_path / "a.o")],
+                           check=False, capture_output=True, text=True)  # fmt: skip
+    assert found.returncode != 0
+    assert "fast-math removes" in found.stderr
 
 
 def test_structured_text_has_no_literal_that_a_standard_compiler_would_refuse(design: Design) -> None:
@@ -137,7 +197,7 @@ def test_no_name_ends_a_comment_or_leaves_ascii(design: Design, tmp_path: Path) 
                 assert text.isascii()
     (tmp_path / "axis.c").write_text(export(odd, "c"), encoding="ascii")
     subprocess.run(["gcc", *FLAGS, str(tmp_path / "axis.c"), "-o", str(tmp_path / "axis.so"), "-lm"], check=True)
-    assert "double St_nder_2_1_compensation(" in export(odd, "c")
+    assert "void St_nder_2_1_compensation_update(" in export(odd, "c")
 
 
 def test_gains_are_in_both(design: Design) -> None:

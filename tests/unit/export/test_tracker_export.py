@@ -99,7 +99,7 @@ class CTracker:
     def __init__(self, design: Design, settings: Settings, folder: Path) -> None:
         if shutil.which("gcc") is None:
             pytest.skip("gcc not found: the exported C cannot be compiled")
-        files = export_files(design, "c", settings=settings)
+        files = export_files(design, "c", settings=settings, force=True)
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
         library = folder / "tracker.so"
@@ -183,7 +183,7 @@ FLAVOURS: dict[str, Callable[[dict[str, str]], FunctionBlock]] = {
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_structured_text_runs_as_the_twin_does(design: Design, log: Any, flavour: str, variant: str) -> None:
     settings = VARIANTS[variant]
-    block = FLAVOURS[flavour](export_files(design, "st", flavour=flavour, settings=settings))
+    block = FLAVOURS[flavour](export_files(design, "st", flavour=flavour, settings=settings, force=True))
     inputs = [name for name, kind in block.kinds.items() if kind == "input" and name != "restart"]
     named = {"t_load": "T_load"}
     found = fed(block, [named.get(name, name) for name in inputs], log)

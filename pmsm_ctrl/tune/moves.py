@@ -1,0 +1,201 @@
+"""Profiled moves of the position loop: what the linear cascade promises, and what the sampled drive does.
+
+The profiles are those of the design's own limits, long enough to reach full speed. Dry friction is not linear: the
+promise is checked on the axis without it, and with it the linear cascade takes the Coulomb torque as a load that
+changes its sign with the reference speed, which is larger than the friction at the moments of rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import Effect, bound_effects
+from pmsm_ctrl.simulate import Scenario, scenario, simulate
+from pmsm_ctrl.simulate.motions import Limits
+from pmsm_ctrl.tune.sampled import Cascade
+
+__all__ = ["PEAK_TOLERANCE", "Move", "MovePair", "friction_load", "moves"]
+
+Array = NDArray[np.float64]
+
+PEAK_TOLERANCE = 0.05  # share of the promised peak error, without dry friction
+PROFILES = ("trapezoid", "s_curve")
+LONGEST_RAMP = 0.5  # s; slower axes move below their full speed
+REST = 0.3  # s after a move
+WINDOW_COUNTS, WINDOW_SHARE = 10.0, 1e-4  # settled: within counts of the encoder, or a share of the move without one
+ROUNDING = 1e-6  # rad; below this a peak is not compared
+
+
+@dataclass(frozen=True)
+class Move:
+    """The position error of one move, in rad (m).
+
+    Attributes
+    ----------
+    peak : float
+        Largest error, reference less angle.
+    overshoot : float
+        Largest angle beyond the target; 0 when there is none.
+    settling : float
+        From the end of the profile until the error stays within the window, s; NaN when it does not.
+    """
+
+    peak: float
+    overshoot: float
+    settling: float
+
+
+@dataclass(frozen=True)
+class MovePair:
+    """A move as promised and as simulated, without dry friction and with it.
+
+    Attributes
+    ----------
+    profile : str
+        "trapezoid" or "s_curve".
+    distance, speed : float
+        rad and rad/s (m, m/s).
+    window : float
+        rad (m).
+    promised, simulated : Move
+        With the axis' own friction.
+    smooth_promised, smooth_simulated : Move
+        Without dry friction, other nonlinear effects and sensor errors.
+    limited : bool
+        Whether the drive met its current or voltage limit, so that it is not linear.
+    """
+
+    profile: str
+    distance: float
+    speed: float
+    window: float
+    promised: Move
+    simulated: Move
+    smooth_promised: Move
+    smooth_simulated: Move
+    limited: bool
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the peak without dry friction is as promised."""
+        wanted, found = self.smooth_promised.peak, self.smooth_simulated.peak
+        return abs(found - wanted) <= PEAK_TOLERANCE * wanted + ROUNDING
+
+
+def moves(cascade: Cascade, plant: Design, *, seed: int = 0) -> tuple[MovePair, ...]:
+    """Return the moves that the design's limits allow, promised and simulated.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        With its position loop; the promise is made for it.
+    plant : Design
+        The drive that is simulated.
+    seed : int
+        Of the measurement noise.
+    """
+    assert cascade.position is not None
+    return tuple(_pair(cascade, plant, profile, seed) for profile in PROFILES)
+
+
+def friction_load(design: Design) -> float:
+    """Return the dry friction of an axis in motion, N m, from the effects' own terms."""
+    p = float(design.motor.p or 0)
+    acting = [b for b in bound_effects(design) if b[0].dry and not b[0].has_state and not b[0].bends_over]
+    return sum(effect.standing(values, p=p) for effect, values in acting)
+
+
+def smooth(plant: Design) -> Design:
+    """Return a plant without sensor errors and with effects that are linear alone: viscous friction, a spring."""
+    keep = tuple(
+        entry
+        for entry, (effect, values) in zip(plant.effects, bound_effects(plant), strict=True)
+        if (effect.structure.splits_inertia and not _gap(effect, values)) or _viscous(effect, values)
+    )
+    return plant.replace_effects(keep).replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
+
+
+def _gap(effect: Effect, values: Mapping[str, float]) -> bool:
+    mass = effect.structure.second_mass(values)
+    return mass is not None and mass.gap > 0.0
+
+
+def _viscous(effect: Effect, values: Mapping[str, float]) -> bool:
+    """Whether a term is a torque proportional to the speed."""
+    if effect.enters != "torque" or effect.has_state or effect.signals != ("omega",):
+        return False
+    one, ten, back = (effect.standing(values, omega=speed) for speed in (1.0, 10.0, -10.0))
+    return math.isclose(ten, 10.0 * one, rel_tol=1e-9, abs_tol=1e-15) and math.isclose(back, -ten, abs_tol=1e-15)
+
+
+def _pair(cascade: Cascade, plant: Design, profile: str, seed: int) -> MovePair:
+    design = cascade.design
+    off = design.compensation.model_copy(update={"gain": 0.0})
+    design = design.model_copy(update={"compensation": off})
+    limits = Limits.of(design)
+    speed = min(limits.speed, LONGEST_RAMP * limits.acceleration)
+    distance = 1.5 * speed * (speed / limits.acceleration + limits.acceleration / limits.jerk)
+    motion = scenario(profile, design, distance=distance, speed=speed, dwell=REST, cycles=1.0)
+    counts = plant.sensor.encoder_counts
+    turn = 1.0 if plant.motion == "linear" else 2.0 * math.pi
+    window = WINDOW_COUNTS * turn / counts if counts else WINDOW_SHARE * distance
+    bare = smooth(plant)
+    runs, limited = [], False
+    for truth in (plant, bare):
+        run, met = _simulated(design, truth, motion, seed)
+        runs.append(_judged(*run, motion, distance, window))
+        limited = limited or (truth is bare and met)
+    t: Array = cascade.period * np.arange(math.ceil(motion.duration / cascade.period), dtype=np.float64)
+    linear = Cascade.of(
+        smooth(cascade.design), cascade.current, cascade.speed, cascade.position, at=cascade.model.point.speed
+    )
+    promises = [
+        _judged(*_promised(model, motion, t, load), motion, distance, window)
+        for model, load in ((cascade, friction_load(design)), (linear, 0.0))
+    ]
+    return MovePair(profile, distance, speed, window, promises[0], runs[0], promises[1], runs[1], limited)
+
+
+def _promised(cascade: Cascade, motion: Scenario, t: Array, load: float) -> tuple[Array, Array, Array]:
+    """Return time, reference and angle of the linear cascade, friction as a load of the reference's direction."""
+    assert cascade.position is not None
+    design, inputs = cascade.design, motion.inputs(t)
+    inertia = cascade.position.acceleration_feedforward * (design.assumed.J or design.J) / design.K_t_assumed
+    driven = np.array([inputs[:, 0], inputs[:, 1], inertia * inputs[:, 2], load * np.sign(inputs[:, 1])])
+    system = cascade.system(("theta_ref", "omega_ref", "i_q_add", "T_load"), ("theta",))
+    out = ct.forced_response(system, T=t, inputs=driven)
+    return t, inputs[:, 0], np.asarray(out.outputs, dtype=np.float64).reshape(-1)
+
+
+def _simulated(design: Design, plant: Design, motion: Scenario, seed: int) -> tuple[tuple[Array, Array, Array], bool]:
+    """Return time, reference and true angle, and whether a limit of the drive was met."""
+    sampled = {"log_divider": design.drive.speed_divider}
+    log = simulate(
+        design.replace(sensor=sampled), motion, truth=plant.replace(sensor=sampled), seed=seed, keep_truth=True
+    )
+    voltage = float(np.hypot(log["u_d"], log["u_q"]).max())
+    current = float(np.abs(log["i_q_ref"]).max())
+    met = voltage >= 0.999 * plant.drive.u_dc / math.sqrt(3.0) or current >= design.drive.i_max
+    return (log.t, log["theta_ref"], log["theta_true"]), met
+
+
+def _judged(t: Array, reference: Array, theta: Array, motion: Scenario, distance: float, window: float) -> Move:
+    """Evaluate the move forth: its error until the move back begins."""
+    (_, _, end), (_, back, _) = motion.segments
+    seen = t < back - 1e-9
+    error, after = (reference - theta)[seen], t[seen] >= end - 1e-9
+    outside = np.flatnonzero(after & (np.abs(error) > window))
+    settled = outside.size == 0 or outside[-1] + 1 < error.size
+    last = float(t[outside[-1] + 1]) - end if outside.size and settled else 0.0
+    return Move(
+        peak=float(np.abs(error).max()),
+        overshoot=max(float(theta[seen].max()) - distance, 0.0),
+        settling=last if settled else math.nan,
+    )

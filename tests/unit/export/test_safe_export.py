@@ -1,0 +1,94 @@
+"""What is exported is what was judged: the compiled C in the drive's loop, and gains that are not safe are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.compensate import baseline, compensated, gain_verdict, judge, study_trials
+from pmsm_ctrl.compensate.runs import count_angle
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.export import export, export_files
+from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate.feedforward import smoothing_width
+from tests.unit.export.compiled_c import Compensator, simulate_with
+
+SIMPLE = ("coulomb", "viscous")
+
+
+@pytest.fixture
+def seed_motor(designs: Path) -> Design:
+    return Design.read(designs / "seed_motor.toml")
+
+
+@pytest.mark.parametrize("source", ["reference", "commanded", "measured"])
+def test_the_compiled_c_in_the_loop_is_the_simulated_compensation(
+    seed_motor: Design, tmp_path: Path, source: str
+) -> None:
+    believed = compensated(baseline(seed_motor), SIMPLE, gain=0.9, source=source)
+    motion = study_trials(seed_motor)["reversal 2 rad/s"].motions[0]
+    compensator = Compensator(believed, tmp_path)
+    short = type(motion)(motion.name, 0.6, motion.references, motion.control)
+    by_c = simulate_with(compensator, believed, short, seed_motor, seed=3)
+    simulated = simulate(believed, short, truth=seed_motor, seed=3, keep_truth=True)
+    assert not compensator.fault
+    for channel in ("theta_true", "i_q_ref"):
+        assert by_c[channel] == pytest.approx(simulated[channel], rel=1e-9, abs=1e-9), channel
+
+
+@pytest.mark.parametrize(("source", "gain", "safe"), [("commanded", 1.0, True), ("measured", 1.0, False)])
+def test_the_compiled_c_cycles_where_the_window_says_so(
+    seed_motor: Design, tmp_path: Path, source: str, gain: float, safe: bool
+) -> None:
+    chosen = seed_motor.replace(compensation={"source": source, "gain": gain})
+    assert gain_verdict(chosen, gain).safe is safe
+    trial = study_trials(seed_motor)["push"]
+    believed = compensated(baseline(chosen), SIMPLE, gain=gain, factor=1.0, source=source)
+    log = simulate_with(Compensator(believed, tmp_path), believed, trial.motions[0], seed_motor)
+    assert (judge(trial, (log,), count_angle(seed_motor)).cycle_amplitude == 0.0) is safe
+
+
+def test_a_gain_that_is_not_safe_is_refused(seed_motor: Design, tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from pmsm_ctrl.cli import app
+
+    eager = seed_motor.replace(compensation={"source": "measured", "gain": 1.0})
+    with pytest.raises(RequestError, match=r"100 % with the measured speed is not safe: the axis has a limit cycle of"):
+        export(eager, "c")
+    with pytest.raises(RequestError, match="--force"):
+        export_files(eager, "st")
+    assert "was not checked (--force)" in export(eager, "c", force=True)
+    path = eager.write(tmp_path / "eager.toml")
+    runner = CliRunner()
+    command = ["export", str(path), "-l", "c", "-o", str(tmp_path / "a.c")]
+    assert isinstance(runner.invoke(app, command).exception, RequestError)
+    assert not (tmp_path / "a.c").exists()
+    assert runner.invoke(app, [*command, "--force"]).exit_code == 0
+    # the tracker adds no current
+    assert "tracker" in export(eager, "c", part="tracker")
+
+
+def test_a_gain_that_is_safe_or_zero_is_exported(seed_motor: Design) -> None:
+    assert "GAIN = 1.0;" in export(seed_motor, "c")
+    none = seed_motor.replace(compensation={"source": "measured", "gain": 0.0})
+    assert "GAIN = 0.0;" in export(none, "c")
+
+
+def test_a_design_that_cannot_be_simulated_says_so_in_the_text(designs: Path) -> None:
+    emps = Design.read(designs / "emps.toml")
+    assert gain_verdict(emps, 1.0).safe is None
+    assert "the safety of its gain is not known" in export(emps, "c")
+
+
+def test_the_commanded_speed_is_smoothed_over_five_counts_unless_a_width_is_stated(seed_motor: Design) -> None:
+    commanded = seed_motor.replace(compensation={"source": "commanded", "gain": 1.0})
+    assert smoothing_width(commanded) == pytest.approx(5.0 * 20.0 * 2.0 * np.pi / 131072)
+    assert smoothing_width(commanded.replace(compensation={"smoothing": 0.0})) == 0.0
+    assert smoothing_width(seed_motor.replace(compensation={"source": "reference"})) == 0.0
+    assert f"SMOOTHING = {smoothing_width(commanded)!r}".upper() in export(commanded, "c", force=True).upper()
+    again = Design.from_dict(commanded.replace(compensation={"smoothing": 0.0}).to_dict())
+    assert again.compensation.smoothing == 0.0
