@@ -7,7 +7,7 @@ friction keeps its sign. The mean over whole periods has no leakage; noise and q
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -31,7 +31,9 @@ StepName = Literal["speed", "load", "position"]
 
 LOOPS: tuple[LoopName, ...] = ("current", "speed", "position")
 
-LINES = 160  # of a multisine, at most
+LINES = 160  # of a multisine, at most; twice as many where a resonance bends the response
+FOLLOWED = 0.5  # nepers and radians between two lines that follow a response
+LONGEST = 1 << 16  # samples of a period, at most
 RIPPLE_SAMPLES = 8192  # speed periods over which the ripple is taken, after as many to settle
 
 
@@ -75,14 +77,20 @@ class Multisine:
         return self.samples[np.rint(t / self.period).astype(np.intp) % len(self.samples)]
 
 
-def multisine(period: float, low: float, high: float) -> Multisine:
+def multisine(
+    period: float, low: float, high: float, curve: Callable[[Array], Complex] | None = None
+) -> Multisine:  # fmt: skip
     """Return a multisine from `low` to `high` (Hz), its lines evenly spaced on a logarithmic axis.
 
-    The phases are Schroeder's (M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85), for a low crest factor.
+    Where a resonance bends the expected response (`curve` of frequencies in Hz) faster than these lines follow, they
+    are evenly spaced along the response instead, and the period is as long as its width asks for. The phases are
+    Schroeder's (M. R. Schroeder, IEEE Trans. Inf. Theory 16 (1970) 85), for a low crest factor.
     """
     n = 1 << max(6, math.ceil(math.log2(1.0 / (low * period))))
     top = min(high * n * period, 0.47 * n)
     lines = np.unique(np.rint(np.geomspace(max(1.0, low * n * period), top, LINES)).astype(np.intp))
+    if curve is not None and _bends(curve(lines / (n * period))).max(initial=0.0) > FOLLOWED:
+        n, lines = _along(curve, period, low, high, n)
     order = np.arange(len(lines))
     phases = -math.pi * order * (order - 1) / len(lines)
     k = np.arange(n)
@@ -90,6 +98,28 @@ def multisine(period: float, low: float, high: float) -> Multisine:
     for line, phase in zip(lines, phases, strict=True):
         samples += np.cos(2.0 * math.pi * line * k / n + phase)
     return Multisine(samples / np.abs(samples).max(), lines, period)
+
+
+def _bends(response: Complex) -> Array:
+    """Distance between neighbouring points of a response in the plane of its logarithm: nepers and radians."""
+    return np.asarray(np.hypot(np.diff(np.log(np.abs(response))), np.angle(response[1:] / response[:-1])))
+
+
+def _along(
+    curve: Callable[[Array], Complex], period: float, low: float, high: float, n: int
+) -> tuple[int, NDArray[np.intp]]:
+    """Return a number of samples and lines that are evenly spaced along a response."""
+    while True:
+        every = np.arange(max(1, round(low * n * period)), round(min(high * n * period, 0.47 * n)) + 1)
+        bends = _bends(curve(every / (n * period)))
+        if bends.max(initial=0.0) <= FOLLOWED or n >= LONGEST:
+            break
+        n *= 2
+    # half of the lines by the logarithm of the frequency, half by the way that the response takes
+    way = np.log(every[1:] / every[:-1])
+    length = np.concatenate([[0.0], np.cumsum(way / way.sum() + bends / bends.sum())])
+    chosen = np.interp(np.linspace(0.0, length[-1], 2 * LINES), length, every)
+    return n, np.unique(np.rint(chosen).astype(np.intp))
 
 
 def _held(share: Array, divider: int) -> Array:

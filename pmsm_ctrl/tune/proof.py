@@ -254,10 +254,28 @@ class _Experiment:
         return position.open_loop(self.cascade, self.cascade.position.K_v)
 
     def signal(self, name: LoopName, crossover: float) -> Multisine:
+        """Lines around every frequency at which the gain crosses 1: a resonance may cross it again."""
         T_s = self.cascade.period
-        low = crossover / (8.0 if name == "current" else 15.0)
-        high = 0.47 / T_s if name == "current" else min(8.0 * crossover, 0.47 / T_s)
-        return multisine(T_s, low, high)
+        first, last = self.crossings(name, crossover)
+        low = first / (8.0 if name == "current" else 15.0)
+        high = 0.47 / T_s if name == "current" else min(8.0 * last, 0.47 / T_s)
+        return multisine(T_s, low, high, lambda frequency: self.expected(name, 2.0 * math.pi * frequency))
+
+    def crossings(self, name: LoopName, crossover: float) -> tuple[float, float]:
+        """Lowest and highest frequency at which the predicted gain crosses 1, Hz."""
+        grid = np.geomspace(0.1 * crossover, 0.47 / self.cascade.period, 4000)
+        above = np.abs(self.expected(name, 2.0 * math.pi * grid)) > 1.0
+        found = grid[np.flatnonzero(above[:-1] != above[1:])]
+        return (min(crossover, float(found[0])), max(crossover, float(found[-1]))) if found.size else (crossover,) * 2
+
+    def expected(self, name: LoopName, omega: Array) -> Complex:
+        """Predicted open loop at angular frequencies, rad/s."""
+        if name != "current":
+            return response(self.predicted(name), omega)
+        model = self.cascade.current_response(omega)  # without frequencies that the held reference hardly contains
+        found = response(model, np.asarray(model.omega))
+        real, imaginary = (np.interp(omega, model.omega, part) for part in (found.real, found.imag))
+        return np.asarray(real + 1j * imaginary)
 
     def amplitude(self, name: LoopName, signal: Multisine) -> float:
         """As large as the limits and friction of constant sign allow, by the linear model."""
@@ -283,7 +301,7 @@ class _Experiment:
         frequency, L = self.bench.measure_loop(name, signal, self.amplitude(name, signal))
         # Far above the phase crossover the loop gain is below the noise and its phase is meaningless.
         top = 1.6 * predicted.phase_crossover if math.isfinite(predicted.phase_crossover) else math.inf
-        keep = frequency <= max(top, 4.0 * predicted.crossover)
+        keep = frequency <= max(top, 4.0 * self.crossings(name, predicted.crossover)[1])
         frequency, L = frequency[keep], L[keep]
         omega = 2.0 * math.pi * frequency
         if name == "current":

@@ -202,3 +202,15 @@ def test_the_table_of_the_delays(seed, project_root):
         assert float(phase) == pytest.approx(found.phase_margin, abs=0.06)
         if gain != "unlimited":
             assert float(gain) == pytest.approx(found.gain_margin_db, abs=0.01)
+
+
+@pytest.mark.parametrize(("ratio", "antiresonance", "damping"), [(10.0, 40.0, 0.02), (0.2, 150.0, 0.005)])
+def test_lines_follow_a_resonance(designs, ratio, antiresonance, damping):
+    """Two masses whose loop gain crosses 1 several times, at the resonance too: the worst crossing is measured."""
+    seed = Design.read(designs / "seed_motor.toml")
+    J_load = seed.J * ratio / (1.0 + ratio)
+    w = 2.0 * np.pi * antiresonance
+    two = seed.with_effect("compliance", {"J_load": J_load, "k": J_load * w * w, "d": 2.0 * damping * J_load * w})
+    found = tune(two).proof
+    assert found.passed
+    assert not found.having(Outcome.EXPLAINED)
