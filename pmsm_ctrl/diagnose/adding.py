@@ -9,6 +9,7 @@ from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design
 from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, try_candidate
+from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.effects.catalogue import catalogue_of, lookup
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
@@ -81,5 +82,6 @@ def added(design: Design, log: Log, effect: str) -> tuple[Design, tuple[Notice, 
 
 def _made(case: Case, trial: Trial) -> Fitted:
     """Fit the design with an effect of this trial's shape."""
-    accepted = Accepted(trial.candidate.effect, trial.group.shape)
-    return fit_design(case.design, case.record, (accepted,), case.effects, explore=False)
+    accepted = Accepted(trial.candidate.effect, trial.group.shape, trial.candidate.grid)
+    fit = fit_design(case.design, case.record, (accepted,), case.effects, explore=False)
+    return with_shapes_fitted(case.design, fit)

@@ -6,6 +6,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 - `events`: what happened once, kept out of every fit
 - `selection`: one round, the best candidate that passes
 - `swap`: effects that another one can replace
+- `shapes`: nonlinear parameters, fitted together with all others
 - `unexplained`: structure of the residual that no effect explains
 - `experiment`: the motion that separates what this log cannot
 - `outcome`: parameters, errors, ranking and verdict, as a `result`
@@ -27,6 +28,7 @@ from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.selection import Selection, best
+from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.diagnose.verdict import explains_most
@@ -123,6 +125,8 @@ def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
         return outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
     case = _without_events(case)
     selection = swap(case, _select(case, progress=progress), _select)
+    last = with_shapes_fitted(case.design, selection.fit)
+    selection = replace(selection, fits=(*selection.fits[:-1], last))
     structure = None
     if explains_most(selection.fit, case.policy):
         structure = unexplained(selection, case.policy)

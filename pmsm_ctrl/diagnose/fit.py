@@ -64,6 +64,11 @@ class Fitted:
         What of the design this log cannot evaluate.
     accepted : tuple of Accepted
         The effects, with the nonlinear parameters that this fit holds.
+    covariance : array, shape (k + f, k + f), or None
+        Of the k values of `plain` and the logarithms of the f nonlinear parameters in `free`; None where those were not
+        fitted together.
+    free : tuple of (int, str)
+        Positions among the accepted effects, and names in their shapes.
     """
 
     record: Record
@@ -77,6 +82,8 @@ class Fitted:
     closed: tuple[Candidate, ...]
     notes: tuple[str, ...]
     accepted: tuple[Accepted, ...]
+    covariance: Array | None = None
+    free: tuple[tuple[int, str], ...] = ()
 
     @property
     def residual(self) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import Fitted
@@ -78,15 +79,43 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
     found = dict(one.shape)
     stderr: dict[str, float] = {}
     position = fit.position(number)
+    linear: dict[str, int] = {}
     if position is not None:
         columns = fit.model.columns_of(position)
-        symbols = fit.model.groups[position].symbols
-        found |= dict(zip(symbols, fit.estimate.values[columns].tolist(), strict=True))
-        stderr = dict(zip(symbols, fit.estimate.stderr[columns].tolist(), strict=True))
+        linear = dict(zip(fit.model.groups[position].symbols, range(columns.start, columns.stop), strict=True))
+        found |= {symbol: float(fit.estimate.values[k]) for symbol, k in linear.items()}
+        stderr = {symbol: float(fit.estimate.stderr[k]) for symbol, k in linear.items()}
     values = one.effect.structure.parameters(one.effect, found)
+    if fit.covariance is not None and not set(linear.values()) & set(fit.estimate.held):
+        stderr |= _with_shapes(fit, fit.covariance, number, found, linear)
     motion = fit.record.prepared.motion
     return {
         p.symbol: Estimate(values[p.symbol], axis_unit(p.unit, motion), stderr.get(p.symbol, float("nan")))
         for p in one.effect.parameters
         if p.symbol in values
     }
+
+
+def _with_shapes(
+    fit: Fitted, covariance: NDArray[np.float64], number: int, found: dict[str, float], linear: dict[str, int]
+) -> dict[str, float]:
+    """Return the standard errors of an effect's own parameters, by the slopes over what was fitted."""
+    one, count = fit.accepted[number], len(fit.model.names)
+    fitted = {**linear, **{name: count + k for k, (n, name) in enumerate(fit.free) if n == number}}
+
+    def own(name: str, sign: float) -> tuple[dict[str, float], float]:
+        """The parameters after a step of one of what was fitted, and the step in the covariance's unit."""
+        if name in linear:
+            step = sign * 1e-4 * (abs(found[name]) or float(np.sqrt(covariance[fitted[name], fitted[name]])))
+            return one.effect.structure.parameters(one.effect, {**found, name: found[name] + step}), step
+        moved = {**found, name: found[name] * float(np.exp(sign * 1e-4))}
+        return one.effect.structure.parameters(one.effect, moved), sign * 1e-4
+
+    slopes: dict[str, list[float]] = {}
+    for name in fitted:
+        (ahead, plus), (back, minus) = own(name, 1.0), own(name, -1.0)
+        for symbol in ahead:
+            slopes.setdefault(symbol, []).append((ahead[symbol] - back[symbol]) / (plus - minus))
+    part = covariance[np.ix_(list(fitted.values()), list(fitted.values()))]
+    sizes = {symbol: float(np.sqrt(max(np.array(s) @ part @ np.array(s), 0.0))) for symbol, s in slopes.items()}
+    return {symbol: size for symbol, size in sizes.items() if size > 0.0}

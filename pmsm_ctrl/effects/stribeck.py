@@ -11,9 +11,9 @@ from pmsm_ctrl.effects.base import Effect, Parameter
 from pmsm_ctrl.effects.structures import LogView
 from pmsm_ctrl.kernels import kernel
 
-# Friction may rise with speed (EMPS has half its dry friction at rest), but no axis is known that rests without any,
-# nor one whose dry friction at rest is more than four times that in motion: what asks for it is something else.
-FALLING = (-0.75, 3.0)
+# Friction that falls with speed. No axis is known whose dry friction at rest is more than four times that in motion:
+# what asks for it is something else. What rises from standstill is no Stribeck friction but a bristle, or a lag.
+FALLING = (0.0, 3.0)
 
 
 @kernel
@@ -40,9 +40,9 @@ effect = Effect(
             "dF_s",
             "N m",
             0.0,
-            -inf,
+            0.0,
             inf,
-            "breakaway above Coulomb torque; negative: it rises",
+            "breakaway above Coulomb torque",
             linear=True,
             shares_of_F_c=FALLING,
         ),

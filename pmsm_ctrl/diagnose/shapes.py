@@ -1,0 +1,155 @@
+"""The nonlinear parameters of the accepted effects, fitted together with all others, and their part in every error.
+
+Gauss-Newton on the shapes with the linear parameters eliminated at each step. A shape taken as known would leave the
+amounts with standard errors many times too small.
+
+Source: G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413, variable projection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted
+from pmsm_ctrl.regression.balances import Record, with_direction
+from pmsm_ctrl.regression.base_fit import assembled
+from pmsm_ctrl.regression.bounds import bounded
+from pmsm_ctrl.regression.columns import Group, UnavailableError
+from pmsm_ctrl.regression.covariance import noise_covariance, with_honest_errors
+from pmsm_ctrl.regression.model import Model, Solved, solve_model
+
+__all__ = ["with_shapes_fitted"]
+
+Array = NDArray[np.float64]
+Free = tuple[int, str]  # position among the accepted effects, and the name in its shape
+
+ROUNDS = 8
+# Difference of a shape's logarithm for its column; longest step of it; and the part of a standard error that ends it.
+DIFFERENCE, LONGEST, SETTLED = 1e-3, 0.4, 0.02
+HALVINGS = 4
+
+
+def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
+    """Return the fit at its best shapes, with standard errors that count the shapes among the parameters.
+
+    A shape at its bound, and a whole number, stay as they are and count as known.
+
+    Parameters
+    ----------
+    design : Design
+    fit : Fitted
+    """
+    free = [(k, name) for k, one in enumerate(fit.accepted) for name in _free(one)]
+    if not free:
+        return fit
+    try:
+        for _ in range(ROUNDS):
+            tangent, columns = _with_tangents(design, fit, free)
+            step, stderr = tangent.values[columns], tangent.stderr[columns]
+            moved = _moved(design, fit, free, np.clip(step, -LONGEST, LONGEST))
+            if moved is None or np.all(np.abs(step) <= SETTLED * stderr):
+                break
+            fit = moved
+        tangent, columns = _with_tangents(design, fit, free)
+    except UnavailableError:  # a shape beyond what the log can evaluate
+        return fit
+    covariance = noise_covariance(tangent, fit.weights, fit.whitener).of_fit()
+    count = len(fit.model.names)
+    stderr = np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
+    held = stderr.copy()
+    held[list(fit.estimate.held)] = np.nan
+    known = [k for k in range(len(free)) if np.isfinite(tangent.stderr[columns][k])]
+    chosen = [*range(count), *(count + k for k in known)]
+    return replace(
+        fit,
+        plain=replace(fit.plain, stderr=stderr),
+        estimate=replace(fit.estimate, stderr=held),
+        covariance=covariance[np.ix_(chosen, chosen)],
+        free=tuple(free[k] for k in known),
+    )
+
+
+def _free(one: Accepted) -> list[str]:
+    """Return the names of a shape that are fitted: those that were searched, are no whole numbers and at no bound."""
+    structure, shape = one.effect.structure, one.shape
+    searched = [name for name in shape if len({at[name] for at in one.grid}) > 1]
+    return [
+        name
+        for name in searched
+        if name not in structure.fixed(one.effect)
+        and shape[name] > 0.0
+        and all(
+            structure.inside(one.effect, shape, name, shape[name] * np.exp(sign * DIFFERENCE))
+            == shape[name] * np.exp(sign * DIFFERENCE)
+            for sign in (1.0, -1.0)
+        )
+    ]
+
+
+def _shifted(accepted: Sequence[Accepted], free: Sequence[Free], step: Array) -> tuple[Accepted, ...]:
+    """Return the effects with the logarithms of their shapes moved, inside their bounds."""
+    out = list(accepted)
+    for (k, name), by in zip(free, step.tolist(), strict=True):
+        one = out[k]
+        value = one.effect.structure.inside(one.effect, one.shape, name, one.shape[name] * float(np.exp(by)))
+        if any(p.symbol == name and p.within_grid for p in one.effect.parameters):
+            ends = [shape[name] for shape in one.grid]
+            value = min(max(value, min(ends)), max(ends))
+        out[k] = replace(one, shape={**one.shape, name: value})
+    return tuple(out)
+
+
+def _model(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> tuple[Record, Model]:
+    """Return the record and the model of other shapes, with the priors of the fit."""
+    record = fit.record
+    for one in accepted:
+        structure = one.effect.structure
+        if structure.replaces_direction:
+            record = with_direction(record, structure.direction(record, one.effect, one.shape))
+    model, _ = assembled(design, record, accepted)
+    if model.names != fit.model.names:
+        raise UnavailableError("another shape has other parameters")
+    return record, replace(model, nominal=fit.model.nominal, sigma=fit.model.sigma)
+
+
+def _with_tangents(design: Design, fit: Fitted, free: Sequence[Free]) -> tuple[Solved, slice]:
+    """Solve the model with a column for every shape, the slope of the prediction over its logarithm; and which."""
+    values, count = fit.estimate.values, len(fit.model.names)
+    model = fit.model
+    for k in range(len(free)):
+        unit = np.eye(len(free))[k] * DIFFERENCE
+        ahead, back = (
+            _model(design, fit, _shifted(fit.accepted, free, sign * unit))[1].matrix @ values for sign in (1.0, -1.0)
+        )
+        slope = (ahead - back) / (2.0 * DIFFERENCE)
+        rows = tuple(row[None, :] if np.any(row) else None for row in slope)
+        if all(row is None for row in rows):
+            raise UnavailableError("a shape does nothing")
+        model = model.plus(Group(None, (f"shape {k}",), rows, {}))
+    return solve_model(fit.record, model, fit.weights), slice(count, count + len(free))
+
+
+def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: Array) -> Fitted | None:
+    """Return the fit at moved shapes; None where no part of the step makes it better."""
+    before = fit.estimate.chi2
+    for halved in range(HALVINGS):
+        accepted = _shifted(fit.accepted, free, step / 2.0**halved)
+        record, model = _model(design, fit, accepted)
+        covariance = noise_covariance(solve_model(record, model, fit.weights), fit.weights, fit.whitener)
+        inside = bounded(covariance.fit)
+        if inside.chi2 < before:
+            return replace(
+                fit,
+                record=record,
+                model=model,
+                accepted=accepted,
+                solved=solve_model(record, model, fit.whitener),
+                plain=with_honest_errors(covariance),
+                estimate=with_honest_errors(replace(covariance, fit=inside)),
+            )
+    return None

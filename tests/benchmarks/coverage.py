@@ -1,0 +1,92 @@
+r"""How often the 95 % intervals that `add` writes hold the truth: every parameter of every effect, shapes included.
+
+    python -m tests.benchmarks.coverage --effects stribeck viscous_power --logs 40        minutes
+    python -m tests.benchmarks.coverage --logs 200                                         the table of the page, hours
+
+Each log is the reference drive simulated with one effect, its example values varied by up to 20 %, and with noise of
+its own. The effect is added to the design without it, and the estimates and their standard errors are held against what
+was simulated. An estimate without a standard error, at its bound or never fitted, makes no interval; those are counted
+beside. Shares come with their 95 % interval (Clopper and Pearson).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import warnings
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import add
+from pmsm_ctrl.effects.catalogue import CATALOGUE
+from pmsm_ctrl.errors import PmsmCtrlError
+from pmsm_ctrl.simulate import simulate
+from tests.benchmarks.worlds.judge import interval
+
+DESIGNS = Path(__file__).resolve().parents[2] / "designs"
+HALF_WIDTH = 1.959964
+VARIED = 0.2
+WHOLE = ("coulomb", "viscous")  # the design has them already
+LEFT = ("delay",)  # the time of sampling is a nuisance of the same column
+
+
+def scores(effect_id: str, seed: int, scenario: str) -> dict[str, float]:
+    """Return the error of every parameter over its standard error; NaN without one."""
+    design = Design.read(DESIGNS / "seed_motor.toml")
+    effect = CATALOGUE[effect_id]
+    rng = np.random.default_rng([seed, *effect_id.encode()])
+    truth = {}
+    for p in effect.parameters:
+        varied = effect.example[p.symbol] * (1.0 if p.symbol == effect.order else rng.uniform(1 - VARIED, 1 + VARIED))
+        truth[p.symbol] = float(np.clip(varied, p.lower, p.upper))
+    log = simulate(design, scenario, truth=design.with_effect(effect_id, truth), seed=seed)
+    found = add(design, log, effect_id)
+    out = {}
+    for entry in found.effects:
+        true = truth if entry.id == effect_id else design.parameters(entry.id)
+        for symbol, value in true.items():
+            if symbol != effect.order:
+                out[symbol] = (entry.parameters[symbol] - value) / entry.stderr.get(symbol, float("nan"))
+    return out
+
+
+def main() -> None:
+    """Print the share of intervals that hold the truth, parameter by parameter."""
+    from rich.progress import track
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--effects", nargs="*", default=[e for e in CATALOGUE if e not in (*WHOLE, *LEFT)])
+    parser.add_argument("--logs", type=int, default=40, help="of each effect")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--scenario", default="identification")
+    parser.add_argument("--json", type=Path, default=None)
+    args = parser.parse_args()
+    warnings.simplefilter("ignore")
+    table: dict[str, dict[str, list[float]]] = {}
+    for effect in args.effects:
+        found: dict[str, list[float]] = defaultdict(list)
+        refused = 0
+        for seed in track(range(args.first, args.first + args.logs), description=effect, transient=True):
+            try:
+                for symbol, score in scores(effect, seed, args.scenario).items():
+                    found[symbol].append(score)
+            except PmsmCtrlError:
+                refused += 1
+        table[effect] = dict(found)
+        for symbol, values in found.items():
+            z = np.array(values)
+            z = z[np.isfinite(z)]
+            held = interval(int((np.abs(z) < HALF_WIDTH).sum()), len(z))
+            spread = f"{z.mean():+.2f} | {z.std():.2f}" if len(z) else "- | -"
+            print(f"| {effect} | {symbol} | {held} | {spread} | {len(values) - len(z)} |", flush=True)
+        if refused:
+            print(f"| {effect} | | refused: {refused} | | |", flush=True)
+    if args.json:
+        args.json.write_text(json.dumps(table, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

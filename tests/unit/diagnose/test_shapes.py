@@ -1,0 +1,56 @@
+"""Shapes fitted with the amounts: against scipy's own nonlinear least squares on the written-down equation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import add
+from pmsm_ctrl.log import Log
+
+J, F_C, F_V, DF, W_S, DELTA = 1e-3, 0.2, 0.002, 0.1, 4.0, 1.6
+NOISE = 0.004
+
+
+def stribeck_log(seed: int) -> Log:
+    """Slow speeds both ways with white torque noise and an exact angle."""
+    t = np.arange(0.0, 40.0, 2e-3)
+    speed = 12.0 * np.sin(2 * np.pi * 0.05 * t) + 8.0 * np.sin(2 * np.pi * 0.13 * t)
+    angle = -12.0 * np.cos(2 * np.pi * 0.05 * t) / (2 * np.pi * 0.05)
+    angle -= 8.0 * np.cos(2 * np.pi * 0.13 * t) / (2 * np.pi * 0.13)
+    torque = J * np.gradient(speed, t) + friction(speed, F_C, F_V, DF, W_S, DELTA)
+    return Log({"t": t, "theta": angle, "torque": torque + NOISE * np.random.default_rng(seed).normal(size=len(t))})
+
+
+def friction(w: np.ndarray, F_c: float, F_v: float, dF: float, w_s: float, delta: float) -> np.ndarray:
+    return F_v * w + np.sign(w) * (F_c + dF * np.exp(-(np.abs(w / w_s) ** delta)))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_standard_errors_are_those_of_nonlinear_least_squares(seed: int) -> None:
+    log = stribeck_log(seed)
+    effects = [{"id": "coulomb", "F_c": F_C}, {"id": "viscous", "F_v": F_V}]
+    found = add(Design.from_dict({"motor": {"J": J, "K_t": 1.0}, "effects": effects}), log, "stribeck")
+    entry = next(e for e in found.effects if e.id == "stribeck")
+    speed = np.gradient(log["theta"], log.t)
+    dry = log["torque"] - J * np.gradient(speed, log.t)
+    start = [F_C, F_V, DF, W_S, DELTA]
+    _, covariance = curve_fit(friction, speed, dry, start, sigma=np.full(len(speed), NOISE), absolute_sigma=True)
+    expected = dict(zip(("dF_s", "w_s", "delta"), np.sqrt(np.diag(covariance))[2:], strict=True))
+    for symbol, true in (("dF_s", DF), ("w_s", W_S), ("delta", DELTA)):
+        assert entry.stderr[symbol] == pytest.approx(expected[symbol], rel=0.4)
+        assert abs(entry.parameters[symbol] - true) < 3.5 * entry.stderr[symbol]
+
+
+def test_friction_that_rises_from_standstill_is_no_stribeck_friction() -> None:
+    log = stribeck_log(4)
+    rising = log["torque"] - 2.0 * np.sign(np.gradient(log["theta"])) * DF * np.exp(
+        -(np.abs(np.gradient(log["theta"], log.t) / W_S) ** DELTA)
+    )
+    effects = [{"id": "coulomb", "F_c": F_C}, {"id": "viscous", "F_v": F_V}]
+    design = Design.from_dict({"motor": {"J": J, "K_t": 1.0}, "effects": effects})
+    turned = Log({"t": log.t, "theta": log["theta"], "torque": rising})
+    assert add(design, turned, "stribeck").parameters("stribeck")["dF_s"] == pytest.approx(0.0, abs=1e-3)
+    assert add(design, turned, "rising_friction").parameters("rising_friction")["dF_r"] == pytest.approx(DF, rel=0.25)
