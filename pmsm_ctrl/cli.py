@@ -31,6 +31,7 @@ from pmsm_ctrl.options import (
     HoldoutOption,
     JsonOption,
     LogArgument,
+    LogsOption,
     MapOption,
     MethodOption,
     NewDesignOption,
@@ -39,8 +40,8 @@ from pmsm_ctrl.options import (
     TruthOption,
     design_if_given,
     effect_ids,
-    load_log,
-    log_if_given,
+    load_logs,
+    logs_if_given,
     output_option,
     read_design,
     scenario_names,
@@ -221,7 +222,7 @@ def identify(
     from pmsm_ctrl.identify import identify as run_identification
 
     axis = read_design(design, effects)
-    result = run_identification(axis, load_log(log, axis, mapping), method=cast("Method", method))
+    result = run_identification(axis, load_logs(log, axis, mapping), method=cast("Method", method))
     finish("identify", result, json_file=json_file, report=report)
     write_design(result.design, output)
 
@@ -240,10 +241,10 @@ def compare(
     from pmsm_ctrl.compare import compare as run_comparison
 
     axis = read_design(design, effects)
-    other = log_if_given(holdout, axis, mapping)
-    record = load_log(log, axis, mapping)
+    other = logs_if_given(holdout, axis, mapping)
+    records = load_logs(log, axis, mapping)
     with progress_bar(f"compare {axis.name}") as progress:
-        result = run_comparison(axis, record, holdout=other, progress=progress)
+        result = run_comparison(axis, records, holdout=other, progress=progress)
     finish("compare", result, json_file=json_file, report=report)
 
 
@@ -270,9 +271,9 @@ def diagnose(
     from pmsm_ctrl.diagnose import diagnose as run_diagnosis
 
     axis = read_design(design, effects)
-    other = log_if_given(holdout, axis, mapping)
-    measured = load_log(log, axis, mapping)
-    with progress_bar(f"diagnose {log.name}") as progress:
+    other = logs_if_given(holdout, axis, mapping)
+    measured = load_logs(log, axis, mapping)
+    with progress_bar(f"diagnose {log[0].name if len(measured) == 1 else f'{len(measured)} logs'}") as progress:
         result = run_diagnosis(axis, measured, holdout=other, progress=progress, calibrate=calibrate)
     finish("diagnosis", result, json_file=json_file, report=report)
     write_design(result.design, output)
@@ -282,7 +283,9 @@ def diagnose(
 def add(
     effect: Annotated[str, typer.Argument(metavar="EFFECT", help="an id of the catalogue", autocompletion=effect_ids)],
     design: DesignOption,
-    log: Annotated[Path, typer.Option("--log", metavar="LOG", help="the log its parameters are fitted to")],
+    log: Annotated[
+        list[Path], typer.Option("--log", metavar="LOG", help="log its parameters are fitted to; may be repeated")
+    ],
     output: Annotated[Path, output_option("NEW_DESIGN", "the design to write")],
     mapping: MapOption = None,
     effects: EffectsOption = None,
@@ -295,7 +298,7 @@ def add(
     from pmsm_ctrl.units import axis_unit
 
     axis = read_design(design, effects)
-    result, notices = added(axis, load_log(log, axis, mapping), effect)
+    result, notices = added(axis, load_logs(log, axis, mapping), effect)
     result.write(output)
     print(f"{output}: {axis.name} with {effect}")
     known = catalogue_of(axis)
@@ -323,7 +326,7 @@ def track(
     from pmsm_ctrl.track import track as run_tracking
 
     axis = read_design(design, effects)
-    result = run_tracking(axis, load_log(log, axis, mapping))
+    result = run_tracking(axis, load_logs(log, axis, mapping))
     finish("track", result, json_file=json_file, report=report)
 
 
@@ -396,7 +399,7 @@ def export_code(
 @app.command()
 def study(
     design: DesignArgument,
-    log: Annotated[Path | None, typer.Option("--log", metavar="LOG", help="a measured log of this axis")] = None,
+    log: LogsOption = None,
     holdout: HoldoutOption = None,
     output: Annotated[Path | None, output_option("FILE", "the report; default: reports/NAME.html")] = None,
     history: Annotated[
@@ -415,8 +418,8 @@ def study(
     axis = read_design(design, effects)
     if holdout is not None and log is None:
         raise RequestError("--holdout: needs --log, from which the model is identified")
-    measured = log_if_given(log, axis, mapping)
-    other = log_if_given(holdout, axis, mapping)
+    measured = logs_if_given(log, axis, mapping)
+    other = logs_if_given(holdout, axis, mapping)
     with progress_bar(f"study {axis.name}") as progress:
         result = run_study(
             axis, measured, holdout=other, output=output, seed=seed, history=history, command=command_line(),

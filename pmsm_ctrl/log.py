@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -11,11 +11,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pmsm_ctrl.errors import LogError, NextCommand, nearest
+from pmsm_ctrl.errors import LogError, NextCommand, RequestError, nearest
 from pmsm_ctrl.files import atomic_path
 from pmsm_ctrl.section import Notice
 
-__all__ = ["CHANNELS", "Log", "Provenance", "Segment"]
+__all__ = ["CHANNELS", "Log", "Logs", "Provenance", "Segment", "Span", "as_logs", "names_of"]
 
 Array = NDArray[np.float64]
 
@@ -66,6 +66,34 @@ class Segment:
 
 
 @dataclass(frozen=True)
+class Span:
+    """One of several records in a log: a stretch of its time axis, with holes in time around it.
+
+    Attributes
+    ----------
+    name : str
+        The file, and its part where a file holds several records.
+    start, stop : float
+        Times of its first and last sample on the log's axis, s.
+    begin : float
+        The record's own time at `start`, s: what drifts counts from the begin of the record.
+    rate : float
+        At which it was logged, Hz.
+    """
+
+    name: str
+    start: float
+    stop: float
+    begin: float = 0.0
+    rate: float = float("nan")
+
+    @property
+    def duration(self) -> float:
+        """Time from its first to its last sample, s."""
+        return self.stop - self.start
+
+
+@dataclass(frozen=True)
 class Provenance:
     """Where a log comes from and what was understood of its file.
 
@@ -105,6 +133,8 @@ class Log:
         Decides the units (rad and N m, or m and N).
     segments, provenance
         Named stretches; where the log comes from.
+    records : tuple of Span
+        Its records, in the order of time, where there are several.
 
     Raises
     ------
@@ -116,6 +146,7 @@ class Log:
     motion: str = "rotary"
     segments: tuple[Segment, ...] = ()
     provenance: Provenance = field(default_factory=Provenance)
+    records: tuple[Span, ...] = ()
 
     def __post_init__(self) -> None:
         frozen: dict[str, Array] = {}
@@ -266,7 +297,18 @@ class Log:
             for s in self.segments
             if s.start < stop and s.stop > start
         )
-        return replace(self, channels={n: c[start:stop] for n, c in self.channels.items()}, segments=kept)
+        channels = {n: c[start:stop] for n, c in self.channels.items()}
+        return replace(self, channels=channels, segments=kept, records=self._records_between(self.t[start:stop]))
+
+    def _records_between(self, t: Array) -> tuple[Span, ...]:
+        """Return the records that these times reach, cut to them; none where that is one alone."""
+        cut = [(one, max(one.start, t[0]), min(one.stop, t[-1])) for one in self.records if len(t)]
+        kept = [
+            replace(one, start=float(a), stop=float(b), begin=one.begin + float(a) - one.start)
+            for one, a, b in cut
+            if a < b
+        ]
+        return tuple(kept) if len(kept) > 1 else ()
 
     # -- file ------------------------------------------------------------------------------------------------
 
@@ -292,6 +334,46 @@ class Log:
                 block = zip(*(column[start : start + step].tolist() for column in columns), strict=True)
                 stream.write("".join(",".join(map(repr, row)) + "\n" for row in block))
         return Path(path)
+
+
+Logs = Log | Sequence[Log]
+
+
+def as_logs(logs: Logs, what: str = "log") -> tuple[Log, ...]:
+    """Return one log or a sequence of logs as a tuple.
+
+    Parameters
+    ----------
+    logs : Log or sequence of Log
+    what : str
+        The word for them in an error message.
+
+    Raises
+    ------
+    RequestError
+        When there is none, or one of them is no log.
+    """
+    found = (logs,) if isinstance(logs, Log) else tuple(logs)
+    if not found:
+        raise RequestError(f"no {what}: at least one was expected")
+    for number, log in enumerate(found, start=1):
+        if not isinstance(log, Log):
+            raise RequestError(f"{what} {number}: {type(log).__name__} found; a Log was expected")
+    return found
+
+
+def names_of(logs: Sequence[Log], unnamed: str) -> str:
+    """Return the file of a log, or how many logs there are; empty where there is none.
+
+    Parameters
+    ----------
+    logs : sequence of Log
+    unnamed : str
+        The word for one that comes from no file.
+    """
+    if len(logs) == 1:
+        return logs[0].provenance.file or unnamed
+    return f"{len(logs)} logs" if logs else ""
 
 
 def _frozen(values: Array) -> Array:

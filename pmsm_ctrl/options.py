@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from pmsm_ctrl.log import Log
 
 __all__ = [
-    "DesignArgument", "DesignOption", "EffectsOption", "HoldoutOption", "JsonOption", "LogArgument",
+    "DesignArgument", "DesignOption", "EffectsOption", "HoldoutOption", "JsonOption", "LogArgument", "LogsOption",
     "MapOption", "MethodOption", "NewDesignOption", "ReportOption", "SeedOption", "TruthOption",
-    "design_if_given", "effect_ids", "load_log", "log_if_given", "output_option", "read_design",
+    "design_if_given", "effect_ids", "load_logs", "logs_if_given", "output_option", "read_design",
     "scenario_names", "write_design",
 ]  # fmt: skip
 
@@ -49,7 +49,16 @@ EffectsOption = Annotated[
         "--effects", metavar="FILE.py", parser=_own_effects, help="file with own effects; RUNS this file as Python code"
     ),
 ]
-LogArgument = Annotated[Path, typer.Argument(metavar="LOG", help="measured or simulated log: CSV, MAT, ...")]
+SEVERAL = "files, a quoted pattern such as 'run_*.csv', or a folder"
+LogArgument = Annotated[
+    list[Path], typer.Argument(metavar="LOG...", help=f"measured or simulated logs of one axis: {SEVERAL}")
+]
+LogsOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--log", metavar="LOG", help="measured log of this axis, a quoted pattern or a folder; may be repeated"
+    ),
+]
 MapOption = Annotated[
     list[str] | None,
     typer.Option("--map", "-m", metavar="CHANNEL=COLUMN", help="such as omega='speed [rpm]'; may be repeated"),
@@ -57,7 +66,10 @@ MapOption = Annotated[
 JsonOption = Annotated[Path | None, output_option("FILE", "write the result as JSON", "--json")]
 ReportOption = Annotated[Path | None, output_option("FILE", "write the result as one HTML page", "--report")]
 HoldoutOption = Annotated[
-    Path | None, typer.Option("--holdout", metavar="LOG2", help="second log for validation; nothing is fitted to it")
+    list[Path] | None,
+    typer.Option(
+        "--holdout", metavar="LOG2", help="another log, for validation; nothing is fitted to it; may be repeated"
+    ),
 ]
 NewDesignOption = Annotated[Path | None, output_option("NEW_DESIGN", "write the design with the result")]
 MethodOption = Annotated[
@@ -101,17 +113,23 @@ def write_design(design: Design, path: Path | None) -> None:
         print(f"design: {path}")
 
 
-def load_log(path: Path, design: Design, mapping: list[str] | None) -> Log:
-    """Return the log in a file, and print its notices on stderr; a unit in doubt has to be confirmed by `mapping`."""
-    from pmsm_ctrl.importers import read_log, require_confirmed
+def load_logs(paths: Iterable[Path], design: Design, mapping: list[str] | None) -> list[Log]:
+    """Return the logs that are meant, and print their notices on stderr.
 
-    log = read_log(path, design, parse_map(mapping))
-    require_confirmed(log, design, parse_map(mapping))
-    for notice in log.provenance.notices:
-        print(f"pmsm-ctrl: {path}: warning: {notice.text} [{notice.code}]", file=sys.stderr)
-    return log
+    A unit in doubt has to be confirmed by `mapping`.
+    """
+    from pmsm_ctrl.importers import log_files, read_log, require_confirmed
+
+    logs = []
+    for path in log_files(paths):
+        log = read_log(path, design, parse_map(mapping))
+        require_confirmed(log, design, parse_map(mapping))
+        for notice in log.provenance.notices:
+            print(f"pmsm-ctrl: {path}: warning: {notice.text} [{notice.code}]", file=sys.stderr)
+        logs.append(log)
+    return logs
 
 
-def log_if_given(path: Path | None, design: Design, mapping: list[str] | None) -> Log | None:
-    """Return the log of an option that may be left out."""
-    return None if path is None else load_log(path, design, mapping)
+def logs_if_given(paths: Iterable[Path] | None, design: Design, mapping: list[str] | None) -> list[Log] | None:
+    """Return the logs of an option that may be left out."""
+    return load_logs(paths, design, mapping) if paths else None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,16 @@ from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.compare.verdict import judged
 from pmsm_ctrl.compare.voltages import predicted_voltages
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.log import CHANNELS, Log
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.evidence.linalg import factored
+from pmsm_ctrl.log import CHANNELS, Log, Logs, Span, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
+from pmsm_ctrl.regression.joining import parts_of
+from pmsm_ctrl.regression.record_result import RecordResult
 from pmsm_ctrl.regression.timing import punctual, uniform
 from pmsm_ctrl.result import Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
@@ -93,11 +98,14 @@ class Simulated:
         deviation of the channel, 1 - fit.
     fit : float
         Of the position over a whole record; NaN otherwise.
+    record : str
+        Which of several; empty where there is one.
     """
 
     method: str
     errors: Mapping[str, ChannelError]
     fit: float = float("nan")
+    record: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +128,8 @@ class Record:
     omega : array, shape (m,)
         Speed on the traces' grid, rad/s (m/s).
     notices : tuple of Notice
+    rows : tuple of RecordResult
+        The errors of each of its records: as predicted, and with the level of its friction refitted.
     """
 
     name: str
@@ -130,6 +140,7 @@ class Record:
     simulated: tuple[Simulated, ...]
     omega: Array
     notices: tuple[Notice, ...] = ()
+    rows: tuple[RecordResult, ...] = ()
 
     @property
     def ratios(self) -> dict[str, float]:
@@ -150,7 +161,9 @@ class Comparison(Result):
     design : Design
     log : Record
     holdout : Record or None
-        The other log, with the same parameters.
+        The other log, with the same parameters; the first of several.
+    holdouts : tuple of Record
+        All of them.
     notices : tuple of Notice
     verdict : Verdict
         ``consistent``, ``unexplained``, ``inconclusive`` or ``implausible``; nothing is fitted, so none is named.
@@ -164,6 +177,13 @@ class Comparison(Result):
     notices: tuple[Notice, ...] = ()
     verdict: Verdict = Verdict.CONSISTENT
     reasons: tuple[Notice, ...] = ()
+    holdouts: tuple[Record, ...] = ()
+
+    @property
+    def records(self) -> tuple[RecordResult, ...]:
+        """A row for every record, those that were held out last."""
+        held_out = (replace(row, held_out=True) for other in self.holdouts for row in other.rows)
+        return (*self.log.rows, *held_out)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
@@ -184,6 +204,7 @@ class Comparison(Result):
             "simulation": [_plain_run(s) for s in log.simulated],
             "where": {name: found.to_dict() for name, found in log.structure.items()},
             "worst_stretches": stretches,
+            "records": [row.to_dict() for row in self.records],
             "holdout_log": other and other.name,
             "holdout_errors": other and _plain(other.errors),
             "holdout_simulation": other and [_plain_run(s) for s in other.simulated],
@@ -196,14 +217,14 @@ def _plain(errors: Mapping[str, ChannelError]) -> dict[str, Any]:
 
 
 def _plain_run(run: Simulated) -> dict[str, Any]:
-    return {"method": run.method, "errors": _plain(run.errors), "fit": run.fit}
+    return {"record": run.record, "method": run.method, "errors": _plain(run.errors), "fit": run.fit}
 
 
 def compare(
     design: Design,
-    log: Log,
+    log: Logs,
     *,
-    holdout: Log | None = None,
+    holdout: Logs | None = None,
     processing: Processing | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Comparison:
@@ -217,10 +238,11 @@ def compare(
     Parameters
     ----------
     design : Design
-    log : Log
-        With ``theta`` or ``omega``, and ``torque`` or ``i_q``; ``i_d, i_q, u_d, u_q`` for the voltages.
-    holdout : Log, optional
-        Another record, predicted with the same parameters.
+    log : Log or sequence of Log
+        With ``theta`` or ``omega``, and ``torque`` or ``i_q``; ``i_d, i_q, u_d, u_q`` for the voltages. Of several
+        records each has its own row, and is simulated by itself.
+    holdout : Log or sequence of Log, optional
+        Other records, predicted with the same parameters.
     processing : Processing, optional
         Filter, derivative and mask.
     progress : function, optional
@@ -237,29 +259,39 @@ def compare(
     DesignError
         When the design names an unknown effect.
     """
-    for record in (log, *(() if holdout is None else (holdout,))):
+    logs, holdouts = as_logs(log), () if holdout is None else as_logs(holdout, "holdout")
+    for record in (*logs, *holdouts):
         record.check_evaluable(100)
     believed = doubts_about(design, log)
     processing = processing or Processing(cutoff=signal_band(believed.log))
     advance = progress or (lambda share: None)
-    part = 1.0 if holdout is None else 0.5
+    part = 1.0 / (1 + len(holdouts))
     here = _record(design, believed.log, processing, lambda share: advance(part * share))
+    here = replace(here, name=names_of(logs, "the given log"))
     verdict, reasons = judged(here.errors["torque"].relative, here.structure, here.ratios, believed)
     # structure has its own place in a result
     stated = (reason for reason in reasons if reason.code != STRUCTURE.code)
     doubted = tuple(dict.fromkeys((*stated, *believed.notices, *here.notices)))
-    if holdout is None:
-        return Comparison(design, here, notices=doubted, verdict=verdict, reasons=reasons)
-    if processing.cutoff is not None:
-        processing = replace(processing, cutoff=min(processing.cutoff, holdout.rate / 8.0))
-    held_out = doubts_about(design, holdout)
-    held = _record(design, held_out.log, processing, lambda share: advance(0.5 + 0.5 * share))
-    other = replace(held, name=holdout.provenance.file or "the holdout")
-    of_other = (*map(of_holdout, held_out.notices), *other.notices)
-    notices = (*doubted, *(notice for notice in of_other if notice not in here.notices))
-    if log.provenance.sha256 and log.provenance.sha256 == holdout.provenance.sha256:
-        notices += (HOLDOUT_IS_LOG(),)
-    return Comparison(design, here, other, notices, verdict, reasons)
+    others, notices = [], list(doubted)
+    for number, one in enumerate(holdouts, start=1):
+        narrow = processing
+        if processing.cutoff is not None:
+            narrow = replace(processing, cutoff=min(processing.cutoff, one.rate / 8.0))
+        held_out = doubts_about(design, one)
+        held = _record(design, held_out.log, narrow, partial(_advanced, advance, part, number))
+        others.append(replace(held, name=one.provenance.file or "the holdout"))
+        of_other = (*map(of_holdout, held_out.notices), *held.notices)
+        notices += [notice for notice in of_other if notice not in (*here.notices, *notices)]
+    known = {one.provenance.sha256 for one in logs} - {""}
+    if any(one.provenance.sha256 in known for one in holdouts):
+        notices.append(HOLDOUT_IS_LOG())
+    return Comparison(
+        design, here, others[0] if others else None, tuple(notices), verdict, reasons, tuple(others)
+    )  # fmt: skip
+
+
+def _advanced(advance: Callable[[float], None], part: float, done: int, share: float) -> None:
+    advance(part * (done + share))
 
 
 def _record(
@@ -280,8 +312,7 @@ def _record(
     drive = Drive(predicted, design.J, design.K_t_assumed if "i_q" in prepared.signals else None)
     structure = {name: residual_structure(prepared, trace, drive) for name, trace in traces.items()}
     torque = traces["torque"]
-    free, free_notices = _free_run(design, log, prepared, structure["torque"])
-    closed, closed_notices = _closed_loop(design, log, processing, structure["torque"].floor)
+    simulated, said = _simulated(design, log, processing, (prepared, structure["torque"]), progress)
     beyond = orders_beyond(design, log, prepared.cutoff)
     return Record(
         name=log.provenance.file or "the given log",
@@ -292,10 +323,54 @@ def _record(
         traces=traces,
         structure=structure,
         stretches=worst_stretches(torque.t, torque.residual, torque.mask, problem.omega),
-        simulated=(*free, *closed, *_whole_run(design, log, prepared, progress)),
+        simulated=simulated,
         omega=problem.omega,
-        notices=(*problem.notes, *beyond, *left_out, *free_notices, *closed_notices),
+        notices=(*problem.notes, *beyond, *left_out, *said),
+        rows=tuple(_rows(log, prepared, traces)),
     )
+
+
+def _rows(log: Log, prepared: Prepared, traces: Mapping[str, Trace]) -> Iterator[RecordResult]:
+    """Yield the errors of each record, as predicted and with the level of its friction refitted."""
+    spans = log.records or (
+        Span(log.provenance.file or "the given log", float(log.t[0]), float(log.t[-1]), 0.0, log.rate),
+    )
+    signals = (prepared.signals["direction"], prepared.signals["omega"], np.ones(len(prepared.t)))
+    level = np.array([prepared.column(values) for values in signals]).T
+    for span in spans:
+        as_predicted, refitted = {}, {}
+        for name, trace in traces.items():
+            used = trace.mask & (trace.t >= span.start) & (trace.t <= span.stop)
+            if not used.any():
+                continue
+            measured, left = trace.measured[used], trace.residual[used]
+            as_predicted[name] = vars(ChannelError.of(measured, measured - left, trace.unit))
+            if name == "torque":
+                left = left - level[used] @ factored(level[used]).solve(left)
+            refitted[name] = vars(ChannelError.of(measured, measured - left, trace.unit))
+        yield RecordResult(span.name, False, span.duration, span.rate, as_predicted, {}, level_before=refitted)
+
+
+def _simulated(
+    design: Design, log: Log, processing: Processing, whole: tuple[Prepared, ResidualStructure],
+    progress: Callable[[float], None] | None,
+) -> tuple[tuple[Simulated, ...], tuple[Notice, ...]]:  # fmt: skip
+    """Simulate every record by itself: in restarted windows, in closed loop, and from its begin to its end."""
+    prepared, left = whole
+    found: list[Simulated] = []
+    said: list[Notice] = []
+    for part in parts_of(log):
+        try:
+            of_part = prepared if part is log else prepare(design, part, replace(processing, cutoff=prepared.cutoff))
+        except LogError:  # too short to be simulated; its row has its errors all the same
+            continue
+        free, free_notices = _free_run(design, part, of_part, left)
+        closed, closed_notices = _closed_loop(design, part, processing, left.floor)
+        name = "" if part is log else part.provenance.file
+        runs = (*free, *closed, *_whole_run(design, part, of_part, progress))
+        found += [replace(one, record=name) for one in runs]
+        said += [notice for notice in (*free_notices, *closed_notices) if notice not in said]
+    return tuple(found), tuple(said)
 
 
 def _free_run(

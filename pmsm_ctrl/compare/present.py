@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compare.comparison import ChannelError, Comparison, Record
 from pmsm_ctrl.compare.notices import OBJECTIONS, largest_words, motion_words, structure_words
+from pmsm_ctrl.regression.present import records_table
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_prefix
 from pmsm_ctrl.result import Verdict
 from pmsm_ctrl.section import Picture, Section, Table, present
@@ -25,7 +27,7 @@ def _(result: Comparison) -> Section:
     log, motion = result.log, result.design.motion
     names = {"torque": drives(motion)}
     found = [f"{names.get(name, name)}: {structure_words(s)}." for name, s in log.structure.items()]
-    records = [("log", log)] + ([("holdout", result.holdout)] if result.holdout is not None else [])
+    records = [("log", log), *_held_out(result)]
     rows = tuple(row for label, record in records for row in _error_rows(label, record, names))
     return Section(
         f"Comparison of {result.design.name} with {Path(log.name).name}",
@@ -35,6 +37,7 @@ def _(result: Comparison) -> Section:
             *(_capital(sentence) for sentence in found[1:]),
             Table(_HEADER, rows, "Errors (measured - predicted)"),
             *_whole(records, motion),
+            *([records_table(result.records, names["torque"], "as predicted")] if len(log.rows) > 1 else []),
             _dependences(result, names["torque"]),
             _stretches(log, axis_unit("rad/s", motion)),
             *_pictures(result),
@@ -48,8 +51,8 @@ def _whole(records: Iterable[tuple[str, Record]], motion: str) -> Iterator[str]:
         if math.isfinite(run.fit):
             position, speed = (run.errors[name] for name in ("theta", "omega"))
             yield (
-                f"The {label} simulated from its {drives(motion)} alone, the state given at the start: position "
-                f"{with_prefix(position.rms, position.unit)} rms (fit {percent(run.fit)}), speed "
+                f"The {run.record or label} simulated from its {drives(motion)} alone, the state given at the start: "
+                f"position {with_prefix(position.rms, position.unit)} rms (fit {percent(run.fit)}), speed "
                 f"{with_prefix(speed.rms, speed.unit)} rms (fit {percent(1.0 - speed.relative)})."
             )
 
@@ -70,15 +73,23 @@ def _verdict(result: Comparison, structure: str) -> str:
 _HEADER = ("record", "channel", "method", "rms", "noise floor", "unit", "relative", "worst", "mean")
 
 
+def _held_out(result: Comparison) -> list[tuple[str, Record]]:
+    """The held-out records, by name where there are several."""
+    if len(result.holdouts) < 2:
+        return [("holdout", other) for other in result.holdouts]
+    return [(f"holdout {other.name}", other) for other in result.holdouts]
+
+
 def _capital(text: str) -> str:
     return text[0].upper() + text[1:] if text[:2] != "u_" else text
 
 
 def _error_rows(label: str, record: Record, names: dict[str, str]) -> Iterator[tuple[str, ...]]:
-    methods = [("prediction", record.errors), *((run.method, run.errors) for run in record.simulated)]
-    for method, errors in methods:
+    methods = [("", "prediction", record.errors)]
+    methods += [(run.record, run.method, run.errors) for run in record.simulated]
+    for part, method, errors in methods:
         for name, e in errors.items():
-            yield label, names.get(name, name), method, *_error_cells(e)
+            yield part or label, names.get(name, name), method, *_error_cells(e)
 
 
 def _error_cells(e: ChannelError) -> tuple[str, ...]:
@@ -114,7 +125,7 @@ def _drawn(name: str, record: Record) -> Figure:
 
 
 def _pictures(result: Comparison) -> Iterator[Picture]:
-    log, holdout = result.log, result.holdout
+    log = result.log
 
     yield Picture(
         lambda: _drawn("traces_figure", log),
@@ -128,5 +139,5 @@ def _pictures(result: Comparison) -> Iterator[Picture]:
     )
     if log.stretches:
         yield Picture(lambda: _drawn("stretches_figure", log), "The worst stretches, with the speed below.")
-    if holdout is not None:
-        yield Picture(lambda: _drawn("traces_figure", holdout), "The same parameters on the holdout record.")
+    for label, other in _held_out(result):
+        yield Picture(partial(_drawn, "traces_figure", other), f"The same parameters on the {label} record.")

@@ -12,8 +12,8 @@ from pmsm_ctrl.diagnose.search import Trial, try_candidate
 from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.effects.catalogue import catalogue_of, lookup
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.log import Log
-from pmsm_ctrl.plausibility import examine
+from pmsm_ctrl.log import Logs
+from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.section import Notice
@@ -21,7 +21,7 @@ from pmsm_ctrl.section import Notice
 __all__ = ["add", "added"]
 
 
-def add(design: Design, log: Log, effect: str) -> Design:
+def add(design: Design, log: Logs, effect: str) -> Design:
     """Return the design with an effect added, all parameters fitted to the log, standard errors included.
 
     The effect is added whether or not the log calls for it: whether it does is what `diagnose` says. No parameter
@@ -30,7 +30,8 @@ def add(design: Design, log: Log, effect: str) -> Design:
     Parameters
     ----------
     design : Design
-    log : Log
+    log : Log or sequence of Log
+        Records of one axis, fitted together.
     effect : str
         Id of an effect of the catalogue, or of the design's own.
 
@@ -44,7 +45,7 @@ def add(design: Design, log: Log, effect: str) -> Design:
     return added(design, log, effect)[0]
 
 
-def added(design: Design, log: Log, effect: str) -> tuple[Design, tuple[Notice, ...]]:
+def added(design: Design, log: Logs, effect: str) -> tuple[Design, tuple[Notice, ...]]:
     """Return the same as `add`, and which parameters stay at their bounds.
 
     Parameters
@@ -59,7 +60,7 @@ def added(design: Design, log: Log, effect: str) -> tuple[Design, tuple[Notice, 
     """
     effects = catalogue_of(design)
     wanted = lookup(effect, effects)
-    case = Case(design, timed_record(design, examine(design, log).log), effects)
+    case = Case(design, timed_record(design, doubts_about(design, log).log), effects)
     fit = case.fit(())
     trial = next((t for t in fit.trials if t.candidate.effect.id == effect), None)
     if trial is None:

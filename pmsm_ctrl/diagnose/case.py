@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.event import Event
-from pmsm_ctrl.diagnose.fit import Accepted, Fitted, errors, fit_design, predicted_elsewhere, ranked
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design, predicted_elsewhere, ranked
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.spread import spreads, without_level
 from pmsm_ctrl.section import Notice
 
-__all__ = ["Case"]
+__all__ = ["Case", "pooled"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +34,9 @@ class Case:
     record : Record
     effects : dict of id to Effect
         The candidates.
-    holdout : Record or None
-        Another record of the same axis.
+    holdouts : tuple of Record
+        Other records of the same axis, nothing of which is fitted.
+    holdout_names : tuple of str
     policy : Policy
         The decision thresholds.
     believed : Plausibility or None
@@ -38,6 +45,8 @@ class Case:
         What is doubtful about the held-out record.
     events : tuple of Event
         What the record leaves out.
+    name : str
+        Of the log.
     fits : list of Fitted
         Those of the selections made so far: the same effects of the same shapes are not fitted twice.
     """
@@ -45,11 +54,13 @@ class Case:
     design: Design
     record: Record
     effects: Mapping[str, Effect]
-    holdout: Record | None = None
+    holdouts: tuple[Record, ...] = ()
+    holdout_names: tuple[str, ...] = ()
     policy: Policy = POLICY
     believed: Plausibility | None = None
     remarks: tuple[Notice, ...] = ()
     events: tuple[Event, ...] = ()
+    name: str = "the given log"
     fits: list[Fitted] = field(default_factory=list, repr=False)
 
     def fit(self, accepted: tuple[Accepted, ...]) -> Fitted:
@@ -98,20 +109,70 @@ class Case:
         """
         return fit_design(self.design, self.record, accepted, {})
 
-    def holdout_errors(self, fit: Fitted) -> dict[str, tuple[float, float]]:
-        """Return rms error and its share of each balance on the held-out record, with the parameters of a fit.
+    @property
+    def level_refitted(self) -> bool:
+        """Whether held-out records are judged with the level of their friction refitted.
+
+        Where several records are fitted, friction may differ from one to the next, and is not held against a model.
+        """
+        return len(self.record.records) > 1
+
+    def holdout_errors(self, fit: Fitted, refitted: bool | None = None) -> dict[str, tuple[float, float]]:
+        """Return rms error and its share of each balance on all held-out records, with the parameters of a fit.
 
         Parameters
         ----------
         fit : Fitted
+        refitted : bool, optional
+            Whether dry friction, viscous friction and a constant torque of each held-out record are fitted to it
+            before; as `level_refitted` when left out.
 
         Returns
         -------
         dict of balance to (float, float)
             Empty without a held-out record.
         """
-        if self.holdout is None:
-            return {}
-        record, predicted = predicted_elsewhere(self.design, self.holdout, fit.accepted, fit, self.effects)
-        common = [name for name in record.channels if name in fit.record.channels]
-        return errors(record, record.target - predicted, common)
+        return pooled([self.held_out(fit, number, refitted) for number in range(len(self.holdouts))])
+
+    def held_out(self, fit: Fitted, number: int, refitted: bool | None = None) -> tuple[Record, Array]:
+        """Return a held-out record, and what a fit leaves over of its balances, shape (channels, m).
+
+        Parameters
+        ----------
+        fit : Fitted
+        number : int
+            Which of them.
+        refitted : bool, optional
+            As in `holdout_errors`.
+        """
+        record, predicted = predicted_elsewhere(self.design, self.holdouts[number], fit.accepted, fit, self.effects)
+        common = [k for k, name in enumerate(record.channels) if name in fit.record.channels]
+        channels = tuple(record.channels[k] for k in common)
+        record = replace(
+            record, channels=channels, target=record.target[common], weight=record.weight[common],
+            coarse=record.coarse[common],
+        )  # fmt: skip
+        left = record.target - predicted[common]
+        if self.level_refitted if refitted is None else refitted:
+            spread = spreads(fit.model, len(self.record.records)) if len(self.record.records) > 1 else None
+            left[0] = without_level(record, left[0], spread, float(fit.weights.sigma[0]))
+        return record, left
+
+
+def pooled(found: Sequence[tuple[Record, Array]]) -> dict[str, tuple[float, float]]:
+    """Return the rms of what is left over of each balance on all records, and its share of the measured balance.
+
+    Parameters
+    ----------
+    found : sequence of (Record, array of shape (channels, m))
+        Balances that not all records have are left out.
+    """
+    out = {}
+    for name in found[0][0].channels if found else ():
+        if not all(name in record.channels for record, _ in found):
+            continue
+        left = np.concatenate([rest[record.channels.index(name)][record.mask] for record, rest in found])
+        size = np.concatenate([record.target[record.channels.index(name)][record.mask] for record, _ in found])
+        rms, whole = float(np.sqrt(np.mean(left**2))), float(np.sqrt(np.mean(size**2)))
+        out[name] = (rms, rms / whole if whole > 0.0 else float("nan"))
+    return out

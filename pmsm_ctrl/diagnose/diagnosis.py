@@ -35,11 +35,12 @@ from pmsm_ctrl.diagnose.verdict import explains_most
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout
-from pmsm_ctrl.regression.balances import STANDSTILL, make_record
+from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.fast_orders import orders_beyond
+from pmsm_ctrl.regression.joining import name_of
 from pmsm_ctrl.regression.timed_record import timed_record
 
 __all__ = ["diagnose"]
@@ -49,9 +50,9 @@ Progress = Callable[[float], None]
 
 def diagnose(
     design: Design,
-    log: Log,
+    log: Logs,
     *,
-    holdout: Log | None = None,
+    holdout: Logs | None = None,
     candidates: Iterable[str] | None = None,
     calibrate: int = 0,
     plan: bool = True,
@@ -68,10 +69,13 @@ def diagnose(
     ----------
     design : Design
         Its own effects are candidates beside the catalogue.
-    log : Log
+    log : Log or sequence of Log
         With ``theta`` or ``omega``, and ``torque`` or ``i_q``; with ``u_d`` and ``u_q`` the winding is judged too.
-    holdout : Log, optional
-        Another record of the same axis; no effect is accepted that makes it worse.
+        Several records share inertia and structure; dry and viscous friction, a constant torque and the zero of the
+        angle may differ. Three or more are left out in turn in place of blocks of time.
+    holdout : Log or sequence of Log, optional
+        Other records of the same axis; no effect is accepted that makes them worse, all taken together. Beside several
+        logs their friction may differ too: they are judged with its level refitted.
     candidates : iterable of str, optional
         Ids to choose from; the whole catalogue and the design's own effects when left out.
     calibrate : int
@@ -98,22 +102,25 @@ def diagnose(
     """
     if calibrate < 0:
         raise RequestError(f"calibrate: found {calibrate}; the number of simulations, 0 or more, was expected")
+    logs, holdouts = as_logs(log), () if holdout is None else as_logs(holdout, "holdout")
+    if calibrate and len(logs) > 1:
+        raise RequestError(f"calibrate: found {len(logs)} logs; one, whose experiment is simulated, was expected")
     if calibrate:
-        replay_of(design, log)  # what cannot be simulated is said before the work, not after it
+        replay_of(design, logs[0])  # what cannot be simulated is said before the work, not after it
     offered = _offered(catalogue_of(design), candidates)
     advance = progress or (lambda share: None)
     share = 1.0 / (1.0 + calibrate)
-    case = _condition(design, log, holdout, offered, policy)
+    case = _condition(design, logs, holdouts, offered, policy)
     found = _answer(case, plan, lambda done: advance(share * done))
     case.record.kept.clear()  # hundreds of columns that nobody needs any more
     found = replace(
         found,
-        log_name=log.provenance.file or "the given log",
-        holdout_name=(holdout.provenance.file or "the held-out log") if holdout is not None else "",
+        log_name=names_of(logs, "the given log"),
+        holdout_name=names_of(holdouts, "the held-out log"),
     )
     if calibrate:
         again = partial(diagnose, found.design, candidates=offered, plan=False, policy=policy)
-        rate = calibrated(found.design, log, calibrate, again, lambda done: advance(share + (1.0 - share) * done))
+        rate = calibrated(found.design, logs[0], calibrate, again, lambda done: advance(share + (1.0 - share) * done))
         found = replace(found, calibration=rate, notices=(*found.notices, *of_calibration(rate, policy)))
     advance(1.0)
     return found
@@ -157,19 +164,26 @@ def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None =
     return selection.plus(found)
 
 
-def _condition(design: Design, log: Log, holdout: Log | None, offered: Mapping[str, Effect], policy: Policy) -> Case:
-    """Condition the log, and the held-out one in the same way."""
+def _condition(
+    design: Design, log: Logs, holdouts: tuple[Log, ...], offered: Mapping[str, Effect], policy: Policy
+) -> Case:
+    """Condition the log, and the held-out ones in the same way."""
     believed = doubts_about(design, log)
     record = timed_record(design, believed.log)
     fast = orders_beyond(design, believed.log, record.cutoff)
-    if holdout is None:
-        return Case(design, record, offered, None, policy, believed=believed, remarks=fast)
-    held_out = doubts_about(design, holdout)
-    same = Processing(standstill=STANDSTILL, cutoff=record.prepared.cutoff)
-    other = make_record(design, held_out.log, same, record.age or 0.0, record.timing)
+    others: list[Record] = []
+    remarks = list(fast)
+    for holdout in holdouts:
+        held_out = doubts_about(design, holdout)
+        same = Processing(standstill=STANDSTILL, cutoff=min(record.prepared.cutoff, holdout.rate / 8.0))
+        other = make_record(design, held_out.log, same, record.age or 0.0, record.timing)
+        others.append(replace(other, records=()))  # whatever it is made of, nothing is fitted to it
+        remarks += map(of_holdout, held_out.notices)
+    names = tuple(name_of(one, number) for number, one in enumerate(holdouts, start=1))
     return Case(
-        design, record, offered, other, policy, believed=believed, remarks=(*fast, *map(of_holdout, held_out.notices))
-    )
+        design, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
+        name=names_of(as_logs(log), "the given log"),
+    )  # fmt: skip
 
 
 def _offered(effects: Mapping[str, Effect], candidates: Iterable[str] | None) -> dict[str, Effect]:

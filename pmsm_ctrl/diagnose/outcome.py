@@ -21,6 +21,7 @@ from pmsm_ctrl.diagnose.search import Trial, amounts_that_gain, least_shown
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.record_result import RecordResult, errors_of, own_rows, record_notices, record_spreads
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -51,6 +52,7 @@ def outcome(
     blind = not_excited(final, policy)
     hidden = hidden_by_motion(final, case.effects, policy)
     deviations = parameter_deviations(case.design, final, policy)
+    records = _records(case, selection)
     verdict, reasons = judged(selection, case.believed, (blind, left), deviations, policy)
     if steps and verdict not in (Verdict.IMPLAUSIBLE, Verdict.EFFECTS_MISSING):
         verdict, reasons = Verdict.EFFECTS_MISSING, ()
@@ -59,6 +61,7 @@ def outcome(
     warned = (
         *reasons,
         *(case.believed.notices if case.believed else ()),
+        *record_notices(records),
         *case.remarks,
         *(event.notice for event in case.events),
         *notices.of_log((*case.record.notes, *final.notes)),
@@ -88,9 +91,29 @@ def outcome(
             "base": _free_run(case, selection.fits[0]),
             "final": _free_run(case, selection.fit),
         },
+        records=records,
+        spreads=record_spreads(final.record, final.estimate),
         record=case.record,
         selection=selection,
     )
+
+
+def _records(case: Case, selection: Selection) -> tuple[RecordResult, ...]:
+    """Return a row for every record, those that were held out last."""
+    first, last = selection.fits[0], selection.fit
+    fitted = (last.estimate, last.solved, last.weights, last.whitener)
+    rows = own_rows(last.record, (first.residual, last.residual), fitted, case.name)
+    for number, holdout in enumerate(case.holdouts):
+        found = [
+            errors_of(*case.held_out(fit, number, refitted)) for refitted in (False, True) for fit in (first, last)
+        ]
+        name, rate = case.holdout_names[number], holdout.prepared.rate
+        rows.append(
+            RecordResult(
+                name, True, holdout.duration, rate, found[0], found[1], level_before=found[2], level_after=found[3]
+            )
+        )
+    return tuple(rows)
 
 
 def _limits(fit: Fitted) -> Iterator[Notice]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from pmsm_ctrl.diagnose.notices import calibration_text
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
+from pmsm_ctrl.regression.present import records_table, spread_sentence
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.units import drives
@@ -80,6 +81,10 @@ def _(result: Diagnosis) -> Section:
         blocks.append(_found(d))
     if any(v.flagged for v in d.parameter_deviations):
         blocks.append(_deviations(d, flagged=True))
+    if len(d.records) > 1:
+        blocks.append(records_table(d.records, drives(d.design.motion), "refitted", "final"))
+        if (drift := spread_sentence(d.spreads)) is not None:
+            blocks.append(drift)
     if d.calibration is not None:
         blocks.append(f"Calibration: {calibration_text(d.calibration)}.")
     if d.next_experiment:

@@ -16,13 +16,13 @@ from pmsm_ctrl.diagnose.selection import Selection
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.regression.lateness import lateness
+from pmsm_ctrl.regression.record_result import Errors, RecordResult, RecordSpread
 from pmsm_ctrl.result import Estimate, Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Calibration", "Deviation", "Diagnosis", "DiagnosisStep", "Errors", "Ranked", "Structure", "Verdict"]
 
 Array = NDArray[np.float64]
-Errors = Mapping[str, Mapping[str, Any]]  # balance -> rms, unit, relative
 
 
 @dataclass(frozen=True)
@@ -214,6 +214,10 @@ class Diagnosis(Result):
         Stretches that were left out, and steps of the friction.
     free_run : dict of {"nominal", "base", "final"} to dict
         As in `DiagnosisStep`.
+    records : tuple of RecordResult
+        Every record, those that were held out last.
+    spreads : tuple of RecordSpread
+        By how much friction and a constant torque differ between records; empty for a log that is one record.
     log_name, holdout_name : str
         The latter is empty without a held-out record.
     """
@@ -234,6 +238,8 @@ class Diagnosis(Result):
     reasons: tuple[Notice, ...] = ()
     events: tuple[Event, ...] = ()
     free_run: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    records: tuple[RecordResult, ...] = ()
+    spreads: tuple[RecordSpread, ...] = ()
     log_name: str = "the given log"
     holdout_name: str = ""
 
@@ -266,6 +272,8 @@ class Diagnosis(Result):
             "next_experiment": self.next_experiment,
             "unexplained": self.unexplained,
             "unexplained_code": self.left.code if self.left is not None else "",
+            "records": [row.to_dict() for row in self.records],
+            "spread_between_records": [vars(one) for one in self.spreads],
             "events": [event.to_dict() for event in self.events],
             "calibration": vars(self.calibration) if self.calibration is not None else None,
             **self.doubts(),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.evidence.blocks import equal_blocks, left_out_gains
+from pmsm_ctrl.evidence.blocks import FEWEST_RECORDS, equal_blocks, left_out_gains, record_blocks
 from pmsm_ctrl.evidence.linalg import Added, added_each
 from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener
@@ -412,7 +412,8 @@ def blocked_gain(
     """Return the mean gain of left-out blocks, its standard error, their number, and the rank test's p-value.
 
     Contiguous blocks that hold equal shares of what the candidate could explain; around each, samples within
-    the gap (1 s, or less where the noise forgets sooner) are used neither to fit nor to judge. Model and candidate are
+    the gap (1 s, or less where the noise forgets sooner) are used neither to fit nor to judge. Of three records or more
+    each is left out as a whole. Model and candidate are
     fitted again in the coordinates of their orthonormal directions, in which the priors stay what they are.
 
     Parameters
@@ -438,9 +439,16 @@ def blocked_gain(
     full[0, 0] = solved.chi2
     full[0, 1 + solved.rank :] = full[1 + solved.rank :, 0] = own.along
     t = record.t[whitener.used]
-    edges = equal_blocks(direction[: solved.rows].reshape(balances, n) ** 2, t, BLOCKS)
+    told = direction[: solved.rows].reshape(balances, n) ** 2
     gap = min(LONGEST_GAP, max(GAP_MEMORIES * memory, GAP_PERIODS / record.prepared.cutoff))
-    gains, _ = left_out_gains(columns, full, t, edges, gap, solved.rank)
+    left_out = None
+    if len(record.records) < FEWEST_RECORDS:
+        edges = equal_blocks(told, t, BLOCKS)
+    else:
+        half = 0.5 * record.period
+        spans = [(one.start - half, one.stop + half) for one in record.records]
+        edges, left_out = record_blocks(told, t, spans, BLOCKS)
+    gains, _ = left_out_gains(columns, full, t, edges, gap, solved.rank, left_out=left_out)
     if len(gains) == 0:
         return 0.0, float("inf"), 0, 1.0
     return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))), len(gains), rank_test(gains)

@@ -254,7 +254,7 @@ def _ran_out(one: Accepted) -> bool:
 
 
 def _judge_holdout(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
-    if case.holdout is None:
+    if not case.holdouts:
         return None
     old, new = ({name: rms for name, (rms, _) in case.holdout_errors(fit).items()} for fit in (before, after))
     return criteria.holdout(old, new, case.policy)

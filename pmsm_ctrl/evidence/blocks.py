@@ -1,4 +1,4 @@
-"""Cross-validation on blocks of time that are left out."""
+"""Cross-validation on blocks of time, or on whole records, that are left out."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["equal_blocks", "left_out_gains"]
+__all__ = ["FEWEST_RECORDS", "equal_blocks", "left_out_gains", "record_blocks"]
 
 Array = NDArray[np.float64]
 
 FEWEST_BLOCKS = 4  # whose gains have a standard error
+FEWEST_RECORDS = 3  # that are left out as a whole, each in its turn
+MOST_OF_IT = 0.5  # share of what all records tell; without such a record the others say too little
 FEWEST_ROWS = 3  # of a block that is judged
 ROWS_PER_COLUMN = 5  # of the data that a block's fit is made from
 RIDGE = 1e-10  # keeps a column solvable that shows in the left-out block alone
@@ -42,9 +44,49 @@ def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
 
+def record_blocks(
+    weight: Array, t: Array, records: Sequence[tuple[float, float]], count: int
+) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """Cut each of several records into blocks that hold about equal shares, and say which record each belongs to.
+
+    Every record is left out as a whole when one of its blocks is judged, so that the fit has seen nothing of it; its
+    blocks only tell how the gain scatters. One that tells most of all is left out block by block.
+
+    Parameters
+    ----------
+    weight : array, shape (n,) or (channels, n)
+        What each sample could tell.
+    t : array, shape (n,)
+        Increasing, s.
+    records : sequence of (start, stop)
+        s.
+    count : int
+        Blocks in all, about; a record has one at least if it tells anything.
+
+    Returns
+    -------
+    blocks, left_out : list of (start, stop)
+        In s: what is judged, and what is left out of the fit for it.
+    """
+    rows = np.atleast_2d(weight)
+    pieces = [slice(*np.searchsorted(t, [start, stop])) for start, stop in records]
+    told = [float(np.sum(rows[:, piece])) for piece in pieces]
+    total = sum(told)
+    blocks: list[tuple[float, float]] = []
+    left_out: list[tuple[float, float]] = []
+    for record, piece, share in zip(records, pieces, told, strict=True):
+        if share <= 0.0:
+            continue
+        own = equal_blocks(rows[:, piece], t[piece], max(1, round(count * share / total)))
+        own = [(max(start, record[0]), min(stop, record[1])) for start, stop in own]
+        blocks += own
+        left_out += own if share > MOST_OF_IT * total else [record] * len(own)
+    return blocks, left_out
+
+
 def left_out_gains(
     rows: Array, full: Array, t: Array, edges: Sequence[tuple[float, float]], gap: float, base: int,
-    ridge: float = RIDGE,
+    ridge: float = RIDGE, left_out: Sequence[tuple[float, float]] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
     """Return by how much columns lower the sum of squares of blocks that were left out of the fit.
 
@@ -67,6 +109,8 @@ def left_out_gains(
         Columns that both fits have.
     ridge : float
         Share of the mean diagonal that is added to the scaled Gram matrix.
+    left_out : sequence of (start, stop), optional
+        What is left out of the fit for each block, s; the block itself when not given.
 
     Returns
     -------
@@ -77,8 +121,8 @@ def left_out_gains(
     """
     channels, n, columns = rows.shape
     grams, judged = [], []
-    for start, stop in edges:
-        near = slice(*np.searchsorted(t, [start - gap, stop + gap]))
+    for (start, stop), (first, last) in zip(edges, left_out or edges, strict=True):
+        near = slice(*np.searchsorted(t, [first - gap, last + gap]))
         test = slice(*np.searchsorted(t, [start, stop]))
         left = channels * (n - (near.stop - near.start))
         if channels * (test.stop - test.start) < FEWEST_ROWS or left < ROWS_PER_COLUMN * columns:

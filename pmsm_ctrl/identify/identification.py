@@ -18,13 +18,15 @@ from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.output_error import output_error
 from pmsm_ctrl.identify.replay import Replay, build_replay
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.identify.several import Joint, joint, with_joint_errors
+from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
 from pmsm_ctrl.regression.least_squares import Cause, Fit, solve
+from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
 from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
@@ -69,6 +71,10 @@ class Identification(Result):
         What was understood of the log's experiment; no reason to doubt anything.
     contradictions : tuple of Notice
         Why log and design do not belong together, the likeliest reason first; they stand first in `notices`.
+    records : tuple of RecordResult
+        Each of several records: its errors, and what it has of its own.
+    spreads : tuple of RecordSpread
+        By how much friction and a constant torque differ between them.
     """
 
     design: Design
@@ -87,6 +93,8 @@ class Identification(Result):
     bias: BiasTest | None = None
     remarks: tuple[Notice, ...] = ()
     contradictions: tuple[Notice, ...] = ()
+    records: tuple[RecordResult, ...] = ()
+    spreads: tuple[RecordSpread, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
@@ -101,6 +109,8 @@ class Identification(Result):
             "at_bound": list(self.fit.at_bound),
             "not_identifiable": {name: why.text for name, why in self.unidentifiable.items()},
             "not_identifiable_codes": {name: why.code for name, why in self.unidentifiable.items()},
+            "records": [row.to_dict() for row in self.records],
+            "spread_between_records": [vars(one) for one in self.spreads],
             "relative_error": self.relative_error,
             "rms": {"value": self.rms, "unit": self.problem.unit},
             "condition_number": self.fit.condition,
@@ -127,7 +137,7 @@ class _Solution:
 
 
 def identify(
-    design: Design, log: Log, *, method: Method = "regression", processing: Processing | None = None
+    design: Design, log: Logs, *, method: Method = "regression", processing: Processing | None = None
 ) -> Identification:
     """Identify the inertia and the parameters of the design's effects from a log.
 
@@ -137,7 +147,9 @@ def identify(
     Parameters
     ----------
     design : Design
-    log : Log
+    log : Log or sequence of Log
+        Several records share the inertia and, on average, the friction; each has friction and a constant torque of its
+        own, which are fitted beside them and drawn towards the others by as much as they are uncertain.
         With ``theta`` or ``omega``, and ``torque`` or ``i_q``; for the methods that simulate, the references as well.
     method : {"regression", "iv", "output_error"}
         "regression": least squares for every linear parameter of the torque effects; needs nothing but the log.
@@ -171,19 +183,17 @@ def identify(
     processing = processing or Processing()
     if processing.blank is None:
         processing = replace(processing, blank=True)
+    logs = as_logs(log)
+    if len(logs) > 1 and method != "regression":
+        raise RequestError(f"method '{method}': {len(logs)} logs, but it simulates one; use 'regression'")
     believed = doubts_about(design, log)
-    log = believed.log
-    solution = _solved(method, design, log, processing)
-    problem, fit = solution.problem, solution.fit
+    several = joint(design, believed.log) if method == "regression" else Joint(believed.log)
+    solution = _solved(method, design, several.log, processing)
+    problem, fit = solution.problem, with_joint_errors(solution.fit, several.stderr)
     found, bounds = _identified(design, problem, fit)
     shown, unexplained = problem, fit.residual
     if method != "output_error":
-        # reversals are part of the error
-        plain = replace(processing, blank=False, cutoff=problem.cutoff)
-        shown = build_problem(design, log, plain, problem.inertia is not None)
-        # the error is that of the design that is written: what got no number is in there with the value that it had
-        written = [fit.values.get(column.name, column.nominal) for column in shown.columns]
-        unexplained = shown.target - shown.matrix() @ written
+        shown, unexplained = _shown(design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit)
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
@@ -203,22 +213,33 @@ def identify(
         fit=fit,
         shown=shown,
         unexplained=unexplained,
-        log_name=log.provenance.file or "the given log",
+        log_name=names_of(logs, "the given log"),
         notices=(
             *contradictions,
+            *record_notices(several.rows),
             *_large(error, problem),
             *believed.notices[len(believed.contradictions) :],
             *problem.notes,
-            *orders_beyond(design, log, problem.cutoff),
+            *orders_beyond(design, several.log, problem.cutoff),
             *solution.notices,
             *bounds,
             *_doubts(design, fit),
         ),
         contradictions=contradictions,
+        records=several.rows,
+        spreads=several.spreads,
         method=method,
         bias=solution.bias,
         remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
     )
+
+
+def _shown(design: Design, log: Log, processing: Processing, problem: Problem, fit: Fit) -> tuple[Problem, Array]:
+    """Return the regression with reversals, which are part of the error, and what the design that is written leaves."""
+    shown = build_problem(design, log, replace(processing, blank=False), problem.inertia is not None)
+    # what got no number is in there with the value that it had
+    written = [fit.values.get(column.name, column.nominal) for column in shown.columns]
+    return shown, shown.target - shown.matrix() @ written
 
 
 def _solved(method: Method, design: Design, log: Log, processing: Processing) -> _Solution:

@@ -15,6 +15,10 @@ from pmsm_ctrl.section import Notice
 
 __all__ = ["channels_of"]
 
+# Recordings that were appended to one file: fewest samples of each, how near it begins to where the first one did, as a
+# share of that one's length, and the gap that is put between them, in s and in periods.
+FEWEST, NEAR, APART, APART_PERIODS = 100, 0.01, 2.0, 60.0
+
 
 def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array], tuple[str, ...], tuple[Notice, ...]]:
     """Load the assigned columns; return SI channels on one time base, notes on the conversions and reasons to doubt.
@@ -34,7 +38,13 @@ def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array],
     notes: list[str] = []
     for group, index in times.items():
         gain = _time_gain(table, assignment, index)
-        rasters[group] = _check_time(table, index, loaded[index], gain)
+        t = loaded[index] if gain == 1.0 else loaded[index] * gain
+        if len(times) == 1 and (count := _restarts(t)):
+            t = _in_line(t)
+            notes.append(
+                f"time starts again {count} times: {count + 1} recordings were appended, and are records apart"
+            )
+        rasters[group] = _check_time(table, index, loaded[index], t)
     channels: dict[int, dict[str, Array]] = {group: {} for group in times}
     for source in sources:
         if source.channel == "t":
@@ -97,11 +107,34 @@ def _convert(table: Table, source: Source, values: Array) -> Array:
     return result
 
 
-def _check_time(table: Table, index: int, values: Array, gain: float) -> Array:
-    """Return time in s; time that is not finite or does not increase is an error with its place."""
+def _restarts(t: Array) -> int:
+    """Return how often time starts again, as where recordings were appended to one file; 0 where it is out of order.
+
+    Every recording has to be one: so many samples, in the order of time, that begin near where the first one began.
+    """
+    back = np.flatnonzero(~(np.diff(t) > 0.0)) + 1
+    if len(back) == 0 or not np.isfinite(t).all():
+        return 0
+    edges = np.concatenate([[0], back, [len(t)]])
+    first, length = t[edges[:-1]], np.diff(edges)
+    period = float(np.median(np.diff(t)))
+    near = np.abs(first - t[0]) <= max(NEAR * float(t[edges[1] - 1] - t[0]), 2.0 * period)
+    return len(back) if length.min() >= FEWEST and near.all() else 0
+
+
+def _in_line(t: Array) -> Array:
+    """Put recordings whose time starts again behind one another, with a gap between them."""
+    back = np.flatnonzero(np.diff(t) <= 0.0)
+    step = np.zeros(len(t))
+    apart = max(APART, APART_PERIODS * float(np.median(np.diff(t))))
+    step[back + 1] = t[back] + apart - t[back + 1]
+    return np.asarray(t + np.cumsum(step))
+
+
+def _check_time(table: Table, index: int, values: Array, t: Array) -> Array:
+    """Return time in s, `values` as in the file; what is not finite or does not increase is an error with its place."""
     if values.size == 0:
         raise LogError(f"{table.file}: no rows of numbers; at least one was expected")
-    t = values if gain == 1.0 else values * gain
     finite = np.isfinite(t)
     if not finite.all():
         row = int(np.argmin(finite))

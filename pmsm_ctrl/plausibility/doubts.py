@@ -1,13 +1,15 @@
-"""Everything that is doubtful about a log: what its import found, and what its design says of it."""
+"""Everything that is doubtful about logs: what their import found, and what their design says of them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.plausibility.examination import examine
 from pmsm_ctrl.plausibility.result import Plausibility
+from pmsm_ctrl.regression.joining import joined, name_of, with_records
 from pmsm_ctrl.section import Notice
 
 __all__ = ["ACCOUNTED", "doubts_about", "of_holdout"]
@@ -20,19 +22,52 @@ ACCOUNTED = frozenset(
 HOLDOUT = "hold-out record: "
 
 
-def doubts_about(design: Design, log: Log) -> Plausibility:
-    """Return the examination of a log, with the doubts of its import among the doubts.
+def doubts_about(design: Design, log: Logs) -> Plausibility:
+    """Return the examination of a log, with the doubts of its import among the doubts; of several, of each by itself.
 
     Parameters
     ----------
     design : Design
-    log : Log
+    log : Log or sequence of Log
 
     Returns
     -------
     Plausibility
-        A doubt of the import that the examination states as well stands once.
+        A doubt of the import that the examination states as well stands once. Its log holds all records.
+
+    Raises
+    ------
+    LogError
+        When the logs are not records of one axis; the line names the file.
     """
+    logs = [with_records(one, number) for number, one in enumerate(as_logs(log), start=1)]
+    found = [_doubts_about_one(design, one) for one in logs]
+    if len(found) == 1:
+        return found[0]
+    whole, left_out = joined(design, [one.log for one in found])
+    names = [name_of(one, number) for number, one in enumerate(logs, start=1)]
+    return Plausibility(
+        whole,
+        _by_record(names, [one.contradictions for one in found]),
+        (*_by_record(names, [one.doubts for one in found]), *left_out),
+        tuple(stretch for one in found for stretch in one.excluded),
+        _by_record(names, [one.repairs for one in found]),
+    )
+
+
+def _by_record(names: Sequence[str], notices: Iterable[Sequence[Notice]]) -> tuple[Notice, ...]:
+    """Return every notice once, with the records that it concerns where that is not all of them."""
+    concerned: dict[Notice, list[str]] = {}
+    for name, some in zip(names, notices, strict=True):
+        for notice in some:
+            concerned.setdefault(notice, []).append(name)
+    return tuple(
+        notice if len(which) == len(names) else replace(notice, text=f"{', '.join(which)}: {notice.text}")
+        for notice, which in concerned.items()
+    )
+
+
+def _doubts_about_one(design: Design, log: Log) -> Plausibility:
     found = examine(design, log)
     known = {notice.code for notice in found.notices}
     imported = (notice for notice in log.provenance.notices if notice.code not in known)

@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.noise import stretches
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.log import Log, Span
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, possible_sampling, stated_timing
 from pmsm_ctrl.regression.filters import derivative, low_pass
+from pmsm_ctrl.regression.joining import thinned
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
-from pmsm_ctrl.regression.timing import punctual
+from pmsm_ctrl.regression.timing import own_time, punctual
 from pmsm_ctrl.regression.weights import (
     EDGE_PERIODS,
     MAD,
@@ -52,12 +53,8 @@ MODELLED = frozenset({"torque", "i_q", "di_q"})
 
 # Below this share of the fast speed the direction is uncertain; see `_direction`.
 STANDSTILL = 0.0005
-# Logs of twice this rate and more are thinned to about it first, Hz.
-FAST = 1000.0
-# A log of fewer samples tells nothing; stamps that miss their turn by more than this share of a period jitter.
-FEWEST_SAMPLES, JITTER = 32, 1e-3
-# Band that thinning leaves, in the new rate: steep enough to keep what lies above out.
-THINNED_BAND = 0.4
+# A log of fewer samples tells nothing.
+FEWEST_SAMPLES = 32
 # Periods of the cutoff at either end that the filters need to start, and the share of a log that is given up at most.
 EDGES, SHORTEST_EDGE = (4.0, 10.0), 0.05
 # Share of a log at most in which a shaft that stops and goes on as before is left out.
@@ -119,6 +116,10 @@ class Record:
         How much earlier, s: a torque or current may be the command, which a current loop follows later.
     unseen : float
         Time in gaps of the log, s.
+    records : tuple of Span
+        The records that it was joined from, where there are several.
+    shifts : tuple of (float, float)
+        What was added to the angle of each record, and its standard error, rad; empty where one zero serves all.
     memo, kept : dict
         Columns that were built: those of this record, and those of the measured motion alone, which are the same
         whatever torque a model predicts.
@@ -142,6 +143,8 @@ class Record:
     sampling: float = 0.0
     early: float = 0.0
     unseen: float = 0.0
+    records: tuple[Span, ...] = ()
+    shifts: tuple[tuple[float, float], ...] = ()
     memo: Memo = field(default_factory=dict, repr=False)
     kept: Memo = field(default_factory=dict, repr=False)
 
@@ -304,7 +307,7 @@ def make_record(
     except LogError as error:
         short = error
     try:
-        wide = _made(design, log, replace(usual, cutoff=signal_band(_thinned(log))), age, timing)
+        wide = _made(design, log, replace(usual, cutoff=signal_band(thinned(log))), age, timing)
     except LogError as error:
         raise short or error from None
     return wide if short is not None or wide.usable > record.usable else record
@@ -313,11 +316,11 @@ def make_record(
 def _made(design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming) -> Record:
     sampling, early = possible_sampling(design, log.period)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
-    log = timing.undone(_thinned(_in_time(design, log, age)))
+    log = timing.undone(thinned(_in_time(design, log, age)))
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
-    signals["t"] = prepared.t - prepared.t[0]
+    signals["t"] = own_time(log, prepared.t)
     signals["alpha"] = prepared.alpha
     if "i_q" in signals:
         signals.setdefault("i_d", np.zeros_like(signals["i_q"]))
@@ -337,11 +340,13 @@ def _made(design: Design, log: Log, processing: Processing, age: float, timing: 
         channels += ["u_d", "u_q"]
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     source = "torque" if "torque" in log else "i_q"
-    slow = edge_weight(on_grid(log, prepared, source), prepared, EDGE_PERIODS)
+    slow = edge_weight(on_grid(log, prepared, source), prepared, EDGE_PERIODS, log.records)
     sound = measured[prepared.keep]
     if "theta" in log and not sound.all():
         # a speed that jumps from sample to sample is a lying time stamp or a lost count
-        steady = edge_weight(np.gradient(np.unwrap(on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS)
+        steady = edge_weight(
+            np.gradient(np.unwrap(on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS, log.records
+        )
         slow = slow * steady
         sound = sound & (steady > STEADY)
     weight = [slow * reversal_weight(log, prepared, signals, kink)]
@@ -355,7 +360,7 @@ def _made(design: Design, log: Log, processing: Processing, age: float, timing: 
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], (*few, *prepared.notes),
         None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
-        unseen=_in_gaps(log),
+        unseen=_in_gaps(log), records=log.records,
     )  # fmt: skip
 
 
@@ -381,20 +386,6 @@ def _in_time(design: Design, log: Log, more: float) -> Log:
 
         omega = CubicSpline(log.t, omega)(np.clip(log.t + more, log.t[0], log.t[-1]))
     return log.with_channels(omega=omega)
-
-
-def _thinned(log: Log) -> Log:
-    """Bring a fast log to about 1 kHz: what the balances use lies far below, and long logs stay small."""
-    factor = int(log.rate / FAST)
-    step = np.diff(log.t)
-    if factor < 2 or float(np.max(np.abs(step - log.period))) > JITTER * log.period:
-        return log
-    channels = {"t": log.t[::factor]}
-    for name, values in log.channels.items():
-        if name != "t":
-            whole = np.unwrap(values) if name == "theta" else values
-            channels[name] = low_pass(whole, log.rate, THINNED_BAND * log.rate / factor, step=factor)
-    return replace(log, channels=channels, segments=())
 
 
 def _edges(prepared: Prepared) -> Mask:

@@ -48,7 +48,7 @@ def signal_band(log: Log) -> float:
     from scipy.signal import welch
 
     source = next((name for name in ("torque", "i_q") if name in log), None)
-    rate = (len(log) - 1) / log.duration
+    rate = log.rate if log.records else (len(log) - 1) / log.duration
     usual = default_cutoff(rate)
     if source is None or log.duration > LONGEST:
         return usual

@@ -19,6 +19,7 @@ from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance, w
 from pmsm_ctrl.regression.lateness import lateness, with_sampling_bounded
 from pmsm_ctrl.regression.model import OWN, Model, Solved, base_groups, solve_model, with_torque_held
 from pmsm_ctrl.regression.saturated import Saturated, rough_weights, saturated, whiteners
+from pmsm_ctrl.regression.spread import with_spread
 
 __all__ = [
     "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "estimated", "false_torque",
@@ -167,6 +168,7 @@ def estimated(record: Record, model: Model, left: Saturated) -> Estimated:
     left : Saturated
     """
     whitener, weights = whiteners(record, left.residual, left.lost)
+    model = with_spread(record, model, whitener)
     solved = solve_model(record, model, whitener)
     covariance = noise_covariance(solve_model(record, model, weights), weights, whitener)
     plain = with_honest_errors(covariance)

@@ -26,7 +26,7 @@ from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.masks import count_reversals, resting, slow_speed, torque_jumps, without_edges
 from pmsm_ctrl.regression.measurement_correction import undone
 from pmsm_ctrl.regression.signals import logged_torque
-from pmsm_ctrl.regression.timing import uniform, unwrapped
+from pmsm_ctrl.regression.timing import between_records, own_time, uniform, unwrapped
 from pmsm_ctrl.section import Notice
 
 __all__ = ["PREFILTER", "Prepared", "Processing", "condition", "default_cutoff", "prepare"]
@@ -206,13 +206,13 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
             signals[name] = clean(raw[name])
     signals["torque"] = clean(raw["torque"]) if "torque" in raw else logged_torque(design, signals, where)
     _require_motion(signals, where)
-    signals["t"] = t - t[0]  # terms that drift count from the begin of the log
+    signals["t"] = own_time(log, t)  # terms that drift count from the begin of the record
     for name in {"i_d", "i_q"} & signals.keys():
         signals[f"d{name}"] = derivative(signals[name], 1.0 / rate, processing.derivative)
     slow = slow if slow is not None else slow_speed(signals["omega"], processing.standstill)
     rest = resting(signals["omega"], slow, round(rate / cutoff), blank, processing.through_reversals)
     moving = np.ones(len(t), dtype=bool) if blank else ~rest
-    moving = without_edges(moving, good, round(EDGE * rate / cutoff))
+    moving = without_edges(moving, good & ~between_records(log, t, 0.0), round(EDGE * rate / cutoff))
     # A drive that runs at the log's own rate holds its torque between samples: nothing is missed then.
     decimated = design.motor.electrical and design.drive.f_control > 1.5 * rate
     spikes = torque_jumps(raw["torque"] if "torque" in raw else raw["i_q"]) if decimated else np.arange(0)

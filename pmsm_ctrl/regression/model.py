@@ -19,6 +19,7 @@ from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.drive_timing import CURRENT_LOOP
+from pmsm_ctrl.regression.records import level_groups
 
 __all__ = [
     "LATENESS",
@@ -244,6 +245,10 @@ def base_groups(design: Design, record: Record, settled: bool = True) -> tuple[M
         groups.append(group)
         nominal += [values[s] for s in group.symbols]
         sigma += [np.inf] * len(group.symbols)
+    for group, spread in level_groups(record):
+        groups.append(group)
+        nominal += [0.0] * len(group.symbols)
+        sigma += [spread] * len(group.symbols)
     names: list[str] = []
     for group in groups:
         for s in group.symbols:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "COARSE_ANGLE", "DEAD_VOLTAGES", "EQUAL_STEPS", "GAPS", "MEASUREMENT_EFFECT_LEFT_IN", "NO_REGRESSION",
-    "ORDERS_BEYOND_BAND", "RESAMPLED",
+    "CHANNEL_LEFT_OUT", "COARSE_ANGLE", "DEAD_VOLTAGES", "EQUAL_STEPS", "GAPS", "MEASUREMENT_EFFECT_LEFT_IN",
+    "NO_REGRESSION", "ORDERS_BEYOND_BAND", "OTHER_ZERO", "RECORD_DISAGREES", "RESAMPLED",
     "SPEED_FOR_COARSE_ANGLE", "TORQUE_JUMPS",
 ]  # fmt: skip
 
+CHANNEL_LEFT_OUT = Template(
+    "channel_left_out", "channel {channel} is not used, because not all records have it (without it: {records})"
+)
 COARSE_ANGLE = Template(
     "coarse_angle",
     "theta was written with few digits, in steps of up to {step:.2g} {unit}: results that depend on the "
@@ -24,6 +27,14 @@ DEAD_VOLTAGES = Template("dead_voltages", "{channels} zero throughout: not used"
 EQUAL_STEPS = Template(
     "equal_steps",
     "time stamps jitter by up to {jitter:.1f} % of a period, the motion does not: equal sampling intervals are used",
+)
+OTHER_ZERO = Template(
+    "other_zero", "the angle is counted from another zero in {records}: what depends on the angle was matched"
+)
+RECORD_DISAGREES = Template(
+    "record_disagrees",
+    "inertia or friction is not that of the other records, beyond what friction differs between these: {records} "
+    "(p = {p:.2g}); look at it by itself, or leave it out",
 )
 RESAMPLED = Template("resampled", "time stamps jitter by up to {jitter:.1f} % of a period: resampled at {rate:.6g} Hz")
 GAPS = Template("gaps", "gaps in time: {count}, {seconds:.3g} s in total, not used")

@@ -9,6 +9,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.angle_zero import with_common_zero
 from pmsm_ctrl.regression.balances import STANDSTILL, USABLE, Record, make_record
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
@@ -16,6 +17,7 @@ from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind
 from pmsm_ctrl.regression.model import LATENESS, MOST_NOISE, SPREAD, noise_share
 from pmsm_ctrl.regression.saturated import rough_weights
+from pmsm_ctrl.regression.spread import with_noise_of_records
 
 __all__ = ["timed_record"]
 
@@ -58,7 +60,17 @@ def timed_record(design: Design, log: Log) -> Record:
                 break
             record = make_record(design, log, same, 0.0, timing)
         fit = base_fit(design, record)
-    return _widened(design, log, record, fit)
+    record = _widened(design, log, record, fit)
+    return _of_one_axis(design, record) if record.records else record
+
+
+def _of_one_axis(design: Design, record: Record) -> Record:
+    """Weigh several records by their noise, and bring their angles to one zero."""
+    fit = base_fit(design, record)
+    weighed = with_noise_of_records(record, record.target - fit.plain.predicted())
+    if weighed is not record:
+        fit = base_fit(design, weighed)
+    return with_common_zero(weighed, weighed.target[0] - fit.plain.predicted()[0], fit.whitener)
 
 
 def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:

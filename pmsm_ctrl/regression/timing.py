@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -13,7 +14,7 @@ from pmsm_ctrl.regression import notices as words
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.section import Notice
 
-__all__ = ["punctual", "uniform", "unwrapped"]
+__all__ = ["between_records", "bridge_time", "end_speeds", "own_time", "punctual", "uniform", "unwrapped"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,6 +24,9 @@ LATE = 0.5
 # A step of more periods is a hole. What bridges one that is longer than the low-pass's memory is no measurement: it
 # spreads as far as that remembers, in periods of the cutoff.
 HOLE, AROUND_HOLES = 5.0, 5.0
+# Time at the end of a record from which its speed there is taken, s, and the fewest samples.
+END, FEWEST_END = 0.01, 5
+LONGEST_BRIDGE = 50.0  # times the usual time between two records
 # A speed that changes by so many times its usual change from one sample to the next jumps.
 JUMP = 12.0
 
@@ -32,7 +36,7 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]
 
     Where time stamps jitter by more than a thousandth of a period, the channels are resampled with a cubic spline,
     unless the motion is smoother with the samples taken at equal steps: then a clock took them, and only the stamps
-    are late. A hole of more than five periods is bridged and marked.
+    are late. A hole of more than five periods is bridged and marked; each of several records is resampled by itself.
 
     Raises
     ------
@@ -43,8 +47,6 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]
     channels = {name: values for name, values in log.channels.items() if name != "t"}
     if float(np.max(np.abs(step - period))) <= 1e-3 * period:
         return t, dict(channels), np.ones(len(t), dtype=bool), ()
-    from scipy.interpolate import CubicSpline
-
     # the mean step and not the median: a median of rounded stamps drifts away from the clock
     holes = step > HOLE * period
     if log.duration / period > 100.0 * len(log) + 1e6:
@@ -60,14 +62,112 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]
     if not holes.any() and (even := _clocked(t, channels)) is not None:
         return even, channels, np.ones(len(t), dtype=bool), (words.EQUAL_STEPS(jitter=jitter),)
     grid = t[0] + period * np.arange(int((t[-1] - t[0]) / period * (1 + 1e-12)) + 1)
-    resampled = {name: CubicSpline(t, values)(grid) for name, values in channels.items()}
+    resampled = {name: _resampled(log, name, values, grid) for name, values in channels.items()}
     good = np.ones(len(grid), dtype=bool)
     for k in np.flatnonzero(holes):
         good[(grid > t[k]) & (grid < t[k + 1])] = False
-    notes = [words.RESAMPLED(jitter=jitter, rate=1.0 / period)]
-    if holes.any():
-        notes.append(words.GAPS(count=int(holes.sum()), seconds=float(step[holes].sum())))
+    inside = holes & ~_between(log, t)
+    notes = [words.RESAMPLED(jitter=jitter, rate=1.0 / period)] if jitter > 0.1 or not log.records else []
+    if inside.any():
+        notes.append(words.GAPS(count=int(inside.sum()), seconds=float(step[inside].sum())))
     return grid, resampled, good, tuple(notes)
+
+
+def _resampled(log: Log, name: str, values: Array, grid: Array) -> Array:
+    """Resample a channel with a cubic spline; from record to record it passes without a jump."""
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+    t = log.t
+    if not log.records:
+        return np.asarray(CubicSpline(t, values)(grid))
+    out = np.interp(grid, t, values)
+    edges = [(int(np.searchsorted(t, one.start)), int(np.searchsorted(t, one.stop, "right"))) for one in log.records]
+    for first, stop in edges:
+        here = slice(*np.searchsorted(grid, [t[first] - 1e-9, t[stop - 1] + 1e-9]))
+        if stop - first > 1:
+            out[here] = CubicSpline(t[first:stop], values[first:stop])(grid[here])
+    if name == "theta":
+        for (first, stop), (following, last) in itertools.pairwise(edges):
+            leaving = end_speeds(t[first:stop], values[first:stop], log.rate)[1]
+            arriving = end_speeds(t[following:last], values[following:last], log.rate)[0]
+            ends = [stop - 1, following]
+            here = slice(*np.searchsorted(grid, [t[ends[0]] + 1e-9, t[ends[1]] - 1e-9]))
+            out[here] = CubicHermiteSpline(t[ends], values[ends], [leaving, arriving])(grid[here])
+    return np.asarray(out)
+
+
+def _between(log: Log, t: Array) -> Mask:
+    """Whether what follows a sample is the time between two records, in which nothing was missed, shape (n - 1,)."""
+    middle = 0.5 * (t[1:] + t[:-1])
+    out = np.zeros(len(middle), dtype=bool)
+    for before, after in zip(log.records[:-1], log.records[1:], strict=True):
+        out |= (middle > before.stop) & (middle < after.start)
+    return out
+
+
+def end_speeds(t: Array, theta: Array, rate: float) -> tuple[float, float]:
+    """Return the speeds at both ends of a record, from its first and last `END` seconds.
+
+    Parameters
+    ----------
+    t, theta : array, shape (n,)
+    rate : float
+        Of the record, Hz.
+    """
+    some = min(len(t), max(FEWEST_END, round(END * rate)))
+    if some < 2:
+        return 0.0, 0.0
+    first, last = (float(np.polyfit(t[part], theta[part], 1)[0]) for part in (slice(some), slice(-some, None)))
+    return first, last
+
+
+def bridge_time(way: float, least: float, usual: float) -> float:
+    """Return the time in which an axis gets from the end of one record to the begin of the next one, s.
+
+    Parameters
+    ----------
+    way : float
+        rad (m).
+    least : float
+        s.
+    usual : float
+        Speed at which the axis usually moves, rad/s (m/s).
+    """
+    return least if usual <= 0.0 else float(np.clip(1.5 * abs(way) / usual, least, LONGEST_BRIDGE * least))
+
+
+def between_records(log: Log, t: Array, around: float) -> Mask:
+    """Return the samples, shape (n,), between records, and those `around` s of either end of one.
+
+    Parameters
+    ----------
+    log : Log
+    t : array, shape (n,)
+        Uniform time, s.
+    around : float
+        s.
+    """
+    out = np.zeros(len(t), dtype=bool)
+    for before, after in zip(log.records[:-1], log.records[1:], strict=True):
+        first, last = np.searchsorted(t, [before.stop - around, after.start + around])
+        out[first:last] = True
+    return out
+
+
+def own_time(log: Log, t: Array) -> Array:
+    """Return the time since the begin of each record, shape (n,); of a log that is one, since its first sample.
+
+    Parameters
+    ----------
+    log : Log
+    t : array, shape (n,)
+        Uniform time, s.
+    """
+    out: Array = t - t[0]
+    for one in log.records:
+        first = int(np.searchsorted(t, one.start - 1e-9))
+        out[first:] = t[first:] - one.start + one.begin
+    return out
 
 
 def _clocked(t: Array, channels: Mapping[str, Array]) -> Array | None:
@@ -105,9 +205,11 @@ def punctual(log: Log, t: Array, cutoff: float, jumps: bool = True) -> Mask:
     `AROUND_HOLES` around holes.
     """
     good = np.ones(len(t), dtype=bool)
+    apart = between_records(log, t, AROUND_HOLES / cutoff)
     late = np.flatnonzero(np.abs(np.diff(log.t) - log.period) > LATE * log.period)
+    late = late[~_between(log, log.t)[late]]
     if len(late) == 0:
-        return good
+        return good & ~apart
     reach, hole = 1.5 / cutoff, AROUND_HOLES / cutoff
     wide = np.diff(log.t)[late] > 1.0 / cutoff
     around = np.where(wide, hole, reach)
@@ -120,4 +222,4 @@ def punctual(log: Log, t: Array, cutoff: float, jumps: bool = True) -> Mask:
         spans += [(t[k] - reach, t[k] + reach) for k in jumping]
     for first, last in np.searchsorted(t, np.array(spans)):
         good[first:last] = False
-    return good if good.mean() > 0.4 else np.ones_like(good)
+    return (good if good.mean() > 0.4 else np.ones_like(good)) & ~apart

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.log import Log, Span
 from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
 from pmsm_ctrl.regression.filters import low_pass
 
@@ -73,22 +73,31 @@ def reversal_weight(log: Log, prepared: Prepared, signals: Mapping[str, Array], 
     return 1.0 / (1.0 + (wrong / max(noise, 1e-300)) ** 2)
 
 
-def edge_weight(raw: Array, prepared: Prepared, periods: float) -> Array:
+def edge_weight(raw: Array, prepared: Prepared, periods: float, records: Sequence[Span] = ()) -> Array:
     """Weight of each thinned sample from the drive signal's content above a quarter of the rate.
 
     An edge that is faster than the sampling is logged up to one period too early or too late, always the same way
     where the drive and the log share a clock. Its error in the filtered balance, against the noise there, is about
     the height of the edge over the noise times the root of what the filter lets through; weights fall
-    steeply with that, for so many periods of the filter's cutoff on either side as it rings.
+    steeply with that, for so many periods of the filter's cutoff on either side as it rings. Each of several records
+    has a noise of its own.
     """
     rate = prepared.rate
     fast = np.abs(raw - low_pass(raw, rate, UPPER * rate))
-    noise = float(np.hypot(MAD * np.median(fast), WRONG_TORQUE * np.std(raw)))
-    if noise <= 0.0:
+    pieces = [slice(*np.searchsorted(prepared.t, [one.start, one.stop])) for one in records] or [slice(None)]
+    level = np.zeros(len(raw))
+    for piece in pieces:
+        level[piece] = np.hypot(MAD * np.median(fast[piece]), WRONG_TORQUE * np.std(raw[piece]))
+    level[level == 0.0] = float(np.min(level[level > 0.0], initial=np.inf))
+    if not np.isfinite(level).all():
         return np.ones(len(prepared.keep))
+    noise = level[prepared.keep]
     peaks = _highest(fast, 2 * round(periods * rate / prepared.cutoff) + 1)[prepared.keep] / noise
     # where every stretch has such peaks they are the drive's ripple, not single edges
-    usual = max(NOISE_PEAK, float(np.median(peaks)))
+    usual = np.full(len(peaks), NOISE_PEAK)
+    for piece in pieces:
+        here = slice(*np.searchsorted(prepared.keep, [piece.start or 0, piece.stop or len(raw)]))
+        usual[here] = max(NOISE_PEAK, float(np.median(peaks[here])) if here.stop > here.start else 0.0)
     edge = np.maximum(peaks - usual, 0.0)
     for further, left in RINGING:
         ringing = _highest(fast, 2 * round((periods + further) * rate / prepared.cutoff) + 1)[prepared.keep] / noise

@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from pmsm_ctrl.errors import DesignError, NextCommand, RequestError
 from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
 from pmsm_ctrl.identify.paper import PAPER_CASES
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.report.headline import of_diagnosis, of_simulation
 from pmsm_ctrl.report.history import Entry, extended, history_text, read_history
@@ -35,9 +35,9 @@ __all__ = ["study"]
 
 def study(
     design: Design,
-    log: Log | None = None,
+    log: Logs | None = None,
     *,
-    holdout: Log | None = None,
+    holdout: Logs | None = None,
     output: str | os.PathLike[str] | None = None,
     seed: int = 0,
     history: str | os.PathLike[str] | None = None,
@@ -49,10 +49,10 @@ def study(
     Parameters
     ----------
     design : Design
-    log : Log, optional
-        A measured log of this axis. Without one the design's own drive is simulated.
-    holdout : Log, optional
-        Another record of the axis, predicted with what was identified from `log`.
+    log : Log or sequence of Log, optional
+        Measured logs of this axis. Without one the design's own drive is simulated.
+    holdout : Log or sequence of Log, optional
+        Other records of the axis, predicted with what was identified from `log`.
     output : path, optional
         The report; ``reports/NAME.html`` if left out, and the folder is made.
     seed : int
@@ -81,9 +81,10 @@ def study(
     results, left_out = _simulated_parts(design, log is None, seed, advance)
     tuned = results.get("tune")
     drive = tuned.design if design.loops is None and isinstance(tuned, Tuning) else design
-    record = simulate(drive, "identification", seed=seed) if log is None else log
-    identification = identify(drive, record)
-    comparison = compare(identification.design, record, holdout=holdout)
+    records = (simulate(drive, "identification", seed=seed),) if log is None else as_logs(log)
+    holdouts = () if holdout is None else as_logs(holdout, "holdout")
+    identification = identify(drive, records)
+    comparison = compare(identification.design, records, holdout=holdouts or None)
     if log is None:
         identification = replace(identification, log_name="a simulated identification motion")
         comparison = replace(comparison, log=replace(comparison.log, name="the simulated motion"))
@@ -91,21 +92,20 @@ def study(
     advance(0.8)
     swept = results.get("sweep")
     if log is None and isinstance(swept, SweepResult):
-        headline = of_simulation(design, swept, record.duration)
+        headline = of_simulation(design, swept, records[0].duration)
     else:
-        found = diagnose(drive, record, holdout=holdout, progress=lambda s: advance(0.8 + 0.15 * s))
+        found = diagnose(drive, records, holdout=holdouts or None, progress=lambda s: advance(0.8 + 0.15 * s))
         results["diagnose"] = found
-        headline = of_diagnosis(design, record, found, comparison)
-    entries = () if history is None else extended(before, _entry(design, record, identification))
-    logs = [record] if holdout is None else [record, holdout]
-    doubts = (*left_out, *_of_input(design, record, holdout))
+        headline = of_diagnosis(design, records, found, comparison)
+    entries = () if history is None else extended(before, _entry(design, records, identification))
+    doubts = (*left_out, *_of_input(design, records, holdouts))
     outcome = Study(identification.design, path, headline, results, doubts, entries)
     text = render(
         f"Study of {design.name}",
         parts(outcome),
         headline=headline,
         notices=doubts,
-        facts=_facts(design, logs, seed if design.motor.electrical else None),
+        facts=_facts(design, (records, holdouts), seed if design.motor.electrical else None),
         design_toml=design.to_toml(),
         command=command,
     )
@@ -116,16 +116,19 @@ def study(
     return outcome
 
 
-def _entry(design: Design, record: Log, identification: Identification) -> Entry:
-    name = Path(record.provenance.file).name or identification.log_name
-    key = (record.provenance.sha256, hashlib.sha256(design.to_toml().encode()).hexdigest(), versions()["pmsm-ctrl"])
+def _entry(design: Design, records: Sequence[Log], identification: Identification) -> Entry:
+    name = ", ".join(Path(one.provenance.file).name for one in records if one.provenance.file)
+    name = name or identification.log_name
+    hashes = [one.provenance.sha256 for one in records]
+    joint = hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
+    key = (joint, hashlib.sha256(design.to_toml().encode()).hexdigest(), versions()["pmsm-ctrl"])
     return Entry(name, key, dict(identification.estimates), identification.relative_error)
 
 
-def _of_input(design: Design, record: Log, holdout: Log | None) -> tuple[Notice, ...]:
+def _of_input(design: Design, records: Sequence[Log], holdouts: Sequence[Log]) -> tuple[Notice, ...]:
     """What is doubtful in the logs, in the words of every verb."""
-    other = () if holdout is None else map(of_holdout, doubts_about(design, holdout).notices)
-    return (*doubts_about(design, record).notices, *other)
+    other = (of_holdout(notice) for holdout in holdouts for notice in doubts_about(design, holdout).notices)
+    return tuple(dict.fromkeys((*doubts_about(design, records).notices, *other)))
 
 
 def _simulated_parts(
@@ -181,12 +184,16 @@ def _target(design: Design, output: str | os.PathLike[str] | None) -> Path:
     return folder / f"{stem}.html"
 
 
-def _facts(design: Design, logs: Iterable[Log], seed: int | None) -> dict[str, str]:
+def _facts(design: Design, logs: tuple[Sequence[Log], Sequence[Log]], seed: int | None) -> dict[str, str]:
     facts = {"design": design.source or design.name}
     if design.source:
         facts["design, SHA-256"] = sha256(design.source)
-    for number, log in enumerate(logs):
-        name = "holdout" if number else "log"
+    named = [
+        (word if len(some) == 1 else f"{word} {k}", log)
+        for word, some in zip(("log", "holdout"), logs, strict=True)
+        for k, log in enumerate(some, start=1)
+    ]
+    for name, log in named:
         if log.provenance.file:
             facts[name] = log.provenance.file
             facts[f"{name}, SHA-256"] = log.provenance.sha256

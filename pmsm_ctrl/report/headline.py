@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pmsm_ctrl.compare import Comparison
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, Verdict
@@ -51,24 +53,27 @@ def of_simulation(design: Design, swept: SweepResult, duration: float) -> Headli
     return Headline(done, verdict, worst <= ACCEPTED_PERCENT, tuple(numbers))
 
 
-def of_diagnosis(design: Design, log: Log, found: Diagnosis, comparison: Comparison) -> Headline:
+def of_diagnosis(design: Design, logs: Sequence[Log], found: Diagnosis, comparison: Comparison) -> Headline:
     """Take the verdict of a diagnosis, and the errors before and after it.
 
     Parameters
     ----------
     design : Design
-    log : Log
+    logs : sequence of Log
     found : Diagnosis
     comparison : Comparison
-        Of the same log: where it finds that something is left, the diagnosis alone does not call the design sound.
+        Of the same logs: where it finds that something is left, the diagnosis alone does not call the design sound.
 
     Returns
     -------
     Headline
     """
     plain = found.to_dict()
-    name = log.provenance.file or "a given log"
-    done = f"The axis {design.name} was diagnosed from {name}, {log.duration:.3g} s at {log.rate:.4g} Hz."
+    name = logs[0].provenance.file or "a given log"
+    if len(logs) > 1:
+        name = f"{len(logs)} logs"
+    seconds, rate = sum(log.duration for log in logs), min(log.rate for log in logs)
+    done = f"The axis {design.name} was diagnosed from {name}, {seconds:.3g} s at {rate:.4g} Hz."
     before, after = (100.0 * plain["errors"][rung]["torque"]["relative"] for rung in ("nominal", "final"))
     verdict = next(block for block in found.section().blocks if isinstance(block, str))
     count = len(plain["steps"])

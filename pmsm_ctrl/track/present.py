@@ -28,6 +28,7 @@ def _(tracking: Tracking) -> Section:
             f"Extended Kalman filter for {tracking.design.name} over {number(float(np.ptp(tracking.t)))} s.",
             *tracking.notices,
             _estimates(tracking),
+            *([_records(tracking)] if tracking.by_record else []),
             f"Samples: {samples}.{consistency}",
             "At standstill the filter keeps the friction. At constant speed only the sum F_c + F_v abs(omega) is "
             "observable, and the ratio of F_c and F_v is kept.",
@@ -49,6 +50,15 @@ def _estimates(tracking: Tracking) -> Table:
         for name, e in tracking.estimates.items()
     )
     return Table(("parameter", "at the end", "smallest", "largest", "design"), rows)
+
+
+def _records(tracking: Tracking) -> Table:
+    """Return the friction at the end of each record."""
+    header = ("record", *(f"{name} [{e.unit}]" for name, e in tracking.estimates.items()))
+    rows = tuple(
+        (name, *(with_error(e.value, e.stderr) for e in found.values())) for name, found in tracking.by_record.items()
+    )
+    return Table(header, rows, "At the end of each record")
 
 
 def _history(tracking: Tracking) -> Table:

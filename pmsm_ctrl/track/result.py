@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.log import Span
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model
@@ -54,6 +55,8 @@ class Tracking(Result):
         The log's file.
     notices : tuple of Notice
         Reasons to doubt the numbers.
+    records : tuple of Span
+        The records, where there are several.
     """
 
     design: Design
@@ -69,20 +72,30 @@ class Tracking(Result):
     torque_noise: float
     log_name: str
     notices: tuple[Notice, ...] = ()
+    records: tuple[Span, ...] = ()
 
     @property
     def estimates(self) -> dict[str, Estimate]:
         """Estimates at the end of the log."""
+        return self._estimates_at(-1)
+
+    def _estimates_at(self, k: int) -> dict[str, Estimate]:
         nominal = dict(zip(model.STATES, start(self.design).tolist(), strict=True))
         return {
             name: Estimate(
-                float(values[-1]),
+                float(values[k]),
                 axis_unit(UNITS[name], self.design.motion),
-                float(self.stderr[name][-1]),
+                float(self.stderr[name][k]),
                 nominal[name],
             )
             for name, values in self.history.items()
         }
+
+    @property
+    def by_record(self) -> dict[str, dict[str, Estimate]]:
+        """Estimates at the end of each record, by its name; empty for a log that is one record."""
+        last = [int(np.searchsorted(self.t, one.stop, side="right")) - 1 for one in self.records]
+        return {one.name: self._estimates_at(k) for one, k in zip(self.records, last, strict=True)}
 
     @property
     def mean_nis(self) -> float | None:
@@ -123,6 +136,7 @@ class Tracking(Result):
             "log": self.log_name,
             **self.doubts(),
             "estimates": self.estimates,
+            "records": self.by_record,
             "correlation_F_c_F_v": float(self.correlation[-1]),
             "mean_nis": self.mean_nis,
             "torque_noise": self.torque_noise,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model, notices
@@ -27,7 +27,7 @@ WIDE = 1.5  # mean normalised innovation squared above which the torque noise is
 
 def track(
     design: Design,
-    log: Log,
+    log: Logs,
     settings: Settings | None = None,
     *,
     adapt: bool = True,
@@ -38,8 +38,9 @@ def track(
     ----------
     design : Design
         Start values, noise, and further effects whose torque is taken as known.
-    log : Log
-        With ``theta`` or ``omega``, and ``torque`` or ``i_q``.
+    log : Log or sequence of Log
+        With ``theta`` or ``omega``, and ``torque`` or ``i_q``. Several records are tracked in their order: friction is
+        carried over from one to the next, the motion starts again.
     settings : Settings, optional
         By default the angle is used where the log has one.
     adapt : bool
@@ -57,9 +58,11 @@ def track(
     RequestError
         When the design has no friction to start from, or the drive torque is zero throughout.
     """
-    if len(log) < 3:
-        raise LogError(f"{located(log)}{len(log)} samples; tracking needs at least 3")
-    log.check_evaluable()
+    logs = as_logs(log)
+    for one in logs:
+        if len(one) < 3:
+            raise LogError(f"{located(one)}{len(one)} samples; tracking needs at least 3")
+        one.check_evaluable()
     believed = doubts_about(design, log)
     log = believed.log
     settings = settings or Settings(measure="theta" if "theta" in log else "omega")
@@ -88,7 +91,8 @@ def track(
         normalised=out.innovations[:, 0] / np.sqrt(out.innovations[:, 1]),
         events=out.events,
         torque_noise=math.sqrt(s[model.TORQUE_DENSITY] / log.period),
-        log_name=log.provenance.file or "the given log",
+        log_name=names_of(logs, "the given log"),
+        records=log.records,
         notices=tuple(doubts),
     )
 

@@ -1,0 +1,69 @@
+"""The table of records, the same for every verb."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from pmsm_ctrl.regression.record_result import Errors, RecordResult, RecordSpread
+from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
+from pmsm_ctrl.section import Table
+
+__all__ = ["records_table", "spread_sentence"]
+
+SYMBOLS = {"dF_c": "dry friction", "dF_v": "viscous friction", "offset": "constant torque"}
+CAPTION = "Records: relative rms errors; by how much friction deviates from the mean of the records"
+
+
+def records_table(rows: Sequence[RecordResult], drive: str, before: str = "before", after: str = "after") -> Table:
+    """Return a row for every record; columns that no record fills are left out.
+
+    Parameters
+    ----------
+    rows : sequence of RecordResult
+    drive : str
+        The word for what drives the axis.
+    before, after : str
+        Heads of the two columns of errors.
+    """
+    head = ["record", "duration", "rate", f"{drive} error {before}", after]
+    head += [f"{before}, level refitted", f"{after}, level refitted"]
+    head += [*SYMBOLS.values(), "added to the angle", "p (agrees)"]
+    cells = [_cells(row) for row in rows]
+    shown = [k for k in range(len(head)) if any(row[k] for row in cells)]
+    return Table(
+        tuple(head[k] for k in shown), tuple(tuple(row[k] for k in shown) for row in cells),
+        CAPTION,
+    )  # fmt: skip
+
+
+def _cells(row: RecordResult) -> list[str]:
+    name = f"{row.name} (held out)" if row.held_out else row.name
+    own = [row.deviations.get(symbol) for symbol in SYMBOLS]
+    return [
+        name,
+        f"{row.duration:.3g} s",
+        f"{number(row.rate, 4)} Hz",
+        *(_relative(errors) for errors in (row.before, row.after, row.level_before, row.level_after)),
+        *(with_error(one.value, one.stderr, one.unit) if one is not None else "" for one in own),
+        with_error(row.angle.value, row.angle.stderr, "rad") if row.angle is not None and row.angle.value else "",
+        "" if math.isnan(row.p_value) else probability(row.p_value),
+    ]
+
+
+def _relative(errors: Errors) -> str:
+    return percent(errors["torque"]["relative"]) if "torque" in errors else ""
+
+
+def spread_sentence(spreads: Sequence[RecordSpread]) -> str | None:
+    """Return by how much friction drifts between records, as a sentence; None for a single record.
+
+    Parameters
+    ----------
+    spreads : sequence of RecordSpread
+    """
+    parts = []
+    for one in spreads:
+        share = f" ({percent(one.relative)})" if one.relative is not None else ""
+        parts.append(f"{SYMBOLS[one.symbol]} {with_prefix(one.value, one.unit)}{share}")
+    return f"Standard deviation between records: {', '.join(parts)}." if parts else None

@@ -1,0 +1,304 @@
+"""How much friction differs between records, what each record has of it, and which record disagrees with the others.
+
+The deviations of the records are drawn from a normal distribution. Its standard deviation, the spread, is estimated
+beside everything else: restricted maximum likelihood by the EM algorithm (N. M. Laird, J. H. Ware, Biometrics 38 (1982)
+963) with a weak prior. What a record cannot tell is so drawn towards the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.evidence.tests import f_tail, holm
+from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.covariance import noise_covariance
+from pmsm_ctrl.regression.model import Model, Solved, solve_model
+from pmsm_ctrl.regression.records import (
+    COUNTS,
+    LEVELS,
+    MEAN,
+    contrasts,
+    level_signals,
+    members,
+    symbols_of,
+    usual_spread,
+)
+
+__all__ = ["Levels", "disagreement", "levels_of", "spreads", "with_noise_of_records", "with_spread", "without_level"]
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+ROUNDS, ENOUGH = 500, 1e-4  # of the EM algorithm, and the relative change of a spread at which it ends
+SMALLEST = 1e-6  # of the spread that is assumed
+NOISIER = 1.5  # ratio of the noise of two records from which on they count differently
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """What each record has of its own.
+
+    Attributes
+    ----------
+    deviation, stderr : dict of symbol to array, shape (records,)
+        Of friction from its mean over the records, and of the constant torque from what the model has for all, with
+        standard errors, in SI units.
+    spread : dict of symbol to float
+        Standard deviation between records.
+    """
+
+    deviation: dict[str, Array]
+    stderr: dict[str, Array]
+    spread: dict[str, float]
+
+
+def _places(model: Model, count: int) -> dict[str, Places]:
+    """Where the columns of each level stand in a model."""
+    where = {name: k for k, name in enumerate(model.names)}
+    return {s: np.array([where[name] for name in symbols_of(s, count)], dtype=np.intp) for s in LEVELS}
+
+
+def with_spread(record: Record, model: Model, whitener: Whitener) -> Model:
+    """Return the model with the spread between records that the records tell as the prior of their deviations.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    whitener : Whitener
+    """
+    count = len(record.records)
+    if count < 2:
+        return model
+    solved = solve_model(record, model, whitener)
+    places = _places(model, count)
+    level = np.concatenate(list(places.values()))
+    mean = model.names.index(MEAN)
+    information, along = _information(solved, np.append(level, mean))
+    rest = np.setdiff1d(np.arange(len(model.names)), level)
+    own, pull = _eliminated(information, along, level, rest)
+    found = _spread(own, pull, usual_spread(record), count)
+    sigma = model.sigma.copy()
+    for symbol, where in places.items():
+        sigma[where] = found[symbol]
+    sigma[mean] = found["offset"]
+    return replace(model, sigma=sigma)
+
+
+def _information(solved: Solved, level: Places) -> tuple[Array, Array]:
+    """Return the information on the parameters, shape (k, k), and its product with them, without the levels' priors."""
+    information = solved.triangle.T @ solved.triangle
+    along = solved.triangle.T @ solved.along
+    information[level, level] -= 1.0 / solved.model.sigma[level] ** 2
+    return information, along
+
+
+def _eliminated(information: Array, along: Array, kept: Places, rest: Places) -> tuple[Array, Array]:
+    """Return the information on the kept parameters where nothing is known of the rest, and its product with them."""
+    size = np.sqrt(np.maximum(np.diag(information)[rest], 1e-300))
+    scaled = np.linalg.pinv(information[np.ix_(rest, rest)] / np.outer(size, size), rcond=1e-10, hermitian=True)
+    inverse = scaled / np.outer(size, size)
+    cross = information[np.ix_(kept, rest)] @ inverse
+    own = information[np.ix_(kept, kept)] - cross @ information[np.ix_(rest, kept)]
+    return 0.5 * (own + own.T), along[kept] - cross @ along[rest]
+
+
+def _spread(own: Array, pull: Array, usual: dict[str, float], count: int, further: float = 0.0) -> dict[str, float]:
+    """Return the spread of each level by the EM algorithm; `further` deviations that the rest has taken over.
+
+    Parameters
+    ----------
+    own, pull : array
+        Information on the deviations, level by level, and its product with them.
+    usual : dict of symbol to float
+        The spread that is assumed, which counts for `COUNTS` records.
+    count : int
+        Records.
+    further : float
+    """
+    each = count - 1
+    start = np.array(list(usual.values()))
+    found = start.copy()
+    for _ in range(ROUNDS):
+        prior = np.repeat(found, each)
+        # in units of the prior, so that nothing is divided by a small spread
+        covariance = np.linalg.inv(np.eye(len(prior)) + own * np.outer(prior, prior)) * np.outer(prior, prior)
+        mean = covariance @ pull
+        squares = (mean**2 + np.diag(covariance)).reshape(-1, each).sum(axis=1)
+        if further:  # directions that are free elsewhere say nothing of the spread: they come back as the prior itself
+            squares = squares - further * found**2
+        new = np.sqrt(np.maximum(squares + COUNTS * start**2, 0.0) / (COUNTS + each - further))
+        new = np.maximum(new, SMALLEST * start)
+        done = bool(np.all(np.abs(new - found) <= ENOUGH * found))
+        found = new
+        if done:
+            break
+    return dict(zip(usual, found.tolist(), strict=True))
+
+
+def spreads(model: Model, count: int) -> dict[str, float]:
+    """Return the spread between records that a model has, by level.
+
+    Parameters
+    ----------
+    model : Model
+    count : int
+        Records.
+    """
+    return {symbol: float(model.sigma[where[0]]) for symbol, where in _places(model, count).items()}
+
+
+def levels_of(record: Record, fit: Solved, weights: Whitener, whitener: Whitener) -> Levels:
+    """Return how the friction of each record deviates from the mean of all.
+
+    Parameters
+    ----------
+    record : Record
+    fit : Solved
+        By the weights.
+    weights, whitener : Whitener
+    """
+    count = len(record.records)
+    covariance = noise_covariance(fit, weights, whitener).of_fit()
+    back = contrasts(count).T
+    deviation, stderr = {}, {}
+    for symbol, where in _places(fit.model, count).items():
+        turn = back
+        if symbol == "offset":
+            where = np.append(where, fit.model.names.index(MEAN))
+            turn = np.column_stack([back, np.full(count, 1.0 / np.sqrt(count))])
+        deviation[symbol] = turn @ fit.values[where]
+        own = turn @ covariance[np.ix_(where, where)] @ turn.T
+        stderr[symbol] = np.sqrt(np.maximum(np.diag(own), 0.0))
+    return Levels(deviation, stderr, spreads(fit.model, count))
+
+
+def disagreement(record: Record, fit: Solved, whitener: Whitener) -> list[float]:
+    """Return, for each record, the p-value that it shares inertia and friction with the others, Holm's correction made.
+
+    A Wald test of what the record has of its own in inertia and in the three levels, against the noise and the spread
+    of the other records. The spread is known from few records, which the degrees of freedom allow for: of the direction
+    in which a record deviates, the share that is spread has those of the other records (F. E. Satterthwaite, Biometrics
+    Bulletin 2 (1946) 110).
+
+    Parameters
+    ----------
+    record : Record
+    fit : Solved
+        With the prewhitener.
+    whitener : Whitener
+    """
+    count = len(record.records)
+    signals = [record.acceleration(), *level_signals(record).values()]
+    inside = members(record)
+    own = np.array([column * here for here in inside for column in signals])
+    rows = whitener.part(0, own)
+    basis, part = fit.bases[0], fit.parts[0]
+    k, extra = len(fit.values), len(rows)
+    level = np.concatenate(list(_places(fit.model, count).values()))
+    information, along = np.zeros((k + extra, k + extra)), np.zeros(k + extra)
+    information[:k, :k], along[:k] = _information(fit, level)
+    shared = rows @ basis.T
+    cross = shared @ fit.triangle[part]
+    information[k:, :k], information[:k, k:], information[k:, k:] = cross, cross.T, rows @ rows.T
+    along[k:] = rows @ fit.rest_of(0) + cross @ fit.values
+    usual = usual_spread(record)
+    p_values = [
+        _one_disagrees(information, along, level, k + len(signals) * number + np.arange(len(signals)), usual, k)
+        for number in range(count)
+    ]
+    return holm(p_values)
+
+
+def _one_disagrees(
+    information: Array, along: Array, level: Places, own: Places, usual: dict[str, float], k: int
+) -> float:  # fmt: skip
+    """Return the p-value of one record's own parameters, the columns `own` beside the first `k`."""
+    count = len(level) // len(LEVELS) + 1
+    others = np.setdiff1d(np.arange(k), level)
+    free = np.concatenate([others, own])
+    spread = _spread(*_eliminated(information, along, level, free), usual, count, 1.0)
+    prior = np.repeat(list(spread.values()), count - 1)
+    among = np.concatenate([own, level])
+    whole, pull = _eliminated(information, along, among, others)
+    size = len(own)
+    scale = np.sqrt(np.maximum(np.diag(whole)[:size], 1e-300))
+    # the deviations integrated over their prior, and the same without any spread
+    inner = np.eye(len(prior)) + whole[size:, size:] * np.outer(prior, prior)
+    beside = whole[:size, size:] * prior
+    with_spread = whole[:size, :size] - beside @ np.linalg.solve(inner, beside.T)
+    towards = pull[:size] - beside @ np.linalg.solve(inner, prior * pull[size:])
+    values, vectors = np.linalg.eigh(with_spread / np.outer(scale, scale))
+    seen = values > 1e-6
+    if not seen.any():
+        return 1.0
+    back = vectors[:, seen] / values[seen] @ vectors[:, seen].T
+    estimate = back @ (towards / scale)
+    wald = float(estimate @ (towards / scale))
+    # what the noise alone would leave of this deviation's variance
+    noise = np.linalg.pinv(whole[:size, :size] / np.outer(scale, scale), rcond=1e-6, hermitian=True)
+    pulled = towards / scale
+    share = 1.0 - float(pulled @ noise @ pulled) / max(wald, 1e-300)
+    few = COUNTS + count - 2.0
+    dof = few / max(np.clip(share, 0.0, 1.0) ** 2, 1e-6)
+    return f_tail(wald / int(seen.sum()), int(seen.sum()), dof)
+
+
+def without_level(record: Record, left: Array, spread: dict[str, float] | None, noise: float) -> Array:
+    """Return a residual, shape (m,), less what dry friction, viscous friction and a constant torque explain of it.
+
+    Parameters
+    ----------
+    record : Record
+    left : array, shape (m,)
+        Of the torque balance.
+    spread : dict of symbol to float, or None
+        Standard deviation of each; nothing is known of them when left out.
+    noise : float
+        Of a sample, rms.
+    """
+    columns = np.array(list(level_signals(record).values())).T
+    weight = record.weight[0] * record.mask / max(noise, 1e-300)
+    rows, target = columns * weight[:, None], left * weight
+    if spread is not None:
+        prior = np.diag([1.0 / max(spread[symbol], 1e-300) for symbol in LEVELS])
+        rows, target = np.vstack([rows, prior]), np.concatenate([target, np.zeros(len(prior))])
+    size = np.linalg.norm(rows, axis=0)
+    size[size == 0.0] = 1.0
+    values = np.linalg.lstsq(rows / size, target, rcond=1e-9)[0] / size
+    return np.asarray(left - columns @ values)
+
+
+def with_noise_of_records(record: Record, residual: Array) -> Record:
+    """Return the record with the samples of noisier records counting less, in every balance by its own noise.
+
+    The noise is what a residual holds in the upper half of the band, which no missing effect reaches.
+
+    Parameters
+    ----------
+    record : Record
+    residual : array, shape (channels, m)
+    """
+    from pmsm_ctrl.regression.filters import low_pass
+
+    if len(record.records) < 2:
+        return record
+    weight = record.weight.copy()
+    for row, left in enumerate(residual):
+        fast = np.abs(left - low_pass(left, record.rate, 0.5 * record.cutoff))
+        noise = np.array([_median(fast[here & record.mask]) for here in members(record)])
+        known = noise > 0.0
+        if not known.any() or np.max(noise[known]) < NOISIER * np.min(noise[known]):
+            continue
+        factor = np.where(known, np.min(noise[known]) / np.where(known, noise, 1.0), 1.0)
+        weight[row] *= np.where(members(record).any(axis=0), factor @ members(record), 1.0)
+    return replace(record, weight=weight, memo={}, kept={})
+
+
+def _median(values: Sequence[float] | Array) -> float:
+    return float(np.median(values)) if len(values) else 0.0
