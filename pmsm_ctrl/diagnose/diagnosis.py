@@ -112,7 +112,7 @@ def diagnose(
     share = 1.0 / (1.0 + calibrate)
     case = _condition(design, logs, holdouts, offered, policy)
     found = _answer(case, plan, lambda done: advance(share * done))
-    case.record.kept.clear()  # hundreds of columns that nobody needs any more
+    case.record.kept.clear()  # what was remembered of the log stays with no result
     found = replace(
         found,
         log_name=names_of(logs, "the given log"),
@@ -134,6 +134,7 @@ def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
     selection = swap(case, _select(case, progress=progress), _select)
     last = with_shapes_fitted(case.design, selection.fit)
     selection = replace(selection, fits=(*selection.fits[:-1], last))
+    case.record.kept.clear()  # hundreds of columns that no test of a candidate needs any more
     structure = None
     if explains_most(selection.fit, case.policy):
         structure = unexplained(selection, case.policy)

@@ -36,7 +36,7 @@ __all__ = ["Accepted", "Fitted", "errors", "fit_design", "predicted_elsewhere", 
 Array = NDArray[np.float64]
 
 MOST_REFINED = 6  # candidates of a round
-AT_ONCE = 4e6  # bytes of whitened columns that are judged at once, of one column each
+AT_ONCE = 2e6  # bytes of whitened columns that are judged at once, of one column each
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
 PARSIMONY = 0.98
 
