@@ -99,8 +99,7 @@ def simulate(
     ] = "sweep",
     truth: TruthOption = None,
     parameters: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="a parameter of the motion, such as speed_max=100"),
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="a parameter of the motion: speed_max=100")
     ] = None,
     seed: SeedOption = 0,
     effects: EffectsOption = None,
@@ -218,12 +217,14 @@ def identify(
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
-    """Identify inertia and friction from a log."""
+    """Identify inertia and friction from a log. Status 1, and no design, when the given one is better."""
     from pmsm_ctrl.identify import identify as run_identification
 
     axis = read_design(design, effects)
     result = run_identification(axis, load_logs(log, axis, mapping), method=cast("Method", method))
     finish("identify", result, json_file=json_file, report=report)
+    if not result.improved:
+        raise typer.Exit(NEGATIVE)
     write_design(result.design, output)
 
 
@@ -299,12 +300,14 @@ def add(
 
     axis = read_design(design, effects)
     result, notices = added(axis, load_logs(log, axis, mapping), effect)
+    if result is axis:  # it would be worse than the one given
+        print(f"{output}: not written, {notices[0].text}")
+        raise typer.Exit(NEGATIVE)
     result.write(output)
     print(f"{output}: {axis.name} with {effect}")
-    known = catalogue_of(axis)
     for entry in result.effects:
         for symbol, value in entry.parameters.items():
-            unit = axis_unit(lookup(entry.id, known).parameter(symbol).unit, axis.motion)
+            unit = axis_unit(lookup(entry.id, catalogue_of(axis)).parameter(symbol).unit, axis.motion)
             print(f"  {entry.id:<28} {symbol:<8} {with_error(value, entry.stderr.get(symbol, 0.0), unit)}")
     for notice in notices:
         print(f"warning: {notice.text} [{notice.code}]")

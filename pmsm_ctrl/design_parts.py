@@ -11,7 +11,7 @@ from pmsm_ctrl.units import DATASHEET, torque_constant
 
 __all__ = [
     "LARGE", "SMALL", "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Drive", "EffectEntry", "Finite", "Load",
-    "LogMap", "Loops", "Motor", "Part", "PositionLoop", "Sensor", "SpeedLoop",
+    "LogMap", "Loops", "Motor", "Part", "PositionLoop", "Sampled", "Sensor", "SpeedLoop",
 ]  # fmt: skip
 
 # In SI units every machine from a watch to a ship lies well inside. A number outside has a wrong unit, and products of
@@ -276,8 +276,24 @@ class Acceptance(Part):
     factor: Positive = Field(default=1.0, description="what the compensated parameters are off by")
 
 
+class Sampled(Part):
+    """When the samples of a channel were taken, beside the time stamps."""
+
+    sampling: Literal["unknown", "instant", "mean", "command"] = Field(
+        default="unknown", description="sampled at once, mean over the period before, or the drive's command, which is "
+        "held for a period"
+    )  # fmt: skip
+    late: Finite = Field(default=0.0, description="time by which the samples lag the time stamps, s")
+    filter: Finite = Field(default=0.0, ge=0.0, description="time constant of the channel's filter, s")
+
+    @property
+    def told(self) -> bool:
+        """Whether the time of sampling is known, and no nuisance of a fit."""
+        return self.sampling in ("instant", "mean")
+
+
 class LogMap(Part):
-    """How the columns of a foreign file become channels."""
+    """How the columns of a foreign file become channels, and how they were sampled."""
 
     channels: dict[str, str] = Field(default_factory=dict, description="channel = 'column [unit]' or 'column'")
     scale: dict[str, Finite] = Field(default_factory=dict, description="factor applied to a channel after units")
@@ -289,8 +305,20 @@ class LogMap(Part):
     )  # fmt: skip
     late: Finite = Field(default=0.0, description="time by which torque and currents are sampled after the position, s")
     filter: Finite = Field(default=0.0, ge=0.0, description="time constant of the filter of torque and currents, s")
+    sampled: dict[Literal["theta", "omega", "torque", "i_q", "u_d", "u_q"], Sampled] = Field(
+        default_factory=dict, description="the same for single channels: [log.sampled.u_q]; i_d is taken as i_q"
+    )
 
-    @property
-    def sampling_told(self) -> bool:
-        """Whether the time of sampling is known, and no nuisance of the fit."""
-        return self.sampling in ("instant", "mean")
+    def of(self, channel: str) -> Sampled:
+        """Return how a channel was sampled; what is stated of all is stated of torque and currents.
+
+        Parameters
+        ----------
+        channel : str
+        """
+        own = self.sampled.get(channel)  # type: ignore[call-overload]
+        if own is not None:
+            return Sampled.model_validate(own)
+        if channel in ("torque", "i_q", "i_d"):
+            return Sampled(sampling=self.sampling, late=self.late, filter=self.filter)
+        return Sampled()

@@ -14,21 +14,23 @@ from pmsm_ctrl.compare.closed_loop import closed_loop
 from pmsm_ctrl.compare.coordinates import Drive
 from pmsm_ctrl.compare.dependence import ResidualStructure, Trace, residual_structure
 from pmsm_ctrl.compare.free_run import free_run, whole_run
-from pmsm_ctrl.compare.notices import HOLDOUT_IS_LOG, STRUCTURE
+from pmsm_ctrl.compare.notices import HOLDOUT_IS_LOG, NOT_PREDICTED, STRUCTURE
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.compare.verdict import judged
-from pmsm_ctrl.compare.voltages import predicted_voltages
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import factored
-from pmsm_ctrl.log import CHANNELS, Log, Logs, Span, as_logs, names_of
+from pmsm_ctrl.log import Log, Logs, Span, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout
-from pmsm_ctrl.regression.bandwidth import signal_band
+from pmsm_ctrl.regression.balances import STANDSTILL, make_record
+from pmsm_ctrl.regression.balances import Record as Balances
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
+from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, in_time
 from pmsm_ctrl.regression.fast_orders import orders_beyond
-from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.regression.joining import parts_of
+from pmsm_ctrl.regression.prediction import Prediction, predict
 from pmsm_ctrl.regression.record_result import RecordResult
+from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.regression.timing import punctual, uniform
 from pmsm_ctrl.result import Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
@@ -130,6 +132,8 @@ class Record:
     notices : tuple of Notice
     rows : tuple of RecordResult
         The errors of each of its records: as predicted, and with the level of its friction refitted.
+    timing : DriveTiming
+        How the drive signal was sampled beside the position.
     """
 
     name: str
@@ -141,6 +145,7 @@ class Record:
     omega: Array
     notices: tuple[Notice, ...] = ()
     rows: tuple[RecordResult, ...] = ()
+    timing: DriveTiming = UNDELAYED
 
     @property
     def ratios(self) -> dict[str, float]:
@@ -205,6 +210,7 @@ class Comparison(Result):
             "where": {name: found.to_dict() for name, found in log.structure.items()},
             "worst_stretches": stretches,
             "records": [row.to_dict() for row in self.records],
+            "timing": {"late": log.timing.late, "filter": log.timing.lag, "unit": "s"},
             "holdout_log": other and other.name,
             "holdout_errors": other and _plain(other.errors),
             "holdout_simulation": other and [_plain_run(s) for s in other.simulated],
@@ -228,10 +234,11 @@ def compare(
     processing: Processing | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Comparison:
-    """Compare what a design predicts with what was measured; nothing is fitted.
+    """Compare what a design predicts with what was measured; nothing of the design is fitted.
 
-    Torque by inverse dynamics, ``J alpha + effects + T_load`` against the drive torque, and the dq voltages by
-    the voltage equations, both sides through the same zero-phase filter, standstill left out. Speed and position by
+    Torque by inverse dynamics, ``J alpha + effects`` against the drive torque less the load torque, and the dq voltages
+    by the voltage equations, both sides through the same zero-phase filter, standstill left out. How the log was
+    sampled is fitted beside it, as in every fit, so that the errors are those of `diagnose`. Speed and position by
     simulation: driven by the measured torque in windows restarted from the measured state and over the whole record,
     and in closed loop where the log holds the reference and the design the loops.
 
@@ -244,7 +251,7 @@ def compare(
     holdout : Log or sequence of Log, optional
         Other records, predicted with the same parameters.
     processing : Processing, optional
-        Filter, derivative and mask.
+        Filter, derivative and mask; the band of `diagnose` when left out.
     progress : function, optional
         Called with the share done, 0 to 1.
 
@@ -263,10 +270,11 @@ def compare(
     for record in (*logs, *holdouts):
         record.check_evaluable(100)
     believed = doubts_about(design, log)
-    processing = processing or Processing(cutoff=signal_band(believed.log))
     advance = progress or (lambda share: None)
     part = 1.0 / (1 + len(holdouts))
-    here = _record(design, believed.log, processing, lambda share: advance(part * share))
+    balances = _conditioned(design, believed.log, processing)
+    prediction = predict(design, balances)
+    here = _record(design, believed.log, prediction, lambda share: advance(part * share))
     here = replace(here, name=names_of(logs, "the given log"))
     verdict, reasons = judged(here.errors["torque"].relative, here.structure, here.ratios, believed)
     # structure has its own place in a result
@@ -274,11 +282,11 @@ def compare(
     doubted = tuple(dict.fromkeys((*stated, *believed.notices, *here.notices)))
     others, notices = [], list(doubted)
     for number, one in enumerate(holdouts, start=1):
-        narrow = processing
-        if processing.cutoff is not None:
-            narrow = replace(processing, cutoff=min(processing.cutoff, one.rate / 8.0))
         held_out = doubts_about(design, one)
-        held = _record(design, held_out.log, narrow, partial(_advanced, advance, part, number))
+        same = Processing(standstill=STANDSTILL, cutoff=min(balances.cutoff, one.rate / 8.0))
+        alike = make_record(design, held_out.log, same, balances.age or 0.0, balances.timing)
+        predicted = predict(design, alike, prediction)
+        held = _record(design, held_out.log, predicted, partial(_advanced, advance, part, number))
         others.append(replace(held, name=one.provenance.file or "the holdout"))
         of_other = (*map(of_holdout, held_out.notices), *held.notices)
         notices += [notice for notice in of_other if notice not in (*here.notices, *notices)]
@@ -294,25 +302,38 @@ def _advanced(advance: Callable[[float], None], part: float, done: int, share: f
     advance(part * (done + share))
 
 
+def _conditioned(design: Design, log: Log, processing: Processing | None) -> Balances:
+    """Return the balances of a log as every fit sees them; in a band that is asked for, sampled as in the usual one."""
+    usual = timed_record(design, log)
+    if processing is None:
+        return usual
+    return make_record(design, log, processing, usual.age or 0.0, usual.timing)
+
+
 def _record(
-    design: Design, log: Log, processing: Processing, progress: Callable[[float], None] | None = None
+    design: Design, log: Log, prediction: Prediction, progress: Callable[[float], None] | None = None
 ) -> Record:
-    """Predict, simulate and search one log."""
-    prepared = prepare(design, log, processing)
-    prepared = replace(prepared, moving=prepared.moving & punctual(log, prepared.t, prepared.cutoff))
-    # terms that read the torque read the measured one: nothing is fitted here
-    problem = build_problem(design, replace(prepared, acting=prepared.signals["torque"]))
-    # what the problem moved to its left side (load torque, terms without linear parameters) belongs to the model
-    predicted = problem.nominal + (problem.torque - problem.target)
-    traces = {"torque": Trace(problem.t, problem.torque, predicted, problem.mask, problem.unit)}
-    voltages, left_out = predicted_voltages(design, prepared)
-    for name, values in voltages.items():
-        measured = prepared.column(prepared.signals[name])
-        traces[name] = Trace(problem.t, measured, prepared.column(values), problem.mask, CHANNELS[name][0])
+    """Simulate and search one log."""
+    balances = prediction.record
+    prepared = balances.prepared
+    load = balances.signals.get("T_load")
+    predicted = prediction.predicted[0] + (0.0 if load is None else balances.shaped(load))
+    traces = {
+        name: Trace(balances.t, balances.target[row], prediction.predicted[row], balances.mask, balances.unit(name))
+        for row, name in enumerate(balances.channels)
+    }
     drive = Drive(predicted, design.J, design.K_t_assumed if "i_q" in prepared.signals else None)
-    structure = {name: residual_structure(prepared, trace, drive) for name, trace in traces.items()}
+    away = replace(prepared, moving=prepared.moving & punctual(log, prepared.t, prepared.cutoff)).mask
+    structure = {
+        name: residual_structure(prepared, replace(trace, mask=trace.mask & away), drive)
+        for name, trace in traces.items()
+    }
     torque = traces["torque"]
-    simulated, said = _simulated(design, log, processing, (prepared, structure["torque"]), progress)
+    # a simulation is driven by what was sampled with the motion
+    timed = prediction.timing.undone(in_time(design, log))
+    processing = Processing(cutoff=prepared.cutoff)
+    alike = prepare(design, timed, processing)
+    simulated, said = _simulated(design, timed, processing, (alike, structure["torque"]), progress)
     beyond = orders_beyond(design, log, prepared.cutoff)
     return Record(
         name=log.provenance.file or "the given log",
@@ -322,11 +343,12 @@ def _record(
         },
         traces=traces,
         structure=structure,
-        stretches=worst_stretches(torque.t, torque.residual, torque.mask, problem.omega),
+        stretches=worst_stretches(torque.t, torque.residual, torque.mask, balances.shaped(balances.signals["omega"])),
         simulated=simulated,
-        omega=problem.omega,
-        notices=(*problem.notes, *beyond, *left_out, *said),
+        omega=balances.shaped(balances.signals["omega"]),
+        notices=(*balances.notes, *(NOT_PREDICTED(why=note) for note in prediction.notes), *beyond, *said),
         rows=tuple(_rows(log, prepared, traces)),
+        timing=prediction.timing,
     )
 
 

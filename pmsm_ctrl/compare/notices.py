@@ -9,12 +9,12 @@ from pmsm_ctrl.compare.motion import Kind, Motion
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "ABOVE_FLOOR", "CLOSED_LOOP_FAILED", "HOLDOUT_IS_LOG", "LITTLE_EXPLAINED", "NOT_IN_FREE_RUN", "NOT_IN_VOLTAGES",
+    "ABOVE_FLOOR", "CLOSED_LOOP_FAILED", "HOLDOUT_IS_LOG", "LITTLE_EXPLAINED", "NOT_IN_FREE_RUN", "NOT_PREDICTED",
     "OBJECTIONS", "STRUCTURE", "coordinate_words", "largest_words", "motion_words", "structure_words",
 ]  # fmt: skip
 
 NOT_IN_FREE_RUN = Template("not_in_free_run", "{effect} is not part of the free run: {why}")
-NOT_IN_VOLTAGES = Template("not_in_voltages", "{effect} is not part of the predicted voltages: {why}")
+NOT_PREDICTED = Template("not_predicted", "{why}")
 CLOSED_LOOP_FAILED = Template("closed_loop_failed", "the closed-loop simulation is not possible: {error}")
 HOLDOUT_IS_LOG = Template(
     "holdout_is_log", "hold-out record and log are the same data: the hold-out error validates nothing"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compare.comparison import ChannelError, Comparison, Record
 from pmsm_ctrl.compare.notices import OBJECTIONS, largest_words, motion_words, structure_words
+from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_prefix
 from pmsm_ctrl.result import Verdict
@@ -35,6 +36,7 @@ def _(result: Comparison) -> Section:
             _verdict(result, _capital(found[0])),
             *(notice for notice in result.notices if notice not in result.reasons[:1]),
             *(_capital(sentence) for sentence in found[1:]),
+            *([sampled] if (sampled := sampling_text(log.timing, names["torque"])) is not None else []),
             Table(_HEADER, rows, "Errors (measured - predicted)"),
             *_whole(records, motion),
             *([records_table(result.records, names["torque"], "as predicted")] if len(log.rows) > 1 else []),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
 from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design
@@ -15,17 +16,22 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Logs
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bounds import holding
+from pmsm_ctrl.regression.prediction import Prediction, errors_of, predict
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.section import Notice
 
 __all__ = ["add", "added"]
+
+# Error over that of the given design from which on a design is worse: by less two fits of one log differ.
+WORSE = 1.02
 
 
 def add(design: Design, log: Logs, effect: str) -> Design:
     """Return the design with an effect added, all parameters fitted to the log, standard errors included.
 
     The effect is added whether or not the log calls for it: whether it does is what `diagnose` says. No parameter
-    leaves its bounds: one at its bound stays there, the others are fitted beside it, and it has no standard error.
+    leaves its bounds: one at its bound stays there, the others are fitted beside it, and it has no standard error. A
+    design that would be worse on this log than the given one is not returned: the given one is.
 
     Parameters
     ----------
@@ -46,7 +52,7 @@ def add(design: Design, log: Logs, effect: str) -> Design:
 
 
 def added(design: Design, log: Logs, effect: str) -> tuple[Design, tuple[Notice, ...]]:
-    """Return the same as `add`, and which parameters stay at their bounds.
+    """Return the same as `add`, which parameters stay at their bounds, and whether the design stays as it was.
 
     Parameters
     ----------
@@ -78,7 +84,16 @@ def added(design: Design, log: Logs, effect: str) -> tuple[Design, tuple[Notice,
         if again is not None:
             other = _made(case, refine(fit.record, held, fit.weights, again))
             made = min(made, other, key=lambda one: squares(one, one.residual, fit.weights.sigma))
-    return fitted_design(design, made), tuple(at_bounds(made))
+    written = fitted_design(design, made)
+    given, found = (errors_of(p.record, p.residual)["torque"][1] for p in _predictions(case, written))
+    if found > WORSE * given:
+        return design, (notices.WORSE(percent=100.0 * found, given=100.0 * given), *at_bounds(made))
+    return written, tuple(at_bounds(made))
+
+
+def _predictions(case: Case, written: Design) -> tuple[Prediction, Prediction]:
+    """Return what the given design and the written one predict of the record."""
+    return predict(case.design, case.record), predict(written, case.record)
 
 
 def _made(case: Case, trial: Trial) -> Fitted:

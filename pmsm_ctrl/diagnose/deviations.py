@@ -13,7 +13,7 @@ from pmsm_ctrl.diagnose.measures import WINDING, relief, strain
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
-from pmsm_ctrl.regression.model import LATENESS
+from pmsm_ctrl.regression.drive_timing import LATENESS
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit

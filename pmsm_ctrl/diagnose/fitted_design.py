@@ -32,7 +32,10 @@ def fitted_design(design: Design, fit: Fitted) -> Design:
         columns = fit.model.columns_of(position)
         entry = entries[group.entry]
         found, stderr = dict(entry.parameters), dict(entry.stderr)
-        if not group.effect.has_state:
+        if group.effect.has_state:  # its other parameters hang on the one that multiplies a column
+            values = dict(zip(group.symbols, fit.estimate.values[columns].tolist(), strict=True))
+            found |= group.effect.structure.parameters(group.effect, dict(group.shape) | values)
+        else:
             for symbol, k in zip(group.symbols, range(columns.start, columns.stop), strict=True):
                 if k in fit.estimate.held:  # at a bound: no estimate, and no standard error of one
                     found[symbol] = fit.estimate.held[k]

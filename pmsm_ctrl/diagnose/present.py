@@ -10,6 +10,7 @@ from typing import Any
 
 from pmsm_ctrl.diagnose.notices import calibration_text
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
+from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table, spread_sentence
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
@@ -17,7 +18,6 @@ from pmsm_ctrl.units import drives
 
 __all__ = ["verdict_text"]
 
-SHOWN_MS = 0.01  # ms; less is no sampling that anybody could repair
 VERDICTS = {
     Verdict.CONSISTENT: "no missing effect: the design explains this log",
     Verdict.UNEXPLAINED: "significant structure in the residual that no effect of the catalogue explains",
@@ -56,26 +56,12 @@ def sentence(d: Diagnosis) -> str:
     return f"{verdict[0].upper()}{verdict[1:]}."
 
 
-def sampling_text(d: Diagnosis) -> str | None:
-    """Return how the drive signal was sampled; None where it was in time with the position.
-
-    Parameters
-    ----------
-    d : Diagnosis
-    """
-    late, lag = 1e3 * d.timing.late, 1e3 * d.timing.lag
-    parts = [f"was filtered, time constant {lag:.3g} ms"] if lag >= SHOWN_MS else []
-    if abs(late) >= SHOWN_MS:
-        parts.append(f"is {abs(late):.3g} ms {'later' if late > 0.0 else 'earlier'} than the position")
-    return f"Sampling: the {drives(d.design.motion)} {' and '.join(parts)} (corrected)." if parts else None
-
-
 @present.register
 def _(result: Diagnosis) -> Section:
     d = result
     doubts = (notice for notice in d.notices if notice not in d.reasons[:1])
     blocks: list[Block] = [sentence(d), *doubts, _errors(d)]
-    if (sampled := sampling_text(d)) is not None:
+    if (sampled := sampling_text(d.timing, drives(d.design.motion))) is not None:
         blocks.append(sampled)
     if d.steps:
         blocks.append(_found(d))

@@ -13,6 +13,7 @@ from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.design_parts import SMALL
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
@@ -23,10 +24,12 @@ from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
 from pmsm_ctrl.regression.conditioning import Processing, prepare
+from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
 from pmsm_ctrl.regression.least_squares import Cause, Fit, solve
 from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
+from pmsm_ctrl.regression.timed_record import sampling_of
 from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
@@ -75,6 +78,10 @@ class Identification(Result):
         Each of several records: its errors, and what it has of its own.
     spreads : tuple of RecordSpread
         By how much friction and a constant torque differ between them.
+    sampling : Sampling
+        How the drive signal was sampled: stated, found and undone, or a nuisance of the fit.
+    improved : bool
+        Whether `design` is the identified one: False where that would be worse on this log than the given one.
     """
 
     design: Design
@@ -95,6 +102,13 @@ class Identification(Result):
     contradictions: tuple[Notice, ...] = ()
     records: tuple[RecordResult, ...] = ()
     spreads: tuple[RecordSpread, ...] = ()
+    sampling: Sampling = SYNCHRONOUS
+    improved: bool = True
+
+    @property
+    def timing(self) -> DriveTiming:
+        """How the drive signal was sampled, beside the position."""
+        return self.sampling.whole
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
@@ -112,6 +126,7 @@ class Identification(Result):
             "records": [row.to_dict() for row in self.records],
             "spread_between_records": [vars(one) for one in self.spreads],
             "relative_error": self.relative_error,
+            "improved": self.improved,
             "rms": {"value": self.rms, "unit": self.problem.unit},
             "condition_number": self.fit.condition,
             "effective_degrees_of_freedom": self.fit.dof,
@@ -119,6 +134,9 @@ class Identification(Result):
             "rate": self.problem.rate,
             "cutoff": self.problem.cutoff,
             "inertia_cutoff": self.problem.inertia_cutoff,
+            "timing": {
+                "late": self.timing.late, "filter": self.timing.lag, "stderr": self.sampling.stderr, "unit": "s",
+            },
             "notes": [note.text for note in self.remarks],
             "least_squares_bias": None if self.bias is None else vars(self.bias),
         })  # fmt: skip
@@ -187,7 +205,8 @@ def identify(
     if len(logs) > 1 and method != "regression":
         raise RequestError(f"method '{method}': {len(logs)} logs, but it simulates one; use 'regression'")
     believed = doubts_about(design, log)
-    several = joint(design, believed.log) if method == "regression" else Joint(believed.log)
+    log, processing = _sampled_log(design, believed.log, processing, method)
+    several = joint(design, log) if method == "regression" else Joint(log)
     solution = _solved(method, design, several.log, processing)
     problem, fit = solution.problem, with_joint_errors(solution.fit, several.stderr)
     found, bounds = _identified(design, problem, fit)
@@ -196,6 +215,8 @@ def identify(
         shown, unexplained = _shown(design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit)
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
+    given = _given_error(shown)
+    worse = error > policy.WORSE * given and method != "output_error"  # which has no columns of the given design
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
     estimates = {
         c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal)
@@ -203,7 +224,8 @@ def identify(
         if c.name in fit.values
     }
     return Identification(
-        design=found,
+        design=design if worse else found,
+        improved=not worse,
         estimates=estimates,
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=_why_not(design, fit),
@@ -217,6 +239,7 @@ def identify(
         notices=(
             *contradictions,
             *record_notices(several.rows),
+            *([words.WORSE(percent=100.0 * error, given=100.0 * given)] if worse else ()),
             *_large(error, problem),
             *believed.notices[len(believed.contradictions) :],
             *problem.notes,
@@ -230,6 +253,7 @@ def identify(
         spreads=several.spreads,
         method=method,
         bias=solution.bias,
+        sampling=_sampled(processing.sampling, fit),
         remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
     )
 
@@ -238,8 +262,36 @@ def _shown(design: Design, log: Log, processing: Processing, problem: Problem, f
     """Return the regression with reversals, which are part of the error, and what the design that is written leaves."""
     shown = build_problem(design, log, replace(processing, blank=False), problem.inertia is not None)
     # what got no number is in there with the value that it had
-    written = [fit.values.get(column.name, column.nominal) for column in shown.columns]
-    return shown, shown.target - shown.matrix() @ written
+    found = {name: value for name, (value, _) in fit.nuisances.items()} | dict(fit.values)
+    return shown, shown.target - shown.matrix() @ [found.get(column.name, column.nominal) for column in shown.columns]
+
+
+def _sampled_log(design: Design, log: Log, processing: Processing, method: Method) -> tuple[Log, Processing]:
+    """Return the log with its filter undone, and the processing with what else is known of its sampling."""
+    if processing.sampling is not None:
+        return log, processing
+    log, sampling = sampling_of(design, log)
+    if method == "iv":  # derivatives of a motion without noise are weak instruments where the axis hardly speeds up
+        log = DriveTiming(sampling.late).undone(log)
+        sampling = Sampling(sampling.whole, stderr=sampling.stderr)
+    return log, replace(processing, sampling=sampling)
+
+
+def _given_error(shown: Problem) -> float:
+    """Return the error of the given design as a share of the torque, the sampling fitted beside it."""
+    mask, own, x = shown.mask, shown.physical, shown.matrix()
+    left = (shown.target - x[:, own] @ np.array([c.nominal for c in shown.columns])[own])[mask]
+    beside = x[mask][:, ~own]
+    if beside.shape[1]:
+        left = left - beside @ factored(beside).solve(left)
+    return float(np.linalg.norm(left) / np.linalg.norm(shown.torque[mask]))
+
+
+def _sampled(sampling: Sampling | None, fit: Fit) -> Sampling:
+    """Return how the drive signal was sampled, with the delay that the fit has."""
+    sampling = sampling or SYNCHRONOUS
+    late, stderr = fit.nuisances.get(LATENESS, (sampling.late, sampling.stderr))
+    return replace(sampling, late=late, stderr=stderr)
 
 
 def _solved(method: Method, design: Design, log: Log, processing: Processing) -> _Solution:

@@ -107,11 +107,12 @@ def _instruments(
     except LogError as error:
         raise LogError(f"the simulated drive does not follow this log's reference: {error}") from error
     z = clean.matrix()
-    return replace(problem, target=problem.target - (clean.target - z @ values)), z
+    own = problem.physical  # the simulated drive is sampled with its motion
+    return replace(problem, target=problem.target - (clean.target - z[:, own] @ values[own])), z
 
 
 def _values(problem: Problem, fit: Fit) -> Array:
-    """Return a value for every column: the design's where there is no estimate."""
+    """Return a value for every column: the design's where there is no estimate, and zero for the sampling."""
     return np.array([fit.values.get(c.name, c.nominal) for c in problem.columns])
 
 

@@ -23,6 +23,7 @@ from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.notices import DIFFERS, NOT_CONVERGED, WRONG_LOOPS
 from pmsm_ctrl.identify.replay import Replay, plant_with
 from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.regression.drive_timing import LATENESS, sampling_columns
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import Cause, Fit, Unidentifiable, solve
 from pmsm_ctrl.regression.notices import NO_REGRESSION
@@ -51,9 +52,26 @@ class _Model:
     kept: dict[bytes, Array] = field(default_factory=dict)
 
     def torque(self, values: Array) -> Array:
-        """Return the filtered torque of the simulated drive on the thinned grid, N m."""
+        """Return the filtered torque of the simulated drive on the thinned grid, N m, as late as the logged one."""
+        whole, period = self.simulated(values), 1.0 / self.prepared.rate
+        late = 0.0 if self.prepared.sampling is None else self.prepared.sampling.late
+        return self.prepared.column(whole + late * sampling_columns(whole, period, late)[LATENESS])
+
+    def simulated(self, values: Array) -> Array:
+        """Return the torque of the simulated drive, sampled with its motion, at the log's rate, N m."""
         log = self.replay.run(plant_with(self.design, self.columns, values))
-        return self.prepared.column(logged_torque(self.design, log.channels))
+        return logged_torque(self.design, log.channels)
+
+    def nuisances(self, values: Array) -> list[Column]:
+        """Return how the drive signal may have been sampled otherwise."""
+        sampling = self.prepared.sampling
+        if sampling is None or not all(sampling.sigma):
+            return []
+        made = sampling_columns(self.simulated(values), 1.0 / self.prepared.rate, sampling.late)
+        return [
+            Column(name, self.prepared.column(part), unit, 0.0, symbol=name, sigma=sigma)
+            for (name, part), unit, sigma in zip(made.items(), ("s", "s^2"), sampling.sigma, strict=True)
+        ]
 
     def latest(self, values: Array) -> Array:
         """Return the same, without a second simulation with the same values."""
@@ -97,10 +115,15 @@ def output_error(
     values, found, notices = _fitted(model, measured, start, free, slopes[:, free])
     slopes = np.zeros_like(slopes)
     slopes[:, free] = found
+    nuisances = model.nuisances(values)
+    late = {c.name: prepared.sampling.late for c in nuisances if prepared.sampling and c.name == LATENESS}
     linear = replace(
         problem,
-        target=measured - model.latest(values) + slopes @ values,
-        columns=tuple(replace(c, values=s) for c, s in zip(columns, slopes.T, strict=True)),
+        target=measured
+        - model.latest(values)
+        + slopes @ values
+        + sum((late[c.name] * c.values for c in nuisances if c.name in late), np.zeros(len(measured))),
+        columns=(*(replace(c, values=s) for c, s in zip(columns, slopes.T, strict=True)), *nuisances),
         notes=tuple(note for note in problem.notes if note.code != NO_REGRESSION.code),
     )
     fit = _without_absent(design, solve(linear, ratio=policy.LEAST_ACCELERATION), columns)

@@ -11,6 +11,7 @@ from pmsm_ctrl.identify.identification import Identification
 from pmsm_ctrl.identify.paper import PaperRow, PaperTable
 from pmsm_ctrl.identify.policy import LARGE_ERROR
 from pmsm_ctrl.identify.staircase import SweepResult
+from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table, spread_sentence
 from pmsm_ctrl.rendering.numbers import number, percent
 from pmsm_ctrl.result import Estimate
@@ -53,6 +54,8 @@ def _(result: Identification) -> Section:
         blocks.append(records_table(result.records, quantity, "of the design", "identified"))
         if (drift := spread_sentence(result.spreads)) is not None:
             blocks.append(drift)
+    if (sampled := sampling_text(result.timing, quantity)) is not None:
+        blocks.append(sampled)
     if result.unidentifiable:
         lost = tuple((name, why.text, why.code) for name, why in result.unidentifiable.items())
         blocks.append(Table(("parameter", "not identifiable, because", "code"), lost))

@@ -20,7 +20,14 @@ from pmsm_ctrl.log import Log, Span
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
-from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, possible_sampling, stated_timing
+from pmsm_ctrl.regression.drive_timing import (
+    UNDELAYED,
+    DriveTiming,
+    drive_sampling,
+    in_time,
+    possible_sampling,
+    stated_timing,
+)
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.joining import thinned
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
@@ -35,11 +42,20 @@ from pmsm_ctrl.regression.weights import (
     reversal_weight,
     voltage_weight,
 )
-from pmsm_ctrl.sampling import speed_lag
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
 
-__all__ = ["CHANNELS", "MODELLED", "Memo", "Record", "Rows", "make_record", "with_direction", "with_modelled_torque"]
+__all__ = [
+    "CHANNELS",
+    "MODELLED",
+    "Memo",
+    "Record",
+    "Rows",
+    "in_time",
+    "make_record",
+    "with_direction",
+    "with_modelled_torque",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -114,6 +130,8 @@ class Record:
         speed loop, whose steps are always sampled at the same place.
     early : float
         How much earlier, s: a torque or current may be the command, which a current loop follows later.
+    sampling_told : bool
+        Whether the design states when the drive signal was sampled.
     unseen : float
         Time in gaps of the log, s.
     records : tuple of Span
@@ -142,6 +160,7 @@ class Record:
     changes: tuple[float, ...] = ()
     sampling: float = 0.0
     early: float = 0.0
+    sampling_told: bool = False
     unseen: float = 0.0
     records: tuple[Span, ...] = ()
     shifts: tuple[tuple[float, float], ...] = ()
@@ -296,7 +315,7 @@ def make_record(
         When a channel is missing, or the axis never moves.
     """
     log.check_evaluable(FEWEST_SAMPLES)
-    timing = stated_timing(design.log, log.period) if timing is None else timing
+    timing = stated_timing(drive_sampling(design, log), log.period) if timing is None else timing
     if processing is not None:
         return _made(design, log, processing, age, timing)
     usual, short = Processing(standstill=STANDSTILL), None
@@ -314,9 +333,9 @@ def make_record(
 
 
 def _made(design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming) -> Record:
-    sampling, early = possible_sampling(design, log.period)
+    sampling, early = possible_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
-    log = timing.undone(thinned(_in_time(design, log, age)))
+    log = timing.undone(thinned(in_time(design, log, age)))
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
@@ -360,7 +379,7 @@ def _made(design: Design, log: Log, processing: Processing, age: float, timing: 
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], (*few, *prepared.notes),
         None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
-        unseen=_in_gaps(log), records=log.records,
+        sampling_told=drive_sampling(design, log).told, unseen=_in_gaps(log), records=log.records,
     )  # fmt: skip
 
 
@@ -368,24 +387,6 @@ def _in_gaps(log: Log) -> float:
     """Time without samples, s."""
     step = np.diff(log.t)
     return float(np.sum(step[step > 1.5 * log.period] - log.period))
-
-
-def _in_time(design: Design, log: Log, more: float) -> Log:
-    """Undo the age of a logged speed, where the log has no position: what the design knows of it, and `more`, s.
-
-    The design knows the drive's speed filter and half a period of its difference quotient.
-    """
-    if "theta" in log or "omega" not in log:
-        return log
-    omega = log["omega"]
-    if design.sensor.speed_filter > 0.0:
-        lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
-        omega = omega + lag * np.gradient(omega, log.t)
-    if more != 0.0:
-        from scipy.interpolate import CubicSpline
-
-        omega = CubicSpline(log.t, omega)(np.clip(log.t + more, log.t[0], log.t[-1]))
-    return log.with_channels(omega=omega)
 
 
 def _edges(prepared: Prepared) -> Mask:

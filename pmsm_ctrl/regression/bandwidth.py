@@ -106,7 +106,7 @@ def _in_best_band(design: Design, log: Log, processing: Processing, usual: Probl
         if processing.blank and prepared.weight is None:  # or is turned by its noise
             break
         wide = build_problem(design, prepared)
-        lacking = dict(zip(found.names, _information(found) < INFORMATION * _information(wide), strict=True))
+        lacking = dict(zip(found.physical_names, _information(found) < INFORMATION * _information(wide), strict=True))
         if lacking.pop("J", False) and cutoff <= UNBIASED and _shrinkage(design, log, wide) <= NEGLIGIBLE_BIAS:
             found = wide
         elif any(lacking.values()):
@@ -156,8 +156,9 @@ def _information(problem: Problem) -> Array:
 
 
 def _variances(problem: Problem) -> Array:
-    """Return the variances of the estimates, shape (columns,), for white noise of unit variance."""
-    return np.asarray(np.sum(factored(problem.matrix()[problem.mask]).inverse ** 2, axis=1))
+    """Return the variances of the estimates, shape (columns,), for white noise of unit variance, the sampling known."""
+    rows = problem.matrix()[problem.mask][:, problem.physical]
+    return np.asarray(np.sum(factored(rows).inverse ** 2, axis=1))
 
 
 def _shrinkage(design: Design, log: Log, problem: Problem) -> float:

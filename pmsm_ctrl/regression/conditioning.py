@@ -22,6 +22,7 @@ from pmsm_ctrl.errors import LogError, NextCommand, RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression import notices as words
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
+from pmsm_ctrl.regression.drive_timing import Sampling
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.masks import count_reversals, resting, slow_speed, torque_jumps, without_edges
 from pmsm_ctrl.regression.measurement_correction import undone
@@ -77,6 +78,8 @@ class Processing:
         spread to their neighbours: friction at rest is whatever balances the drive, not the level in its column. Not
         done where the encoder is so coarse that its noise reverses the axis. None: `identify` does, `prepare` does
         not.
+    sampling : Sampling or None
+        How the drive signal was sampled, a nuisance of the regression. None: with the motion, exactly.
     """
 
     cutoff: float | None = None
@@ -85,6 +88,7 @@ class Processing:
     standstill: float = 0.002
     through_reversals: bool = False
     blank: bool | None = None
+    sampling: Sampling | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +118,8 @@ class Prepared:
         As in `Processing`.
     acting : array, shape (n,), or None
         Torque that terms read, where it is not the measured one.
+    sampling : Sampling or None
+        As in `Processing`.
     """
 
     t: Array
@@ -128,6 +134,7 @@ class Prepared:
     weight: Array | None = None
     inertia_cutoff: float | None = None
     acting: Array | None = None
+    sampling: Sampling | None = None
 
     def column(self, values: Array) -> Array:
         """Weight columns over the log's own grid, shape (..., n), filter them, and thin them to shape (..., m)."""
@@ -223,8 +230,9 @@ def condition(design: Design, log: Log, processing: Processing, as_logged: bool 
     keep = np.arange(0, len(t), _step(rate, cutoff))
     weight = np.where(rest, 0.0, 1.0) if blank else None
     prepared = Prepared(
-        t, signals, alpha, moving, keep, rate, cutoff, log.motion, notes, weight, processing.inertia_cutoff
-    )
+        t, signals, alpha, moving, keep, rate, cutoff, log.motion, notes, weight, processing.inertia_cutoff,
+        sampling=processing.sampling,
+    )  # fmt: skip
     if int(prepared.mask.sum()) < 20:
         usable = int((moving & ~rest).sum()) / rate
         raise LogError(f"{where}the axis moves for too short a time: {usable:.3g} s usable")

@@ -14,17 +14,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.design_parts import LogMap
+from pmsm_ctrl.design_parts import Sampled
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.filters import derivative
+from pmsm_ctrl.sampling import speed_lag
 
-__all__ = ["CURRENT_LOOP", "UNDELAYED", "DriveTiming", "filter_behind", "possible_sampling", "stated_timing"]
+__all__ = [
+    "CURRENT_LOOP", "EMF", "EMF_LATE", "LATENESS", "SPREAD", "SYNCHRONOUS", "TOLD", "UNDELAYED", "DriveTiming",
+    "Sampling", "drive_sampling", "emf_left", "filter_behind", "in_time", "possible_sampling", "sampling_columns",
+    "stated_timing",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
+# Names of the nuisance parameters of the drive signal's sampling.
+LATENESS, SPREAD, EMF = "tau_drive", "spread_drive", "tau_emf"
+EMF_LATE = 5e-3  # s, by which the compensation of the back-emf lags: a speed filter
 # What is sampled with the current, and so as late as that.
 DRIVE = ("torque", "i_q", "i_d")
+OTHERS = ("theta", "omega", "u_d", "u_q")
 # Standard errors by which the spread must miss that of a filter for the rest to be called a delay.
 SURE = 3.0
+MET = 0.03  # of a sample: a delay below it is met well enough to first order
 # Part of a period of the log by which a sampling that the design states may be off: the clocks of two boards.
 TOLD = 0.05
 # Period of the speed loop of a drive of which nothing is known, and what a current loop lags its command at most, s:
@@ -57,12 +68,14 @@ class DriveTiming:
         """Half the variance of the impulse response, s^2."""
         return 0.5 * self.lag**2
 
-    def undone(self, log: Log) -> Log:
+    def undone(self, log: Log, names: tuple[str, ...] = DRIVE) -> Log:
         """Return the log with the drive signal as it was at the time of the position, before the filter.
 
         Parameters
         ----------
         log : Log
+        names : tuple of str
+            The channels of that timing.
         """
         if self == UNDELAYED:
             return log
@@ -71,9 +84,9 @@ class DriveTiming:
         t = log.t
         ahead = np.clip(t + self.late, t[0], t[-1])
         channels = dict(log.channels)
-        for name in DRIVE:
+        for name in names:
             if name in channels:
-                spline = CubicSpline(t, channels[name])
+                spline = CubicSpline(t, np.unwrap(channels[name]) if name == "theta" else channels[name])
                 channels[name] = spline(ahead) + self.lag * spline(ahead, 1)
         return replace(log, channels=channels)
 
@@ -81,12 +94,93 @@ class DriveTiming:
 UNDELAYED = DriveTiming()
 
 
-def stated_timing(stated: LogMap, period: float) -> DriveTiming:
-    """Return how the drive signal was sampled, as the log's table in the design says.
+@dataclass(frozen=True)
+class Sampling:
+    """What is known of how the drive signal of a log was sampled: nuisances of a regression.
+
+    Attributes
+    ----------
+    timing : DriveTiming
+        What is undone in the log.
+    late : float
+        Delay that is left, about which its column is taken, s.
+    stderr : float
+        Of that delay, s; zero where the log does not tell it, and it is taken for zero.
+    sigma : (float, float)
+        How far the delay, s, and half the variance of the impulse response, s^2, may lie from zero, one sigma.
+    """
+
+    timing: DriveTiming = UNDELAYED
+    late: float = 0.0
+    stderr: float = 0.0
+    sigma: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def whole(self) -> DriveTiming:
+        """How the drive signal was sampled, what is not undone included."""
+        return replace(self.timing, late=self.timing.late + self.late)
+
+
+SYNCHRONOUS = Sampling()
+
+
+def sampling_columns(torque: Array, period: float, late: float) -> dict[str, Array]:
+    """Return what a sampling adds to the measured torque, per unit of its delay and of half its variance, shape (n,).
 
     Parameters
     ----------
-    stated : LogMap
+    torque : array, shape (n,)
+        That acts, as a model predicts it.
+    period : float
+        s.
+    late : float
+        Delay about which the slope is taken, s: so that delay is met exactly.
+    """
+    from scipy.interpolate import CubicSpline
+
+    slope = np.gradient(torque, period)
+    curved = np.gradient(slope, period)
+    if abs(late) >= MET * period:
+        t = period * np.arange(len(torque))
+        slope = (torque - CubicSpline(t, torque)(np.clip(t - late, t[0], t[-1]))) / late
+    return {LATENESS: -slope, SPREAD: curved}
+
+
+def emf_left(design: Design, alpha: Array, period: float, told: bool = False) -> Array | None:
+    """Torque that a current loop lets the back-emf take from its command, per second that its compensation is late.
+
+    With its zero on the winding's pole the loop answers a disturbance ``u`` by ``s u / ((L s + R) (s + w))``, and the
+    compensation misses ``p psi tau s omega`` of the emf. A logged command is what the drive asked for; a measured
+    current holds nothing of this, and the parameter comes out as zero. Derived from the winding's equation
+    ``L di/dt + R i = u - p psi omega`` with a PI controller. None where the winding is not known, or a sampling that
+    the design states excludes a command.
+
+    Parameters
+    ----------
+    design : Design
+    alpha : array, shape (n,)
+        Acceleration.
+    period : float
+        s.
+    told : bool
+        Whether the sampling is known, and the signal no command.
+    """
+    from scipy.signal import lfilter
+
+    motor = design.motor
+    if told or not motor.electrical or motor.R is None or motor.L_q is None or motor.psi_f is None or motor.p is None:
+        return None
+    decay = math.exp(-period * motor.R / motor.L_q)
+    lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], derivative(alpha, period)))
+    return design.K_t_assumed * motor.p * motor.psi_f * CURRENT_LOOP / motor.R * lagged
+
+
+def stated_timing(stated: Sampled, period: float) -> DriveTiming:
+    """Return how a channel was sampled, as the log's table in the design says.
+
+    Parameters
+    ----------
+    stated : Sampled
     period : float
         Of the log, s: a mean over it is late by half of it, and has the variance of a filter of ``period / sqrt(12)``.
     """
@@ -96,22 +190,61 @@ def stated_timing(stated: LogMap, period: float) -> DriveTiming:
     return DriveTiming(stated.late + centre + stated.filter - lag, lag)
 
 
-def possible_sampling(design: Design, period: float) -> tuple[float, float]:
-    """Return how late and how early, s, a drive signal may be sampled beside the position.
-
-    By a period of the log, or of the speed loop, whose steps are always sampled at the same place; and earlier by what
-    a current loop lags, since the signal may be its command.
+def drive_sampling(design: Design, log: Log) -> Sampled:
+    """Return what the design states of the channel that the drive torque is taken from.
 
     Parameters
     ----------
     design : Design
-    period : float
-        Of the log, s.
+    log : Log
     """
-    if design.log.sampling_told:
+    return design.log.of("torque" if "torque" in log else "i_q")
+
+
+def in_time(design: Design, log: Log, more: float = 0.0) -> Log:
+    """Undo what the design states of the sampling of motion and voltages, and the age of a speed without a position.
+
+    Of that the design knows what it states, or the drive's speed filter and half a period of its difference quotient.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    more : float
+        Further age of the speed, s.
+    """
+    for name in OTHERS:
+        if name in log:
+            log = stated_timing(design.log.of(name), log.period).undone(log, (name,))
+    if "theta" in log or "omega" not in log:
+        return log
+    omega = log["omega"]
+    if design.sensor.speed_filter > 0.0 and not design.log.of("omega").told:
+        lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
+        omega = omega + lag * np.gradient(omega, log.t)
+    if more != 0.0:
+        from scipy.interpolate import CubicSpline
+
+        omega = CubicSpline(log.t, omega)(np.clip(log.t + more, log.t[0], log.t[-1]))
+    return log.with_channels(omega=omega)
+
+
+def possible_sampling(design: Design, log: Log) -> tuple[float, float]:
+    """Return how late and how early, s, the drive signal of a log may be sampled beside the position.
+
+    By a period of the log, or of the speed loop, whose steps are always sampled at the same place; and earlier by what
+    a current loop lags, since the signal may be its command. A command that is stated as one is not late.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    """
+    stated, period = drive_sampling(design, log), log.period
+    if stated.told:
         return TOLD * period, TOLD * period
     late = max(period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
-    return late, late + CURRENT_LOOP
+    return TOLD * period if stated.sampling == "command" else late, late + CURRENT_LOOP
 
 
 def filter_behind(delay: float, spread: tuple[float, float], sampling: float) -> DriveTiming | None:

@@ -6,7 +6,7 @@ method: M. Gautier, A. Janot, P. O. Vandanjon, IEEE Trans. Control Syst. Technol
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
+from pmsm_ctrl.regression.drive_timing import sampling_columns
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.notices import NO_REGRESSION
 from pmsm_ctrl.regression.signals import missing_signals, term_signals
@@ -30,6 +31,9 @@ __all__ = ["Column", "Problem", "build_problem"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+# Share of the band in which the time of sampling is looked for.
+SAMPLING_BAND = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,8 @@ class Column:
         Id of the effect, empty for the inertia, and the parameter's symbol.
     entry : int
         Position among the design's effects; -1 where it is none of them.
+    sigma : float
+        Of a nuisance parameter, how far it may lie from zero: a standard deviation. Infinite for all others.
     """
 
     name: str
@@ -60,6 +66,12 @@ class Column:
     effect: str = ""
     entry: int = -1
     symbol: str = ""
+    sigma: float = np.inf
+
+    @property
+    def is_nuisance(self) -> bool:
+        """Whether this says how the log was sampled, and not what acts on the axis."""
+        return bool(np.isfinite(self.sigma))
 
     @property
     def is_inertia(self) -> bool:
@@ -127,13 +139,33 @@ class Problem:
             return np.zeros((len(self.target), 0))
         return np.column_stack([column.values for column in self.columns])
 
+    @property
+    def physical(self) -> Mask:
+        """Which columns are parameters of the axis, and no nuisances."""
+        return np.array([not column.is_nuisance for column in self.columns], dtype=bool)
+
+    @property
+    def physical_names(self) -> tuple[str, ...]:
+        """Names of the columns that are no nuisances."""
+        return tuple(column.name for column in self.columns if not column.is_nuisance)
+
     def instruments(self) -> Array | None:
-        """Return the columns with the acceleration in its narrower band, shape (m, columns), where it has one."""
-        k = self.inertia
-        if self.inertia_cutoff is None or self.inertia_cutoff >= self.cutoff or k is None:
+        """Return what the columns are known by, shape (m, columns): None where that is the columns themselves.
+
+        The acceleration in its narrower band, where it has one. How the drive signal was sampled in a part of the band,
+        no wider than that: its columns are derivatives of the acceleration, and the drive answers the noise of that.
+        """
+        own = self.inertia_cutoff is not None and self.inertia_cutoff < self.cutoff
+        narrow = self.inertia_cutoff if own and self.inertia_cutoff is not None else self.cutoff
+        slow = min(SAMPLING_BAND * self.cutoff, narrow)
+        bands = {k: slow for k, column in enumerate(self.columns) if column.is_nuisance}
+        if own and self.inertia is not None:
+            bands[self.inertia] = narrow
+        if not bands:
             return None
         z = self.matrix()
-        z[:, k] = low_pass(z[:, k], self.rate, self.inertia_cutoff, steep=True)
+        for k, band in bands.items():
+            z[:, k] = low_pass(z[:, k], self.rate, band, steep=True)
         return z
 
 
@@ -191,6 +223,7 @@ def build_problem(
             made.append(
                 Column(name, filtered, unit, nominal, known.lower, known.upper, term.effect.id, term.index, symbol)
             )
+    made += _nuisances(design, prepared)
     return Problem(
         target=target,
         columns=tuple(made),
@@ -204,6 +237,18 @@ def build_problem(
         inertia_cutoff=prepared.inertia_cutoff,
         notes=(*prepared.notes, *left_out),
     )
+
+
+def _nuisances(design: Design, prepared: Prepared) -> Iterator[Column]:
+    """Yield how the drive signal was sampled, where that is not known; see `drive_timing`."""
+    sampling = prepared.sampling
+    if sampling is None or not all(sampling.sigma):
+        return
+    period = 1.0 / prepared.rate
+    acting = _acting_torque(design, prepared)
+    columns = sampling_columns(acting, period, sampling.late)
+    for (name, values), unit, sigma in zip(columns.items(), ("s", "s^2"), sampling.sigma, strict=True):
+        yield Column(name, prepared.column(values), unit, 0.0, symbol=name, sigma=sigma)
 
 
 def _terms(design: Design, prepared: Prepared, torque: Array) -> tuple[list[_Term], list[Notice]]:

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.model import FIXED, LATENESS, Model, Solved
+from pmsm_ctrl.regression.drive_timing import LATENESS
+from pmsm_ctrl.regression.model import FIXED, Model, Solved
 
-__all__ = ["lateness", "with_sampling_bounded"]
+__all__ = ["lateness", "stopped", "with_sampling_bounded"]
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,18 @@ def lateness(model: Model, values: Array) -> float:
     return float(values[model.names.index(LATENESS)]) if LATENESS in model.names else 0.0
 
 
+def stopped(model: Model) -> bool:
+    """Return whether the lateness of a model is held at the end of what sampling can do.
+
+    Parameters
+    ----------
+    model : Model
+        With a lateness among its parameters.
+    """
+    k = model.names.index(LATENESS)
+    return bool(model.nominal[k] != 0.0)
+
+
 def with_sampling_bounded(record: Record, model: Model, fit: Solved) -> Model:
     """Hold the lateness of the drive signal inside what sampling can do: the rest is a delay, an effect.
 
@@ -48,7 +61,7 @@ def with_sampling_bounded(record: Record, model: Model, fit: Solved) -> Model:
     nominal, sigma = model.nominal.copy(), model.sigma.copy()
     k = model.names.index(LATENESS)
     # a sampling that the design states is the centre of what is possible, else the time of the position is
-    undone = 0.0 if record.design.log.sampling_told else record.timing.late
+    undone = 0.0 if record.sampling_told else record.timing.late
     late = undone + float(fit.values[k])
     delayed = any(group.effect is not None and group.effect.structure.delays for group in model.groups)
     if delayed or fit.stderr[k] > UNTOLD * record.sampling:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
@@ -109,6 +109,8 @@ class Fit:
     weights : array, shape (columns, samples of the mask)
         The estimates are these times the target; those of a parameter at its bound are zero.
     at_bound : dict of column name to AtBound
+    nuisances : dict of column name to (float, float)
+        What was found of the sampling, with standard errors.
     """
 
     values: Mapping[str, float]
@@ -122,6 +124,7 @@ class Fit:
     spread: float
     weights: Array
     at_bound: Mapping[str, AtBound] = field(default_factory=dict)
+    nuisances: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def interval(self, name: str, coverage: float = 0.95) -> tuple[float, float]:
         """Return the two-sided interval of one value by Student's t; of one at its bound, the part inside."""
@@ -190,11 +193,14 @@ def _beyond(problem: Problem, instruments: Array | None, fit: Fit, held: Mapping
     x, target = problem.matrix(), problem.target - problem.matrix()[:, list(held)] @ np.array(list(held.values()))
     rows = x[mask][:, free]
     rows = rows if instruments is None else _projected(rows, instruments[mask][:, free])
+    prior = _prior_rows([columns[k] for k in free], rows, target[mask])
+    rows = np.vstack([rows, prior])
     size = np.linalg.norm(rows, axis=0)
     size[size == 0.0] = 1.0
     basis, triangle = np.linalg.qr(rows / size)
+    wanted = basis[: len(rows) - len(prior)].T @ target[mask]
     low, high = np.where(known, low, -np.inf)[free] * size, np.where(known, high, np.inf)[free] * size
-    inside = lsq_linear(triangle, basis.T @ target[mask], (low, high), method="bvls").active_mask
+    inside = lsq_linear(triangle, wanted, (low, high), method="bvls").active_mask
     active = [k for k, side in zip(free, inside.tolist(), strict=True) if side]
     return {k: columns[k].lower if fit.coefficients[k] < columns[k].lower else columns[k].upper for k in active}
 
@@ -239,35 +245,59 @@ def _solve_free(problem: Problem, instruments: Array | None, ratio: float | None
     mask = problem.mask
     x, y = problem.matrix(), problem.target
     explained = x[mask] if instruments is None else _projected(x[mask], instruments[mask])
-    factor = factored(explained)
-    beta = factor.solve(y[mask])
+    prior = _prior_rows(problem.columns, explained, y[mask])
+    factor = factored(np.vstack([explained, prior]))
+    rows, beside = factor.basis[: len(explained)], factor.basis[len(explained) :]
+    beta = factor.inverse @ (rows.T @ y[mask])
     residual = y - x @ beta
     basis = np.zeros((len(y), factor.basis.shape[1]))
-    basis[mask] = factor.basis
+    basis[mask] = rows
     noise = fit_noise(residual, mask, basis=basis)
     meat = basis.T @ noise.toeplitz(basis)  # U'RU, exact across gaps
     free = max(float(mask.sum()) - float(np.trace(meat)), 1.0)  # tr(M R)
     spread = float(residual[mask] @ residual[mask]) / free
-    covariance = spread * factor.inverse @ meat @ factor.inverse.T
+    # a prior is as sure as its own standard deviation, whatever the noise is
+    sure = beside.T @ (_prior_variances(problem.columns, prior)[:, None] * beside)
+    covariance = factor.inverse @ (spread * meat + sure) @ factor.inverse.T
     stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     dof = degrees_of_freedom(noise, free, int(mask.sum()))
-    lost = _inseparable(problem.columns, explained, beta, covariance)
+    own = problem.physical
+    physical = tuple(column for column in problem.columns if not column.is_nuisance)
+    lost = _inseparable(physical, explained[:, own], beta[own], covariance[np.ix_(own, own)])
     lost |= _uncertain(problem, beta, stderr * t_quantile(0.95, dof), lost)
     if ratio is not None:
         lost |= _hardly_accelerating(problem, float(np.sqrt(np.mean(residual[mask] ** 2))), ratio, lost)
-    good = [k for k, name in enumerate(problem.names) if name not in lost]
+    good = [k for k, name in enumerate(problem.names) if name not in lost and own[k]]
     return Fit(
         values={problem.names[k]: float(beta[k]) for k in good},
         stderr={problem.names[k]: float(stderr[k]) for k in good},
         unidentifiable=lost,
         coefficients=beta,
         residual=residual,
-        condition=factor.condition,
+        condition=factor.condition if own.all() else factored(explained[:, own]).condition,
         dof=dof,
         noise=noise,
         spread=spread,
-        weights=factor.inverse @ factor.basis.T,
+        weights=factor.inverse @ rows.T,
+        nuisances={problem.names[k]: (float(beta[k]), float(stderr[k])) for k in np.flatnonzero(~own).tolist()},
     )
+
+
+def _prior_rows(columns: Sequence[Column], x: Array, y: Array) -> Array:
+    """Return rows that say that nuisances lie near zero, in units of the noise; shape (nuisances, columns)."""
+    places = [k for k, column in enumerate(columns) if column.is_nuisance]
+    rows = np.zeros((len(places), len(columns)))
+    if places:
+        left = y - x @ factored(x).solve(y)
+        noise = float(np.sqrt(np.mean(left**2)))
+        rows[range(len(places)), places] = [noise / columns[k].sigma for k in places]
+    return rows
+
+
+def _prior_variances(columns: Sequence[Column], prior: Array) -> Array:
+    """Return the variance of every row of the priors."""
+    sigma = np.array([column.sigma for column in columns if column.is_nuisance])
+    return np.asarray((np.sum(prior, axis=1) * sigma) ** 2)
 
 
 def _projected(x: Array, z: Array) -> Array:
@@ -336,7 +366,7 @@ def _uncertain(
     force = float(np.sqrt(np.mean(problem.target[mask] ** 2)))
     lost = {}
     for column, value, half in zip(problem.columns, values.tolist(), half_width.tolist(), strict=True):
-        if column.name in known:
+        if column.name in known or column.is_nuisance:
             continue
         size = float(np.sqrt(np.mean(column.values[mask] ** 2)))
         limit = abs(column.nominal) or force / size

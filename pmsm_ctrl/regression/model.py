@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -18,14 +17,15 @@ from pmsm_ctrl.evidence.linalg import factored, own_shares
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
-from pmsm_ctrl.regression.drive_timing import CURRENT_LOOP
+from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, TOLD, emf_left
 from pmsm_ctrl.regression.records import level_groups
 
 __all__ = [
-    "LATENESS",
+    "AGE",
+    "FILTERED",
+    "FIXED",
     "MOST_NOISE",
     "OWN",
-    "SPREAD",
     "Model",
     "Solved",
     "base_groups",
@@ -41,16 +41,14 @@ Array = NDArray[np.float64]
 # How well the moments of reversal are known, all of them late or early alike: s, and samples of the log.
 TURN, TURN_SAMPLES = 1e-4, 0.05
 # Age of a speed that the drive filtered before it was logged, s.
-FILTERED = 3e-3
+AGE, FILTERED = "tau_speed", 3e-3
 # Share of a term of the torque that must be its own for it to be estimated.
 OWN = 0.02
 # From this share of noise in the acceleration on, the inertia is held at its nominal value, to within a share of it.
 MOST_NOISE, HELD = 0.05, 0.01
 # What the friction of an axis at rest hangs on: not on its load, its angle or its age.
 DRY = frozenset(("omega", "direction", "p"))
-# Names of the nuisance parameters of the drive signal's sampling; the prior of the first in units of what is possible.
-LATENESS, SPREAD, VAGUE = "tau_drive", "spread_drive", 100.0
-EMF_LATE = 5e-3  # s, by which the compensation of the back-emf lags: a speed filter
+VAGUE = 100.0  # prior of the delay of the drive signal, in units of what is possible
 FIXED = 1e-4  # share of a value within which it stays where it must not move
 # Tolerance of a datasheet's value where the design states none.
 TOLERANCE = 0.15
@@ -289,7 +287,8 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
     for at in record.changes:
         yield _Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf)
     if record.age is not None:
-        yield _Term("tau_speed", lambda: {"torque": record.rate_of(s["torque"])}, 0.0, FILTERED, True)
+        known = TOLD * record.period if design.log.of("omega").told else FILTERED
+        yield _Term(AGE, lambda: {"torque": record.rate_of(s["torque"])}, 0.0, known, True)
 
 
 def _changed(record: Record, at: float) -> Mapping[str, Array]:
@@ -308,34 +307,8 @@ def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:
         curved = record.rate_of(record.rate_of(torque))
         known = max(record.sampling, record.timing.lag) ** 2 / 6.0
         yield _Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
-    if (column := _emf_left(record)) is not None:
-        yield _Term("tau_emf", lambda: {"torque": column}, 0.0, EMF_LATE, True)
-
-
-def _emf_left(record: Record) -> Array | None:
-    """Torque that a current loop lets the back-emf take from its command, per second that its compensation is late.
-
-    With its zero on the winding's pole the loop answers a disturbance ``u`` by ``s u / ((L s + R) (s + w))``, and the
-    compensation misses ``p psi tau s omega`` of the emf. A logged command is what the drive asked for; a measured
-    current holds nothing of this, and the parameter comes out as zero. Derived from the winding's equation
-    ``L di/dt + R i = u - p psi omega`` with a PI controller.
-    """
-    from scipy.signal import lfilter
-
-    motor = record.design.motor
-    if (
-        record.design.log.sampling_told
-        or not motor.electrical
-        or motor.R is None
-        or motor.L_q is None
-        or motor.psi_f is None
-        or motor.p is None
-    ):
-        return None
-    decay = math.exp(-record.period * motor.R / motor.L_q)
-    jerk = record.rate_of(record.signals["alpha"])
-    lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], jerk))
-    return record.design.K_t_assumed * motor.p * motor.psi_f * CURRENT_LOOP / motor.R * lagged
+    if (column := emf_left(record.design, record.signals["alpha"], record.period, record.sampling_told)) is not None:
+        yield _Term(EMF, lambda: {"torque": column}, 0.0, EMF_LATE, True)
 
 
 def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:
@@ -412,7 +385,7 @@ def _winding(design: Design, record: Record) -> Iterator[_Term]:
     for name, (part, modelled) in parts.items():
         nominal, sigma = 0.0, np.inf
         if name in TIMING:
-            sigma = COMMAND
+            sigma = TOLD * record.period if record.design.log.of("u_q").told else COMMAND
         elif name not in ANSWER:
             nominal = float(getattr(motor, name))
             sigma = motor.tolerance.get(name, TOLERANCE) * nominal

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "CHANNEL_LEFT_OUT", "COARSE_ANGLE", "DEAD_VOLTAGES", "EQUAL_STEPS", "GAPS", "MEASUREMENT_EFFECT_LEFT_IN",
-    "NO_REGRESSION", "ORDERS_BEYOND_BAND", "OTHER_ZERO", "RECORD_DISAGREES", "RESAMPLED",
-    "SPEED_FOR_COARSE_ANGLE", "TORQUE_JUMPS",
+    "CHANNEL_LEFT_OUT",
+    "COARSE_ANGLE",
+    "DEAD_VOLTAGES",
+    "EQUAL_STEPS",
+    "GAPS",
+    "MEASUREMENT_EFFECT_LEFT_IN",
+    "NO_REGRESSION",
+    "ORDERS_BEYOND_BAND",
+    "OTHER_ZERO",
+    "RECORD_DISAGREES",
+    "RESAMPLED",
+    "SPEED_FOR_COARSE_ANGLE",
+    "TORQUE_JUMPS",
+    "sampling_text",
 ]  # fmt: skip
 
 CHANNEL_LEFT_OUT = Template(
@@ -52,3 +64,21 @@ ORDERS_BEYOND_BAND = Template(
     "order {orders} of a turn (up to {amplitude:.2g} {unit}) lies above the bandwidth of {cutoff:.3g} Hz at "
     "{percent:.0f} % of the speeds and is not judged: a log of slower motion (below {slow:.2g} rad/s) shows it",
 )
+
+SHOWN_MS = 0.01  # ms; less is no sampling that anybody could repair
+
+
+def sampling_text(timing: DriveTiming, quantity: str) -> str | None:
+    """Return how the drive signal was sampled; None where it was in time with the position.
+
+    Parameters
+    ----------
+    timing : DriveTiming
+    quantity : str
+        The word for what drives the axis: torque or force.
+    """
+    late, lag = 1e3 * timing.late, 1e3 * timing.lag
+    parts = [f"was filtered, time constant {lag:.3g} ms"] if lag >= SHOWN_MS else []
+    if abs(late) >= SHOWN_MS:
+        parts.append(f"is {abs(late):.3g} ms {'later' if late > 0.0 else 'earlier'} than the position")
+    return f"Sampling: the {quantity} {' and '.join(parts)} (corrected)." if parts else None

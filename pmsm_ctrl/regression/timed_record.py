@@ -14,12 +14,24 @@ from pmsm_ctrl.regression.balances import STANDSTILL, USABLE, Record, make_recor
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
-from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind
-from pmsm_ctrl.regression.model import LATENESS, MOST_NOISE, SPREAD, noise_share
+from pmsm_ctrl.regression.drive_timing import (
+    LATENESS,
+    SPREAD,
+    TOLD,
+    UNDELAYED,
+    DriveTiming,
+    Sampling,
+    drive_sampling,
+    filter_behind,
+    in_time,
+    possible_sampling,
+    stated_timing,
+)
+from pmsm_ctrl.regression.model import AGE, FILTERED, FIXED, MOST_NOISE, noise_share
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
 
-__all__ = ["timed_record"]
+__all__ = ["sampling_of", "timed_record"]
 
 ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
 # Angle, rad, up to which two moments describe a filtered signal: the third is 0.1 % of it then.
@@ -47,12 +59,47 @@ def timed_record(design: Design, log: Log) -> Record:
     -------
     Record
     """
+    record = _widened(design, log, *_timed(design, log))
+    return _of_one_axis(design, record) if record.records else record
+
+
+def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
+    """Return a log with its filter undone, and what else is known of its sampling: for a regression of its own.
+
+    A log that cannot be made ready is returned with what the design states of it.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    """
+    young = in_time(design, log)
+    late, early = possible_sampling(design, log)
+    known = stated_timing(drive_sampling(design, log), log.period)
+    found = Sampling(known, sigma=((late + early) / math.sqrt(12.0), late**2 / 6.0))
+    try:
+        record, fit = _timed(design, log)
+    except LogError:
+        return known.undone(young), found
+    name = LATENESS if record.age is None else AGE
+    value, stderr = fit.value(name)
+    sigma, spread = found.sigma
+    if record.age is not None:  # a speed that is old makes a torque early
+        known_age = TOLD * log.period if design.log.of("omega").told else FILTERED
+        value, sigma = -(record.age + value), math.hypot(sigma, known_age)
+    spread = max(spread, record.timing.lag**2 / 6.0)
+    stderr = stderr if stderr > FIXED * max(late, early) else 0.0  # what is held has none
+    return record.timing.undone(young), Sampling(record.timing, value, stderr, (sigma, spread))
+
+
+def _timed(design: Design, log: Log) -> tuple[Record, Estimated]:
+    """Return a log in its default band, or a narrower one, with the filter of the drive signal undone."""
     record, fit = _sharpened(design, log, make_record(design, log))
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     for _ in range(ROUNDS):
         if record.age is not None:
-            record = make_record(design, log, same, record.age + fit.value("tau_speed")[0])
-        elif design.log.sampling_told:
+            record = make_record(design, log, same, record.age + fit.value(AGE)[0])
+        elif record.sampling_told:
             break
         else:
             timing = _filter(design, record, fit)
@@ -60,8 +107,7 @@ def timed_record(design: Design, log: Log) -> Record:
                 break
             record = make_record(design, log, same, 0.0, timing)
         fit = base_fit(design, record)
-    record = _widened(design, log, record, fit)
-    return _of_one_axis(design, record) if record.records else record
+    return record, fit
 
 
 def _of_one_axis(design: Design, record: Record) -> Record:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.identify import Identification, Processing, identify
@@ -47,8 +48,12 @@ class Case:
     wrong: float = 1.1
 
     def believed(self) -> Design:
-        """The design the methods start from: every linear parameter and the inertia off by the same factor."""
+        """The design the methods start from: every linear parameter and the inertia off by the same factor.
+
+        It says that all channels are sampled at once: the bound is that of somebody who knows this.
+        """
         design = self.truth.with_parameters(J=self.truth.J * self.wrong)
+        design = design.model_copy(update={"log": LogMap(sampling="instant")})
         for effect, values in bound_effects(self.truth):
             linear = {p.symbol for p in effect.linear}
             design = design.with_effect(

@@ -16,8 +16,7 @@ from pmsm_ctrl.diagnose.present import _candidates, _errors, _found, verdict_tex
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Calibration, Diagnosis, DiagnosisStep, Ranked, Verdict
 from pmsm_ctrl.diagnose.unexplained import resemblance
-from pmsm_ctrl.regression.drive_timing import DriveTiming
-from pmsm_ctrl.regression.model import LATENESS
+from pmsm_ctrl.regression.drive_timing import LATENESS, DriveTiming
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 

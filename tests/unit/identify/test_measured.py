@@ -47,8 +47,12 @@ def test_instrumental_variables_find_the_authors_figures(drive: Design, record: 
     assert not result.unidentifiable
 
 
-def test_output_error_says_that_its_loops_are_not_quite_the_drives(drive: Design, record: Log) -> None:
+def test_output_error_is_near_the_authors_figures_although_its_current_loop_is_guessed(
+    drive: Design, record: Log
+) -> None:
     result = identify(drive, record, method="output_error")
     print(result.summary())
     assert result.estimates["F_c"].value == pytest.approx(20.39, abs=2.0 * result.estimates["F_c"].stderr)
-    assert "differs_from_inverse_dynamics" in [notice.code for notice in result.notices]
+    # 1.4 % low as long as the drive signal was taken for sampled with the position
+    assert result.estimates["J"].value == pytest.approx(95.11, rel=0.01)
+    assert result.timing.late < -0.1e-3  # the logged voltage is a command

@@ -14,6 +14,7 @@ from pmsm_ctrl.identify import Processing, identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.bandwidth import _shrinkage, regression_problem
 from pmsm_ctrl.regression.conditioning import prepare
+from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.regression.least_squares import solve
@@ -104,7 +105,7 @@ def test_an_encoder_of_a_step_a_turn_keeps_the_usual_band() -> None:
 
 def test_the_error_that_is_told_is_that_of_reversals_as_well() -> None:
     log = sticking_log(0.012)
-    result = identify(PLAIN, log)
+    result = identify(PLAIN, log, processing=Processing(sampling=SYNCHRONOUS))
     plain = build_problem(PLAIN, log)
     values = np.array([result.estimates[name].value for name in plain.names])
     left = (plain.target - plain.matrix() @ values)[plain.mask]

@@ -1,0 +1,136 @@
+"""What a design predicts of a record: its parameters as they stand, the sampling of the log fitted beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.regression.balances import Record, with_modelled_torque
+from pmsm_ctrl.regression.base_fit import assembled, delay_of, estimated, false_torque, settled_model, with_bristles
+from pmsm_ctrl.regression.bounds import holding
+from pmsm_ctrl.regression.drive_timing import LATENESS, DriveTiming
+from pmsm_ctrl.regression.lateness import stopped
+from pmsm_ctrl.regression.model import AGE, Model
+
+__all__ = ["Prediction", "errors_of", "physical_columns", "predict"]
+
+Array = NDArray[np.float64]
+
+# The parameters that a design states without an effect.
+STATED = ("J", "R", "L_d", "L_q", "psi_f")
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The balances of a record as a design predicts them.
+
+    Attributes
+    ----------
+    record : Record
+        With modelled torque in its signals.
+    predicted : array, shape (channels, m)
+        What is predicted of `record.target`.
+    nuisances : dict of str to (float, float)
+        What was fitted beside the design: sampling, moments of reversal, age of the voltages; value and standard error.
+    notes : tuple of str
+        What of the design this record cannot evaluate.
+    """
+
+    record: Record
+    predicted: Array
+    nuisances: Mapping[str, tuple[float, float]]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def residual(self) -> Array:
+        """Measured less predicted, shape (channels, m)."""
+        return self.record.target - self.predicted
+
+    @property
+    def timing(self) -> DriveTiming:
+        """How the drive signal was sampled beside the position: undone in the record, and found beside the design."""
+        undone = self.record.timing
+        if self.record.age is not None:
+            return replace(undone, late=undone.late - self.record.age - self.nuisances[AGE][0])
+        return replace(undone, late=undone.late + self.nuisances[LATENESS][0])
+
+
+def predict(design: Design, record: Record, like: Prediction | None = None) -> Prediction:
+    """Return what a design predicts of a record; nothing of the design is fitted.
+
+    What no design can know (when the channels of this log were sampled) is fitted beside it, as in every fit.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    like : Prediction, optional
+        Of another record that was sampled in the same way: what was fitted there is taken.
+    """
+    if like is not None:
+        return _alike(design, record, like)
+    found = settled_model(design, record)
+    fit = estimated(found.record, found.model, found.left).plain
+    held = physical_columns(found.model)
+    at = {k: float(found.model.nominal[k]) for k in held}
+    if LATENESS in found.model.names and stopped(found.model):
+        # what no sampling can do is something that the design lacks, and belongs to the residual
+        at[found.model.names.index(LATENESS)] = 0.0
+    beside = holding(fit, at)
+    free = [k for k in range(len(found.model.names)) if k not in held]
+    stderr = np.nan_to_num(beside.stderr)
+    nuisances = {found.model.names[k]: (float(beside.values[k]), float(stderr[k])) for k in free}
+    return Prediction(found.record, beside.predicted(), nuisances, found.notes)
+
+
+def physical_columns(model: Model) -> tuple[int, ...]:
+    """Return the columns whose values a design states; all others are nuisances of the record.
+
+    Parameters
+    ----------
+    model : Model
+    """
+    columns = enumerate(model.names)
+    return tuple(k for k, name in columns if model.group_of(k).effect is not None or name in STATED)
+
+
+def _alike(design: Design, record: Record, like: Prediction) -> Prediction:
+    """Predict a record with the nuisances of another one."""
+    record = with_bristles(design, record)
+    notes: tuple[str, ...] = ()
+    predicted = record.target
+    for _ in range(2):
+        model, notes = assembled(design, record, ())
+        held = set(physical_columns(model))
+        known = {name: value for name, (value, _) in like.nuisances.items()}
+        values = np.array(
+            [model.nominal[k] if k in held else known.get(name, 0.0) for k, name in enumerate(model.names)]
+        )
+        predicted = model.matrix @ values
+        record = with_modelled_torque(record, predicted[0] - false_torque(model, values), delay_of(model, values))
+    return Prediction(record, predicted, like.nuisances, notes)
+
+
+def errors_of(record: Record, residual: Array, channels: Iterable[str] | None = None) -> dict[str, tuple[float, float]]:
+    """Return the rms residual and its share of the measured balance, over the moving samples.
+
+    Parameters
+    ----------
+    record : Record
+    residual : array, shape (channels, m)
+    channels : iterable of str, optional
+        All of the record's when left out.
+    """
+    out = {}
+    for row, name in enumerate(record.channels):
+        if channels is not None and name not in channels:
+            continue
+        used = record.mask
+        size = float(np.sqrt(np.mean(record.target[row][used] ** 2)))
+        rms = float(np.sqrt(np.mean(residual[row][used] ** 2)))
+        out[name] = (rms, rms / size if size > 0.0 else float("nan"))
+    return out
