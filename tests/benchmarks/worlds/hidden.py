@@ -2,9 +2,13 @@
 
 How much a log shows is measured without the diagnosis: a straight regression of the drive's torque (and of its
 voltages) on acceleration, direction and speed, once with the effect and once without, in the same world with the same
-noise. The growth of the residual over what the clean world leaves, times the number of independent samples of the band,
-is the noncentrality of the best test; its root over that of a test that finds the effect in half of all logs (22
-candidates, 1 %) is the *margin*: at 1 a coin, at 3 and more nobody has an excuse.
+noise. What no owner of a log knows is projected out: the mean delay of the drive signal, half the variance of its
+impulse response (up to the square of one period of the log or of the speed loop), and the moments of reversal (to 0.1
+ms and a twentieth of a sample). An effect in their span, such as a spring above the band, is not seen by any test
+(Cramer and Rao's bound with nuisance parameters, S. M. Kay 1998, sec. 6.5). The growth of the residual over what the
+clean world leaves, times the number of independent samples of the band, is the noncentrality of the best test; its
+root over that of a test that finds the effect in half of all logs (22 candidates, 1 %) is the *margin*: at 1 a coin,
+at 3 and more nobody has an excuse.
 """
 
 from __future__ import annotations
@@ -29,6 +33,8 @@ Rng = np.random.Generator
 # Root of the noncentrality at which a chi-square test of two columns at 0.01 / 22 finds an effect in half of all logs.
 HALF = 3.9
 BAND = 25.0  # Hz
+# How well the moments of reversal are known, s and samples of the log.
+TURN, TURN_SAMPLES = 1e-4, 0.05
 
 
 def _dry(world: World) -> float:
@@ -137,22 +143,46 @@ def residual_powers(world: World, log: Log) -> tuple[Array, float]:
     used = (w > 0.01 * np.quantile(w, 0.99)) & (np.gradient(t) < 1.5 / rate)
     edge = round(4 * rate / band)
     used[:edge] = used[-edge:] = False
-    columns = [alpha, np.sign(omega), omega]
     late = np.gradient(smooth(drive), t)
-    balances = [(drive, [smooth(c) for c in columns] + [smooth(late)])]
+    period = max(world.log_divider, world.divider) / world.f_control
+    dry = _dry(world) / (1.0 if "torque" in log else _torque_constant(world))
+    turned = dry * np.gradient(smooth(np.sign(omega)), t)
+    known = {4: period**2, 5: TURN + TURN_SAMPLES * world.log_divider / world.f_control}
+    rows = [smooth(alpha), smooth(np.sign(omega)), smooth(omega), late, np.gradient(late, t), turned]
+    balances: list[tuple[Array, list[Array], dict[int, float]]] = [(drive, rows, known)]
     if "u_q" in log:
         p = world.motor[3]
         i_q, i_d = smooth(log["i_q"]), smooth(log["i_d"])
         rows = [i_q, smooth(omega), np.gradient(i_q, t), p * omega * i_d, np.gradient(smooth(log["u_q"]), t)]
-        balances.append((log["u_q"], rows))
+        balances.append((log["u_q"], rows, {}))
         rows = [i_d, p * omega * i_q, np.gradient(i_d, t), np.gradient(smooth(log["u_d"]), t)]
-        balances.append((log["u_d"], rows))
-    powers = []
-    for target, rows in balances:
-        a, b = np.column_stack(rows)[used], smooth(target)[used]
-        size = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
-        powers.append(float(np.mean((b - a / size @ np.linalg.lstsq(a / size, b, rcond=1e-10)[0]) ** 2)))
-    return np.array(powers), float(used.sum()) * 2.0 * band / rate
+        balances.append((log["u_d"], rows, {}))
+    independent = 2.0 * band / rate
+    powers = [
+        _left(np.column_stack(rows)[used], smooth(target)[used], known, independent) for target, rows, known in balances
+    ]
+    return np.array(powers), float(used.sum()) * independent
+
+
+def _left(columns: Array, target: Array, known: dict[int, float], independent: float) -> float:
+    """Return the mean square that columns leave of a target, those of `known` with a prior of that width.
+
+    `independent` is the share of independent samples, by which the noise is weighed against the priors.
+    """
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    a = columns / size
+    width = np.array([known.get(k, np.inf) for k in range(a.shape[1])]) * size
+    prior = np.zeros((a.shape[1], a.shape[1]))
+    for _ in range(3):  # the weight of the priors hangs on the noise
+        both, wanted = np.vstack([a, prior]), np.concatenate([target, np.zeros(len(prior))])
+        rest = wanted - both @ np.linalg.lstsq(both, wanted, rcond=1e-10)[0]
+        noise = float(np.mean(rest[: len(target)] ** 2)) / independent
+        prior = np.diag(math.sqrt(noise) / width)
+    return float(rest @ rest) / len(target)
+
+
+def _torque_constant(world: World) -> float:
+    return world.motor[4] if world.linear else 1.5 * world.motor[3] * world.motor[4]
 
 
 def margin(world: World, clean: Log, log: Log) -> float:
@@ -186,6 +216,8 @@ def hidden_log(world: World, effect: str, wanted: float) -> tuple[Log, float, di
         if values.get("load_inertia", 0.0) > 0.8 * world.motor[5] or values.get("ripple", 0.0) > 0.5:
             return None
         if values.get("stribeck", 0.0) > 4.0 * world.motor[6] or values.get("load_friction", 0.0) > 0.5:
+            return None
+        if values.get("position_friction", 0.0) > 0.9 * world.motor[6]:  # dry friction has one sign
             return None
         if values.get("eccentricity", 0.0) > 0.05 or values.get("gap", 0.0) > 0.5 or values.get("gain_a", 0.0) > 0.3:
             return None
