@@ -144,7 +144,7 @@ def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Estima
             narrow = make_record(design, log, Processing(standstill=STANDSTILL, cutoff=0.5 * record.cutoff))
         except LogError:
             break
-        if design.J * narrow.shaft_noise() > _size(narrow):  # what lies above this band is the motion itself
+        if narrow.shaft_noise() > BLUE * record.shaft_noise():  # what lies above the band is the motion itself
             break
         if narrow.usable < USABLE or _noise_floor(design, narrow) > BLUE * floor:
             break
