@@ -50,6 +50,8 @@ LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
 # Times in which the mean acceleration of a log carries the shaft across a gap, s, and how many gaps are searched: one
 # that is crossed faster looks like an error of the moment of reversal, one that is crossed slower like a free load.
 SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
+# Gap over what the contact gives way under the mean acceleration: behind less, a load hangs on a damper, not on flanks.
+FIRM = 2.0
 # Amplitude of a wave of a turn, in the torque's rms, of which nothing is known.
 UNBOUNDED = 1e3
 # Twist of a spring, rad rms at its output: twice what even highly flexible couplings are rated for, at their peak.
@@ -143,8 +145,11 @@ class Transmission(Structure):
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns where the load would accelerate otherwise than the shaft by more than noise.
 
-        One that takes no part in the noise of the acceleration lowers every error, there or not.
+        One that takes no part in the noise of the acceleration lowers every error, there or not. Nothing is left of a
+        gap whose contact gives way further than the gap is wide.
         """
+        if self.gap and shape[self.gap] * shape[FREQUENCY] ** 2 < FIRM * _mean_acceleration(balances):
+            return np.zeros_like(values)
         noise = balances.shaft_noise()
         if not self.gap:  # behind one, a load in contact follows the shaft nearly always
             noise *= _passed(shape, balances.cutoff)
