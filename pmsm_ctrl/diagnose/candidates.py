@@ -18,6 +18,10 @@ __all__ = ["Candidate", "candidates_for"]
 
 Array = NDArray[np.float64]
 
+# The low-pass, a Butterworth filter of fourth order run both ways, passes 1 / (1 + (f / cutoff)^8) of a wave.
+FADING = 8
+TWO_PERIODS = 4.0 * np.pi  # rad of a wave, from which on it is no constant
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -44,13 +48,45 @@ class Candidate:
         return sum(len({s[name] for s in self.grid}) > 1 for name in (self.grid[0] if self.grid else {}))
 
 
+def passing_orders(record: Record, residual: Array, highest: int) -> Array:
+    """Return how much each order of a turn stands out of the residual where the filter lets it pass, shape (highest,).
+
+    A high order passes for moments only, around reversals: too few samples for a spectrum of the slow ones, and yet
+    a wave that fades with the speed as the filter makes it fade can be most of what is left. Each score is the gain of
+    the sum of squares over the residual's per sample; 0 for an order of which less than two periods pass.
+    """
+    used = np.flatnonzero(record.mask)
+    omega = np.abs(record.at_grid(record.signals["omega"]))[used]
+    weight = record.weight[0][used]
+    r = residual[used] * weight
+    noise = float(np.mean(r**2))
+    out = np.zeros(highest)
+    if noise == 0.0 or "theta" not in record.signals:
+        return out
+    turn = np.exp(1j * record.at_grid(record.signals["theta"])[used])
+    faded = (omega / (2.0 * np.pi * record.cutoff)) ** FADING
+    wave = np.ones(len(used), dtype=complex)
+    for k in range(1, highest + 1):
+        wave *= turn
+        passed = 1.0 / (1.0 + float(k) ** FADING * faded)
+        if k * float(passed @ omega) / record.rate < TWO_PERIODS:
+            continue
+        column = weight * passed * wave
+        right = np.array([column.real @ r, column.imag @ r])
+        both = column.real @ column.imag
+        gram = np.array([[column.real @ column.real, both], [both, column.imag @ column.imag]])
+        out[k - 1] = right @ np.linalg.pinv(gram, hermitian=True) @ right / noise
+    return out
+
+
 def candidates_for(
     record: Record, design: Design, effects: Mapping[str, Effect], residual: Array, present: Iterable[str]
 ) -> list[Candidate]:
     """Return every candidate that is not in the model yet. `residual` is that of the torque, shape (m,)."""
 
     def orders(highest: int) -> Array:
-        return order_spectrum(record.prepared, residual, record.mask, record.weight[0], highest, friction=False)[1]
+        slow = order_spectrum(record.prepared, residual, record.mask, record.weight[0], highest, friction=False)[1]
+        return np.maximum(slow, passing_orders(record, residual, highest))
 
     view = LogView(record, residual, orders)
     present = set(present)
