@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
-from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.balances import LATE, Record, with_direction, with_modelled_torque
 from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import effect_group
@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 # Passes in which a delay is linearised at its last value: to first order one of two samples comes out a third low.
 PASSES = 4
+ROUNDS_OF_NOISE = 2  # in which the noise is taken from what the model itself leaves
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,12 +170,38 @@ def estimated(record: Record, model: Model, left: Saturated) -> Estimated:
     """
     whitener, weights = whiteners(record, left.residual, left.lost)
     model = with_spread(record, model, whitener)
-    solved = solve_model(record, model, whitener)
+    whitener, solved = _no_louder_than_the_base(record, model, left, whitener)
     covariance = noise_covariance(solve_model(record, model, weights), weights, whitener)
     plain = with_honest_errors(covariance)
     inside = bounded(covariance.fit)
     estimate = with_honest_errors(replace(covariance, fit=inside)) if inside.held else plain
     return Estimated(record, model, whitener, weights, solved, plain, estimate, covariance)
+
+
+def _no_louder_than_the_base(
+    record: Record, model: Model, left: Saturated, whitener: Whitener
+) -> tuple[Whitener, Solved]:
+    """Return the prewhitener and the model solved with it, the noise no larger than what the model itself leaves.
+
+    The saturated model is fitted by weights alone. Where most of the noise is slow its columns follow that, and leave
+    fast noise of their own: then the model leaves less than the saturated one, whitened, and its residual is the better
+    estimate of the noise.
+    """
+    solved = solve_model(record, model, whitener)
+    for _ in range(ROUNDS_OF_NOISE):
+        rest = record.target - solved.predicted()
+        rows = range(len(record.channels))
+        louder = [float(np.sum(whitener.part(row, left.residual[row]) ** 2)) for row in rows]
+        quiet = [row for row in rows if float(np.sum(whitener.part(row, rest[row]) ** 2)) < louder[row]]
+        if not quiet:
+            break
+        residual = left.residual.copy()
+        residual[quiet] = rest[quiet]
+        residual[record.weight * record.mask == 0.0] = 0.0
+        left = replace(left, residual=residual)
+        whitener = make_whitener(residual, record.weight, record.mask, record.rate, left.lost)
+        solved = solve_model(record, model, whitener)
+    return whitener, solved
 
 
 def assembled(
