@@ -16,8 +16,10 @@ __all__ = [
     "beside_rivals",
     "contribution",
     "cross_validated",
+    "excess_of",
     "left_inside",
     "plain_errors",
+    "prewhitened_error",
     "relief",
     "squares",
     "strain",
@@ -101,10 +103,27 @@ def contribution(fit: Fitted, trial: Trial) -> float:
     return best
 
 
+def excess_of(solved: Solved, trial: Trial, gain: float) -> tuple[float, float]:
+    """Return the share of the residual that a gain explains, and its share of what lies above the noise.
+
+    Both of the sums of squares in the balances that the effect enters.
+    """
+    left = [solved.rest_of(row) for row, _ in trial.group.entering]
+    whole = max(sum(float(rest @ rest) for rest in left), gain, 1e-300)
+    above = max(whole - sum(len(rest) for rest in left), gain, 1e-300)
+    return gain / whole, gain / above
+
+
 def weighted_errors(fit: Fitted) -> dict[str, float]:
     """Rms residual per balance; samples that the log's rate could not follow count as little as they did in the fit."""
     rows = (fit.residual * fit.record.weight)[:, fit.record.mask]
     return dict(zip(fit.record.channels, np.sqrt(np.mean(rows**2, axis=1)).tolist(), strict=True))
+
+
+def prewhitened_error(judge: Fitted, fit: Fitted) -> float:
+    """Rms residual of a fit in units of the noise of another one, its correlation taken away."""
+    rest = judge.whitener(fit.record.target - fit.solved.predicted())
+    return float(np.sqrt(np.mean(rest**2)))
 
 
 def plain_errors(fit: Fitted) -> dict[str, float]:

@@ -14,8 +14,10 @@ from pmsm_ctrl.diagnose.measures import (
     beside_rivals,
     contribution,
     cross_validated,
+    excess_of,
     left_inside,
     plain_errors,
+    prewhitened_error,
     strain,
     weighted_errors,
 )
@@ -177,12 +179,12 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
     if refusal is not None:
         return refusal
     share = contribution(fit, trial)
-    left = [fit.plain.rest_of(row) for row, _ in trial.group.entering]
-    whole = sum(float(rest @ rest) for rest in left)
-    above = max(whole - sum(len(rest) for rest in left), trial.plain_gain)
-    explained = trial.plain_gain / max(whole, trial.plain_gain)
+    explained, excess = excess_of(fit.plain, trial, trial.plain_gain)
     memory = trial.candidate.effect.structure.has_memory
-    refusal = criteria.size(share, explained, trial.plain_gain / above, memory, policy)
+    if not (memory or trial.slow):  # slow effects hide in coloured noise unless it is whitened, as in their test
+        white = excess_of(fit.solved, trial, trial.gain)[1]
+        excess = white if white > policy.with_memory else excess
+    refusal = criteria.size(share, explained, excess, memory, policy)
     if refusal is not None:
         return refusal
     found, whole, relief = cross_validated(fit, trial)
@@ -206,6 +208,8 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
         for fit, plain in ((before, old), (after, new))
     )
+    if not (trial.slow or trial.candidate.effect.structure.has_memory):
+        old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (before, after))
     relief = strain(before.plain) - strain(after.plain)
     return (
         refusal or criteria.error_lowered(old, new, relief, policy) or _judge_parameters(before, after, trial, policy)
