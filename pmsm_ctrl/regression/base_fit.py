@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -31,6 +32,7 @@ Array = NDArray[np.float64]
 # Passes in which a delay is linearised at its last value: to first order one of two samples comes out a third low.
 PASSES = 4
 ROUNDS_OF_NOISE = 2  # in which the noise is taken from what the model itself leaves
+SURE = 3.0  # standard errors of a sum of squares, by which the model must leave less
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,14 +187,15 @@ def _no_louder_than_the_base(
 
     The saturated model is fitted by weights alone. Where most of the noise is slow its columns follow that, and leave
     fast noise of their own: then the model leaves less than the saturated one, whitened, and its residual is the better
-    estimate of the noise.
+    estimate of the noise. By less than a sum of squares scatters that says nothing.
     """
     solved = solve_model(record, model, whitener)
     for _ in range(ROUNDS_OF_NOISE):
         rest = record.target - solved.predicted()
         rows = range(len(record.channels))
         louder = [float(np.sum(whitener.part(row, left.residual[row]) ** 2)) for row in rows]
-        quiet = [row for row in rows if float(np.sum(whitener.part(row, rest[row]) ** 2)) < louder[row]]
+        chance = SURE * math.sqrt(2.0 * len(whitener.used))
+        quiet = [row for row in rows if float(np.sum(whitener.part(row, rest[row]) ** 2)) < louder[row] - chance]
         if not quiet:
             break
         residual = left.residual.copy()

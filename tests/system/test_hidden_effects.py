@@ -105,8 +105,8 @@ def test_error_falls_to_the_floor_of_the_true_model(blind: ModuleType) -> None:
     ("effect", "text", "seed"),
     [
         ("viscous_asymmetry", "speed and direction", 3),
-        # a log in which no Stribeck curve takes half of it, as one does with seeds 3 and 5
-        ("thermal_drift", "time since start", 4),
+        # a log in which no Stribeck curve takes half of it, as one does with seeds 3 to 7
+        ("thermal_drift", "time since start", 8),
         ("torque_ripple", "order 24 of a turn", 3),  # six times the four pole pairs
         ("dead_time", "u_q balance", 3), ("load_dependent_friction", "current", 3),  # which is the load
     ],
