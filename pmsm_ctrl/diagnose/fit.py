@@ -69,6 +69,8 @@ class Fitted:
         fitted together.
     free : tuple of (int, str)
         Positions among the accepted effects, and names in their shapes.
+    rough : frozenset of int
+        Positions of those whose shapes no slope describes; they have no standard errors.
     """
 
     record: Record
@@ -84,6 +86,7 @@ class Fitted:
     accepted: tuple[Accepted, ...]
     covariance: Array | None = None
     free: tuple[tuple[int, str], ...] = ()
+    rough: frozenset[int] = frozenset()
 
     @property
     def residual(self) -> Array:

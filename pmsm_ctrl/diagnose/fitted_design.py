@@ -91,6 +91,8 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
     values = one.effect.structure.parameters(one.effect, found)
     if fit.covariance is not None and not set(linear.values()) & set(fit.estimate.held):
         stderr |= _with_shapes(fit, fit.covariance, number, found, linear)
+    if number in fit.rough:
+        stderr = {}
     motion = fit.record.prepared.motion
     return {
         p.symbol: Estimate(values[p.symbol], axis_unit(p.unit, motion), stderr.get(p.symbol, float("nan")))
@@ -114,11 +116,19 @@ def _with_shapes(
         moved = {**found, name: found[name] * float(np.exp(sign * 1e-4))}
         return one.effect.structure.parameters(one.effect, moved), sign * 1e-4
 
+    known = {name for name in one.effect.structure.fixed(one.effect) if name} | {
+        name for name in one.shape if len({at[name] for at in one.grid}) < 2
+    }
     slopes: dict[str, list[float]] = {}
-    for name in fitted:
+    unknown: set[str] = set()  # what hangs on a shape at its bound has no standard error, as the shape itself
+    for name in (*fitted, *(name for name in one.shape if name not in fitted and name not in known)):
         (ahead, plus), (back, minus) = own(name, 1.0), own(name, -1.0)
         for symbol in ahead:
-            slopes.setdefault(symbol, []).append((ahead[symbol] - back[symbol]) / (plus - minus))
+            slope = (ahead[symbol] - back[symbol]) / (plus - minus)
+            if name in fitted:
+                slopes.setdefault(symbol, []).append(slope)
+            elif slope != 0.0:
+                unknown.add(symbol)
     part = covariance[np.ix_(list(fitted.values()), list(fitted.values()))]
     sizes = {symbol: float(np.sqrt(max(np.array(s) @ part @ np.array(s), 0.0))) for symbol, s in slopes.items()}
-    return {symbol: size for symbol, size in sizes.items() if size > 0.0}
+    return {symbol: float("nan") if symbol in unknown else size for symbol, size in sizes.items() if size > 0.0}

@@ -32,12 +32,16 @@ ROUNDS = 8
 # Difference of a shape's logarithm for its column; longest step of it; and the part of a standard error that ends it.
 DIFFERENCE, LONGEST, SETTLED = 1e-3, 0.4, 0.02
 HALVINGS = 4
+# A step of a shape's logarithm over which the prediction must be a straight line, to within a share of its change.
+FURTHER, STRAIGHT = 0.02, 0.5
 
 
 def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
     """Return the fit at its best shapes, with standard errors that count the shapes among the parameters.
 
-    A shape at its bound, and a whole number, stay as they are and count as known.
+    A shape at its bound, and a whole number, stay as they are and count as known. So do all of an effect over one of
+    whose shapes the prediction is rough, as that of a load that bounces between flanks is: a slope says nothing there,
+    and the effect has no standard errors.
 
     Parameters
     ----------
@@ -45,9 +49,12 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
     fit : Fitted
     """
     free = [(k, name) for k, one in enumerate(fit.accepted) for name in _free(one)]
-    if not free:
-        return fit
     try:
+        rough = frozenset(k for k, name in free if _is_rough(design, fit, (k, name)))
+        fit = replace(fit, rough=rough)
+        free = [(k, name) for k, name in free if k not in rough]
+        if not free:
+            return fit
         for _ in range(ROUNDS):
             tangent, columns = _with_tangents(design, fit, free)
             step, stderr = tangent.values[columns], tangent.stderr[columns]
@@ -102,6 +109,19 @@ def _shifted(accepted: Sequence[Accepted], free: Sequence[Free], step: Array) ->
             value = min(max(value, min(ends)), max(ends))
         out[k] = replace(one, shape={**one.shape, name: value})
     return tuple(out)
+
+
+def _is_rough(design: Design, fit: Fitted, one: Free) -> bool:
+    """Whether the prediction over a shape is no straight line even over a small step of it."""
+    values = fit.estimate.values
+
+    def change(step: float) -> Array:
+        accepted = _shifted(fit.accepted, (one,), np.array([step]))
+        return np.asarray((_model(design, fit, accepted)[1].matrix - fit.model.matrix) @ values)
+
+    slope = (change(DIFFERENCE) - change(-DIFFERENCE)) / (2.0 * DIFFERENCE)
+    left = [np.linalg.norm(change(step) - step * slope) for step in (FURTHER, -FURTHER)]
+    return bool(max(left) > STRAIGHT * FURTHER * np.linalg.norm(slope))
 
 
 def _model(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> tuple[Record, Model]:

@@ -9,9 +9,11 @@ import pytest
 
 from pmsm_ctrl.compare.free_run import whole_run
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.mechanics import Mechanics
+from tests.benchmarks.emps import Model, official
 
 J = 1e-4
 T = np.arange(0.0, 1.0, 1e-3)
@@ -94,3 +96,19 @@ def test_the_torque_of_the_simulated_drive_moves_the_axis_alike(designs: Path, n
     assert bare is not None
     assert found.fit > 0.999
     assert found.rms < left * bare.rms
+
+
+@pytest.mark.parametrize("late", [0.0, -5e-4])
+def test_the_official_task_of_emps_is_solved_by_the_axis_itself(late: float) -> None:
+    """An axis that moved as the model says, from a speed that nobody is told, has no error."""
+    rng = np.random.default_rng(5)
+    t = np.arange(0.0, 4.0, 1e-3)
+    force = 60.0 * np.sin(2.0 * np.pi * 0.5 * t) + 20.0 * np.sin(2.0 * np.pi * rng.uniform(1.0, 3.0) * t)
+    effects = [{"id": "coulomb", "F_c": 20.0}, {"id": "viscous", "F_v": 200.0}]
+    design = Design.from_dict({"motion": "linear", "motor": {"J": 95.0, "K_t": 1.0}, "effects": effects})
+    bare = Log({"t": t, "theta": np.zeros_like(t), "torque": force}, "linear")
+    truth = Model(design, late)
+    theta = truth.run(bare, [0], (np.full_like(t, 0.037), np.full_like(t, 0.1)), len(t))[0, :, 1]
+    log = Log({"t": t, "theta": theta, "torque": force}, "linear")
+    assert official(truth, log) < 1e-3
+    assert official(Model(design.with_effect("coulomb", {"F_c": 21.0}), late), log) > 0.5
