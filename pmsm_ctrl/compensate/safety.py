@@ -95,4 +95,5 @@ def _window(design: Design, gain: float) -> GainWindow:
         on = base if at == 0.0 else compensated(base, chosen, gain=at, factor=factor, source=source)
         return judge(trials[name], run_trial(on, trials[name], truth=design), count_angle(design))
 
-    return gain_window(run, SWEEP_TRIALS, source, gains=(0.5 * gain, gain), at_rest=AT_REST)
+    return gain_window(run, SWEEP_TRIALS, source, gains=(0.5 * gain, gain), at_rest=AT_REST,
+                       resolution=count_angle(design))  # fmt: skip

@@ -105,7 +105,9 @@ def compensate(
             on = base if gain == 0.0 else compensated(base, swept, gain=gain, factor=factor, source=source)
             return runs.metrics(on, name)
 
-        window = gain_window(run, SWEEP_TRIALS, source, gains=gains, at_rest=AT_REST)
+        window = gain_window(
+            run, SWEEP_TRIALS, source, gains=gains, at_rest=AT_REST, resolution=count_angle(runs.plant)
+        )
         windows[source] = replace(window, hint=describing_function_limit(base, source))
         advance(0.5 + 0.5 * (done + 1) / len(SOURCES))
     verdicts = tuple(accept(design, wanted, seed=seed) for wanted in design.acceptance)

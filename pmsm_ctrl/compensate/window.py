@@ -77,6 +77,7 @@ def gain_window(
     *,
     gains: Iterable[float] = GAINS,
     at_rest: Iterable[str] = (),
+    resolution: float = 0.0,
 ) -> GainWindow:
     """Sweep the gain over motions and parameter errors (`FACTORS`).
 
@@ -90,6 +91,8 @@ def gain_window(
     gains : iterable of float
     at_rest : iterable of str
         Motions judged by their limit cycles alone: their RMS error depends mostly on where the axis happens to stop.
+    resolution : float
+        Angle of an encoder count, rad (m): errors below it count as it, since the drive cannot tell them apart.
 
     Returns
     -------
@@ -103,8 +106,8 @@ def gain_window(
     for k, gain in enumerate(swept[1:].tolist(), start=1):
         found = [(name, run(gain, factor, name)) for name in names for factor in FACTORS]
         moving = [(with_it, plain[name]) for name, with_it in found if name not in resting]
-        rms[k] = max(_ratio(with_it.rms, without.rms) for with_it, without in moving)
-        peak[k] = max(_ratio(with_it.reversal_peak, without.reversal_peak) for with_it, without in moving)
+        rms[k] = max(_ratio(with_it.rms, without.rms, resolution) for with_it, without in moving)
+        peak[k] = max(_ratio(with_it.reversal_peak, without.reversal_peak, resolution) for with_it, without in moving)
         cycles = [m.cycle_amplitude for name, m in found if m.cycle_amplitude > LARGER * plain[name].cycle_amplitude]
         cycle[k] = max(cycles, default=0.0)
     good = (cycle == 0.0) & (rms <= WORSE)
@@ -114,5 +117,6 @@ def gain_window(
     return GainWindow(source, swept, rms, peak, cycle, float(swept[reach]), float(swept[best]))
 
 
-def _ratio(value: float, reference: float) -> float:
+def _ratio(value: float, reference: float, resolution: float) -> float:
+    value, reference = max(value, resolution), max(reference, resolution)
     return value / reference if reference > 0.0 else 1.0

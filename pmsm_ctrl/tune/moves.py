@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import control as ct
 import numpy as np
@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 PEAK_TOLERANCE = 0.05  # share of the promised peak error, without dry friction
 PROFILES = ("trapezoid", "s_curve")
 LONGEST_RAMP = 0.5  # s; slower axes move below their full speed
+SLOWER = 1.0 / 3.0  # of the speed, at which a promise that failed is checked again
 REST = 0.3  # s after a move
 WINDOW_COUNTS, WINDOW_SHARE = 10.0, 1e-4  # settled: within counts of the encoder, or a share of the move without one
 ROUNDING = 1e-6  # rad; below this a peak is not compared
@@ -70,6 +71,9 @@ class MovePair:
         Without dry friction, other nonlinear effects and sensor errors.
     limited : bool
         Whether the drive met its current or voltage limit, so that it is not linear.
+    slower_agrees : bool
+        Whether the same move is as promised at a third of its speed: at the full one the rotation of the held voltage
+        within a control period, which the linear cascade leaves out, makes the difference.
     """
 
     profile: str
@@ -81,6 +85,7 @@ class MovePair:
     smooth_promised: Move
     smooth_simulated: Move
     limited: bool
+    slower_agrees: bool = True
 
     @property
     def agrees(self) -> bool:
@@ -102,7 +107,13 @@ def moves(cascade: Cascade, plant: Design, *, seed: int = 0) -> tuple[MovePair, 
         Of the measurement noise.
     """
     assert cascade.position is not None
-    return tuple(_pair(cascade, plant, profile, seed) for profile in PROFILES)
+    found = []
+    for profile in PROFILES:
+        pair = _pair(cascade, plant, profile, seed)
+        if not pair.agrees:
+            pair = replace(pair, slower_agrees=_pair(cascade, plant, profile, seed, share=SLOWER).agrees)
+        found.append(pair)
+    return tuple(found)
 
 
 def friction_load(design: Design) -> float:
@@ -135,12 +146,12 @@ def _viscous(effect: Effect, values: Mapping[str, float]) -> bool:
     return math.isclose(ten, 10.0 * one, rel_tol=1e-9, abs_tol=1e-15) and math.isclose(back, -ten, abs_tol=1e-15)
 
 
-def _pair(cascade: Cascade, plant: Design, profile: str, seed: int) -> MovePair:
+def _pair(cascade: Cascade, plant: Design, profile: str, seed: int, share: float = 1.0) -> MovePair:
     design = cascade.design
     off = design.compensation.model_copy(update={"gain": 0.0})
     design = design.model_copy(update={"compensation": off})
     limits = Limits.of(design)
-    speed = min(limits.speed, LONGEST_RAMP * limits.acceleration)
+    speed = share * min(limits.speed, LONGEST_RAMP * limits.acceleration)
     distance = 1.5 * speed * (speed / limits.acceleration + limits.acceleration / limits.jerk)
     motion = scenario(profile, design, distance=distance, speed=speed, dwell=REST, cycles=1.0)
     counts = plant.sensor.encoder_counts

@@ -2,7 +2,7 @@
 
 from pmsm_ctrl.section import Template
 
-__all__ = ["CHECK", "CORNER", "FILTER", "MARGIN", "POINT", "RIPPLE", "SLOWED"]
+__all__ = ["CHECK", "CORNER", "ENCODER", "FILTER", "MARGIN", "POINT", "RIPPLE", "SLOWED", "VOLTAGE"]
 
 MARGIN = Template("margin_missed", "{loop} loop: {missed}")
 CORNER = Template("margin_missed_at_corner", "{loop} loop, worst corner of the tolerances ({corner}): {missed}")
@@ -17,6 +17,16 @@ RIPPLE = Template(
     "encoder_ripple",
     "the encoder resolution causes {ripple:.3g} mA rms of current ripple, more than {share:g} % of the current limit; "
     "filter the speed or reduce the bandwidth",
+)
+VOLTAGE = Template(
+    "limited_by_voltage",
+    "the current loop is {factor:.3g} times slower than the rule: at full bandwidth a step of 5 % of the current limit "
+    "would need more than the voltage",
+)
+ENCODER = Template(
+    "limited_by_encoder",
+    "the speed loop is {factor:.3g} times slower than the rule: at full bandwidth the counts of the encoder would take "
+    "more than a tenth of the current",
 )
 CHECK = Template(
     "check_failed",

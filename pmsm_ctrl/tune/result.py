@@ -105,6 +105,8 @@ class Tuning(Result):
     predicted : mapping of str to Step
     slowed : mapping of str to float
         By loop, the factor by which it was slowed down to meet the requirements.
+    limited : mapping of str to float
+        By limit of the drive ("voltage": the current loop, "encoder": the speed loop), the factor that it took.
     proof : Proof or None
     """
 
@@ -124,6 +126,7 @@ class Tuning(Result):
     predicted: Mapping[str, Step]
     slowed: Mapping[str, float] = field(default_factory=dict)
     proof: Proof | None = None
+    limited: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def loops(self) -> Loops:
@@ -172,6 +175,10 @@ class Tuning(Result):
                 kind = cure.filter.kind.replace("_", "-")
                 out.append(notices.FILTER(resonance=resonant.resonance, kind=kind, frequency=cure.filter.frequency))
         limit = self.design.drive.i_max
+        if (factor := self.limited.get("voltage")) is not None:
+            out.append(notices.VOLTAGE(factor=factor))
+        if (factor := self.limited.get("encoder")) is not None:
+            out.append(notices.ENCODER(factor=factor))
         if math.isfinite(limit) and ripple > RIPPLE_LIMIT * limit:
             out.append(notices.RIPPLE(ripple=1e3 * ripple, share=100.0 * RIPPLE_LIMIT))
         failed = self.proof.failed if self.proof is not None else ()
@@ -190,6 +197,7 @@ class Tuning(Result):
             "defended": self.defended,
             "methods": {loop: getattr(asked, loop) if asked else "as_given" for loop in ("current", "speed")},
             "slowed": dict(self.slowed),
+            "limited": dict(self.limited),
             "loops": self.loops.model_dump(exclude_none=True),
             "gains": self.gains,
             "margins": {name: m.to_dict() for name, m in self.margins.items()},

@@ -16,6 +16,7 @@ from pmsm_ctrl.tune import current as current_methods
 from pmsm_ctrl.tune import position
 from pmsm_ctrl.tune import speed as speed_methods
 from pmsm_ctrl.tune.delays import compare_delay_models, delays
+from pmsm_ctrl.tune.limits import within_ripple, within_voltage
 from pmsm_ctrl.tune.linearise import linearise, rigid
 from pmsm_ctrl.tune.margins import Margins, margins
 from pmsm_ctrl.tune.noise import noise
@@ -71,7 +72,8 @@ def tune(
     """
     wanted = specification or Specification()
     wanted = replace(wanted, at=_speed(design, wanted.at))
-    asked = current_methods.tune_current(design, wanted)
+    full = current_methods.tune_current(design, wanted)
+    asked = within_voltage(design, full) if wanted.current_bandwidth is None else full
     stiff, at = rigid(design), _speed(design, wanted.at)
 
     def slower(factor: float, inner: CurrentLoop) -> SpeedLoop:
@@ -86,14 +88,28 @@ def tune(
         speed, slowed = slow_down(
             Cascade.of(design, asked, at=at), lambda factor: slower(factor, asked), wanted.requirements
         )
+    by_margins = slowed > 1.0
+    if wanted.speed_bandwidth is None:
+        swift = slowed
+        found_speed, slowed = within_ripple(
+            Cascade.of(design, current, speed, at=at), lambda factor: slower(factor, current), slowed
+        )
+        speed = speed if slowed == swift else found_speed
     place = position.tune_position(Cascade.of(design, current, speed, at=at), wanted.position_gain)
     tuned = design.model_copy(update={"loops": Loops(current=current, speed=speed, position=place)})
     found = replace(
-        _assemble(tuned, wanted, fastest, slowed > 1.0), slowed={"current": asked.K_p / current.K_p, "speed": slowed}
+        _assemble(tuned, wanted, fastest, by_margins), slowed={"current": full.K_p / current.K_p, "speed": slowed}
     )
     if wanted.robust:
         found = replace(found, robustness=replace(found.robustness, slowed=slowed))
+    found = replace(found, limited=_limited(full, asked, by_margins, slowed))
     return _checked(found, prove, seed, progress)
+
+
+def _limited(full: CurrentLoop, asked: CurrentLoop, by_margins: bool, slowed: float) -> dict[str, float]:
+    """Return by which factor voltage and encoder slowed the loops down."""
+    factors = {"voltage": full.K_p / asked.K_p, "encoder": 1.0 if by_margins else slowed}
+    return {cause: factor for cause, factor in factors.items() if factor > 1.0}
 
 
 def assess(

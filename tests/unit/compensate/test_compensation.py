@@ -333,3 +333,15 @@ def test_nothing_cycles_inside_the_safe_window() -> None:
 def test_nothing_cycles_inside_the_safe_window_of_300_drives() -> None:
     """What ``python -m tests.benchmarks.windows`` prints."""
     assert check(range(100, 400)) == []
+
+
+def test_errors_below_a_count_do_not_end_a_window() -> None:
+    """Friction damps noise: without it the error of an axis grows by tenths of a count, which no drive can see."""
+
+    def run(gain: float, factor: float, name: str) -> Metrics:
+        rms = 1e-5 * (1.0 + 0.2 * gain)
+        return Metrics(rms, rms, rms, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    gains = (0.0, 0.5, 1.0)
+    assert gain_window(run, ["any"], "reference", gains=gains).safe == 0.0
+    assert gain_window(run, ["any"], "reference", gains=gains, resolution=4.8e-5).safe == 1.0

@@ -101,3 +101,12 @@ def test_a_design_without_a_filter_of_its_own_keeps_that_of_the_speed_loop(tuned
     explicit = design.replace(loops={"position": {"K_v": 10.0, "velocity_filter": 0.0}})
     assert explicit.require_loops().reference_filter(in_position=True) == 0.0
     assert Cascade.of(explicit, loops.current, loops.speed, explicit.loops.position).position.velocity_filter == 0.0
+
+
+def test_a_difference_that_goes_with_the_speed_is_explained(tuned):
+    # At 2 kHz the rotor turns by a third of a radian in the period for which the voltage is held.
+    slow = tuned.design.replace(
+        drive={"f_control": 2000.0, "speed_divider": 1, "u_dc": 560.0}, sensor={"speed_filter": 0.0, "log_divider": 2}
+    )
+    for move in moves(tune(slow, prove=False).cascade, slow):
+        assert move.agrees or move.slower_agrees

@@ -1,0 +1,226 @@
+"""Drawn machines, tuned, moved, compensated, tracked and exported without a hand on them.
+
+``python -m tests.benchmarks.machines --count 20 --seed 0`` prints a table of peak error, compensation and window, and
+the worst rows with what explains them. Inertia spans a factor of 1000, L/R 10 us to 30 ms, control rates 4 to 100 kHz;
+a third of the axes have two masses, a fifth are linear.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pmsm_ctrl.compensate import baseline, compensated, gain_verdict, judge, run_trial, study_trials
+from pmsm_ctrl.compensate.runs import count_angle
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import PmsmCtrlError
+from pmsm_ctrl.export import export
+from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.track import track
+from pmsm_ctrl.tune import tune
+
+REVERSALS = ("reversal 2 rad/s", "reversal 10 rad/s")
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of one machine; NaN where it did not get so far.
+
+    Attributes
+    ----------
+    seed : int
+    machine : str
+        Its size in words.
+    proof : str
+        Checks passed, explained and failed.
+    promised, peak : float
+        Peak error of the s-curve without dry friction, mrad (mm).
+    rms, reversal, floor : float
+        Change of the RMS error and of the peak at reversals by full compensation, worst of the reversals, and the
+        change of the RMS error that an axis without friction has, %.
+    safe : str
+        Whether full gain with the reference speed is safe.
+    F_c : float
+        Tracked value over the true one, less 1, %.
+    exported : bool
+    words : str
+        Why it did not get further, or what explains it.
+    """
+
+    seed: int
+    machine: str
+    proof: str = "-"
+    promised: float = math.nan
+    peak: float = math.nan
+    rms: float = math.nan
+    reversal: float = math.nan
+    floor: float = math.nan
+    safe: str = "-"
+    F_c: float = math.nan
+    exported: bool = False
+    words: str = ""
+
+    @property
+    def compensated(self) -> bool:
+        """Whether nine tenths of the error are gone, or all but the noise of the axis."""
+        return self.rms <= -90.0 or self.rms <= self.floor + 5.0
+
+
+def machine(seed: int) -> Design:
+    """Return the machine of a seed: every size from its own range, the rest follows."""
+    rng = np.random.default_rng(seed)
+
+    def between(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(math.log(low), math.log(high))))
+
+    rate = float(rng.choice([4000.0, 8000.0, 16000.0, 32000.0, 100000.0]))
+    J, pairs, tau = between(2e-6, 2e-3), int(rng.integers(2, 8)), between(1e-5, 3e-2)
+    linear = bool(rng.random() < 0.2)
+    # Rated for 1000 to 5000 rad/s^2, with a mechanical time constant of 2 to 20 ms, at least 20 control periods.
+    torque, mechanical = J * between(1e4, 5e4), max(between(2e-3, 2e-2), 20.0 / rate)
+    speed, i_max = between(200.0, 600.0), between(3.0, 40.0)
+    K_t = torque / i_max
+    psi = K_t / (1.5 * pairs)
+    R = mechanical * 1.5 * (pairs * psi) ** 2 / J
+    u_dc = math.sqrt(3.0) * (1.5 * pairs * psi * speed + 1.2 * R * i_max)
+    friction = torque * between(0.005, 0.05)
+    counts = int(2 ** rng.integers(16, 23))
+    if linear:
+        counts = int(counts / 0.1)  # per metre, a turn being 0.1 m
+    loops = int(rng.choice([1, 2, 4]))
+    design = Design.from_dict(
+        {
+            "name": f"machine_{seed}",
+            "motion": "linear" if linear else "rotary",
+            "motor": {"R": R, "L_d": R * tau, "L_q": R * tau, "J": J, "p": pairs, "psi_f": psi},
+            "drive": {"u_dc": u_dc, "i_max": i_max, "f_control": rate, "speed_divider": loops},
+            "sensor": {
+                "encoder_counts": counts,
+                "current_noise": 2e-4 * i_max,
+                "speed_filter": float(rng.choice([0.0, 2.0, 4.0])) * loops / rate,
+                "log_divider": max(1, round(rate / 1000.0)),
+            },
+            "effects": [{"id": "coulomb", "F_c": friction}, {"id": "viscous", "F_v": 0.2 * friction / speed}],
+        }
+    )
+    if rng.random() < 1.0 / 3.0:
+        J_load, w = J * rng.uniform(0.2, 0.8), 2.0 * math.pi * between(30.0, 500.0)
+        damping = 2.0 * between(0.005, 0.05) * J_load * w
+        design = design.with_effect("compliance", {"J_load": J_load, "k": J_load * w * w, "d": damping})
+    return design
+
+
+def run(seed: int) -> Row:
+    """Take one machine through the chain."""
+    design = machine(seed)
+    motor, drive = design.motor, design.drive
+    assert motor.L_q is not None
+    assert motor.R is not None
+    masses = ", two masses" if design.parameters("compliance") else ""
+    kind = f"{design.motion}, J {design.J:.1e}, L/R {1e6 * motor.L_q / motor.R:.0f} us, {1e-3 * drive.f_control:g} kHz"
+    found: dict[str, object] = {"machine": kind + masses}
+    words: list[str] = []
+    for stage in (_tuned, _compensated, _tracked, _exported):
+        try:
+            design = stage(design, found, words)
+        except PmsmCtrlError as error:
+            words.append(f"{stage.__name__[1:]}: {str(error).splitlines()[0]}")
+            if stage is _tuned:
+                break
+    return Row(seed, words="; ".join(words), **found)  # type: ignore[arg-type]
+
+
+def _tuned(design: Design, found: dict[str, object], words: list[str]) -> Design:
+    tuning = tune(design)
+    assert tuning.proof is not None
+    counts = [sum(check.outcome == outcome for check in tuning.proof.checks) for outcome in ("passed", "explained")]
+    found["proof"] = f"{counts[0]}+{counts[1]}/{sum(counts) + len(tuning.proof.failed)}"
+    words += [f"{c.subject}: {c.quantity} {c.predicted:.4g}, simulated {c.simulated:.4g}" for c in tuning.proof.failed]
+    s_curve = tuning.proof.moves[-1]
+    found["promised"], found["peak"] = 1e3 * s_curve.smooth_promised.peak, 1e3 * s_curve.smooth_simulated.peak
+    if s_curve.limited:
+        words.append("the move meets the voltage or current limit")
+    return tuning.design
+
+
+def _compensated(design: Design, found: dict[str, object], words: list[str]) -> Design:
+    base, trials = baseline(design), study_trials(design)
+    believed = compensated(base, ("coulomb", "viscous"))
+    smooth = design.without_effect("coulomb").without_effect("viscous")
+    rms, reversal, floor = [], [], []
+    for name in REVERSALS:
+        plain, on, free = (
+            judge(trials[name], run_trial(b, trials[name], truth=plant), count_angle(design))
+            for b, plant in ((base, design), (believed, design), (base, smooth))
+        )
+        rms.append(on.rms / plain.rms - 1.0)
+        reversal.append(on.reversal_peak / plain.reversal_peak - 1.0)
+        floor.append(free.rms / plain.rms - 1.0)
+    found["rms"], found["reversal"], found["floor"] = (100.0 * max(values) for values in (rms, reversal, floor))
+    stated = design.model_copy(update={"compensation": design.compensation.model_copy(update={"gain": 1.0})})
+    verdict = gain_verdict(stated, 1.0)
+    found["safe"] = {True: "yes", False: "no", None: "?"}[verdict.safe]
+    if verdict.why:
+        words.append(verdict.why)
+    return stated
+
+
+def _tracked(design: Design, found: dict[str, object], words: list[str]) -> Design:
+    off = design.model_copy(update={"compensation": design.compensation.model_copy(update={"gain": 0.0})})
+    believed = off.with_effect("coulomb", {"F_c": 0.8 * design.parameters("coulomb")["F_c"]})
+    log = simulate(off, scenario("triangle", off, speed=100.0, period=2.0, cycles=3.0), seed=1)
+    F_c = track(believed, log).history["F_c"]
+    found["F_c"] = 100.0 * (float(F_c[-1]) / design.parameters("coulomb")["F_c"] - 1.0)
+    return design
+
+
+def _exported(design: Design, found: dict[str, object], words: list[str]) -> Design:
+    found["exported"] = bool(export(design, "c")) and bool(export(design, "st"))
+    return design
+
+
+def table(rows: list[Row], report: Callable[[str], None] = print) -> None:
+    """Print the rows and what they amount to."""
+    columns = (
+        "seed", "machine", "checks passed + explained / all", "s-curve peak promised, simulated [mrad]", "RMS",
+        "peak at reversals", "RMS without friction", "full gain safe", "F_c tracked", "exported",
+    )  # fmt: skip
+    report(f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
+    for r in rows:
+        changes = " | ".join(f"{value:+.0f} %" for value in (r.rms, r.reversal, r.floor))
+        done = "yes" if r.exported else "no"
+        report(
+            f"| {r.seed} | {r.machine} | {r.proof} | {r.promised:.3g}, {r.peak:.3g} | {changes} | {r.safe} | "
+            f"{r.F_c:+.1f} % | {done} |"
+        )
+    report("")
+    for r in rows:
+        if r.words or not r.compensated:
+            report(f"- {r.seed} ({r.machine}): {r.words or 'compensation above the noise of the axis'}")
+    tuned, good = (sum(map(test, rows)) for test in (lambda r: not math.isnan(r.peak), lambda r: r.compensated))
+    report(
+        f"\n{len(rows)} machines: {tuned} tuned, {good} compensated by 90 % or to the noise of the axis, "
+        f"{sum(r.exported for r in rows)} exported"
+    )
+
+
+def main() -> None:
+    """Draw, run and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0, help="of the first machine")
+    asked = parser.parse_args()
+    rows, start = [], time.perf_counter()
+    for seed in range(asked.seed, asked.seed + asked.count):
+        rows.append(run(seed))
+        print(f"# {seed}: {rows[-1]} ({time.perf_counter() - start:.0f} s)", flush=True)
+    table(rows)
+
+
+if __name__ == "__main__":
+    main()
