@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
+from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
-from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind
+from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind, in_time
 from pmsm_ctrl.regression.model import base_groups
 from pmsm_ctrl.simulate import simulate
 
@@ -199,3 +201,61 @@ def test_a_stated_sampling_leaves_no_back_emf_in_the_current(project_root: Path)
         for one in (design, design.model_copy(update={"log": LogMap(sampling="instant")}))
     ]
     assert ["tau_emf" in found for found in names] == [True, False]
+
+
+@pytest.mark.parametrize("frequency", [3.0, 20.0])
+def test_channels_are_brought_to_their_stamps_each_by_what_is_stated_of_it(frequency: float) -> None:
+    t, w = np.arange(2000) * PERIOD, 2.0 * np.pi * frequency
+    clean = np.sin(w * t)
+    mean = np.sin(w * (t - 0.5 * PERIOD)) * np.sinc(frequency * PERIOD)  # over the period before, in closed form
+    log = Log({"t": t, "theta": np.sin(w * (t - 2e-3)), "i_q": clean, "u_d": clean, "u_q": mean})
+    design = stating(sampled={"theta": {"late": 2e-3}, "u_q": {"sampling": "mean"}})
+    brought = in_time(design, log)
+    inside = slice(50, -50)
+    for name in ("theta", "u_q"):
+        assert np.max(np.abs(brought[name] - clean)[inside]) < 2e-4, name
+    for name in ("i_q", "u_d"):
+        assert np.array_equal(brought[name], clean), name
+
+
+def test_torque_and_currents_are_stated_apart() -> None:
+    design = stating(sampling="instant", sampled={"torque": {"sampling": "mean", "filter": 2e-3}})
+    assert design.log.of("i_q").sampling == design.log.of("i_d").sampling == "instant"
+    assert (design.log.of("torque").sampling, design.log.of("torque").filter) == ("mean", 2e-3)
+    assert not design.log.of("u_q").told
+    assert Design.from_dict(design.to_dict()) == design
+    log = made(1)
+    told = make_record(design, log)
+    assert told.timing == UNDELAYED  # this log has currents
+    torque = Log({"t": log.t, "theta": log["theta"], "torque": K_T * log["i_q"]})
+    assert make_record(design, torque).timing.delay == pytest.approx(0.5 * PERIOD + 2e-3)
+
+
+def test_a_command_is_early_and_never_late() -> None:
+    record = make_record(stating(sampling="command"), made(1))
+    assert record.sampling < 0.1 * PERIOD < PERIOD < record.early
+    assert not record.sampling_told
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.parametrize(
+    ("sampled", "delay"), [({"late": 0.5e-3}, 0.5e-3), ({"mean": True}, 0.5e-3), ({"lag": 3e-3}, 3e-3)]
+)
+def test_identify_is_not_biased_by_when_the_current_was_sampled(seed: int, sampled: dict, delay: float) -> None:
+    found = identify(believed(), made(seed, **sampled))
+    for name, true in (("J", J), ("F_c", F_C), ("F_v", F_V)):
+        low, high = found.intervals[name]
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        assert abs(middle - true) < 2.0 * half, name
+        assert half < 0.05 * true, name
+    assert found.timing.delay == pytest.approx(delay, rel=0.1)
+    assert found.to_dict()["timing"]["late"] == found.timing.late
+    assert "later than the position" in found.summary() or "was filtered" in found.summary()
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_compare_sees_no_structure_in_what_sampling_does(seed: int) -> None:
+    found = compare(believed(), made(seed, late=0.5e-3))
+    assert found.verdict == "consistent"
+    assert found.log.timing.late == pytest.approx(0.5e-3, rel=0.1)
+    assert found.to_dict()["timing"]["late"] == found.log.timing.late

@@ -1,0 +1,106 @@
+"""What diagnose or add wrote has the same errors when compare reads it on the same log; nothing worse is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pmsm_ctrl.cli import app
+from pmsm_ctrl.compare import compare
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import add, diagnose
+from pmsm_ctrl.identify import identify
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.prediction import errors_of, predict
+from pmsm_ctrl.regression.timed_record import timed_record
+from pmsm_ctrl.simulate import simulate
+
+STRIBECK = {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0}
+PRESLIDING = {"z_s": 0.02}
+
+
+@pytest.fixture(scope="module")
+def seed_motor(designs: Path) -> Design:
+    return Design.read(designs / "seed_motor.toml")
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"), [("stribeck", STRIBECK), ("presliding", PRESLIDING)], ids=["stribeck", "presliding"]
+)
+def test_errors_of_a_written_design_are_those_of_the_diagnosis(
+    seed_motor: Design, effect: str, values: dict[str, float]
+) -> None:
+    log = simulate(seed_motor, "triangle", truth=seed_motor.with_effect(effect, values), seed=54210)
+    found = diagnose(seed_motor, log, plan=False)
+    assert effect in [step.effect for step in found.steps]
+    written = compare(found.design, log).log.errors["torque"]
+    assert written.relative == pytest.approx(found.errors["final"]["torque"]["relative"], rel=1e-3)
+    nominal = compare(seed_motor, log).log.errors["torque"]
+    assert nominal.relative > 1.3 * written.relative
+
+
+def test_what_add_writes_explains_as_much_as_its_own_fit(seed_motor: Design) -> None:
+    log = simulate(seed_motor, "triangle", truth=seed_motor.with_effect("presliding", PRESLIDING), seed=54211)
+    written = add(seed_motor, log, "presliding")
+    record = timed_record(written, log)
+    seen = errors_of(record, predict(written, record).residual)["torque"][1]
+    assert compare(written, log).log.errors["torque"].relative == pytest.approx(seen, rel=1e-6)
+    assert seen < 0.9 * compare(seed_motor, log).log.errors["torque"].relative
+
+
+def test_nothing_of_the_design_is_fitted(seed_motor: Design) -> None:
+    log = simulate(seed_motor, "triangle", seed=54212)
+    record = timed_record(seed_motor, log)
+    off = seed_motor.with_effect("coulomb", {"F_c": 0.03})
+    left = predict(off, record).residual[0] - predict(seed_motor, record).residual[0]
+    direction = record.shaped(record.signals["direction"])
+    level = float(direction @ left / (direction @ direction))
+    assert level == pytest.approx(0.0213 - 0.03, rel=0.05)
+
+
+def test_the_sampling_is_a_nuisance_and_no_parameter(seed_motor: Design) -> None:
+    log = simulate(seed_motor, "triangle", seed=54213)
+    found = predict(seed_motor, timed_record(seed_motor, log))
+    assert "tau_drive" in found.nuisances
+    assert not {"J", "R", "psi_f", "F_c", "F_v"} & set(found.nuisances)
+
+
+def scattered(seed: int) -> tuple[Design, Log]:
+    """A drive that knows itself exactly, and a log in which half of the torque is a friction that it has not."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(12000) / 1000.0
+    speed = 12.0 * np.sin(2.1 * t) + 6.0 * np.sin(5.3 * t)
+    torque = 0.4 * np.sign(speed) + 0.02 * speed + 0.01 * np.gradient(speed, t) + 0.05 * rng.normal(size=len(t))
+    design = Design.from_dict({"name": "made", "motor": {"J": 0.01, "K_t": 1.0}})
+    design = design.with_effect("coulomb", {"F_c": 0.4}).with_effect("viscous", {"F_v": 0.02})
+    return design, Log({"t": t, "omega": speed, "torque": torque})
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_exact_design_is_not_made_worse(seed: int) -> None:
+    design, log = scattered(seed)
+    result = identify(design, log)
+    assert result.improved
+    before, after = (compare(one, log).log.errors["torque"].relative for one in (design, result.design))
+    assert after < 1.02 * before
+
+
+def test_a_design_that_would_be_worse_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pmsm_ctrl.identify import identification
+
+    design, log = scattered(3)
+    monkeypatch.setattr(identification.policy, "WORSE", 0.5)  # as if the identified one were twice as bad
+    result = identify(design, log)
+    assert not result.improved
+    assert result.design is design
+    assert "worse_than_given" in [notice.code for notice in result.notices]
+    assert result.to_dict()["improved"] is False
+    design.write(tmp_path / "design.toml")
+    log.write_csv(tmp_path / "log.csv")
+    called = ["identify", str(tmp_path / "log.csv"), "--design", str(tmp_path / "design.toml")]
+    run = CliRunner().invoke(app, [*called, "--output", str(tmp_path / "new.toml")])
+    assert run.exit_code == 1
+    assert not (tmp_path / "new.toml").exists()
