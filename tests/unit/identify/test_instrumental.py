@@ -10,6 +10,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.identify import Processing, identify
 from pmsm_ctrl.identify.instrumental import bias_test
+from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import solve
 from pmsm_ctrl.section import Table
@@ -96,7 +97,7 @@ def design(designs) -> Design:
 def test_a_noisy_encoder_in_a_wide_band_biases_least_squares(design) -> None:
     log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0), seed=1)
     noisy = log.with_channels(theta=log["theta"] + 3e-4 * np.random.default_rng(1).normal(size=len(log)))
-    wide = Processing(cutoff=150.0)
+    wide = Processing(cutoff=150.0, sampling=SYNCHRONOUS)  # noise alone is to be seen
     ordinary = identify(design, noisy, processing=wide).estimates["J"]
     result = identify(design, noisy, method="iv", processing=wide)
     unbiased = result.estimates["J"]
