@@ -186,6 +186,8 @@ def _around_reversals(fit: Fitted, row: int) -> tuple[float, tuple[Array, Array,
     since = grid - t[turns[nearest]]
     weight = (record.weight[row] * record.mask) ** 2
     near = np.abs(since) < reach
+    if not np.any(weight[~near]):
+        return 0.0, (np.zeros(0),) * 3  # there is no elsewhere
     square = fit.residual[row] ** 2
     powers = [float(np.sum(weight[s] * square[s]) / max(float(np.sum(weight[s])), 1e-300)) for s in (near, ~near)]
     edges = np.linspace(-reach, 2.0 * reach, 31)

@@ -28,6 +28,7 @@ FEWEST = 12  # means of one length, side by side, that make a null
 # noise, where their length doubles.
 LONGEST, GROWTH = 0.35, 1.3
 STRIDE = 8  # places in the length of a stretch
+ROUNDING = 1e-12  # share of a running sum that is not told from its rounding
 USED = 0.5  # share of a stretch's samples that must count
 PLACES = 60  # times at which a step is looked for
 MARGIN = 0.05  # share of the samples that lie before and after an event
@@ -243,7 +244,11 @@ def _means(white: Array, shape: Array, n: int) -> Array:
     counts = np.concatenate([[0.0], np.cumsum(shape != 0.0)])
     starts = np.arange(0, len(white) - n + 1, max(1, n // STRIDE))
     starts = starts[counts[starts + n] - counts[starts] >= USED * n]
-    return np.asarray((sums[starts + n] - sums[starts]) / np.sqrt(powers[starts + n] - powers[starts]))
+    found, power = sums[starts + n] - sums[starts], powers[starts + n] - powers[starts]
+    # stretches of next to no weight, of which the running sums keep no digits, tell nothing
+    told = power > ROUNDING * powers[-1]
+    size = np.sqrt(power, where=told, out=np.ones_like(power))
+    return np.asarray(np.divide(found, size, out=np.zeros_like(found), where=told))
 
 
 def _sums(rest: Array, weight: Array, shape: Array) -> tuple[Array, Array]:

@@ -20,20 +20,26 @@ __all__ = ["unclipped"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+# Share by which a recorder's limit lies beside the drive's own one, at least: a drive that needs more than it has is no
+# spoiled log, as one that answers the steps of a coarse encoder.
+OWN_LIMIT = 1e-3
+SURE, LARGEST = 3.0, 0.99  # standard errors; quantile of what other samples leave
 REACH = 6  # samples beside a clipped one; a gap in time has to be longer than five periods to be one
 
 
 def unclipped(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...], tuple[Stretch, ...]]:
     """Leave out samples of the current or torque that were clipped by the recorder.
 
-    With too many of them nothing is left out. A drive's own limit holds the current too; but there the motion needs no
-    more than the limit.
+    With too many of them nothing is left out. A drive's own limit holds the current too: it is the one of the design,
+    or the motion needs no more there.
     """
     name = "torque" if "torque" in log else "i_q"
     if name not in log or saturated_share(log[name]) == 0.0:
         return log, (), ()
     size = np.abs(log[name])
     limit = float(size.max())
+    if abs(limit - _own_limit(design, name)) < OWN_LIMIT * limit:
+        return log, (), ()
     at_limit = size >= limit * (1.0 - 1e-9)
     if not _needs_more(design, binned(log), name, at_limit):
         return log, (), ()
@@ -49,6 +55,11 @@ def unclipped(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...], tuple[
     )
     kept = {channel: values[~out] for channel, values in log.channels.items()}
     return Log(kept, log.motion, provenance=log.provenance), (reason,), stretches
+
+
+def _own_limit(design: Design, name: str) -> float:
+    """Return the drive's limit in a channel; infinite where the design states none."""
+    return design.drive.i_max * (design.K_t_assumed if name == "torque" else 1.0)
 
 
 def _needs_more(design: Design, bins: Bins, name: str, at_limit: Mask) -> bool:
@@ -72,6 +83,8 @@ def _needs_more(design: Design, bins: Bins, name: str, at_limit: Mask) -> bool:
         return False
     missing = ((predicted - seen) * np.sign(predicted))[judged]
     limit = float(np.max(np.abs(torque)))
-    # what a drive's own limit leaves is as often too much as too little
-    sure = float(np.mean(missing)) > 3.0 * float(np.std(missing)) / np.sqrt(judged.sum() / (3.0 * BOXES))
-    return sure and float(np.mean(missing)) > POLICY.excess * limit * float(np.mean(share[judged]))
+    # what a drive's own limit leaves is as often too much as too little, and no more than what all other samples leave
+    independent = np.sqrt(judged.sum() / (3.0 * BOXES))
+    mean, others = float(np.mean(missing)), np.abs(predicted - seen)[fast & (share == 0.0)]
+    sure = mean > SURE * float(np.std(missing)) / independent or mean > float(np.quantile(others, LARGEST))
+    return bool(sure) and mean > POLICY.excess * limit * float(np.mean(share[judged]))

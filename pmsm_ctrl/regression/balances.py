@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.log import Log, Span
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
+from pmsm_ctrl.regression.direction import direction_of
 from pmsm_ctrl.regression.drive_timing import (
     UNDELAYED,
     DriveTiming,
@@ -30,14 +30,13 @@ from pmsm_ctrl.regression.drive_timing import (
 )
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.joining import thinned
-from pmsm_ctrl.regression.reversals import reversals, timed_sign
-from pmsm_ctrl.regression.timing import own_time, punctual
+from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual
 from pmsm_ctrl.regression.weights import (
     EDGE_PERIODS,
     MAD,
+    WRONG_TORQUE,
     edge_weight,
     on_grid,
-    prefilter,
     quantisation_error,
     reversal_weight,
     voltage_weight,
@@ -67,16 +66,12 @@ CHANNELS = ("torque", "u_d", "u_q")
 # Signals that follow from what a model predicts; all others stay what they were measured.
 MODELLED = frozenset({"torque", "i_q", "di_q"})
 
-# Below this share of the fast speed the direction is uncertain; see `_direction`.
+# Below this share of the fast speed the direction is uncertain; see `direction`.
 STANDSTILL = 0.0005
 # A log of fewer samples tells nothing.
 FEWEST_SAMPLES = 32
 # Periods of the cutoff at either end that the filters need to start, and the share of a log that is given up at most.
 EDGES, SHORTEST_EDGE = (4.0, 10.0), 0.05
-# Share of a log at most in which a shaft that stops and goes on as before is left out.
-MOST_UNKNOWN = 0.2
-REST = 0.004  # s: what is shorter is a reversal
-FEWEST_MIXED = 4  # samples on either side of a reversal that smoothing mixes at least
 STEADY = 0.02  # weight below which a sample's time cannot be believed
 INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d changes no faster
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
@@ -138,6 +133,8 @@ class Record:
         The records that it was joined from, where there are several.
     shifts : tuple of (float, float)
         What was added to the angle of each record, and its standard error, rad; empty where one zero serves all.
+    lines : tuple of int
+        Lines of the encoder whose errors the log shows; they are part of every fit.
     memo, kept : dict
         Columns that were built: those of this record, and those of the measured motion alone, which are the same
         whatever torque a model predicts.
@@ -164,6 +161,7 @@ class Record:
     unseen: float = 0.0
     records: tuple[Span, ...] = ()
     shifts: tuple[tuple[float, float], ...] = ()
+    lines: tuple[int, ...] = ()
     memo: Memo = field(default_factory=dict, repr=False)
     kept: Memo = field(default_factory=dict, repr=False)
 
@@ -291,8 +289,9 @@ class Record:
 
 
 def make_record(
-    design: Design, log: Log, processing: Processing | None = None, age: float = 0.0, timing: DriveTiming | None = None
-) -> Record:
+    design: Design, log: Log, processing: Processing | None = None, age: float = 0.0, timing: DriveTiming | None = None,
+    wrong: float = WRONG_TORQUE,
+) -> Record:  # fmt: skip
     """Prepare a log for the diagnosis.
 
     In the default band, unless that leaves next to nothing: edges and jumping time stamps ring for a few periods of the
@@ -308,6 +307,8 @@ def make_record(
         Of a speed beyond what the design knows of it, s; it counts only where the log has no position.
     timing : DriveTiming, optional
         How the drive signal was sampled; it is undone. What the design states of the log when left out.
+    wrong : float
+        Share of the torque's scatter up to which errors at edges and reversals need no care.
 
     Raises
     ------
@@ -317,25 +318,27 @@ def make_record(
     log.check_evaluable(FEWEST_SAMPLES)
     timing = stated_timing(drive_sampling(design, log), log.period) if timing is None else timing
     if processing is not None:
-        return _made(design, log, processing, age, timing)
+        return _made(design, log, processing, age, timing, wrong)
     usual, short = Processing(standstill=STANDSTILL), None
     try:
-        record = _made(design, log, usual, age, timing)
+        record = _made(design, log, usual, age, timing, wrong)
         if record.usable >= USABLE:
             return record
     except LogError as error:
         short = error
     try:
-        wide = _made(design, log, replace(usual, cutoff=signal_band(thinned(log))), age, timing)
+        wide = _made(design, log, replace(usual, cutoff=signal_band(thinned(log))), age, timing, wrong)
     except LogError as error:
         raise short or error from None
     return wide if short is not None or wide.usable > record.usable else record
 
 
-def _made(design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming) -> Record:
+def _made(
+    design: Design, log: Log, processing: Processing, age: float, timing: DriveTiming, wrong: float
+) -> Record:  # fmt: skip
     sampling, early = possible_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
-    log = timing.undone(thinned(in_time(design, log, age)))
+    log = timing.undone(thinned(in_time(design, ending_steadily(log), age)))
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
@@ -352,14 +355,14 @@ def _made(design: Design, log: Log, processing: Processing, age: float, timing: 
     _add_slopes(signals, prepared)
     driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
-    direction, sure, kink = _direction(signals["omega"], driving, prepared, measured)
+    direction, sure, kink = direction_of(driving, prepared, measured, STANDSTILL)
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
         channels += ["u_d", "u_q"]
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     source = "torque" if "torque" in log else "i_q"
-    slow = edge_weight(on_grid(log, prepared, source), prepared, EDGE_PERIODS, log.records)
+    slow = edge_weight(on_grid(log, prepared, source), prepared, EDGE_PERIODS, log.records, wrong)
     sound = measured[prepared.keep]
     if "theta" in log and not sound.all():
         # a speed that jumps from sample to sample is a lying time stamp or a lost count
@@ -368,7 +371,7 @@ def _made(design: Design, log: Log, processing: Processing, age: float, timing: 
         )
         slow = slow * steady
         sound = sound & (steady > STEADY)
-    weight = [slow * reversal_weight(log, prepared, signals, kink)]
+    weight = [slow * reversal_weight(log, prepared, signals, kink, wrong)]
     for name in channels[1:]:
         level = np.hypot(target[1], target[2])
         weight.append(weight[0] * voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)))
@@ -397,47 +400,6 @@ def _edges(prepared: Prepared) -> Mask:
     inside[:edge] = False
     inside[-edge:] = False
     return inside
-
-
-def _direction(
-    omega: Array, driving: Array, prepared: Prepared, measured: Mask
-) -> tuple[Array, Mask, tuple[float, float]]:
-    """Direction of motion; while the shaft rests, the share of the dry friction that balances the drive.
-
-    What bridges a hole in the log is not `measured`.
-
-    Taking the sign of a resting shaft's speed for the direction would smear errors over the filter's memory into
-    the moving samples beside it.
-    """
-    top = float(np.quantile(np.abs(omega[measured]), 0.99))
-    rests = np.abs(omega) <= STANDSTILL * top
-    direction = timed_sign(omega)
-    long = np.zeros(len(omega), dtype=bool)
-    for piece in stretches(rests):
-        if piece.stop - piece.start > REST * prepared.rate:
-            long[piece] = True
-    free = ~long & measured
-    level = J = 0.0
-    reach = max(FEWEST_MIXED, round(prepared.rate / prefilter(prepared)))
-    direction[long] = 0.0
-    unknown: list[slice] = []
-    for _ in range(3):  # again with what the reversals say of the level
-        columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free]
-        weights = np.linalg.lstsq(columns, driving[free], rcond=None)[0]
-        level, J = float(weights[1]), float(weights[0])
-        if level <= 0.0 or J <= 0.0:
-            break
-        left = (driving - weights[2] * omega - weights[3]) / level
-        direction[long] = np.clip(left[long] - J / level * prepared.alpha[long], -1.0, 1.0)
-        theta, period = prepared.signals["theta"], 1.0 / prepared.rate
-        unknown = reversals(direction, long, omega, theta, left, J / level, period, reach)
-    sure = ~long
-    dilate = round(prepared.rate / prepared.cutoff)
-    if sum(piece.stop - piece.start for piece in unknown) > MOST_UNKNOWN * len(omega):
-        unknown = []  # noise turns the shaft, or its speed, everywhere
-    for piece in (*stretches(long), *unknown):
-        sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
-    return direction, sure, (max(level, 0.0), J)
 
 
 def _intended_i_d(log: Log, prepared: Prepared, i_d: Array) -> Array:

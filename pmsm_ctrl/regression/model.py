@@ -18,6 +18,7 @@ from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, TOLD, emf_left
+from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
 
 __all__ = [
@@ -286,9 +287,17 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
         )  # fmt: skip
     for at in record.changes:
         yield _Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf)
+    for lines in record.lines:
+        for number, wave in enumerate(("sin", "cos")):
+            yield _Term(f"{wave} {lines}", partial(_line_error, record, lines, number), 0.0, 1.0)
     if record.age is not None:
         known = TOLD * record.period if design.log.of("omega").told else FILTERED
         yield _Term(AGE, lambda: {"torque": record.rate_of(s["torque"])}, 0.0, known, True)
+
+
+def _line_error(record: Record, lines: int, number: int) -> Mapping[str, Array]:
+    """Sine or cosine of the error of the encoder's lines, as large as it may be."""
+    return {"torque": line_swings(record, lines)[number]}
 
 
 def _changed(record: Record, at: float) -> Mapping[str, Array]:

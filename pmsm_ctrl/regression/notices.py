@@ -9,6 +9,7 @@ __all__ = [
     "CHANNEL_LEFT_OUT",
     "COARSE_ANGLE",
     "DEAD_VOLTAGES",
+    "ENCODER_LINES",
     "EQUAL_STEPS",
     "GAPS",
     "MEASUREMENT_EFFECT_LEFT_IN",
@@ -36,6 +37,11 @@ SPEED_FOR_COARSE_ANGLE = Template(
     "more digits",
 )
 DEAD_VOLTAGES = Template("dead_voltages", "{channels} zero throughout: not used")
+ENCODER_LINES = Template(
+    "encoder_lines",
+    "the angle has an error of {lines} periods a turn and {amplitude:.2g} rad, as encoders that interpolate so many "
+    "lines have it: it is part of the model",
+)
 EQUAL_STEPS = Template(
     "equal_steps",
     "time stamps jitter by up to {jitter:.1f} % of a period, the motion does not: equal sampling intervals are used",

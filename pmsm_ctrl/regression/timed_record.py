@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,9 +28,12 @@ from pmsm_ctrl.regression.drive_timing import (
     possible_sampling,
     stated_timing,
 )
+from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.model import AGE, FILTERED, FIXED, MOST_NOISE, noise_share
+from pmsm_ctrl.regression.notices import ENCODER_LINES
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
+from pmsm_ctrl.regression.weights import WRONG_TORQUE
 
 __all__ = ["sampling_of", "timed_record"]
 
@@ -39,6 +43,9 @@ EXPANDED = 0.2
 HALVINGS = 2  # of the default band: 10 Hz still hold the friction of an axis
 BLUE = 0.66  # what half the band leaves of a noise that grows with the frequency; of white noise it leaves 0.7
 WIDER = 1.25  # times the default band: less is not worth a second pass
+# Share of the torque below which no effect is worth a name, and no error worth a weight; of the weights' usual level
+# what is worth a second pass.
+CLOSEST, CLOSER = 0.004, 0.7
 NOISIER = 3.0  # times the noise floor: white noise grows with the root of the band, by no more than this
 
 
@@ -59,8 +66,13 @@ def timed_record(design: Design, log: Log) -> Record:
     -------
     Record
     """
-    record = _widened(design, log, *_timed(design, log))
-    return _of_one_axis(design, record) if record.records else record
+    timed, fit = _timed(design, log)
+    record = _widened(design, log, timed, fit)
+    record, fit = _weighed(design, log, record, fit if record is timed else base_fit(design, record))
+    if record.records:
+        record = _of_one_axis(design, record)
+        fit = base_fit(design, record)
+    return _with_lines(record, fit)
 
 
 def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
@@ -117,6 +129,29 @@ def _of_one_axis(design: Design, record: Record) -> Record:
     if weighed is not record:
         fit = base_fit(design, weighed)
     return with_common_zero(weighed, weighed.target[0] - fit.plain.predicted()[0], fit.whitener)
+
+
+def _weighed(design: Design, log: Log, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
+    """Weigh edges and reversals by the noise floor, where the model comes closer than the weights took it to.
+
+    What the moment of a reversal may be wrong by is little beside a usual noise, and many times a low one.
+    """
+    wrong = max(_noise(fit), CLOSEST)
+    if wrong > CLOSER * WRONG_TORQUE:
+        return record, fit
+    processing = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
+    again = make_record(design, log, processing, record.age or 0.0, record.timing, wrong)
+    return again, base_fit(design, again)
+
+
+def _with_lines(record: Record, fit: Estimated) -> Record:
+    """Return the record with the errors of the encoder's lines that it shows, which every fit then holds."""
+    left = record.target[0] - fit.estimate.predicted()[0]
+    found = shown_lines(record, left, fit.model.matrix[0], float(fit.weights.sigma[0]))
+    if not found:
+        return record
+    said = (ENCODER_LINES(lines=lines, amplitude=amplitude) for lines, amplitude in found.items())
+    return replace(record, lines=tuple(found), notes=(*record.notes, *said), kept={})
 
 
 def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,16 @@ from pmsm_ctrl.regression import notices as words
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.section import Notice
 
-__all__ = ["between_records", "bridge_time", "end_speeds", "own_time", "punctual", "uniform", "unwrapped"]
+__all__ = [
+    "between_records",
+    "bridge_time",
+    "end_speeds",
+    "ending_steadily",
+    "own_time",
+    "punctual",
+    "uniform",
+    "unwrapped",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,6 +39,9 @@ END, FEWEST_END = 0.01, 5
 LONGEST_BRIDGE = 50.0  # times the usual time between two records
 # A speed that changes by so many times its usual change from one sample to the next jumps.
 JUMP = 12.0
+# Time, s, and fewest samples at either end of a log that an edge there may take; and how far beyond the median it lies,
+# in median distances from that, or thirds of the greatest.
+AT_END, FEWEST_AT_END, EDGE_AT_END = 0.01, 4, 6.0
 
 
 def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]]:
@@ -200,26 +213,64 @@ def punctual(log: Log, t: Array, cutoff: float, jumps: bool = True) -> Mask:
     """Return samples, shape (n,), away from time stamps that are off by more than half a period.
 
     Such a stamp, or the count that went with it, makes the speed jump: where there are any, samples around jumps of the
-    speed are left out as well, unless `jumps` are dealt with elsewhere. Where that would be nearly everywhere, nothing
-    is left out. `t` is the uniform time, s; one and a half periods of the cutoff, Hz, are left out on either side, and
-    `AROUND_HOLES` around holes.
+    speed are left out as well, unless `jumps` are dealt with elsewhere. Where that would be nearly everywhere, holes
+    alone are left out. `t` is the uniform time, s; one and a half periods of the cutoff, Hz, are left out on either
+    side, and `AROUND_HOLES` around holes.
     """
-    good = np.ones(len(t), dtype=bool)
     apart = between_records(log, t, AROUND_HOLES / cutoff)
     late = np.flatnonzero(np.abs(np.diff(log.t) - log.period) > LATE * log.period)
     late = late[~_between(log, log.t)[late]]
     if len(late) == 0:
-        return good & ~apart
+        return ~apart
     reach, hole = 1.5 / cutoff, AROUND_HOLES / cutoff
     wide = np.diff(log.t)[late] > 1.0 / cutoff
     around = np.where(wide, hole, reach)
     spans = list(zip(log.t[late] - around, log.t[late + 1] + around, strict=True))
+    bridged = _outside(t, [span for span, hole in zip(spans, wide.tolist(), strict=True) if hole])
     if jumps and "theta" in log:
         rate = (len(t) - 1) / float(t[-1] - t[0])
         speed = np.gradient(np.interp(t, log.t, np.unwrap(log["theta"])))
         fast = np.abs(speed - low_pass(speed, rate, 0.25 * rate))
         jumping = np.flatnonzero(fast > JUMP * max(float(np.median(fast)), 1e-300))
         spans += [(t[k] - reach, t[k] + reach) for k in jumping]
-    for first, last in np.searchsorted(t, np.array(spans)):
-        good[first:last] = False
-    return (good if good.mean() > 0.4 else np.ones_like(good)) & ~apart
+    good = _outside(t, spans)
+    return (good if good.mean() > 0.4 else bridged) & ~apart
+
+
+def _outside(t: Array, spans: Sequence[tuple[float, float]]) -> Mask:
+    """Return which times lie in none of the spans, s."""
+    good = np.ones(len(t), dtype=bool)
+    for first, last in spans:
+        good[slice(*np.searchsorted(t, (first, last)))] = False
+    return good
+
+
+def ending_steadily(log: Log) -> Log:
+    """Return a log without the edge in the drive signal at which it begins or ends, where there is one.
+
+    The filters mirror a log in its last value: an edge there would be a step of twice its height, beyond what any
+    weight or cut can keep out. A drive that is switched off, or trips, ends its log like that.
+    """
+    source = next((name for name in ("torque", "i_q") if name in log), None)
+    if source is None or log.records:
+        return log
+    values = log[source]
+    count = max(FEWEST_AT_END, round(AT_END * log.rate))
+    if len(values) < 8 * count:
+        return log
+    first, last = _steady(values[: 4 * count], count), len(values) - _steady(values[: -4 * count - 1 : -1], count)
+    if last - first == len(values):
+        return log
+    channels = {name: part[first:last] for name, part in log.channels.items()}
+    return replace(log, channels=channels, segments=())
+
+
+def _steady(values: Array, count: int) -> int:
+    """Return how many samples at the beginning, at most `count`, belong to an edge.
+
+    The rest of the values tells what is usual; the sample after an edge is the first that is.
+    """
+    usual = float(np.median(values[count:]))
+    scatter = np.abs(values[count:] - usual)
+    far = np.abs(values[:count] - usual) > EDGE_AT_END * max(float(np.median(scatter)), float(scatter.max()) / 3.0)
+    return int(np.flatnonzero(far)[-1]) + 1 if far[0] else 0

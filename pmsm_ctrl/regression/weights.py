@@ -14,6 +14,7 @@ from pmsm_ctrl.regression.filters import low_pass
 
 __all__ = [
     "EDGE_PERIODS",
+    "WRONG_TORQUE",
     "edge_weight",
     "on_grid",
     "prefilter",
@@ -40,17 +41,20 @@ EDGE_PERIODS = 3.0
 RINGING = ((1.0, 0.035), (3.0, 0.023), (5.0, 0.009), (9.0, 0.004), (13.0, 0.0007))
 # Share of the rounded kink that stays as an error of the moment of reversal.
 ROUNDED = 0.15
-# No model of a real axis is better than this share of the torque; errors below it need no care.
+# Share of the torque's scatter below which its errors need no care, as long as nobody knows how well a model fits.
 WRONG_TORQUE = 0.02
 # How far a voltage balance can be trusted: shares of the inductive drop and of the voltage.
 WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
 
 
-def reversal_weight(log: Log, prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float]) -> Array:
+def reversal_weight(
+    log: Log, prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], least: float = WRONG_TORQUE
+) -> Array:
     """Weight around reversals: the moment at which friction turns is known only so well.
 
     Friction jumps by twice its level F, the acceleration by 2 F / J, and the low-pass before differentiation rounds
-    that kink off; a tenth of a sample comes on top. The torque is off by 2 F for that long.
+    that kink off; a tenth of a sample comes on top. The torque is off by 2 F for that long. What is below the share
+    `least` of the torque's scatter counts as noise.
     """
     level, J = kink
     rate, omega = prepared.rate, signals["omega"]
@@ -69,30 +73,40 @@ def reversal_weight(log: Log, prepared: Prepared, signals: Mapping[str, Array], 
     scale = float(np.std(signals["torque_meas"]) / max(float(np.std(signals["i_q_meas"])), 1e-300))
     noise = _scatter(raw, rate) * (1.0 if source == "torque" else scale)
     noise *= np.sqrt(4.0 * prepared.cutoff / rate)
-    noise = float(np.hypot(noise, WRONG_TORQUE * np.std(signals["torque_meas"])))
+    noise = float(np.hypot(noise, least * np.std(signals["torque_meas"])))
     return 1.0 / (1.0 + (wrong / max(noise, 1e-300)) ** 2)
 
 
-def edge_weight(raw: Array, prepared: Prepared, periods: float, records: Sequence[Span] = ()) -> Array:
+def edge_weight(
+    raw: Array, prepared: Prepared, periods: float, records: Sequence[Span] = (), least: float = WRONG_TORQUE
+) -> Array:
     """Weight of each thinned sample from the drive signal's content above a quarter of the rate.
 
     An edge that is faster than the sampling is logged up to one period too early or too late, always the same way
     where the drive and the log share a clock. Its error in the filtered balance, against the noise there, is about
     the height of the edge over the noise times the root of what the filter lets through; weights fall
-    steeply with that, for so many periods of the filter's cutoff on either side as it rings. Each of several records
-    has a noise of its own.
+    steeply with that, for so many periods of the filter's cutoff on either side as it rings. What is below the share
+    `least` of the signal's scatter counts as noise. Each of several records has a noise of its own.
     """
     rate = prepared.rate
-    fast = np.abs(raw - low_pass(raw, rate, UPPER * rate))
+    # the filters mirror a log in its last value: an edge there is a step of twice its height
+    beyond = min(len(raw) - 1, round((periods + RINGING[-1][0]) * rate / prepared.cutoff))
+    inside = slice(beyond, beyond + len(raw))
+    whole = np.pad(raw, beyond, mode="reflect", reflect_type="odd")
+    fast = np.abs(whole - low_pass(whole, rate, UPPER * rate))
     pieces = [slice(*np.searchsorted(prepared.t, [one.start, one.stop])) for one in records] or [slice(None)]
     level = np.zeros(len(raw))
     for piece in pieces:
-        level[piece] = np.hypot(MAD * np.median(fast[piece]), WRONG_TORQUE * np.std(raw[piece]))
+        level[piece] = np.hypot(MAD * np.median(fast[inside][piece]), least * np.std(raw[piece]))
     level[level == 0.0] = float(np.min(level[level > 0.0], initial=np.inf))
     if not np.isfinite(level).all():
         return np.ones(len(prepared.keep))
     noise = level[prepared.keep]
-    peaks = _highest(fast, 2 * round(periods * rate / prepared.cutoff) + 1)[prepared.keep] / noise
+
+    def highest(periods: float) -> Array:
+        return _highest(fast, 2 * round(periods * rate / prepared.cutoff) + 1)[inside][prepared.keep] / noise
+
+    peaks = highest(periods)
     # where every stretch has such peaks they are the drive's ripple, not single edges
     usual = np.full(len(peaks), NOISE_PEAK)
     for piece in pieces:
@@ -100,8 +114,7 @@ def edge_weight(raw: Array, prepared: Prepared, periods: float, records: Sequenc
         usual[here] = max(NOISE_PEAK, float(np.median(peaks[here])) if here.stop > here.start else 0.0)
     edge = np.maximum(peaks - usual, 0.0)
     for further, left in RINGING:
-        ringing = _highest(fast, 2 * round((periods + further) * rate / prepared.cutoff) + 1)[prepared.keep] / noise
-        edge = np.maximum(edge, left * (ringing - usual))
+        edge = np.maximum(edge, left * (highest(periods + further) - usual))
     passed = np.sqrt(2.0 * prepared.cutoff / rate)
     return np.asarray(1.0 / (1.0 + (passed * edge) ** 2) ** 2)
 

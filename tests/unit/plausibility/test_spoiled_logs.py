@@ -223,3 +223,12 @@ def test_an_offset_by_hand_is_told_from_a_load(seed: int) -> None:
     assert notice.detail["offset"] == pytest.approx(0.1, rel=0.1)
     loaded = log.with_channels(i_q=log["i_q"] + 0.1, u_q=log["u_q"] + 0.1 * RESISTANCE)
     assert examine(believed(), loaded).contradictions == ()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_limit_of_the_drive_clips_nothing(seed: int) -> None:
+    log = drawn(seed)
+    limit = float(np.quantile(np.abs(log["i_q"]), 0.955))
+    limited = log.with_channels(i_q=np.clip(log["i_q"], -limit, limit))
+    drive = believed().drive.model_copy(update={"i_max": limit})
+    assert not examine(believed().model_copy(update={"drive": drive}), limited).notices

@@ -10,7 +10,7 @@ from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.filters import derivative, low_pass
-from pmsm_ctrl.regression.timing import uniform
+from pmsm_ctrl.regression.timing import ending_steadily, punctual, uniform
 
 PLAIN = Design.from_dict({"motor": {"J": 0.01, "K_t": 1.0}})
 
@@ -146,3 +146,27 @@ def test_too_short_and_never_moving() -> None:
 def test_a_band_is_thinned_to_a_grid_that_it_fills(cutoff: float) -> None:
     rate = prepare(PLAIN, sine_log(), Processing(cutoff=cutoff)).thinned_rate
     assert 2.0 <= rate / cutoff <= 2.8
+
+
+def test_a_hole_stays_out_where_single_samples_are_lost_everywhere() -> None:
+    rng = np.random.default_rng(3)
+    t = np.concatenate([np.arange(4000), np.arange(6000, 10000)]) / 1000.0
+    t = t[rng.random(t.size) > 0.02]
+    log = Log({"t": t, "theta": np.sin(5 * t), "torque": np.cos(3 * t)})
+    grid = np.arange(t[0], t[-1], 1e-3)
+    good = punctual(log, grid, 40.0, jumps=False)
+    assert not good[(grid > 4.0) & (grid < 5.99)].any()
+    assert good[grid < 3.8].all()
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_log_that_ends_in_an_edge_is_cut_before_it(side: int) -> None:
+    t = np.arange(4000) / 4000.0
+    torque = np.cos(3 * t) + 0.01 * np.random.default_rng(4).standard_normal(t.size)
+    log = Log({"t": t, "theta": np.sin(5 * t), "torque": torque})
+    assert ending_steadily(log) is log
+    switched = torque.copy()
+    switched[::-side][:5] += np.array([30.0, 32.0, 31.0, 24.0, 12.0])
+    cut = ending_steadily(log.with_channels(torque=switched))
+    assert len(cut) == len(log) - 5
+    np.testing.assert_array_equal(cut["torque"], torque[:-5] if side == 1 else torque[5:])

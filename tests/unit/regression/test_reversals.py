@@ -63,3 +63,18 @@ def test_a_shaft_that_sticks_in_between(missing: float) -> None:
     wrong = np.abs(through - friction)
     assert np.sum(wrong[np.abs(t) < 0.1]) < 1.0 + 15.0 * missing
     assert np.median(wrong[resting]) < 0.03 + missing
+
+
+def test_a_shaft_that_stops_and_goes_on_has_no_direction_there() -> None:
+    # at rest for 60 ms; what the smoothing rings, and the encoder's noise, changes the sign of the speed in between
+    rate = 1000.0
+    t = np.arange(-400, 401) / rate
+    theta = 0.5 * 300.0 * (np.minimum(t, 0.0) ** 2 * -1.0 + np.maximum(t - 0.06, 0.0) ** 2)
+    theta += 1e-5 * np.sin(2.0 * np.pi * 40.0 * t) * ((t > -0.01) & (t < 0.07))
+    omega = derivative(theta, 1.0 / rate)
+    assert np.count_nonzero(np.diff(np.sign(omega))) > 1
+    direction = timed_sign(omega)
+    unknown = reversals(direction, np.zeros(t.size, dtype=bool), omega, theta, np.full(t.size, -0.5), J, 1e-3, 10)
+    assert len(unknown) == 1
+    assert t[unknown[0].start] < 0.0
+    assert t[unknown[0].stop - 1] > 0.06

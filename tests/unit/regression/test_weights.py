@@ -35,6 +35,16 @@ def test_an_edge_takes_the_weight_of_the_samples_that_it_rings_into(prepared: Pr
     assert weight[away > 20.0 / prepared.cutoff].min() > 0.99
 
 
+def test_an_edge_at_the_very_end_is_a_step_to_the_filter(prepared: Prepared) -> None:
+    t = prepared.t
+    raw = np.sin(t) + 0.01 * np.random.default_rng(3).standard_normal(t.size)
+    raw[-1] += 2.0  # mirrored, what comes after it is higher by 4
+    weight = edge_weight(raw, prepared, EDGE_PERIODS)
+    left = (t[-1] - t[prepared.keep]) * prepared.cutoff
+    assert weight[left < 2.0].max() < 0.01
+    assert weight[left > 20.0].min() > 0.99
+
+
 def test_a_smooth_signal_keeps_its_weight(prepared: Prepared) -> None:
     raw = np.sin(prepared.t) + 0.01 * np.random.default_rng(2).standard_normal(prepared.t.size)
     assert edge_weight(raw, prepared, EDGE_PERIODS).min() > 0.95

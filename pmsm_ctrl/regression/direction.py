@@ -1,0 +1,83 @@
+"""The direction of motion, with which dry friction goes: what rests, and what noise turns, has none."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.evidence.noise import stretches
+from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.regression.reversals import reversals, timed_sign
+from pmsm_ctrl.regression.weights import prefilter
+
+__all__ = ["direction_of"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Share of a log at most in which a direction that is not known is left out.
+MOST_UNKNOWN = 0.2
+REST = 0.004  # s: what is shorter is a reversal
+FEWEST_MIXED = 4  # samples on either side of a reversal that smoothing mixes at least
+
+
+def direction_of(
+    driving: Array, prepared: Prepared, measured: Mask, standstill: float
+) -> tuple[Array, Mask, tuple[float, float]]:
+    """Direction of motion; while the shaft rests, or nearly, the share of the dry friction that balances the drive.
+
+    What bridges a hole in the log is not `measured`.
+
+    Taking the sign of a resting shaft's speed for the direction would smear errors over the filter's memory into
+    the moving samples beside it.
+
+    Parameters
+    ----------
+    driving : array, shape (n,)
+        What drives the axis, N m (N).
+    prepared : Prepared
+    measured : bool array, shape (n,)
+    standstill : float
+        Share of the fast speed below which the direction is uncertain.
+
+    Returns
+    -------
+    direction : array, shape (n,)
+    sure : bool array, shape (n,)
+        False where the shaft rests, where its direction is not known, and beside either.
+    kink : (float, float)
+        Level of the dry friction, N m (N), and the inertia.
+    """
+    omega = prepared.signals["omega"]
+    top = float(np.quantile(np.abs(omega[measured]), 0.99))
+    rests = np.abs(omega) <= standstill * top
+    direction = timed_sign(omega)
+    long = np.zeros(len(omega), dtype=bool)
+    for piece in stretches(rests):
+        if piece.stop - piece.start > REST * prepared.rate:
+            long[piece] = True
+    free = ~long & measured
+    level = J = 0.0
+    reach = max(FEWEST_MIXED, round(prepared.rate / prefilter(prepared)))
+    direction[long] = 0.0
+    unknown = np.zeros(len(omega), dtype=bool)
+    for _ in range(3):  # again with what the reversals say of the level
+        columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free & ~unknown]
+        weights = np.linalg.lstsq(columns, driving[free & ~unknown], rcond=None)[0]
+        level, J = float(weights[1]), float(weights[0])
+        if level <= 0.0 or J <= 0.0:
+            break
+        left = (driving - weights[2] * omega - weights[3]) / level
+        balanced = np.clip(left - J / level * prepared.alpha, -1.0, 1.0)
+        direction[long] = balanced[long]
+        theta, period = prepared.signals["theta"], 1.0 / prepared.rate
+        unknown[:] = False
+        for piece in reversals(direction, long, omega, theta, left, J / level, period, reach):
+            unknown[piece] = True
+        if np.mean(unknown & ~long) > MOST_UNKNOWN:  # noise turns the shaft, or its speed, everywhere
+            unknown[:] = False
+        direction[unknown] = balanced[unknown]
+    sure, dilate = ~long, round(prepared.rate / prepared.cutoff)
+    for piece in stretches(long | unknown):
+        sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
+    return direction, sure, (max(level, 0.0), J)

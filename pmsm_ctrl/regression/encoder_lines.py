@@ -1,0 +1,92 @@
+"""The error of an encoder's lines: a wave of the measured angle that every fit has to hold where a log shows it.
+
+Encoders that interpolate the signals of their lines are wrong by up to a few per cent of a line, periodically. Twice
+differentiated, that swings the measured acceleration with the square of the speed as long as the lines pass slowly
+enough for the filters: on a smooth motion just before a stop and just after a start, where it looks like friction.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.effects.structures.interface import LINE_ERROR
+from pmsm_ctrl.regression.balances import Record
+
+__all__ = ["LINES", "line_swings", "shown_lines"]
+
+Array = NDArray[np.float64]
+
+# Lines of a turn that are looked for: those of encoders with interpolated signals are a power of two.
+LINES = tuple(64 << k for k in range(8))
+# Cutoffs of the evaluation from which on lines that pass leave nothing in it, and are not followed.
+FOLLOWED = 2.0
+# Gain, in units of the noise, from which on a log shows the lines: by chance, two parameters have that hardly ever,
+# but reversals whose moments are wrong imitate few lines. A false one costs the fit two parameters of a small prior.
+SHOWN = 25.0
+
+
+def line_swings(record: Record, lines: int) -> tuple[Array, Array]:
+    """Return the torque that the error of so many lines feigns, shape (n,): of its sine, and of its cosine.
+
+    Parameters
+    ----------
+    record : Record
+    lines : int
+        Of a turn.
+
+    Returns
+    -------
+    (array, array)
+        For the greatest error that is likely, at the log's rate.
+    """
+    theta, omega = record.signals["theta"], record.signals["omega"]
+    error = LINE_ERROR * 2.0 * np.pi / lines
+    frequency = lines * np.abs(omega) / (2.0 * np.pi)
+    slow = np.clip(2.0 - frequency / (FOLLOWED * record.cutoff), 0.0, 1.0)
+    angle = lines * theta
+    swings = (slow * record.rate_of(record.rate_of(error * wave(angle))) for wave in (np.sin, np.cos))
+    sine, cosine = (record.design.J * swing for swing in swings)
+    return sine, cosine
+
+
+def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float) -> dict[int, float]:
+    """Return the lines that a log shows, and the amplitude of their error, rad.
+
+    Parameters
+    ----------
+    record : Record
+    residual : array, shape (m,)
+        Of the torque balance.
+    matrix : array, shape (m, columns)
+        Of the model that leaves it.
+    sigma : float
+        Noise of a sample of full weight, N m.
+
+    Returns
+    -------
+    dict of int to float
+    """
+    if record.linear or record.age is not None:
+        return {}  # no turn, or no angle
+    weight = (record.weight[0] * record.mask)[record.mask]
+    known = np.linalg.qr(_scaled(matrix[record.mask] * weight[:, None]))[0]
+    left = residual[record.mask] * weight / max(sigma, 1e-300)
+    omega = np.abs(record.at_grid(record.signals["omega"])[record.mask])
+    found: dict[int, tuple[float, float]] = {}
+    for lines in LINES:
+        if float(np.min(omega)) * lines > 2.0 * np.pi * record.cutoff:
+            break
+        swings = np.stack([record.shaped(swing)[record.mask] * weight for swing in line_swings(record, lines)]).T
+        basis, triangle = np.linalg.qr(swings - known @ (known.T @ swings))
+        along = basis.T @ left
+        values = np.linalg.lstsq(triangle, along, rcond=1e-6)[0]
+        found[lines] = float(along @ along), LINE_ERROR * 2.0 * np.pi / lines * float(np.hypot(*values)) * sigma
+    best = max(found, key=lambda lines: found[lines][0], default=0)  # an encoder has one number of lines
+    return {best: found[best][1]} if best and found[best][0] > SHOWN else {}
+
+
+def _scaled(matrix: Array) -> Array:
+    size = np.linalg.norm(matrix, axis=0)
+    inside: Array = matrix[:, size > 0.0] / size[size > 0.0]
+    return inside

@@ -1,0 +1,78 @@
+"""The error of an encoder's lines, put into an angle by hand, is found, sized and kept out of friction and inertia."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.catalogue import catalogue_of
+from pmsm_ctrl.effects.structures.interface import LINE_ERROR
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import make_record
+from pmsm_ctrl.regression.base_fit import Estimated, base_fit
+from pmsm_ctrl.regression.timed_record import timed_record
+
+J, F_C, F_V = 9e-5, 0.02, 2e-4
+
+
+@pytest.fixture(scope="module")
+def design() -> Design:
+    effects = [{"id": "coulomb", "F_c": F_C}, {"id": "viscous", "F_v": F_V}]
+    return Design.from_dict({"name": "axis", "motor": {"J": J, "K_t": 1.0}, "effects": effects})
+
+
+def swinging(lines: int, error: float, seed: int, noise: float = 1e-3) -> Log:
+    """Return a swing, the slower the more lines pass, that is known exactly, its angle off by the lines' error."""
+    t = np.arange(20000) / 1000.0
+    theta, omega, alpha = np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
+    for size, rate in ((6.0, 2.0 * np.pi * 0.31), (1.7, 2.0 * np.pi * 1.13)):
+        size *= 64.0 / lines
+        theta += size * np.sin(rate * t)
+        omega += size * rate * np.cos(rate * t)
+        alpha -= size * rate**2 * np.sin(rate * t)
+    torque = J * alpha + F_C * np.sign(omega) + F_V * omega
+    torque += noise * np.random.default_rng(seed).standard_normal(t.size)
+    return Log({"t": t, "theta": theta + error * np.sin(lines * theta + 0.4), "torque": torque})
+
+
+def weighted_rest(fit: Estimated) -> float:
+    """Return what a fit leaves of the torque, rms."""
+    left = fit.record.target[0] - fit.estimate.predicted()[0]
+    return float(np.sqrt(np.mean((left * fit.record.weight[0])[fit.record.mask] ** 2)))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("lines", "error"), [(64, 3e-4), (256, 1e-4)])
+def test_the_lines_of_an_encoder_are_found_and_become_part_of_the_model(
+    design: Design, lines: int, error: float, seed: int
+) -> None:
+    record = timed_record(design, swinging(lines, error, seed))
+    assert record.lines == (lines,)
+    assert [note.code for note in record.notes] == ["encoder_lines"]
+    fit = base_fit(design, record)
+    found = [fit.value(f"{wave} {lines}")[0] for wave in ("sin", "cos")]
+    assert np.hypot(*found) * LINE_ERROR * 2.0 * np.pi / lines == pytest.approx(error, rel=0.25)
+    clean = make_record(design, swinging(lines, 0.0, seed))
+    assert weighted_rest(fit) < 1.05 * weighted_rest(base_fit(design, clean))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_angle_without_error_has_no_lines(design: Design, seed: int) -> None:
+    assert timed_record(design, swinging(64, 0.0, seed)).lines == ()
+
+
+def test_lines_are_what_must_not_be_taken_for_a_wave_of_as_many_periods(design: Design) -> None:
+    log = swinging(64, 3e-4, 1)
+    record = make_record(design, log)
+    cogging = catalogue_of(design)["cogging"]
+    rivals = cogging.structure.rivals(cogging, {"order": 64.0}, record)
+    inside = slice(500, -500)
+    # the acceleration that the error feigns, to the first order: -64^2 omega^2 times the error
+    swing = J * 64.0**2 * record.signals["omega"] ** 2 * np.sin(64.0 * record.signals["theta"] + 0.4)
+    columns = np.array([rival["torque"] for rival in rivals]).T[inside]
+    slow = np.abs(record.signals["omega"][inside]) < 4.0  # where a sample is a small part of a line
+    left = np.linalg.lstsq(columns[slow], swing[inside][slow], rcond=None)
+    assert 1.0 - left[1][0] / np.sum(swing[inside][slow] ** 2) > 0.9
+    assert not cogging.structure.rivals(cogging, {"order": 60.0}, record)
+    assert not cogging.structure.rivals(cogging, {"order": 16.0}, record)

@@ -1,0 +1,40 @@
+"""The band in which a log is judged: narrower where noise of the acceleration is what is left, and not otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.base_fit import base_fit
+from pmsm_ctrl.regression.timed_record import timed_record
+
+J, F_C, F_V = 9e-5, 0.02, 2e-4
+DESIGN = Design.from_dict(
+    {"name": "axis", "motor": {"J": J, "K_t": 1.0},
+     "effects": [{"id": "coulomb", "F_c": F_C}, {"id": "viscous", "F_v": F_V}]}
+)  # fmt: skip
+
+
+def swinging(counts: int, seed: int) -> Log:
+    """Return a swing that is known exactly, its angle counted by an encoder of so many steps."""
+    t = np.arange(20000) / 1000.0
+    rate = 2.0 * np.pi * np.array([[0.4], [1.3]])
+    size = np.array([[12.0], [3.0]])
+    theta, omega = np.sum(size * np.sin(rate * t), axis=0), np.sum(size * rate * np.cos(rate * t), axis=0)
+    alpha = -np.sum(size * rate**2 * np.sin(rate * t), axis=0)
+    rng = np.random.default_rng(seed)
+    torque = J * alpha + F_C * np.sign(omega) + F_V * omega + 2e-4 * rng.standard_normal(t.size)
+    step = 2.0 * np.pi / counts
+    return Log({"t": t, "theta": step * np.floor(theta / step + rng.random()), "torque": torque})
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_coarse_encoder_narrows_the_band_and_a_fine_one_does_not(seed: int) -> None:
+    coarse, fine = (timed_record(DESIGN, swinging(2**bits, seed)) for bits in (9, 20))
+    assert fine.cutoff == 40.0
+    assert coarse.cutoff in (10.0, 20.0)
+    for record in (coarse, fine):
+        assert base_fit(DESIGN, record).value("J")[0] == pytest.approx(J, rel=0.02)
+        assert base_fit(DESIGN, record).value("F_c")[0] == pytest.approx(F_C, rel=0.02)
