@@ -101,7 +101,7 @@ def outcome(
 def _records(case: Case, selection: Selection) -> tuple[RecordResult, ...]:
     """Return a row for every record, those that were held out last."""
     first, last = selection.fits[0], selection.fit
-    fitted = (last.estimate, last.solved, last.weights, last.whitener)
+    fitted = (last.estimate, last.weights, last.whitener)
     rows = own_rows(last.record, (first.residual, last.residual), fitted, case.name)
     for number, holdout in enumerate(case.holdouts):
         found = [

@@ -72,7 +72,7 @@ def joint(design: Design, log: Log) -> Joint:
                        model.nominal, fit.plain.values)  # fmt: skip
     before = fit.record.target - model.matrix @ nominal
     after = fit.record.target - fit.estimate.predicted()
-    rows = own_rows(fit.record, (before, after), (fit.estimate, fit.solved, fit.weights, fit.whitener), "")
+    rows = own_rows(fit.record, (before, after), (fit.estimate, fit.weights, fit.whitener), "")
     stderr = dict(zip(model.names, fit.plain.stderr.tolist(), strict=True))
     return Joint(log.with_channels(T_load=load), tuple(rows), record_spreads(fit.record, fit.estimate), stderr)
 

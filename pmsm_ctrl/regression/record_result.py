@@ -66,7 +66,7 @@ class RecordResult:
 
     @property
     def disagrees(self) -> bool:
-        """Whether its inertia or friction is not that of the other records; of all records, one in a hundred tables."""
+        """Whether its inertia or friction is not that of the other records, at a family-wise significance of 0.01."""
         return self.p_value < SURE
 
     def to_dict(self) -> dict[str, Any]:
@@ -96,7 +96,7 @@ class RecordSpread:
 
 
 def own_rows(
-    record: Record, residuals: tuple[Array, Array], fit: tuple[Solved, Solved, Whitener, Whitener], name: str
+    record: Record, residuals: tuple[Array, Array], fit: tuple[Solved, Whitener, Whitener], name: str
 ) -> list[RecordResult]:
     """Return a row for every record that was fitted.
 
@@ -105,8 +105,8 @@ def own_rows(
     record : Record
     residuals : (array, array), shape (channels, m)
         Before and after.
-    fit : (Solved, Solved, Whitener, Whitener)
-        The estimate and the fit with the prewhitener, the weights and the prewhitener.
+    fit : (Solved, Whitener, Whitener)
+        The estimate, its weights and the prewhitener.
     name : str
         Of a log that is one record.
     """
@@ -114,9 +114,9 @@ def own_rows(
         everything = np.ones(len(record.mask), dtype=bool)
         before, after = (errors_of(record, left, everything) for left in residuals)
         return [RecordResult(name, False, record.duration, record.prepared.rate, before, after)]
-    estimate, solved, weights, whitener = fit
+    estimate, weights, whitener = fit
     levels = levels_of(record, estimate, weights, whitener)
-    p_values = disagreement(record, solved, whitener)
+    p_values = disagreement(record, estimate.model, weights, whitener)
     rows = []
     for k, (one, here) in enumerate(zip(record.records, members(record), strict=True)):
         before, after = (errors_of(record, left, here) for left in residuals)

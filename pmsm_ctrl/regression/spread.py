@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.evidence.linalg import added
 from pmsm_ctrl.evidence.tests import f_tail, holm
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.covariance import noise_covariance
+from pmsm_ctrl.regression.columns import Group
+from pmsm_ctrl.regression.covariance import NoiseCovariance, noise_covariance
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 from pmsm_ctrl.regression.records import (
     COUNTS,
@@ -28,6 +30,7 @@ from pmsm_ctrl.regression.records import (
     symbols_of,
     usual_spread,
 )
+from pmsm_ctrl.regression.weights import MAD
 
 __all__ = ["Levels", "disagreement", "levels_of", "spreads", "with_noise_of_records", "with_spread", "without_level"]
 
@@ -35,6 +38,8 @@ Array = NDArray[np.float64]
 Places = NDArray[np.intp]
 
 ROUNDS, ENOUGH = 500, 1e-4  # of the EM algorithm, and the relative change of a spread at which it ends
+# By how much inertias differ that model and sampling leave in error, before the records speak, as a share of them.
+USUAL_INERTIA = 0.005
 SMALLEST = 1e-6  # of the spread that is assumed
 NOISIER = 1.5  # ratio of the noise of two records from which on they count differently
 
@@ -178,75 +183,99 @@ def levels_of(record: Record, fit: Solved, weights: Whitener, whitener: Whitener
     return Levels(deviation, stderr, spreads(fit.model, count))
 
 
-def disagreement(record: Record, fit: Solved, whitener: Whitener) -> list[float]:
+def disagreement(record: Record, model: Model, weights: Whitener, whitener: Whitener) -> list[float]:
     """Return, for each record, the p-value that it shares inertia and friction with the others, Holm's correction made.
 
-    A Wald test of what the record has of its own in inertia and in the three levels, against the noise and the spread
-    of the other records. The spread is known from few records, which the degrees of freedom allow for: of the direction
-    in which a record deviates, the share that is spread has those of the other records (F. E. Satterthwaite, Biometrics
-    Bulletin 2 (1946) 110).
+    A Wald test of what the record has of its own in inertia and in the three levels, by weighted least squares, against
+    the noise and the spread of the other records. Inertias differ as well: by what the model and the sampling leave of
+    them, and by as much as noise in the acceleration of a record shrinks its own. The spread is known from few records,
+    which the degrees of freedom allow for: of the direction in which a record deviates, the share that is spread has
+    those of the other records (F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110).
 
     Parameters
     ----------
     record : Record
-    fit : Solved
-        With the prewhitener.
-    whitener : Whitener
+    model : Model
+        With the levels of the records.
+    weights, whitener : Whitener
     """
     count = len(record.records)
-    signals = [record.acceleration(), *level_signals(record).values()]
     inside = members(record)
+    signals = [record.acceleration(), *level_signals(record).values()]
+    inertia = float(model.nominal[model.names.index("J")])
+    rows = (contrasts(count) @ inside * record.acceleration(), *(None for _ in record.channels[1:]))
+    usual = usual_spread(record) | {"J": USUAL_INERTIA * inertia}
+    free_inertia = model.sigma.copy()
+    free_inertia[model.names.index("J")] = np.inf  # what the datasheet says of all of them divides none
+    model = replace(model, sigma=free_inertia)
+    for number, share in enumerate(_noise_shares(record)):
+        own_rows = ((inside[number] * record.acceleration())[None], *(None for _ in record.channels[1:]))
+        model = model.plus(Group(None, (f"J of record {number + 1}",), own_rows, {}), max(share, SMALLEST) * inertia)
+    model = model.plus(Group(None, symbols_of("J", count), rows, {}), usual["J"])
+    places = [*_places(model, count).values(), len(model.names) - np.arange(1, count)[::-1]]
+    level = np.concatenate(places)
+    fit = solve_model(record, model, whitener)
     own = np.array([column * here for here in inside for column in signals])
-    rows = whitener.part(0, own)
-    basis, part = fit.bases[0], fit.parts[0]
-    k, extra = len(fit.values), len(rows)
-    level = np.concatenate(list(_places(fit.model, count).values()))
-    information, along = np.zeros((k + extra, k + extra)), np.zeros(k + extra)
-    information[:k, :k], along[:k] = _information(fit, level)
-    shared = rows @ basis.T
-    cross = shared @ fit.triangle[part]
-    information[k:, :k], information[:k, k:], information[k:, k:] = cross, cross.T, rows @ rows.T
-    along[k:] = rows @ fit.rest_of(0) + cross @ fit.values
-    usual = usual_spread(record)
-    p_values = [
-        _one_disagrees(information, along, level, k + len(signals) * number + np.arange(len(signals)), usual, k)
-        for number in range(count)
-    ]
+    information, along = _with_own(fit, level, whitener.part(0, own))
+    k, each = len(model.names), len(signals)
+    p_values = []
+    for number in range(count):
+        chosen = slice(each * number, each * (number + 1))
+        free = np.concatenate([np.setdiff1d(np.arange(k), level), k + np.arange(each * count)[chosen]])
+        spread = _spread(*_eliminated(information, along, level, free), usual, count, 1.0)
+        sigma = model.sigma.copy()
+        for where, value in zip(places, spread.values(), strict=True):
+            sigma[where] = value
+        beside = solve_model(record, replace(model, sigma=sigma), weights)
+        p_values.append(_own_p_value(noise_covariance(beside, weights, whitener), own[chosen], count))
     return holm(p_values)
 
 
-def _one_disagrees(
-    information: Array, along: Array, level: Places, own: Places, usual: dict[str, float], k: int
-) -> float:  # fmt: skip
-    """Return the p-value of one record's own parameters, the columns `own` beside the first `k`."""
-    count = len(level) // len(LEVELS) + 1
-    others = np.setdiff1d(np.arange(k), level)
-    free = np.concatenate([others, own])
-    spread = _spread(*_eliminated(information, along, level, free), usual, count, 1.0)
-    prior = np.repeat(list(spread.values()), count - 1)
-    among = np.concatenate([own, level])
-    whole, pull = _eliminated(information, along, among, others)
-    size = len(own)
-    scale = np.sqrt(np.maximum(np.diag(whole)[:size], 1e-300))
-    # the deviations integrated over their prior, and the same without any spread
-    inner = np.eye(len(prior)) + whole[size:, size:] * np.outer(prior, prior)
-    beside = whole[:size, size:] * prior
-    with_spread = whole[:size, :size] - beside @ np.linalg.solve(inner, beside.T)
-    towards = pull[:size] - beside @ np.linalg.solve(inner, prior * pull[size:])
-    values, vectors = np.linalg.eigh(with_spread / np.outer(scale, scale))
-    seen = values > 1e-6
-    if not seen.any():
+def _noise_shares(record: Record) -> list[float]:
+    """Return the share of noise in the acceleration of each record, at most 1: by so much it may shrink its inertia.
+
+    Source: W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1.
+    """
+    from pmsm_ctrl.regression.filters import low_pass
+
+    alpha = record.acceleration()
+    fast = np.abs(alpha - low_pass(alpha, record.rate, 0.5 * record.cutoff))
+    shares = []
+    for here in members(record):
+        used = here & record.mask
+        noise = 2.0 * (MAD * _median(fast[used])) ** 2  # of the whole band
+        weight = record.weight[0][used] ** 2
+        motion = float(weight @ alpha[used] ** 2)
+        shares.append(min(1.0, noise * float(weight.sum()) / motion) if motion > 0.0 else 1.0)
+    return shares
+
+
+def _with_own(fit: Solved, level: Places, rows: Array) -> tuple[Array, Array]:
+    """Return the information on a fit's parameters and on further whitened columns, and its product with them."""
+    k, extra = len(fit.values), len(rows)
+    information, along = np.zeros((k + extra, k + extra)), np.zeros(k + extra)
+    information[:k, :k], along[:k] = _information(fit, level)
+    cross = rows @ fit.bases[0].T @ fit.triangle[fit.parts[0]]
+    information[k:, :k], information[:k, k:], information[k:, k:] = cross, cross.T, rows @ rows.T
+    along[k:] = rows @ fit.rest_of(0) + cross @ fit.values
+    return information, along
+
+
+def _own_p_value(covariance: NoiseCovariance, own: Array, count: int) -> float:
+    """Return the p-value of one record's own columns, shape (k, m), beside a fit by weighted least squares."""
+    fit = covariance.fit
+    rows = covariance.weights.part(0, own)
+    shared = fit.mixing[fit.parts[0]].T @ (fit.bases[0] @ rows.T)
+    found = added(rows @ rows.T, shared, rows @ fit.rest_of(0))
+    if found.rank == 0:
         return 1.0
-    back = vectors[:, seen] / values[seen] @ vectors[:, seen].T
-    estimate = back @ (towards / scale)
-    wald = float(estimate @ (towards / scale))
-    # what the noise alone would leave of this deviation's variance
-    noise = np.linalg.pinv(whole[:size, :size] / np.outer(scale, scale), rcond=1e-6, hermitian=True)
-    pulled = towards / scale
-    share = 1.0 - float(pulled @ noise @ pulled) / max(wald, 1e-300)
-    few = COUNTS + count - 2.0
-    dof = few / max(np.clip(share, 0.0, 1.0) ** 2, 1e-6)
-    return f_tail(wald / int(seen.sum()), int(seen.sum()), dof)
+    whole = covariance.of_added({0: rows}, shared, found.back)
+    prior = (fit.mixing @ (shared @ found.back))[fit.parts[-1].stop :]
+    pulled = np.linalg.solve(whole, found.along)
+    wald = float(found.along @ pulled)
+    share = float(np.sum((prior @ pulled) ** 2)) / max(wald, 1e-300)
+    dof = round((COUNTS + count - 2.0) / max(min(share, 1.0) ** 2, 1e-6))
+    return f_tail(wald / found.rank, found.rank, dof)
 
 
 def without_level(record: Record, left: Array, spread: dict[str, float] | None, noise: float) -> Array:

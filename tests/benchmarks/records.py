@@ -160,7 +160,7 @@ def fitted(design: Design, logs: tuple[Log, ...]) -> tuple[Found, list[Array], l
         return found, [], []
     levels = levels_of(fit.record, fit.plain, fit.weights, fit.whitener)
     own = [np.array([levels.deviation[s], levels.stderr[s]]) for s in ("dF_c", "dF_v", "offset")]
-    return found, own, disagreement(fit.record, fit.solved, fit.whitener)
+    return found, own, disagreement(fit.record, fit.model, fit.weights, fit.whitener)
 
 
 def joint_against_alone(seed: int, count: int, seconds: float) -> dict[str, Array]:

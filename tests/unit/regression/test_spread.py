@@ -64,7 +64,7 @@ def test_friction_and_offset_of_each_record_are_told_apart() -> None:
         assert float(np.max(np.abs(apart))) < 4.0
     assert levels.spread["dF_c"] == pytest.approx(np.std(true["dF_c"], ddof=1), rel=0.5)
     assert fit.value("F_c")[0] == pytest.approx(F_C, rel=0.01)
-    assert min(disagreement(fit.record, fit.solved, fit.whitener)) > 0.01
+    assert min(disagreement(fit.record, fit.model, fit.weights, fit.whitener)) > 0.01
 
 
 def test_ten_records_alike_reach_the_bound_of_all_of_them_and_beat_each_alone() -> None:
@@ -95,7 +95,7 @@ def test_a_record_of_another_inertia_disagrees_and_no_other_does() -> None:
         own = [{"dF_c": 0.001 * np.cos(k + first)} for k in range(5)]
         own[3] = {"inertia": 1.1 * J}
         fit = fitted([record(10 * first + k + 1, **one) for k, one in enumerate(own)])
-        p_values.append(disagreement(fit.record, fit.solved, fit.whitener))
+        p_values.append(disagreement(fit.record, fit.model, fit.weights, fit.whitener))
     assert max(p[3] for p in p_values) < 0.01
     assert all(int(np.argmin(p)) == 3 for p in p_values)
 
