@@ -40,6 +40,8 @@ Places = NDArray[np.intp]
 ROUNDS, ENOUGH = 500, 1e-4  # of the EM algorithm, and the relative change of a spread at which it ends
 # By how much inertias differ that model and sampling leave in error, before the records speak, as a share of them.
 USUAL_INERTIA = 0.005
+# Share of its information that a mean must have for itself, and the significance from which on it is a load.
+KNOWN, SURE = 1e-6, 0.01
 SMALLEST = 1e-6  # of the spread that is assumed
 NOISIER = 1.5  # ratio of the noise of two records from which on they count differently
 
@@ -91,8 +93,19 @@ def with_spread(record: Record, model: Model, whitener: Whitener) -> Model:
     sigma = model.sigma.copy()
     for symbol, where in places.items():
         sigma[where] = found[symbol]
-    sigma[mean] = found["offset"]
+    information[level, level] += 1.0 / sigma[level] ** 2
+    by_chance = _mean_by_chance(information, along, mean, found["offset"], COUNTS + count - 1.0)
+    sigma[mean] = found["offset"] if by_chance else SMALLEST * found["offset"]
     return replace(model, sigma=sigma)
+
+
+def _mean_by_chance(information: Array, along: Array, mean: int, spread: float, dof: float) -> bool:
+    """Whether constant torques that differ so much have such a mean by chance; if not, it is a load that is missing."""
+    own, pull = _eliminated(information, along, np.array([mean]), np.setdiff1d(np.arange(len(along)), [mean]))
+    known = float(own[0, 0])
+    if known <= KNOWN * information[mean, mean]:  # the model has a constant torque of its own
+        return True
+    return f_tail((float(pull[0]) / known) ** 2 / (spread**2 + 1.0 / known), 1, round(dof)) > SURE
 
 
 def _information(solved: Solved, level: Places) -> tuple[Array, Array]:

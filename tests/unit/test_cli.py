@@ -547,3 +547,29 @@ def test_every_verb_with_a_design_takes_own_effects_and_says_that_the_file_is_ru
             found = [option for option in verb.params if "--effects" in option.opts]
             assert found, name
             assert "RUNS" in found[0].help
+
+
+# ---- several logs -----------------------------------------------------------------------------------------------
+
+
+def test_several_logs_by_name_pattern_and_folder(
+    tmp_path: Path, design: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from tests.unit.several import record
+
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    for k in (1, 2, 10):
+        record(k, 2.0).write_csv(folder / f"run_{k}.csv")
+    page = tmp_path / "found.json"
+    files = [folder / f"run_{k}.csv" for k in (1, 2, 10)]
+    for logs in (files, [folder], [folder / "run_*.csv"]):
+        assert call("identify", *logs, "--design", design, "--json", page) == 0
+        names = [row["name"] for row in json.loads(page.read_text("utf-8"))["records"]]
+        assert names == [str(path) for path in files]
+        capsys.readouterr()
+    assert "run_3.csv: no such file" in refused(capsys, "compare", *files, folder / "run_3.csv", "--design", design)
+    assert "no file matches" in refused(capsys, "track", folder / "*.mat", "--design", design)
+    assert "given twice" in refused(capsys, "diagnose", files[0], files[0], "--design", design)
+    (folder / "empty.csv").touch()
+    assert "empty.csv: empty" in refused(capsys, "identify", folder, "--design", design)

@@ -1,0 +1,73 @@
+"""A diagnosis from several records, in closed form: each has its row, and what it has of its own names nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.compare import compare
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.identify import identify
+from pmsm_ctrl.track import track
+from tests.unit.several import DESIGN, F_C, J, record, records
+
+OWN = [{"dF_c": 0.002, "offset": 0.002}, {"dF_c": -0.002, "offset": -0.001}, {"offset": -0.002}, {"dF_c": 0.001}]
+FEW = ("cogging", "constant_load", "viscous_asymmetry", "quadratic_drag")
+
+
+def test_friction_and_offsets_that_differ_are_no_missing_effect() -> None:
+    found = diagnose(DESIGN, records(OWN), holdout=[record(9, dF_c=-0.003)], candidates=FEW, plan=False)
+    assert found.steps == ()
+    assert [row.held_out for row in found.records] == [False] * 4 + [True]
+    assert [row.name for row in found.records] == [f"record_{k}.csv" for k in (1, 2, 3, 4, 9)]
+    held = found.records[-1]
+    assert held.level_after["torque"]["relative"] < 0.5 * held.after["torque"]["relative"]
+    offsets = [row.deviations["offset"].value for row in found.records[:4]]
+    assert offsets == pytest.approx([one.get("offset", 0.0) for one in OWN], abs=3e-4)
+    assert {one.symbol for one in found.spreads} == {"dF_c", "dF_v", "offset"}
+    data = found.to_dict()
+    assert [row["name"] for row in data["records"]] == [row.name for row in found.records]
+    assert data["log"] == "4 logs"
+    text = found.summary(width=250)
+    assert "Standard deviation between records: dry friction" in text
+    assert "record_9.csv (held out)" in text
+
+
+def test_a_load_that_all_records_share_is_named_and_judged_on_records_left_out() -> None:
+    logs = records([{"offset": 0.004 + 1e-4 * k} for k in range(4)])
+    found = diagnose(DESIGN, logs, candidates=FEW, plan=False)
+    assert found.steps[0].effect == "constant_load"
+    (load,) = found.steps[0].parameters.values()
+    assert load.value == pytest.approx(0.00415, rel=0.05)
+
+
+def test_a_wave_is_found_across_other_zeros_of_the_angle() -> None:
+    logs = records([{"zero": zero} for zero in (0.0, 0.3, -0.2, 0.1)], wave=0.004)
+    found = diagnose(DESIGN, logs, candidates=FEW, plan=False)
+    assert [step.name for step in found.steps] == ["cogging 8"]
+    assert any(row.angle is not None and row.angle.value for row in found.records)
+    assert "other_zero" in {notice.code for notice in found.notices}
+    assert found.errors["final"]["torque"]["rms"] < 0.3 * 0.004 / np.sqrt(2.0)
+
+
+def test_the_other_verbs_take_the_same_records() -> None:
+    logs = records(OWN, seconds=3.0)
+    identified = identify(DESIGN, logs)
+    assert identified.estimates["J"].value == pytest.approx(J, rel=0.01)
+    assert identified.estimates["F_c"].value == pytest.approx(F_C + 0.00025, rel=0.02)
+    assert len(identified.records) == 4
+    assert "Standard deviation between records" in identified.summary(width=200)
+    compared = compare(identified.design, logs[:2], holdout=[record(8, 2.0), record(9, 2.0)])
+    assert [row.held_out for row in compared.records] == [False] * 2 + [True] * 2
+    assert len(compared.holdouts) == 2
+    assert all(row.level_before["torque"]["rms"] <= row.before["torque"]["rms"] for row in compared.records)
+    tracked = track(DESIGN, logs)
+    assert list(tracked.by_record) == [f"record_{k}.csv" for k in range(1, 5)]
+
+
+def test_what_simulates_one_log_refuses_several() -> None:
+    with pytest.raises(RequestError, match="2 logs, but it simulates one"):
+        identify(DESIGN, records(OWN[:2]), method="iv")
+    with pytest.raises(RequestError, match="found 2 logs; one"):
+        diagnose(DESIGN, records(OWN[:2]), calibrate=1)
