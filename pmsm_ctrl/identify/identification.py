@@ -195,15 +195,11 @@ def identify(
     SimulationError
         When the design's loops are not stable on the plant that the log suggests.
     """
-    if method not in get_args(Method):
-        known = ", ".join(get_args(Method))
-        raise RequestError(f"identification method '{method}'{nearest(method, get_args(Method))} (known: {known})")
+    logs = as_logs(log)
+    _check_method(method, len(logs))
     processing = processing or Processing()
     if processing.blank is None:
         processing = replace(processing, blank=True)
-    logs = as_logs(log)
-    if len(logs) > 1 and method != "regression":
-        raise RequestError(f"method '{method}': {len(logs)} logs, but it simulates one; use 'regression'")
     believed = doubts_about(design, log)
     log, processing = _sampled_log(design, believed.log, processing, method)
     several = joint(design, log) if method == "regression" else Joint(log)
@@ -256,6 +252,15 @@ def identify(
         sampling=_sampled(processing.sampling, fit),
         remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
     )
+
+
+def _check_method(method: str, count: int) -> None:
+    """Refuse an unknown method, and one that simulates a single log where there are several."""
+    if method not in get_args(Method):
+        known = ", ".join(get_args(Method))
+        raise RequestError(f"identification method '{method}'{nearest(method, get_args(Method))} (known: {known})")
+    if count > 1 and method != "regression":
+        raise RequestError(f"method '{method}': {count} logs, but it simulates one; use 'regression'")
 
 
 def _shown(design: Design, log: Log, processing: Processing, problem: Problem, fit: Fit) -> tuple[Problem, Array]:
