@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.log import Logs, as_logs, names_of
+from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model, notices
@@ -22,6 +23,8 @@ __all__ = ["Filtered", "filter_samples", "track"]
 
 Array = NDArray[np.float64]
 
+SLOW, EITHER = 0.05, 0.1  # share of the top speed that counts as motion; of the motion, in either direction
+SPAN, SURGE = 0.02, 0.5  # s between two speeds; accelerating torque, as a share of F_c, that shows the inertia
 WIDE = 1.5  # mean normalised innovation squared above which the torque noise is raised
 
 
@@ -42,7 +45,8 @@ def track(
         With ``theta`` or ``omega``, and ``torque`` or ``i_q``. Several records are tracked in their order: friction is
         carried over from one to the next, the motion starts again.
     settings : Settings, optional
-        By default the angle is used where the log has one.
+        By default the angle is used where the log has one; T_load is estimated as well where the axis turns in both
+        directions, and J where it also accelerates: taken as known, their errors are mistaken for friction.
     adapt : bool
         Raise the torque noise where the innovations are much larger than it explains (unmodelled torque), and
         say so; otherwise leave it.
@@ -65,7 +69,7 @@ def track(
         one.check_evaluable()
     believed = doubts_about(design, log)
     log = believed.log
-    settings = settings or Settings(measure="theta" if "theta" in log else "omega")
+    settings = settings or _default_settings(design, log)
     samples = samples_of(design, log, settings.measure)
     settings = noise_from_log(design, settings, samples, log)
     doubts = [*believed.notices, *samples.notices]
@@ -95,6 +99,25 @@ def track(
         records=log.records,
         notices=tuple(doubts),
     )
+
+
+def _default_settings(design: Design, log: Log) -> Settings:
+    """Return what is measured and estimated where nothing is stated.
+
+    With one direction alone a load torque is not separable from F_c, and without acceleration an inertia only gathers
+    the errors of both: each is estimated where the motion shows it.
+    """
+    measure: Literal["theta", "omega"] = "theta" if "theta" in log else "omega"
+    span = max(1, round(SPAN / log.period))
+    angle = log["theta"] if measure == "theta" else np.cumsum(log["omega"]) * log.period
+    speed = (angle[span:] - angle[:-span]) / (span * log.period)
+    turning = np.abs(speed) > SLOW * np.abs(speed).max(initial=0.0)
+    forwards = float(np.mean(speed[turning] > 0.0)) if turning.any() else 0.0
+    if not EITHER < forwards < 1.0 - EITHER:
+        return Settings(measure=measure)
+    surge = design.J * float(np.std(speed[span:] - speed[:-span])) / (span * log.period)
+    excited = surge > SURGE * design.parameters("coulomb").get("F_c", 0.0)
+    return Settings(measure=measure, estimate=("T_load", "J") if excited else ("T_load",))
 
 
 def _filtered(design: Design, settings: Settings, s: Array, samples: Samples, adapt: bool) -> Filtered:

@@ -108,7 +108,7 @@ def test_twin_agrees_with_filterpy_through_known_effects(design: Design) -> None
     full = with_known_effects(design)
     log = simulate(full, scenario("triangle", design, speed=60.0, period=1.0, cycles=2.0), seed=2)
     readings = feed(FrictionTracker(full), log)
-    assert np.allclose([r.F_c for r in readings], track(full, log, adapt=False).history["F_c"], rtol=1e-9)
+    assert np.allclose([r.F_c for r in readings], track(full, log, Settings(), adapt=False).history["F_c"], rtol=1e-9)
 
 
 def test_covariance_stays_positive_definite_whatever_comes(design: Design, log: Log, rng: np.random.Generator) -> None:
