@@ -223,7 +223,7 @@ def test_result_renders(design: Design, log: Log) -> None:
     assert found.to_dict()["schema"] == "pmsm-ctrl/tracking/1"
     assert found.to_dict()["warning_codes"] == [notice.code for notice in found.notices]
     tables = [block for block in found.section().blocks if isinstance(block, Table)]
-    assert [len(table.rows) for table in tables] == [2, 12]
+    assert [len(table.rows) for table in tables] == [4, 12]  # F_c, F_v, T_load and J
     axes = found.plot().axes
     assert all(axis.get_ylabel() for axis in axes)
     assert found.design_at(1e9).parameters("coulomb")["F_c"] == found.history["F_c"][-1]
