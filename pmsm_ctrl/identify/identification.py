@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -211,8 +211,10 @@ def identify(
         shown, unexplained = _shown(design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit)
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
-    given = _given_error(shown)
-    worse = error > policy.WORSE * given and method != "output_error"  # which has no columns of the given design
+    # both with the sampling that suits them best, or the given design would have more freedom than the found one
+    given = _best_error(shown, [c.nominal for c in shown.columns])
+    best = _best_error(shown, [fit.values.get(c.name, c.nominal) for c in shown.columns])
+    worse = best > policy.WORSE * given and method != "output_error"  # which has no columns of the given design
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
     estimates = {
         c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal)
@@ -235,7 +237,7 @@ def identify(
         notices=(
             *contradictions,
             *record_notices(several.rows),
-            *([words.WORSE(percent=100.0 * error, given=100.0 * given)] if worse else ()),
+            *([words.WORSE(percent=100.0 * best, given=100.0 * given)] if worse else ()),
             *_large(error, problem),
             *believed.notices[len(believed.contradictions) :],
             *problem.notes,
@@ -282,10 +284,10 @@ def _sampled_log(design: Design, log: Log, processing: Processing, method: Metho
     return log, replace(processing, sampling=sampling)
 
 
-def _given_error(shown: Problem) -> float:
-    """Return the error of the given design as a share of the torque, the sampling fitted beside it."""
+def _best_error(shown: Problem, values: Sequence[float]) -> float:
+    """Return the error of parameters as a share of the torque, with the sampling that suits them best."""
     mask, own, x = shown.mask, shown.physical, shown.matrix()
-    left = (shown.target - x[:, own] @ np.array([c.nominal for c in shown.columns])[own])[mask]
+    left = (shown.target - x[:, own] @ np.asarray(values)[own])[mask]
     beside = x[mask][:, ~own]
     if beside.shape[1]:
         left = left - beside @ factored(beside).solve(left)

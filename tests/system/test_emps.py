@@ -7,18 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from pmsm_ctrl.compare import compare
+from pmsm_ctrl.compare import Comparison, compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.identify import Processing, identify
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS
 
 pytestmark = pytest.mark.data
 
 
 @pytest.fixture(scope="module")
 def design(designs: Path) -> Design:
-    return Design.read(designs / "emps.toml")
+    """The design with the sampling that the authors assume: position and force of the same instant."""
+    return Design.read(designs / "emps.toml").replace(log={"sampling": "instant"})
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,8 @@ def pulses(measured: Callable[[str], Path], design: Design) -> Log:
 
 @pytest.mark.parametrize("derivative", ["nine_point", "central"])
 def test_the_authors_figures(design: Design, record: Log, derivative: str) -> None:
-    result = identify(design, record, processing=Processing(derivative=derivative))  # type: ignore[arg-type]
+    processing = Processing(derivative=derivative, sampling=SYNCHRONOUS)  # type: ignore[arg-type]
+    result = identify(design, record, processing=processing)
     print(result.summary())
     value = {name: estimate.value for name, estimate in result.estimates.items()}
     assert value["J"] == pytest.approx(95.1, abs=0.2)
@@ -53,18 +56,21 @@ def test_starting_values_do_not_matter(design: Design, record: Log) -> None:
     assert any("J is +90 % off" in text for text in b.warnings)
 
 
+def _near_the_published_errors(comparison: Comparison) -> None:
+    """Check against 4.08 and 5.98 %; `compare` fits what a stated sampling leaves open, some 30 us, and is below."""
+    assert comparison.holdout is not None
+    for record, published in ((comparison.log, 0.0408), (comparison.holdout, 0.0598)):
+        assert 0.96 * published <= record.errors["torque"].relative <= published
+
+
 def test_the_pulses_with_the_same_parameters(design: Design, record: Log, pulses: Log) -> None:
     found = identify(design, record).design
     comparison = compare(found, record, holdout=pulses)
     print(comparison.summary())
-    assert comparison.holdout is not None
-    assert 0.040 <= comparison.log.errors["torque"].relative <= 0.041
-    assert 0.059 <= comparison.holdout.errors["torque"].relative <= 0.060
+    _near_the_published_errors(comparison)
     assert comparison.log.errors["torque"].unit == "N"
 
 
 def test_the_design_as_published_gives_the_published_errors(design: Design, record: Log, pulses: Log) -> None:
     comparison = compare(design, record, holdout=pulses)
-    assert comparison.holdout is not None
-    assert 0.040 <= comparison.log.errors["torque"].relative <= 0.041
-    assert 0.059 <= comparison.holdout.errors["torque"].relative <= 0.060
+    _near_the_published_errors(comparison)
