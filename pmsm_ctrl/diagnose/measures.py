@@ -87,19 +87,22 @@ def _winding(model: Model) -> NDArray[np.bool_]:
 def contribution(fit: Fitted, trial: Trial) -> float:
     """Size of what only this effect explains against the balance, on the tenth of the samples where it is largest.
 
-    Zero where the steps of the channel are as large.
+    Zero where the steps of the channel are as large. A voltage counts against both voltages together: a small error of
+    the angle puts a share of one into the other.
     """
     best = 0.0
+    used = fit.record.mask
+    levels = np.mean((fit.record.target * fit.record.weight)[:, used] ** 2, axis=1)
+    levels[1:] = levels[1:].sum()
     for row in range(len(fit.record.channels)):
         part = np.abs(trial.plain_direction[: fit.plain.rows][fit.whitener.channel == row]) * fit.whitener.sigma[row]
         if not np.any(part):
             continue
         count = max(10, len(part) // 10)
         largest = np.partition(part, -count)[-count:]
-        level = np.sqrt(np.mean((fit.record.target[row] * fit.record.weight[row])[fit.record.mask] ** 2))
         size = float(np.sqrt(np.mean(largest**2)))
         if size > fit.record.coarse[row]:
-            best = max(best, size / max(level, 1e-300))
+            best = max(best, size / max(float(np.sqrt(levels[row])), 1e-300))
     return best
 
 

@@ -50,7 +50,9 @@ def outcome(
     if left is None and case.events:
         left = case.events[0].notice
     blind = not_excited(final, policy)
-    hidden = hidden_by_motion(final, case.effects, policy)
+    accepted = {step.trial.candidate.effect.id for step in selection.steps}
+    offered = {name: effect for name, effect in case.effects.items() if name not in accepted}
+    hidden = hidden_by_motion(final, offered, policy)
     deviations = parameter_deviations(case.design, final, policy)
     records = _records(case, selection)
     verdict, reasons = judged(selection, case.believed, (blind, left), deviations, policy)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -211,9 +211,7 @@ def identify(
         shown, unexplained = _shown(design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit)
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
-    # both with the sampling that suits them best, or the given design would have more freedom than the found one
-    given = _best_error(shown, [c.nominal for c in shown.columns])
-    best = _best_error(shown, [fit.values.get(c.name, c.nominal) for c in shown.columns])
+    best, given = _best_error(shown, fit.values), _best_error(shown, {})
     worse = best > policy.WORSE * given and method != "output_error"  # which has no columns of the given design
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
     estimates = {
@@ -284,10 +282,14 @@ def _sampled_log(design: Design, log: Log, processing: Processing, method: Metho
     return log, replace(processing, sampling=sampling)
 
 
-def _best_error(shown: Problem, values: Sequence[float]) -> float:
-    """Return the error of parameters as a share of the torque, with the sampling that suits them best."""
+def _best_error(shown: Problem, found: Mapping[str, float]) -> float:
+    """Return the error as a share of the torque, with the sampling that suits the parameters best.
+
+    What was not found is the given design's.
+    """
     mask, own, x = shown.mask, shown.physical, shown.matrix()
-    left = (shown.target - x[:, own] @ np.asarray(values)[own])[mask]
+    values = np.array([found.get(column.name, column.nominal) for column in shown.columns])
+    left = (shown.target - x[:, own] @ values[own])[mask]
     beside = x[mask][:, ~own]
     if beside.shape[1]:
         left = left - beside @ factored(beside).solve(left)

@@ -201,8 +201,11 @@ def _beyond(problem: Problem, instruments: Array | None, fit: Fit, held: Mapping
     wanted = basis[: len(rows) - len(prior)].T @ target[mask]
     low, high = np.where(known, low, -np.inf)[free] * size, np.where(known, high, np.inf)[free] * size
     inside = lsq_linear(triangle, wanted, (low, high), method="bvls").active_mask
-    active = [k for k, side in zip(free, inside.tolist(), strict=True) if side]
-    return {k: columns[k].lower if fit.coefficients[k] < columns[k].lower else columns[k].upper for k in active}
+    return {
+        k: columns[k].lower if side < 0 else columns[k].upper
+        for k, side in zip(free, inside.tolist(), strict=True)
+        if side
+    }
 
 
 def _with_held(

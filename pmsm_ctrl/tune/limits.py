@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 
 from pmsm_ctrl.design import CurrentLoop, Design, SpeedLoop
+from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune.noise import noise
 from pmsm_ctrl.tune.sampled import Cascade
 
@@ -36,11 +37,15 @@ def within_voltage(design: Design, loop: CurrentLoop) -> CurrentLoop:
 def within_ripple(cascade: Cascade, make: Callable[[float], SpeedLoop], factor: float) -> tuple[SpeedLoop, float]:
     """Return the fastest speed loop from a factor on whose encoder ripple leaves the current to the motion.
 
-    `make` returns the gains for a factor >= 1, by which the loop is slower than asked.
+    `make` returns the gains for a factor >= 1, by which the loop is slower than asked. The slowest one that the method
+    has gains for is the last that is tried.
     """
     limit = SWAMPED * cascade.design.drive.i_max
     speed = make(factor)
     while noise(cascade.with_gains(speed=speed)).encoder_ripple > limit and factor < SLOWEST:
+        try:
+            speed = make(RATIO * factor)
+        except RequestError:
+            break
         factor *= RATIO
-        speed = make(factor)
     return speed, factor

@@ -34,6 +34,12 @@ ALLOWED = {
     ("diagnose/excitation.py", "order"): "a detail of a refusal",
     ("export/tables.py", "order"): "a key of the exported file",
     ("export/tables.py", "cogging"): "a key of the exported file",
+    ("regression/records.py", "dF_c"): "a level of a record's own",
+    ("regression/records.py", "dF_v"): "a level of a record's own",
+    ("regression/record_result.py", "dF_c"): "a level of a record's own",
+    ("regression/record_result.py", "dF_v"): "a level of a record's own",
+    ("regression/present.py", "dF_c"): "a level of a record's own",
+    ("regression/present.py", "dF_v"): "a level of a record's own",
     ("rendering/numbers.py", "n"): "nano",
     ("rendering/numbers.py", "k"): "kilo",
 }
