@@ -255,7 +255,7 @@ def determined(values: Mapping[str, tuple[float, float]], ran_out: bool) -> Refu
 
 
 def no_plain_error_worse(before: float, after: float, policy: Policy = POLICY) -> Refusal | None:
-    """Check that an effect on the torque does not raise its error, all moving samples alike.
+    """Check that an effect on the torque does not raise its error, all samples alike that are known well.
 
     Parameters
     ----------

@@ -21,6 +21,7 @@ __all__ = [
     "plain_errors",
     "prewhitened_error",
     "relief",
+    "sound_error",
     "squares",
     "strain",
     "weighted_errors",
@@ -127,6 +128,12 @@ def prewhitened_error(judge: Fitted, fit: Fitted) -> float:
     """Rms residual of a fit in units of the noise of another one, its correlation taken away."""
     rest = judge.whitener(fit.record.target - fit.solved.predicted())
     return float(np.sqrt(np.mean(rest**2)))
+
+
+def sound_error(fit: Fitted, least: float) -> float:
+    """Rms residual of the torque balance, all moving samples of at least this weight alike."""
+    used = fit.record.mask & (fit.record.weight[0] >= least)
+    return float(np.sqrt(np.mean(fit.residual[0][used] ** 2))) if used.any() else 0.0
 
 
 def plain_errors(fit: Fitted) -> dict[str, float]:

@@ -82,7 +82,8 @@ class Policy:
     torque_constant : float
         Share by which the torque constant may be off, which scales every torque: less than on a datasheet.
     sound_weight : float
-        Weight below which a sample is not searched for structure: edges of the torque are aliased. A speed sweep.
+        Weight below which a sample is not searched for structure, and does not tell whether an effect raises an error:
+        edges of the torque are aliased. A speed sweep; a friction that is an offset at one speed each way.
     structure_share : float
         Least share of the residual's mean square that a curve must explain to be named. Clean.
     resembled_at_turns : float

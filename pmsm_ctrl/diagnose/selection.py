@@ -18,6 +18,7 @@ from pmsm_ctrl.diagnose.measures import (
     left_inside,
     plain_errors,
     prewhitened_error,
+    sound_error,
     strain,
     weighted_errors,
 )
@@ -203,7 +204,8 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
         voltages = [name for name in new if name != "torque"]
         refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, policy)
     elif refusal is None:
-        refusal = criteria.no_plain_error_worse(old["torque"], new["torque"], policy)
+        sound = (sound_error(fit, policy.sound_weight) for fit in (before, after))
+        refusal = criteria.no_plain_error_worse(*sound, policy)
     old, new = (
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
         for fit, plain in ((before, old), (after, new))

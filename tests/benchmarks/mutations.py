@@ -84,7 +84,7 @@ MUTATIONS = (
     Mutation("order: cogging at the order next to it", "compare/orders.py",
              "places = orders - 1", "places = orders % highest", "unit/compare/test_dependence.py -k orders"),
     Mutation("blocks: the gap is used to fit", "evidence/blocks.py",
-             "[start - gap, stop + gap]", "[start, stop]", "unit/evidence/test_blocks.py"),
+             "[first - gap, last + gap]", "[first, last]", "unit/evidence/test_blocks.py"),
     Mutation("whitening: the level is that of the noise before it is whitened", "evidence/whitening.py",
              "np.sqrt(variances[order])", "np.sqrt(variances[0])", "unit/evidence/test_whitening.py"),
     Mutation("standard errors of independent samples", "regression/covariance.py",

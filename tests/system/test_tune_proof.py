@@ -113,7 +113,7 @@ def test_a_difference_that_nothing_explains_fails(seed):
     [
         ("dead_time", {"dU": 6.0, "i_0": 0.05}, "current loop"),
         ("backlash", {"gap": 0.01, "J_load": 4e-5, "k": 100.0, "d": 0.02}, "speed loop"),
-        ("load_dependent_friction", {"mu": 0.08}, "speed loop"),
+        ("load_dependent_friction", {"mu": 0.2}, "speed loop"),
     ],
 )
 def test_an_effect_that_bends_a_loop_is_named(seed, effect, parameters, loop):

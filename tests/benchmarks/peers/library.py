@@ -124,7 +124,7 @@ def library_of(design: Design, log: Log) -> Library:
     Nonlinear parameters stand where the first round of the diagnosis puts them.
     """
     effects = catalogue_of(design)
-    fit = fit_design(design, _condition(design, log, None, effects, POLICY).record, (), effects)
+    fit = fit_design(design, _condition(design, log, (), effects, POLICY).record, (), effects)
     named, free, groups = [], {}, {}
     for trial in fit.trials:
         columns, effect = trial.group.rows[0], trial.candidate.effect.id
