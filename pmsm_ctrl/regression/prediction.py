@@ -81,10 +81,26 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
         # what no sampling can do is something that the design lacks, and belongs to the residual
         at[found.model.names.index(LATENESS)] = 0.0
     beside = holding(fit, at)
+    if at_zero := _better_without(found.record, found.model, beside.predicted(), at):
+        beside = holding(fit, at_zero)
     free = [k for k in range(len(found.model.names)) if k not in held]
     stderr = np.nan_to_num(beside.stderr)
     nuisances = {found.model.names[k]: (float(beside.values[k]), float(stderr[k])) for k in free}
     return Prediction(found.record, beside.predicted(), nuisances, found.notes)
+
+
+def _better_without(record: Record, model: Model, predicted: Array, at: Mapping[int, float]) -> dict[int, float]:
+    """Return all columns with the nuisances at zero, where these raise the error of the torque; else none.
+
+    The weighted fit of a design that is far off bends them to serve its best known samples.
+    """
+    values = np.zeros(len(model.names))
+    values[list(at)] = list(at.values())
+    used = record.mask
+    fitted, plain = (record.target[0][used] - one[used] for one in (predicted[0], model.matrix[0] @ values))
+    if np.linalg.norm(fitted) <= np.linalg.norm(plain):
+        return {}
+    return dict(enumerate(values.tolist()))
 
 
 def physical_columns(model: Model) -> tuple[int, ...]:
