@@ -204,8 +204,8 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
         voltages = [name for name in new if name != "torque"]
         refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, policy)
     elif refusal is None:
-        sound = (sound_error(fit, policy.sound_weight) for fit in (before, after))
-        refusal = criteria.no_plain_error_worse(*sound, policy)
+        was, now = (sound_error(fit, policy.sound_weight) for fit in (before, after))
+        refusal = criteria.no_plain_error_worse(was, now, policy)
     old, new = (
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
         for fit, plain in ((before, old), (after, new))

@@ -13,7 +13,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import POLICY, Diagnosis, add, diagnose
-from pmsm_ctrl.diagnose.refusal import Reason
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
@@ -333,7 +333,9 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     blind: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called absurd
-    policy = replace(POLICY, absurd=np.inf, excess=0.03)
+    policy = replace(POLICY, absurd=np.inf, excess=0.03, small_size=1e-4)
+    refused = Refusal(Reason.NOT_CONFIRMED, {"gain": 0.0, "stderr": 1.0})
+    monkeypatch.setattr("pmsm_ctrl.diagnose.criteria.cross_validation", lambda *args: refused)
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80), policy)
     assert result.verdict == "unexplained"
     assert (result.structure.resembles, result.structure.channel) == ("dead_time", "u_q")

@@ -15,6 +15,7 @@ from tests.unit.simulate.composed import DELAYED, SLIDING, SPRUNG, TERMS, simula
 # Sizes large enough that the error of a coarse step stands above rounding.
 SIZES = {
     "coulomb": {"F_c": 0.02}, "viscous": {"F_v": 5e-3}, "stribeck": {"dF_s": 0.05, "w_s": 40.0},
+    "rising_friction": {"dF_r": 0.05, "w_r": 40.0},
     "viscous_asymmetry": {"dF_v": 5e-3}, "constant_load": {"T_0": 0.05}, "viscous_power": {"k": 2e-2},
     "quadratic_drag": {"k_2": 1e-4}, "load_dependent_friction": {"mu": 0.3},
     "position_dependent_friction": {"b_s": 0.05}, "thermal_drift": {"dF_v": 5e-3, "tau": 0.02},
