@@ -88,13 +88,10 @@ def _winding(model: Model) -> NDArray[np.bool_]:
 def contribution(fit: Fitted, trial: Trial) -> float:
     """Size of what only this effect explains against the balance, on the tenth of the samples where it is largest.
 
-    Zero where the steps of the channel are as large. A voltage counts against both voltages together: a small error of
-    the angle puts a share of one into the other.
+    Zero where the steps of the channel are as large.
     """
     best = 0.0
-    used = fit.record.mask
-    levels = np.mean((fit.record.target * fit.record.weight)[:, used] ** 2, axis=1)
-    levels[1:] = levels[1:].sum()
+    levels = np.mean((fit.record.target * fit.record.weight)[:, fit.record.mask] ** 2, axis=1)
     for row in range(len(fit.record.channels)):
         part = np.abs(trial.plain_direction[: fit.plain.rows][fit.whitener.channel == row]) * fit.whitener.sigma[row]
         if not np.any(part):
