@@ -16,7 +16,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Logs
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bounds import holding
-from pmsm_ctrl.regression.prediction import Prediction, errors_of, predict
+from pmsm_ctrl.regression.prediction import Prediction, errors, predict
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.section import Notice
 
@@ -85,7 +85,7 @@ def added(design: Design, log: Logs, effect: str) -> tuple[Design, tuple[Notice,
             other = _made(case, refine(fit.record, held, fit.weights, again))
             made = min(made, other, key=lambda one: squares(one, one.residual, fit.weights.sigma))
     written = fitted_design(design, made)
-    given, found = (errors_of(p.record, p.residual)["torque"][1] for p in _predictions(case, written))
+    given, found = (errors(p.record, p.residual)["torque"][1] for p in _predictions(case, written))
     if found > WORSE * given:
         return design, (notices.WORSE(percent=100.0 * found, given=100.0 * given), *at_bounds(made))
     return written, tuple(at_bounds(made))

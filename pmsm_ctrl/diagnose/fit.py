@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +31,7 @@ from pmsm_ctrl.regression.columns import seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved
 
-__all__ = ["Accepted", "Fitted", "errors", "fit_design", "predicted_elsewhere", "ranked"]
+__all__ = ["Accepted", "Fitted", "fit_design", "predicted_elsewhere", "ranked"]
 
 Array = NDArray[np.float64]
 
@@ -179,19 +179,6 @@ def predicted_elsewhere(
         predicted = model.matrix @ values
         record = with_modelled_torque(record, predicted[0] - false_torque(model, values), delay_of(model, values))
     return record, predicted
-
-
-def errors(record: Record, residual: Array, channels: Iterable[str] | None = None) -> dict[str, tuple[float, float]]:
-    """Rms residual and its share of the measured balance: moving samples."""
-    out = {}
-    for row, name in enumerate(record.channels):
-        if channels is not None and name not in channels:
-            continue
-        used = record.mask
-        size = float(np.sqrt(np.mean(record.target[row][used] ** 2)))
-        rms = float(np.sqrt(np.mean(residual[row][used] ** 2)))
-        out[name] = (rms, rms / size if size > 0.0 else float("nan"))
-    return out
 
 
 def judged(fit: tuple[Solved, Whitener], covariance: NoiseCovariance, trials: Sequence[Trial]) -> list[Trial]:

@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.criteria import CrossValidation
-from pmsm_ctrl.diagnose.fit import Fitted, errors
+from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.search import Trial, blocked_gain, try_group
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
+from pmsm_ctrl.regression.prediction import errors
 
 __all__ = [
     "WINDING",

@@ -12,7 +12,7 @@ from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviations, winding_substitutes
 from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
-from pmsm_ctrl.diagnose.fit import Fitted, errors
+from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
@@ -21,6 +21,7 @@ from pmsm_ctrl.diagnose.search import Trial, amounts_that_gain, least_shown
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.record_result import RecordResult, errors_of, own_rows, record_notices, record_spreads
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice

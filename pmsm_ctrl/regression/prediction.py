@@ -16,7 +16,7 @@ from pmsm_ctrl.regression.drive_timing import LATENESS, DriveTiming
 from pmsm_ctrl.regression.lateness import stopped
 from pmsm_ctrl.regression.model import AGE, Model
 
-__all__ = ["Prediction", "errors_of", "physical_columns", "predict"]
+__all__ = ["Prediction", "errors", "physical_columns", "predict"]
 
 Array = NDArray[np.float64]
 
@@ -131,7 +131,7 @@ def _alike(design: Design, record: Record, like: Prediction) -> Prediction:
     return Prediction(record, predicted, like.nuisances, notes)
 
 
-def errors_of(record: Record, residual: Array, channels: Iterable[str] | None = None) -> dict[str, tuple[float, float]]:
+def errors(record: Record, residual: Array, channels: Iterable[str] | None = None) -> dict[str, tuple[float, float]]:
     """Return the rms residual and its share of the measured balance, over the moving samples.
 
     Parameters

@@ -167,7 +167,7 @@ def read_alike(design: Design, log: Log, record: Record) -> Record:
 def held_out(library: Library, record: Record, chosen: Iterable[str]) -> float:
     """Return the relative torque error of a peer's model on another record, nothing fitted to it.
 
-    Unweighted, over the samples that take part, as `pmsm_ctrl.diagnose.fit.errors` does it.
+    Unweighted, over the samples that take part, as `pmsm_ctrl.regression.prediction.errors` does it.
     """
     values, inside = library.solved(chosen)
     count = library.base.shape[1]

@@ -14,7 +14,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add, diagnose
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.prediction import errors_of, predict
+from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.simulate import simulate
 
@@ -30,7 +30,7 @@ def seed_motor(designs: Path) -> Design:
 @pytest.mark.parametrize(
     ("effect", "values"), [("stribeck", STRIBECK), ("presliding", PRESLIDING)], ids=["stribeck", "presliding"]
 )
-def test_errors_of_a_written_design_are_those_of_the_diagnosis(
+def test_errors_a_written_design_are_those_of_the_diagnosis(
     seed_motor: Design, effect: str, values: dict[str, float]
 ) -> None:
     log = simulate(seed_motor, "triangle", truth=seed_motor.with_effect(effect, values), seed=54210)
@@ -46,7 +46,7 @@ def test_what_add_writes_explains_as_much_as_its_own_fit(seed_motor: Design) -> 
     log = simulate(seed_motor, "triangle", truth=seed_motor.with_effect("presliding", PRESLIDING), seed=54211)
     written = add(seed_motor, log, "presliding")
     record = timed_record(written, log)
-    seen = errors_of(record, predict(written, record).residual)["torque"][1]
+    seen = errors(record, predict(written, record).residual)["torque"][1]
     assert compare(written, log).log.errors["torque"].relative == pytest.approx(seen, rel=1e-6)
     assert seen < 0.9 * compare(seed_motor, log).log.errors["torque"].relative
 
