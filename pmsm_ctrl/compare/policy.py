@@ -68,7 +68,7 @@ ABOVE_FLOOR, VOLTAGE_ABOVE_FLOOR = 1.5, 5.0
 
 # -- simulation --------------------------------------------------------------------------------------------------
 
-# Time between two restarts of the free run, and its longest step, s; the torque is averaged over a step.
-WINDOW, STEP = 0.5, 1e-3
+# Time between two restarts of the free run, s.
+WINDOW = 0.5
 # A longer log is simulated in closed loop only so far, s.
 LONGEST = 120.0

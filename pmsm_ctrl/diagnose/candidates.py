@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.orders import order_spectrum
-from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import LogView, Search
 from pmsm_ctrl.regression.balances import Record
@@ -80,7 +79,7 @@ def passing_orders(record: Record, residual: Array, highest: int) -> Array:
 
 
 def candidates_for(
-    record: Record, design: Design, effects: Mapping[str, Effect], residual: Array, present: Iterable[str]
+    record: Record, effects: Mapping[str, Effect], residual: Array, present: Iterable[str]
 ) -> list[Candidate]:
     """Return every candidate that is not in the model yet. `residual` is that of the torque, shape (m,)."""
 

@@ -145,7 +145,7 @@ class Case:
         refitted : bool, optional
             As in `holdout_errors`.
         """
-        record, predicted = predicted_elsewhere(self.design, self.holdouts[number], fit.accepted, fit, self.effects)
+        record, predicted = predicted_elsewhere(self.design, self.holdouts[number], fit.accepted, fit)
         common = [k for k, name in enumerate(record.channels) if name in fit.record.channels]
         channels = tuple(record.channels[k] for k in common)
         record = replace(

@@ -154,7 +154,7 @@ def _laid_out(
     found = settled_model(design, record, accepted)
     present = [e.id for e in design.effects] + [a.effect.id for a in accepted]
     residual = record.target[0] - found.rough.predicted()[0]
-    candidates = candidates_for(found.record, design, effects, residual, present)
+    candidates = candidates_for(found.record, effects, residual, present)
     laid, left = offer(found.record, found.model, candidates)
     return found, estimated(found.record, found.model, left), laid
 
@@ -167,9 +167,8 @@ def _forget(given: Record, used: Record) -> None:
 
 
 def predicted_elsewhere(
-    design: Design, record: Record, accepted: tuple[Accepted, ...], fit: Fitted,
-    effects: Mapping[str, Effect],
-) -> tuple[Record, Array]:  # fmt: skip
+    design: Design, record: Record, accepted: tuple[Accepted, ...], fit: Fitted
+) -> tuple[Record, Array]:
     """Return another record, read with the torque of the fit, and its balances predicted with the fit's parameters."""
     record = with_bristles(design, record, accepted)
     for _ in range(2):

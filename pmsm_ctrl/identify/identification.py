@@ -236,7 +236,7 @@ def identify(
             *contradictions,
             *record_notices(several.rows),
             *([words.WORSE(percent=100.0 * best, given=100.0 * given)] if worse else ()),
-            *_large(error, problem),
+            *_large(error),
             *believed.notices[len(believed.contradictions) :],
             *problem.notes,
             *orders_beyond(design, several.log, problem.cutoff),
@@ -396,7 +396,7 @@ def _contradictions(design: Design, fit: Fit) -> tuple[Notice, ...]:
     return (words.INERTIA_FAR(value=J, ratio=J / design.J),) if far else ()
 
 
-def _large(error: float, problem: Problem) -> tuple[Notice, ...]:
+def _large(error: float) -> tuple[Notice, ...]:
     """Return a notice where the parameters do not describe the torque of the log."""
     if error <= policy.LARGE_ERROR:
         return ()

@@ -41,7 +41,7 @@ def unclipped(design: Design, log: Log) -> tuple[Log, tuple[Notice, ...], tuple[
     if abs(limit - _own_limit(design, name)) < OWN_LIMIT * limit:
         return log, (), ()
     at_limit = size >= limit * (1.0 - 1e-9)
-    if not _needs_more(design, binned(log), name, at_limit):
+    if not _needs_more(design, binned(log), at_limit):
         return log, (), ()
     out = summed(at_limit.astype(np.float64), 2 * REACH + 1) > 0.5
     share = 100.0 * float(np.mean(at_limit))
@@ -62,7 +62,7 @@ def _own_limit(design: Design, name: str) -> float:
     return design.drive.i_max * (design.K_t_assumed if name == "torque" else 1.0)
 
 
-def _needs_more(design: Design, bins: Bins, name: str, at_limit: Mask) -> bool:
+def _needs_more(design: Design, bins: Bins, at_limit: Mask) -> bool:
     """Whether the motion at the limit needs more torque than the limit, by the balance of all other samples."""
     motion, torque = moved(bins, BOXES), torque_of(design, bins.channels)
     if motion is None or torque is None:

@@ -16,7 +16,6 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.fit import predicted_elsewhere
-from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
@@ -115,11 +114,11 @@ def _ours(case: Case) -> dict[str, Any]:
     began = time.perf_counter()
     found = diagnose(case.design, case.log, plan=False)
     took = time.perf_counter() - began
-    fit, effects = found.selection.fit, catalogue_of(case.design)
+    fit = found.selection.fit
     own = fit.record.target[0] - fit.residual[0]
     left = None
     if (other := _elsewhere(case, fit.record)) is not None:
-        other, predicted = predicted_elsewhere(case.design, other, fit.accepted, fit, effects)
+        other, predicted = predicted_elsewhere(case.design, other, fit.accepted, fit)
         left = relative(other, predicted[0])
     return {
         "named": [step.effect for step in found.steps], "equivalents": [list(step.equivalents) for step in found.steps],
