@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
@@ -15,10 +16,28 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
 
-__all__ = ["CompensationStudy", "Row", "Variant"]
+__all__ = ["CompensationStudy", "Row", "Variant", "own_change"]
 
 AT_FLOOR = 1.2  # RMS error, as a share of that of the axis without friction, that compensation cannot lower further
 FRICTION_SHOWS = -0.9  # change of the RMS error from which on the floor is of no interest
+
+
+def own_change(compensated: float, plain: float, floor: float) -> float:
+    """Return the change of an RMS error after that of the axis without friction is taken out of both.
+
+    Parameters
+    ----------
+    compensated, plain, floor : float
+        RMS error with and without compensation, and of the axis without friction.
+
+    Returns
+    -------
+    float
+        -0.9 is -90 %; NaN where `plain` is not above `floor`.
+    """
+    if not plain > floor:
+        return math.nan
+    return math.sqrt(max(compensated**2 - floor**2, 0.0) / (plain**2 - floor**2)) - 1.0
 
 
 class Variant(StrEnum):
@@ -97,7 +116,7 @@ class CompensationStudy(Result):
         short = (window for window in self.windows.values() if window.safe < 1.0)
         out += [notices.UNSAFE(source=window.source, safe=100.0 * window.safe) for window in short]
         if (floor := self._at_floor()) is not None:
-            out.append(notices.FLOOR(change=100.0 * floor))
+            out.append(notices.FLOOR(change=100.0 * floor, own=-100.0 * self.friction_change(Variant.ALL)))
         cycles = {r.motion for r in self.table if r.variant == Variant.NONE and r.metrics.cycle_amplitude > 0.0}
         if cycles:
             out.append(notices.CYCLES(motions=", ".join(sorted(cycles))))
@@ -135,6 +154,34 @@ class CompensationStudy(Result):
             for row in self.table
             if row.variant == variant and row.factor == factor and row.motion.startswith(motion)
         )
+
+    def friction_change(self, variant: str, factor: float = 1.0, motion: str = "reversal") -> float:
+        """Return the worst change of the RMS error that friction causes; -0.9 is -90 %.
+
+        The RMS error of the axis without friction (noise, loops) is taken out of both sides: the errors of friction
+        and of the noise are independent, so their squares add.
+
+        Parameters
+        ----------
+        variant : str
+            A `Variant`.
+        factor : float
+            On the compensated parameters.
+        motion : str
+            Motions whose name begins so count.
+
+        Returns
+        -------
+        float
+            NaN where friction adds nothing to the error.
+        """
+        rms = {(r.variant, r.motion, r.factor): r.metrics.rms for r in self.table}
+        changes = [
+            own_change(value, rms[Variant.NONE, name, 1.0], rms[Variant.FLOOR, name, 1.0])
+            for (which, name, by), value in rms.items()
+            if which == variant and by == factor and name.startswith(motion)
+        ]
+        return max(changes)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""

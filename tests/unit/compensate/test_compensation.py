@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, judge, measure, run_trial, study_trials
 from pmsm_ctrl.compensate.metrics import Metrics
-from pmsm_ctrl.compensate.result import CompensationStudy
+from pmsm_ctrl.compensate.result import CompensationStudy, own_change
 from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.compensate.study import SOURCES
 from pmsm_ctrl.compensate.window import sweep_gains
@@ -133,6 +134,27 @@ def test_with_stiff_loops_compensation_reaches_the_noise_of_the_axis(design: Des
     assert on.reversal_peak < 0.1 * plain.reversal_peak
     assert on.rms < 1.1 * floor.rms
     assert plain.rms**2 - floor.rms**2 > 10.0 * abs(on.rms**2 - floor.rms**2)
+
+
+@pytest.mark.parametrize("name", ["low_speed", "adaptive", "small_servo", "servo_2kw", "geared_resonant"])
+def test_shipped_designs_are_compensated_with_their_tuned_gains(project_root: Path, name: str) -> None:
+    """Nine tenths of what friction adds go, and nine tenths of the peak, or all but what noise leaves of it."""
+    shipped = Design.read(project_root / "designs" / f"{name}.toml")
+    loops, tuned = shipped.require_loops(), tune(shipped, prove=False).design.require_loops()
+    assert loops.speed.K_p == pytest.approx(tuned.speed.K_p, rel=2e-3)
+    assert loops.position.K_v == pytest.approx(tuned.position.K_v, rel=2e-3)
+    base, trial = baseline(shipped), study_trials(shipped)["reversal 2 rad/s"]
+    assert base.loops == loops  # nothing has to be repaired
+    every = [entry.id for entry in shipped.effects if entry.id != "compliance"]
+    smooth = shipped.replace_effects(tuple(entry for entry in shipped.effects if entry.id not in every))
+    plain, on, floor = (
+        judge(trial, run_trial(believed, trial, truth=plant))
+        for believed, plant in ((base, shipped), (compensated(base, every), shipped), (base, smooth))
+    )
+    assert own_change(on.rms, plain.rms, floor.rms) <= -0.9
+    assert on.reversal_peak < max(0.1 * plain.reversal_peak, 1.1 * floor.reversal_peak)
+    assert own_change(floor.rms, plain.rms, floor.rms) == -1.0
+    assert np.isnan(own_change(floor.rms, floor.rms, floor.rms))
 
 
 def test_dither_below_a_count_is_no_cycle(design: Design) -> None:
