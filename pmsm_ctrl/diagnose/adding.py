@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
 from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design
@@ -16,14 +15,11 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Logs
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bounds import holding
-from pmsm_ctrl.regression.prediction import Prediction, errors, predict
+from pmsm_ctrl.regression.kept import worse_than_given
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.section import Notice
 
 __all__ = ["add", "added"]
-
-# Error over that of the given design from which on a design is worse: by less two fits of one log differ.
-WORSE = 1.02
 
 
 def add(design: Design, log: Logs, effect: str) -> Design:
@@ -85,15 +81,9 @@ def added(design: Design, log: Logs, effect: str) -> tuple[Design, tuple[Notice,
             other = _made(case, refine(fit.record, held, fit.weights, again))
             made = min(made, other, key=lambda one: squares(one, one.residual, fit.weights.sigma))
     written = fitted_design(design, made)
-    given, found = (errors(p.record, p.residual)["torque"][1] for p in _predictions(case, written))
-    if found > WORSE * given:
-        return design, (notices.WORSE(percent=100.0 * found, given=100.0 * given), *at_bounds(made))
+    if worse := worse_than_given(design, written, case.record):
+        return design, (worse, *at_bounds(made))
     return written, tuple(at_bounds(made))
-
-
-def _predictions(case: Case, written: Design) -> tuple[Prediction, Prediction]:
-    """Return what the given design and the written one predict of the record."""
-    return predict(case.design, case.record), predict(written, case.record)
 
 
 def _made(case: Case, trial: Trial) -> Fitted:

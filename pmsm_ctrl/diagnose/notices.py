@@ -41,11 +41,6 @@ __all__ = [
 ]
 
 NOT_EXCITED = Template("not_excited", "{parameters} not excited by this motion")
-WORSE = Template(
-    "worse_than_given",
-    "the fitted parameters leave {percent:.3g} % of the torque, those of the given design {given:.3g} %: the design "
-    "stays as it was",
-)
 NOT_SEPARABLE = Template("not_separable", "{parameters} not separable on this motion")
 EFFECT_NOT_EXCITED = Template("effect_not_excited", "{effect}: {why}")
 BEYOND_LOG = Template(

@@ -21,6 +21,7 @@ from pmsm_ctrl.diagnose.search import Trial, amounts_that_gain, least_shown
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.kept import worse_than_given
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.record_result import RecordResult, errors_of, own_rows, record_notices, record_spreads
 from pmsm_ctrl.result import Estimate
@@ -51,8 +52,7 @@ def outcome(
     if left is None and case.events:
         left = case.events[0].notice
     blind = not_excited(final, policy)
-    accepted = {step.trial.candidate.effect.id for step in selection.steps}
-    offered = {name: effect for name, effect in case.effects.items() if name not in accepted}
+    offered = {name: effect for name, effect in case.effects.items() if name not in {step.effect for step in steps}}
     hidden = hidden_by_motion(final, offered, policy)
     deviations = parameter_deviations(case.design, final, policy)
     records = _records(case, selection)
@@ -61,8 +61,10 @@ def outcome(
         verdict, reasons = Verdict.EFFECTS_MISSING, ()
     if verdict is Verdict.IMPLAUSIBLE:  # no name and no parameter would mean anything
         selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.design, None, None
+    worse = worse_than_given(case.design, design, case.record)
     warned = (
         *reasons,
+        *([worse] if worse is not None else []),
         *(case.believed.notices if case.believed else ()),
         *record_notices(records),
         *case.remarks,
@@ -78,7 +80,8 @@ def outcome(
     )
     return Diagnosis(
         verdict=verdict,
-        design=design,
+        design=design if worse is None else case.design,
+        improved=worse is None,
         errors=_errors(case.record, selection),
         steps=tuple(steps),
         ranking=tuple(_ranking(selection, hidden, policy)),

@@ -220,6 +220,8 @@ class Diagnosis(Result):
         By how much friction and a constant torque differ between records; empty for a log that is one record.
     log_name, holdout_name : str
         The latter is empty without a held-out record.
+    improved : bool
+        False where the fitted design would be worse on its own log than the given one: then `design` is the given one.
     """
 
     verdict: Verdict
@@ -242,6 +244,7 @@ class Diagnosis(Result):
     spreads: tuple[RecordSpread, ...] = ()
     log_name: str = "the given log"
     holdout_name: str = ""
+    improved: bool = True
 
     @property
     def timing(self) -> DriveTiming:
@@ -274,6 +277,7 @@ class Diagnosis(Result):
             "unexplained_code": self.left.code if self.left is not None else "",
             "records": [row.to_dict() for row in self.records],
             "spread_between_records": [vars(one) for one in self.spreads],
+            "improved": self.improved,
             "events": [event.to_dict() for event in self.events],
             "calibration": vars(self.calibration) if self.calibration is not None else None,
             **self.doubts(),

@@ -27,6 +27,7 @@ from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
+from pmsm_ctrl.regression.kept import worse_by_error
 from pmsm_ctrl.regression.least_squares import Cause, Fit, solve
 from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
 from pmsm_ctrl.regression.timed_record import sampling_of
@@ -212,7 +213,7 @@ def identify(
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
     best, given = _best_error(shown, fit.values), _best_error(shown, {})
-    worse = best > policy.WORSE * given and method != "output_error"  # which has no columns of the given design
+    worse = worse_by_error(best, given) if method != "output_error" else None  # which has no columns of the given one
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
     estimates = {
         c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal)
@@ -220,8 +221,8 @@ def identify(
         if c.name in fit.values
     }
     return Identification(
-        design=design if worse else found,
-        improved=not worse,
+        design=found if worse is None else design,
+        improved=worse is None,
         estimates=estimates,
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=_why_not(design, fit),
@@ -235,7 +236,7 @@ def identify(
         notices=(
             *contradictions,
             *record_notices(several.rows),
-            *([words.WORSE(percent=100.0 * best, given=100.0 * given)] if worse else ()),
+            *((worse,) if worse else ()),
             *_large(error),
             *believed.notices[len(believed.contradictions) :],
             *problem.notes,

@@ -8,7 +8,7 @@ from pmsm_ctrl.section import Notice, Template
 __all__ = [
     "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT", "FEW_DEGREES_OF_FREEDOM",
     "ILL_CONDITIONED", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
-    "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "REPLAYED_CURRENT", "UNSETTLED", "WORSE", "WRONG_LOOPS",
+    "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
     "not_identifiable",
 ]  # fmt: skip
 
@@ -30,11 +30,6 @@ LARGE_ERROR = Template(
     "large_error",
     "the residual is {percent:.0f} % of the torque: the parameters explain {explained:.0f} % of its mean square, the "
     "rest is noise or a missing effect; compare and diagnose distinguish the two",
-)
-WORSE = Template(
-    "worse_than_given",
-    "the identified parameters leave {percent:.3g} % of the torque, those of the given design {given:.3g} %: the "
-    "design stays as it was",
 )
 INERTIA_NEGATIVE = Template(
     "inertia_negative", "J = {value:.3g} +- {stderr:.2g} is below zero: current and acceleration differ in sign"

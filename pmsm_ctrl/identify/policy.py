@@ -18,10 +18,6 @@ LARGE_ERROR = 0.4
 # Factor by which no inertia differs from its design's: another unit, another gear or another axis. Standard errors.
 IMPLAUSIBLE, SURE = 3.0, 3.0
 
-# Error over that of the given design from which on the identified one is worse, and is not written: by less two fits
-# of one log differ that weigh reversals differently.
-WORSE = 1.02
-
 # -- replay of the log's experiment ------------------------------------------------------------------------------
 
 # A current beside the speed controller's output below this share of the reference current is rounding.

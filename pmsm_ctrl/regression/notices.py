@@ -20,6 +20,7 @@ __all__ = [
     "RESAMPLED",
     "SPEED_FOR_COARSE_ANGLE",
     "TORQUE_JUMPS",
+    "WORSE_THAN_GIVEN",
     "sampling_text",
 ]  # fmt: skip
 
@@ -72,6 +73,11 @@ ORDERS_BEYOND_BAND = Template(
 )
 
 SHOWN_MS = 0.01  # ms; less is no sampling that anybody could repair
+WORSE_THAN_GIVEN = Template(
+    "worse_than_given",
+    "the fitted parameters leave {percent:.3g} % of the torque, those of the given design {given:.3g} %: the design "
+    "stays as it was",
+)
 
 
 def sampling_text(timing: DriveTiming, quantity: str) -> str | None:

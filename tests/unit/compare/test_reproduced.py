@@ -14,6 +14,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add, diagnose
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression import kept
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.simulate import simulate
@@ -89,10 +90,8 @@ def test_an_exact_design_is_not_made_worse(seed: int) -> None:
 
 
 def test_a_design_that_would_be_worse_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pmsm_ctrl.identify import identification
-
     design, log = scattered(3)
-    monkeypatch.setattr(identification.policy, "WORSE", 0.5)  # as if the identified one were twice as bad
+    monkeypatch.setattr(kept, "WORSE", 0.5)  # as if the identified one were twice as bad
     result = identify(design, log)
     assert not result.improved
     assert result.design is design
@@ -100,7 +99,32 @@ def test_a_design_that_would_be_worse_is_not_written(tmp_path: Path, monkeypatch
     assert result.to_dict()["improved"] is False
     design.write(tmp_path / "design.toml")
     log.write_csv(tmp_path / "log.csv")
-    called = ["identify", str(tmp_path / "log.csv"), "--design", str(tmp_path / "design.toml")]
-    run = CliRunner().invoke(app, [*called, "--output", str(tmp_path / "new.toml")])
-    assert run.exit_code == 1
-    assert not (tmp_path / "new.toml").exists()
+    for verb in ("identify", "diagnose"):
+        called = [verb, str(tmp_path / "log.csv"), "--design", str(tmp_path / "design.toml")]
+        run = CliRunner().invoke(app, [*called, "--output", str(tmp_path / "new.toml")])
+        assert run.exit_code == 1
+        assert not (tmp_path / "new.toml").exists()
+
+
+def test_a_diagnosis_that_would_be_worse_keeps_the_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    design, log = scattered(4)
+    assert diagnose(design, log, plan=False).improved
+    monkeypatch.setattr(kept, "WORSE", 0.5)
+    found = diagnose(design, log, plan=False)
+    assert not found.improved
+    assert found.design is design
+    assert "worse_than_given" in [notice.code for notice in found.notices]
+    assert found.to_dict()["improved"] is False
+
+
+def test_worse_is_what_leaves_more_of_the_torque() -> None:
+    design, log = scattered(5)
+    record = timed_record(design, log)
+    off = design.with_effect("coulomb", {"F_c": 0.8})
+    assert kept.worse_than_given(design, design, record) is None
+    assert kept.worse_than_given(off, design, record) is None
+    worse = kept.worse_than_given(design, off, record)
+    assert worse is not None
+    assert worse.code == "worse_than_given"
+    error = 0.4 / np.sqrt(np.mean(log["torque"] ** 2))  # 0.4 N m too much dry friction, nearly always of one sign
+    assert worse.detail["percent"] == pytest.approx(100.0 * error, rel=0.1)

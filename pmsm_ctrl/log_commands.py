@@ -1,0 +1,159 @@
+"""The commands that evaluate logs: identify, compare, diagnose, add and track."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from pmsm_ctrl.console import NEGATIVE, finish, progress_bar, write_json
+from pmsm_ctrl.options import (
+    DesignOption,
+    EffectsOption,
+    HoldoutOption,
+    JsonOption,
+    LogArgument,
+    MapOption,
+    MethodOption,
+    NewDesignOption,
+    ReportOption,
+    effect_ids,
+    load_logs,
+    logs_if_given,
+    output_option,
+    read_design,
+    write_design,
+)
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.identify import Method
+
+__all__ = ["LOG_COMMANDS"]
+
+
+def identify(
+    log: LogArgument,
+    design: DesignOption,
+    method: MethodOption = "regression",
+    output: NewDesignOption = None,
+    mapping: MapOption = None,
+    effects: EffectsOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Identify inertia and friction from a log. Status 1, and no design, when the given one is better."""
+    from pmsm_ctrl.identify import identify as run_identification
+
+    axis = read_design(design, effects)
+    result = run_identification(axis, load_logs(log, axis, mapping), method=cast("Method", method))
+    finish("identify", result, json_file=json_file, report=report)
+    if not result.improved:
+        raise typer.Exit(NEGATIVE)
+    write_design(result.design, output)
+
+
+def compare(
+    log: LogArgument,
+    design: DesignOption,
+    holdout: HoldoutOption = None,
+    mapping: MapOption = None,
+    effects: EffectsOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Compare the predictions of a design with a log. Errors are given by channel."""
+    from pmsm_ctrl.compare import compare as run_comparison
+
+    axis = read_design(design, effects)
+    other = logs_if_given(holdout, axis, mapping)
+    records = load_logs(log, axis, mapping)
+    with progress_bar(f"compare {axis.name}") as progress:
+        result = run_comparison(axis, records, holdout=other, progress=progress)
+    finish("compare", result, json_file=json_file, report=report)
+
+
+def diagnose(
+    log: LogArgument,
+    design: DesignOption,
+    holdout: HoldoutOption = None,
+    output: NewDesignOption = None,
+    calibrate: Annotated[
+        int,
+        typer.Option(
+            "--calibrate",
+            metavar="COUNT",
+            help="simulations to estimate the false-alarm rate",
+        ),
+    ] = 0,
+    mapping: MapOption = None,
+    effects: EffectsOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Find the physical effects that a design lacks. Status 1, and no design, when the given one is better."""
+    from pmsm_ctrl.diagnose import diagnose as run_diagnosis
+
+    axis = read_design(design, effects)
+    other = logs_if_given(holdout, axis, mapping)
+    measured = load_logs(log, axis, mapping)
+    with progress_bar(f"diagnose {log[0].name if len(measured) == 1 else f'{len(measured)} logs'}") as progress:
+        result = run_diagnosis(axis, measured, holdout=other, progress=progress, calibrate=calibrate)
+    finish("diagnosis", result, json_file=json_file, report=report)
+    if not result.improved:
+        raise typer.Exit(NEGATIVE)
+    write_design(result.design, output)
+
+
+def add(
+    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="an id of the catalogue", autocompletion=effect_ids)],
+    design: DesignOption,
+    log: Annotated[
+        list[Path], typer.Option("--log", metavar="LOG", help="log its parameters are fitted to; may be repeated")
+    ],
+    output: Annotated[Path, output_option("NEW_DESIGN", "the design to write")],
+    mapping: MapOption = None,
+    effects: EffectsOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Add an effect to a design, its parameters fitted to a log."""
+    from pmsm_ctrl.diagnose.adding import added
+    from pmsm_ctrl.effects import catalogue_of, lookup
+    from pmsm_ctrl.rendering.numbers import with_error
+    from pmsm_ctrl.units import axis_unit
+
+    axis = read_design(design, effects)
+    result, notices = added(axis, load_logs(log, axis, mapping), effect)
+    if result is axis:  # it would be worse than the one given
+        print(f"{output}: not written, {notices[0].text}")
+        raise typer.Exit(NEGATIVE)
+    result.write(output)
+    print(f"{output}: {axis.name} with {effect}")
+    for entry in result.effects:
+        for symbol, value in entry.parameters.items():
+            unit = axis_unit(lookup(entry.id, catalogue_of(axis)).parameter(symbol).unit, axis.motion)
+            print(f"  {entry.id:<28} {symbol:<8} {with_error(value, entry.stderr.get(symbol, 0.0), unit)}")
+    for notice in notices:
+        print(f"warning: {notice.text} [{notice.code}]")
+    if json_file is not None:
+        warned = {"warnings": [n.text for n in notices], "warning_codes": [n.code for n in notices]}
+        write_json(json_file, "add", {"effect": effect, **warned, "design": result.to_dict()})
+
+
+def track(
+    log: LogArgument,
+    design: DesignOption,
+    mapping: MapOption = None,
+    effects: EffectsOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Track F_c and F_v over a log with an extended Kalman filter."""
+    from pmsm_ctrl.track import track as run_tracking
+
+    axis = read_design(design, effects)
+    result = run_tracking(axis, load_logs(log, axis, mapping))
+    finish("track", result, json_file=json_file, report=report)
+
+
+LOG_COMMANDS = (identify, compare, diagnose, add, track)
