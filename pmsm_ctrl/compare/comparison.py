@@ -34,12 +34,11 @@ from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.regression.timing import punctual, uniform
 from pmsm_ctrl.result import Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
+from pmsm_ctrl.units import drives
 
 __all__ = ["ChannelError", "Comparison", "Record", "Simulated", "compare"]
 
 Array = NDArray[np.float64]
-
-WHOLE = "free run, whole record"
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,9 @@ class Simulated:
     Attributes
     ----------
     method : str
-        How it was simulated: free run in restarted windows, closed loop, or free run over the whole record.
+        ``free run in windows``, ``closed loop`` or ``free run``.
+    meaning : str
+        What the simulation is given, in words.
     errors : dict of channel to ChannelError
         ``omega``, ``theta`` and in closed loop ``i_q``. Over a whole record the relative error is that to the standard
         deviation of the channel, 1 - fit.
@@ -105,6 +106,7 @@ class Simulated:
     """
 
     method: str
+    meaning: str
     errors: Mapping[str, ChannelError]
     fit: float = float("nan")
     record: str = ""
@@ -223,7 +225,13 @@ def _plain(errors: Mapping[str, ChannelError]) -> dict[str, Any]:
 
 
 def _plain_run(run: Simulated) -> dict[str, Any]:
-    return {"record": run.record, "method": run.method, "errors": _plain(run.errors), "fit": run.fit}
+    return {
+        "record": run.record,
+        "method": run.method,
+        "meaning": run.meaning,
+        "errors": _plain(run.errors),
+        "fit": run.fit,
+    }
 
 
 def compare(
@@ -410,7 +418,8 @@ def _free_run(
         "omega": ChannelError.of(free.omega_meas.ravel(), free.omega.ravel(), log.unit("omega"), speed),
         "theta": theta,
     }
-    return (Simulated(f"free run, restarted every {free.window:.3g} s", errors),), free.notices
+    meaning = f"the measured {drives(log.motion)} alone, restarted from the measured state every {free.window:.3g} s"
+    return (Simulated("free run in windows", meaning, errors),), free.notices
 
 
 def _whole_run(
@@ -427,7 +436,11 @@ def _whole_run(
         name: ChannelError.of(measured - measured.mean(), simulated - measured.mean(), log.unit(name))
         for name, (measured, simulated) in pairs.items()
     }
-    return (Simulated(WHOLE, errors, run.fit),)
+    return (
+        Simulated(
+            "free run", f"the measured {drives(log.motion)} alone, the state given at the start", errors, run.fit
+        ),
+    )
 
 
 def _closed_loop(
@@ -444,4 +457,4 @@ def _closed_loop(
         for name, measured in run.measured.items()
     }
     fed = " and added current" if run.added_current else ""
-    return (Simulated(f"closed loop with the log's {run.control} reference{fed}", errors),), run.notices
+    return (Simulated("closed loop", f"the log's {run.control} reference{fed}", errors),), run.notices

@@ -29,7 +29,6 @@ def _(result: Comparison) -> Section:
     names = {"torque": drives(motion)}
     found = [f"{names.get(name, name)}: {structure_words(s)}." for name, s in log.structure.items()]
     records = [("log", log), *_held_out(result)]
-    rows = tuple(row for label, record in records for row in _error_rows(label, record, names))
     return Section(
         f"Comparison of {result.design.name} with {Path(log.name).name}",
         (
@@ -37,7 +36,8 @@ def _(result: Comparison) -> Section:
             *(notice for notice in result.notices if notice not in result.reasons[:1]),
             *(_capital(sentence) for sentence in found[1:]),
             *([sampled] if (sampled := sampling_text(log.timing, names["torque"])) is not None else []),
-            Table(_HEADER, rows, "Errors (measured - predicted)"),
+            _errors(records, names),
+            *_meanings(records),
             *_whole(records, motion),
             *([records_table(result.records, names["torque"], "as predicted")] if len(log.rows) > 1 else []),
             _dependences(result, names["torque"]),
@@ -53,7 +53,7 @@ def _whole(records: Iterable[tuple[str, Record]], motion: str) -> Iterator[str]:
         if math.isfinite(run.fit):
             position, speed = (run.errors[name] for name in ("theta", "omega"))
             yield (
-                f"The {run.record or label} simulated from its {drives(motion)} alone, the state given at the start: "
+                f"Free run of the {run.record or label} over its whole length: "
                 f"position {with_prefix(position.rms, position.unit)} rms (fit {percent(run.fit)}), speed "
                 f"{with_prefix(speed.rms, speed.unit)} rms (fit {percent(1.0 - speed.relative)})."
             )
@@ -72,7 +72,23 @@ def _verdict(result: Comparison, structure: str) -> str:
     return _VERDICTS[result.verdict].format(reason=result.reasons[0].text, structure=structure)
 
 
-_HEADER = ("record", "channel", "method", "rms", "noise floor", "unit", "relative", "worst", "mean")
+_HEADER = ("channel", "method", "rms", "noise floor", "unit", "relative", "worst", "mean")
+
+
+def _errors(records: Iterable[tuple[str, Record]], names: dict[str, str]) -> Table:
+    """Every channel by every method; which record, where there is more than one."""
+    rows = [row for label, record in records for row in _error_rows(label, record, names)]
+    title = "Errors (measured - predicted)"
+    if len({label for label, *_ in rows}) > 1:
+        return Table(("record", *_HEADER), tuple(rows), title)
+    return Table(_HEADER, tuple(row[1:] for row in rows), title)
+
+
+def _meanings(records: Iterable[tuple[str, Record]]) -> Iterator[str]:
+    """Yield what each simulation was given, in one sentence."""
+    meanings = {run.method: run.meaning for _, record in records for run in record.simulated}
+    if meanings:
+        yield "Simulated from: " + "; ".join(f"{meaning} ({method})" for method, meaning in meanings.items()) + "."
 
 
 def _held_out(result: Comparison) -> list[tuple[str, Record]]:

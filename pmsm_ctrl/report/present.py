@@ -115,7 +115,7 @@ def _signature(entry: CatalogueEntry) -> Figure:
 
 
 def catalogue_section(effects: Iterable[Effect]) -> Section:
-    """Return the catalogue as one table: id, where it enters, term, parameters with units, required excitation.
+    """Return the catalogue as two tables: id, where it enters, term and parameters; and the excitation each one needs.
 
     Parameters
     ----------
@@ -126,11 +126,12 @@ def catalogue_section(effects: Iterable[Effect]) -> Section:
     Section
     """
     rows = tuple(
-        (e.id, e.enters, _spoken(e.equation), ", ".join(f"{p.symbol} [{p.unit}]" for p in e.parameters), e.needs)
+        (e.id, e.enters, _spoken(e.equation), ", ".join(f"{p.symbol} [{p.unit}]" for p in e.parameters))
         for e in effects
     )
-    table = Table(("id", "enters", "term", "parameters", "required excitation"), rows)
-    return Section("Effects (friction positive for positive speed)", (table,))
+    terms = Table(("id", "enters", "term", "parameters"), rows)
+    needs = Table(("id", "required excitation"), tuple((e.id, e.needs) for e in effects))
+    return Section("Effects (friction positive for positive speed)", (terms, needs))
 
 
 def _spoken(equation: str) -> str:

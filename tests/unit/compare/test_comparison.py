@@ -82,7 +82,8 @@ def test_free_run_agrees_with_the_drive_kernel(seed_motor: Design) -> None:
 def test_noise_floor_of_the_free_run_is_what_noise_alone_makes(seed_motor: Design) -> None:
     for seed in (1, 2):
         run = compare(seed_motor, simulate(seed_motor, "identification", seed=seed)).log.simulated[0]
-        assert run.method == "free run, restarted every 0.5 s"
+        assert run.method == "free run in windows"
+        assert run.meaning.endswith("every 0.5 s")
         for error in run.errors.values():
             assert 0.6 < error.rms / error.floor < 1.4
 
@@ -94,14 +95,14 @@ def test_noise_floor_of_the_free_run_is_what_noise_alone_makes(seed_motor: Desig
 def test_closed_loop_repeats_the_log(seed_motor: Design, motion: str, control: str) -> None:
     ideal = seed_motor.replace(sensor={"current_noise": 0.0, "encoder_counts": 0})
     run = compare(ideal, simulate(ideal, motion)).log.simulated[1]
-    assert control in run.method
+    assert control in run.meaning
     assert run.errors["i_q"].relative < 2e-3
     assert run.errors["omega"].relative < 1e-4
 
 
 def test_closed_loop_feeds_a_test_signal_in(seed_motor: Design) -> None:
     run = compare(seed_motor, simulate(seed_motor, "identification", seed=2)).log.simulated[1]
-    assert run.method.endswith("and added current")
+    assert run.meaning.endswith("and added current")
     assert run.errors["i_q"].rms < 1.1 * run.errors["i_q"].floor
 
 
@@ -172,7 +173,7 @@ def test_text_json_and_page(seed_motor: Design) -> None:
     result = compare(seed_motor, log, holdout=other)
     text = " ".join(result.summary(width=250).split())
     assert "of the residual depends on speed and direction; largest" in text
-    assert "free run, restarted every 0.5 s" in text
+    assert "restarted from the measured state every 0.5 s (free run in windows)" in text
     assert "Worst stretches" in text
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert data["where"]["torque"]["coordinates"][0]["coordinate"] == "speed"
