@@ -17,8 +17,9 @@ from pmsm_ctrl.errors import CacheWarning, PmsmCtrlError, RequestError
 from pmsm_ctrl.files import require_writable, write_text
 
 if TYPE_CHECKING:
+    from pmsm_ctrl.report import Headline
     from pmsm_ctrl.result import Result
-    from pmsm_ctrl.section import Section
+    from pmsm_ctrl.section import Notice, Section
 
 __all__ = [
     "BAD_INPUT",
@@ -185,14 +186,20 @@ def finish(verb: str, result: Result, *, json_file: Path | None = None, report: 
     if json_file is not None:
         write_json(json_file, verb, result.to_dict())
     if report is not None:
-        write_report(report, result.section())
+        from pmsm_ctrl.report import headline_of
+
+        headline = headline_of(result)
+        write_report(report, result.section(), headline, result.notices if headline is not None else ())
 
 
-def write_report(path: Path, section: Section) -> None:
-    """Write one section as an HTML page of its own and print where it is."""
+def write_report(
+    path: Path, section: Section, headline: Headline | None = None, notices: Sequence[Notice] = ()
+) -> None:
+    """Write one section as an HTML page of its own and print where it is; `notices` stand on its first screen."""
     from pmsm_ctrl.report import render
 
-    write_text(path, render(section.title, [section], command=command_line()))
+    text = render(section.title, [section.without(notices)], headline=headline, notices=notices, command=command_line())
+    write_text(path, text)
     print(f"report: {path}")
 
 

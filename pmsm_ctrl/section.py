@@ -20,15 +20,20 @@ How a room writes its ``present.py``:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Block", "Notice", "Picture", "Section", "Table", "Template", "present"]
+__all__ = ["Balance", "Block", "Notice", "Picture", "Section", "Table", "Template", "Traces", "present"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -106,6 +111,57 @@ class Picture:
     caption: str
 
 
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """One balance of a model over time: what was measured, and a prediction whose parts can be switched off.
+
+    Attributes
+    ----------
+    name, unit : str
+    measured, predicted : array, shape (m,)
+    parts : dict of name to array, shape (m,)
+        The parts of the prediction that can be switched off.
+    products : array, shape (k + 1, k + 1)
+        Mean products, over all samples that count, of the residual with all parts (first) and of the k parts: the rms
+        of the residual without some parts follows from them.
+    size : float
+        Rms of the measured side over the same samples.
+    floor : float
+        Noise floor, as a share of `size`.
+    """
+
+    name: str
+    unit: str
+    measured: Array
+    predicted: Array
+    parts: Mapping[str, Array]
+    products: Array
+    size: float
+    floor: float
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """Balances over time for a page on which one can zoom and switch parts off; left out of text, print and notebooks.
+
+    Attributes
+    ----------
+    t : array, shape (m,)
+        Time, s.
+    coordinates : dict of label to array, shape (m,)
+        What the residual can be drawn over; the first one, the speed, is drawn over time as well.
+    balances : tuple of Balance
+        The first one is shown first.
+    stretches : tuple of (start, stop, words)
+        Stretches of time worth looking at, s, and what is in them.
+    """
+
+    t: Array
+    coordinates: Mapping[str, Array]
+    balances: tuple[Balance, ...]
+    stretches: tuple[tuple[float, float, str], ...] = ()
+
+
 @dataclass(frozen=True)
 class Section:
     """A heading and its blocks in reading order; trust comes before numbers.
@@ -113,7 +169,7 @@ class Section:
     Attributes
     ----------
     title : str
-    blocks : tuple of str, Notice, Table, Picture and Section
+    blocks : tuple of str, Notice, Table, Picture, Traces and Section
     folded : bool
         Left out of the text, shown on demand in HTML.
     """
@@ -122,8 +178,22 @@ class Section:
     blocks: tuple[Block, ...] = ()
     folded: bool = False
 
+    def without(self, notices: Collection[Notice]) -> Section:
+        """Return a copy without some notices, which stand elsewhere on the page.
 
-Block: TypeAlias = str | Notice | Table | Picture | Section
+        Parameters
+        ----------
+        notices : collection of Notice
+
+        Returns
+        -------
+        Section
+        """
+        kept = tuple(block for block in self.blocks if not (isinstance(block, Notice) and block in notices))
+        return replace(self, blocks=kept)
+
+
+Block: TypeAlias = str | Notice | Table | Picture | Traces | Section
 
 
 @singledispatch

@@ -14,16 +14,17 @@ from pmsm_ctrl.compare.notices import motion_words
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
+from pmsm_ctrl.rendering.numbers import percent, with_prefix
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pmsm_ctrl.diagnose.fit import Fitted
-    from pmsm_ctrl.diagnose.result import Diagnosis, Structure
+    from pmsm_ctrl.diagnose.result import Diagnosis, Errors, Structure
 
 __all__ = [
-    "Plane", "contributions", "contributions_figure", "error_figure", "maps_figure", "plane_of", "rms_within",
-    "structure_figure", "worst_stretch", "worst_stretch_figure",
+    "Plane", "contributions", "contributions_figure", "ends_figure", "error_figure", "falling_figure", "maps_figure",
+    "plane_of", "rms_within", "structure_figure", "worst_stretch", "worst_stretch_figure",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -99,6 +100,36 @@ def _steps(
         )  # fmt: skip
 
 
+def falling_figure(d: Diagnosis) -> Figure:
+    """Draw the relative error of the torque (force) after every step as bars, on fitted and held-out records."""
+    from matplotlib.figure import Figure
+
+    names = ["design as given", "parameters refitted", *(f"+ {name}".replace("_", " ") for name in _names(d))]
+    own = [d.errors["nominal"], d.errors["base"], *(step.error_after for step in d.steps)]
+    other: list[Errors] = []
+    if d.steps and "torque" in d.steps[0].holdout_before:
+        other = [{}, d.steps[0].holdout_before, *(step.holdout_after for step in d.steps)]
+    figure = Figure(figsize=(6.4, 1.5 + (0.62 if other else 0.42) * len(names)), layout="constrained")
+    axes = figure.subplots()
+    rows = [("fitted", BLUE, own), *([("held-out", VERMILION, other)] if other else [])]
+    width = 0.36 if other else 0.6
+    for k, (label, colour, errors) in enumerate(rows):
+        places = [n + (k - 0.5) * 1.05 * width * (len(rows) > 1) for n, one in enumerate(errors) if one]
+        values = [100.0 * one["torque"]["relative"] for one in errors if one]
+        bars = axes.barh(places, values, width, color=colour, hatch="" if k == 0 else "//", edgecolor="white", lw=0,
+                         label=f"{label} record")  # fmt: skip
+        axes.bar_label(bars, [percent(value / 100.0) for value in values], padding=3, fontsize=10)
+    floor = 100.0 * d.errors["noise_floor"]["torque"]["relative"]
+    axes.axvline(floor, color=BLACK, linestyle=":", label=f"noise floor {floor:.2f} %")
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.set_xlabel(f"{d.record.drive} error [% of its rms]")
+    axes.margins(x=0.14)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside lower center", frameon=False, ncols=3, fontsize="small")
+    return figure
+
+
 # ---- residual maps --------------------------------------------------------------------------------------------------
 
 
@@ -166,13 +197,25 @@ def _cells(omega: Array, other: Array, residual: Array, x: Array, y: Array) -> t
 
 def maps_figure(d: Diagnosis) -> Figure:
     """Draw the mean residual over speed and a second coordinate, before and after each step, in one colour scale."""
-    from matplotlib.figure import Figure
-
-    plane = plane_of(d)
     fits = list(d.selection.fits)
     titles = ["before", *(f"with {name}" for name in _names(d)[: len(fits) - 1])]
     if len(fits) > MOST_MAPS:  # the first ones and the last
         fits, titles = [*fits[: MOST_MAPS - 1], fits[-1]], [*titles[: MOST_MAPS - 1], f"... {titles[len(fits) - 1]}"]
+    return _maps(d, fits, titles)
+
+
+def ends_figure(d: Diagnosis) -> Figure:
+    """Draw the mean residual as in `maps_figure`, before the first step and after the last."""
+    first, last = d.selection.fits[0], d.selection.fits[-1]
+    if first is last:
+        return _maps(d, [first], ["parameters refitted"])
+    return _maps(d, [first, last], ["before", "with the effects found"])
+
+
+def _maps(d: Diagnosis, fits: Sequence[Fitted], titles: Sequence[str]) -> Figure:
+    from matplotlib.figure import Figure
+
+    plane = plane_of(d)
     used = fits[0].record.mask
     omega = fits[0].record.at_grid(fits[0].record.signals["omega"])[used]
     x, y = _edges(omega, CELLS[0]), _edges(plane.values[used], CELLS[1])
@@ -192,7 +235,7 @@ def maps_figure(d: Diagnosis) -> Figure:
         axes.set_facecolor("#dddddd")
         drawn = axes.pcolormesh(x, y, shown.T, cmap="PuOr", vmin=-limit, vmax=limit, rasterized=True)
         rms = float(np.sqrt(np.mean(fits[k].residual[0][used] ** 2)))
-        axes.set_title(f"{titles[k]}\nrms {rms:.3g} {d.record.unit('torque')}", fontsize="small")
+        axes.set_title(f"{titles[k]}\nrms {with_prefix(rms, d.record.unit('torque'))}", fontsize="small")
     for axes in panels[-1]:
         axes.set_xlabel(_speed_label(d))
     figure.supylabel(plane.label, fontsize="medium")

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pmsm_ctrl.diagnose.explorer import traces_of
 from pmsm_ctrl.diagnose.notices import calibration_text
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
 from pmsm_ctrl.regression.notices import sampling_text
@@ -16,7 +17,7 @@ from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.units import drives
 
-__all__ = ["verdict_text"]
+__all__ = ["first_pictures", "verdict_text"]
 
 VERDICTS = {
     Verdict.CONSISTENT: "no missing effect: the design explains this log",
@@ -60,7 +61,7 @@ def sentence(d: Diagnosis) -> str:
 def _(result: Diagnosis) -> Section:
     d = result
     doubts = (notice for notice in d.notices if notice not in d.reasons[:1])
-    blocks: list[Block] = [sentence(d), *doubts, _errors(d)]
+    blocks: list[Block] = [sentence(d), *doubts, traces_of(d), _errors(d)]
     if (sampled := sampling_text(d.timing, drives(d.design.motion))) is not None:
         blocks.append(sampled)
     if d.steps:
@@ -158,6 +159,28 @@ def _why_not(r: Ranked) -> str:
     alone = len(r.shown_from) == 1
     amounts = [("" if alone else f"{s} ") + with_prefix(e.value, e.unit) for s, e in r.shown_from.items()]
     return f"{r.why_not}; detectable here above {', '.join(amounts)}"
+
+
+def first_pictures(d: Diagnosis) -> tuple[Picture, ...]:
+    """Return what a page shows first: the falling error, and the map of the residual before and after.
+
+    Parameters
+    ----------
+    d : Diagnosis
+    """
+    from pmsm_ctrl.diagnose import figures
+
+    kind = d.record.drive
+    falling = "No effect was accepted; the error that is left is to be compared with the noise floor."
+    maps = "A pattern would show a missing effect."
+    if d.steps:
+        falling = f"The {kind} error falls with every effect that was found"
+        falling += ", on records that were held out as well." if d.steps[0].holdout_before else "."
+        maps = "The pattern on the left is what the effects explain."
+    return (
+        Picture(partial(figures.falling_figure, d), falling),
+        Picture(partial(figures.ends_figure, d), f"Mean residual over speed and {figures.plane_of(d).name}. {maps}"),
+    )
 
 
 def _pictures(d: Diagnosis) -> Iterator[Picture]:

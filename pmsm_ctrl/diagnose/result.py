@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.contributions import Contributions, contributions_of
 from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.selection import Selection
@@ -251,6 +252,26 @@ class Diagnosis(Result):
         """How late after the position the drive signal was sampled, and the filter that it passed."""
         fit, undone = self.selection.fit, self.record.timing
         return DriveTiming(undone.late + lateness(fit.model, fit.plain.values), undone.lag)
+
+    def contributions(self, channel: str = "torque") -> Contributions:
+        """Take the prediction of a balance apart: what every effect that was found contributes, over time.
+
+        Parameters
+        ----------
+        channel : str
+            The balance: ``torque``, ``u_d`` or ``u_q``.
+
+        Returns
+        -------
+        Contributions
+            Its `rest` and `effects` sum to `predicted`.
+
+        Raises
+        ------
+        RequestError
+            When the log has no such balance.
+        """
+        return contributions_of(self.selection.fit, channel, self.record.signals["direction"])
 
     @property
     def unexplained(self) -> str:

@@ -9,13 +9,15 @@ from html import escape
 from itertools import count, groupby
 
 from pmsm_ctrl.rendering.cells import numeric_columns
+from pmsm_ctrl.rendering.live import live_html
 from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.rendering.text import to_text
-from pmsm_ctrl.section import Block, Notice, Picture, Section, Table
+from pmsm_ctrl.section import Block, Notice, Picture, Section, Table, Traces
 
-__all__ = ["to_html", "to_notebook"]
+__all__ = ["gist_of", "picture_html", "to_html", "to_notebook"]
 
 _UNIT = re.compile(r"\[[^]]*\]")
+_LONG = 14  # rows beyond which a table is shown on demand
 _MANY = 8  # columns beyond which a table is set smaller, so that a page is wide enough
 _NOTEBOOK_STYLE = (
     "<style>.pmsm-ctrl .warnings{border-left:.3em solid #a33c00;padding:.2em 1em}.pmsm-ctrl caption{text-align:left}"
@@ -23,7 +25,9 @@ _NOTEBOOK_STYLE = (
 )
 
 
-def to_html(section: Section, *, number: int = 1, heading: bool = True) -> str:
+def to_html(
+    section: Section, *, number: int = 1, heading: bool = True, opened: bool = True, interactive: bool = False
+) -> str:
     """Return a section as an HTML ``<section>``, to be put into a page.
 
     Parameters
@@ -32,16 +36,59 @@ def to_html(section: Section, *, number: int = 1, heading: bool = True) -> str:
     number : int
         Place of the section on its page, from 1; heads the title and the numbers of its figures.
     heading : bool
-        Whether the title is written.
+        Whether the title is written; under it, with the first sentence beside it, the section folds.
+    opened : bool
+        Whether a section with a heading is unfolded at first.
+    interactive : bool
+        Whether traces are drawn; the page has to hold the scripts of `rendering.live`.
 
     Returns
     -------
     str
         With ids ``section-NUMBER`` and, in the figures, ``sNUMBER...``, which are unique on a page.
     """
-    title = f"<h2>{number}. {escape(section.title)}</h2>\n" if heading else ""
-    body = _Renderer(section.title, str(number), f"s{number}").blocks(section.blocks, level=3)
-    return f'<section id="section-{number}">\n{title}{body}</section>\n'
+    renderer = _Renderer(section.title, str(number), f"s{number}", interactive)
+    if not heading:
+        return f'<section id="section-{number}">\n{renderer.blocks(section.blocks, level=3)}</section>\n'
+    gist = gist_of(section)
+    blocks = section.blocks[1:] if gist else section.blocks
+    said = f' <span class="gist">{escape(gist)}</span>' if gist else ""
+    return (
+        f'<section id="section-{number}">\n<details class="part"{" open" if opened else ""}>\n'
+        f"<summary><h2>{number}. {escape(section.title)}</h2>{said}</summary>\n"
+        f"{renderer.blocks(blocks, level=3)}</details>\n</section>\n"
+    )
+
+
+def gist_of(section: Section) -> str:
+    """Return the sentence that a section begins with; empty where it begins with something else.
+
+    Parameters
+    ----------
+    section : Section
+    """
+    first = section.blocks[0] if section.blocks else ""
+    return first if isinstance(first, str) and "\n" not in first else ""
+
+
+def picture_html(picture: Picture, name: str, title: str, prefix: str) -> str:
+    """Return a picture as an HTML ``<figure>``.
+
+    Parameters
+    ----------
+    picture : Picture
+    name : str
+        Such as "Figure 1.2"; begins the caption.
+    title : str
+        What it belongs to, for screen readers.
+    prefix : str
+        Begins every id in it; unique on the page.
+    """
+    svg = inline_svg(picture.draw(), prefix, f"{name}, {title}. {picture.caption}")
+    return (
+        f'<figure>\n<div class="drawing" role="region" aria-label="{name}" tabindex="0">{svg}</div>\n'
+        f"<figcaption><strong>{name}.</strong> {escape(picture.caption)}</figcaption>\n</figure>\n"
+    )
 
 
 def to_notebook(section: Section) -> str:
@@ -64,12 +111,14 @@ def to_notebook(section: Section) -> str:
 class _Renderer:
     """Writes the blocks of one section and counts its figures."""
 
-    def __init__(self, title: str, number: str, prefix: str) -> None:
+    def __init__(self, title: str, number: str, prefix: str, interactive: bool = False) -> None:
         self.title = title
         self.number = number
         self.prefix = prefix
+        self.interactive = interactive
         self.figures = count(1)
         self.tables = count(1)
+        self.traces = count(1)
 
     def blocks(self, blocks: tuple[Block, ...], level: int) -> str:
         parts: list[str] = []
@@ -88,6 +137,8 @@ class _Renderer:
                 return self.table(block)
             case Picture():
                 return self.picture(block)
+            case Traces():
+                return live_html(block, f"{self.prefix}t{next(self.traces)}") if self.interactive else ""
             case _:
                 tag = "pre" if "\n" in str(block) else "p"
                 return f"<{tag}>{escape(str(block))}</{tag}>\n"
@@ -100,7 +151,8 @@ class _Renderer:
 
     def table(self, table: Table) -> str:
         right = numeric_columns(table)
-        caption = f"<caption>{escape(table.caption)}</caption>\n" if table.caption and not table.folded else ""
+        folded = table.folded or len(table.rows) > _LONG
+        caption = f"<caption>{escape(table.caption)}</caption>\n" if table.caption and not folded else ""
         head = "".join(
             f'<th scope="col"{_class(r)}>{_unbroken(cell)}</th>' for cell, r in zip(table.header, right, strict=True)
         )
@@ -114,7 +166,7 @@ class _Renderer:
             f'<div class="scroll" role="region" aria-label="{label}" tabindex="0">\n<table{small}>\n{caption}'
             f"<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table>\n</div>\n"
         )
-        if not table.folded:
+        if not folded:
             return text
         count_of = f"{len(table.rows)} row{'' if len(table.rows) == 1 else 's'}"
         return f"<details>\n<summary>{escape(table.caption or 'Table')} ({count_of})</summary>\n{text}</details>\n"
@@ -122,12 +174,7 @@ class _Renderer:
     def picture(self, picture: Picture) -> str:
         k = next(self.figures)
         name = f"Figure {self.number}.{k}" if self.number else f"Figure {k}"
-        label = f"{name}, {self.title}. {picture.caption}"
-        svg = inline_svg(picture.draw(), f"{self.prefix}f{k}", label)
-        return (
-            f'<figure>\n<div class="drawing" role="region" aria-label="{name}" tabindex="0">{svg}</div>\n'
-            f"<figcaption><strong>{name}.</strong> {escape(picture.caption)}</figcaption>\n</figure>\n"
-        )
+        return picture_html(picture, name, self.title, f"{self.prefix}f{k}")
 
 
 def _notices(notices: Iterator[Block]) -> str:

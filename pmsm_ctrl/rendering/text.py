@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from pmsm_ctrl.rendering.cells import numeric_columns
-from pmsm_ctrl.section import Block, Notice, Picture, Section, Table
+from pmsm_ctrl.section import Block, Notice, Picture, Section, Table, Traces
 
 __all__ = ["to_text"]
 
@@ -59,7 +59,7 @@ def _block(block: Block, width: int) -> Iterator[list[str]]:
             yield from _section(block, width, "-")
         case Table():
             yield _table(block, width)
-        case Picture():
+        case Picture() | Traces():
             return
         case str() if "\n" in block:  # set as it is, like code
             yield block.splitlines()

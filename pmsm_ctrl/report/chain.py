@@ -96,15 +96,16 @@ def study(
     else:
         found = diagnose(drive, records, holdout=holdouts or None, progress=lambda s: advance(0.8 + 0.15 * s))
         results["diagnose"] = found
-        headline = of_diagnosis(design, records, found, comparison)
+        headline = of_diagnosis(found, comparison)
     entries = () if history is None else extended(before, _entry(design, records, identification))
     doubts = (*left_out, *_of_input(design, records, holdouts))
     outcome = Study(identification.design, path, headline, results, doubts, entries)
+    raised = (*doubts, *results["diagnose"].notices) if "diagnose" in results else doubts  # before the numbers
     text = render(
         f"Study of {design.name}",
-        parts(outcome),
+        [section.without(raised) for section in parts(outcome)],
         headline=headline,
-        notices=doubts,
+        notices=raised,
         facts=_facts(design, (records, holdouts), seed if design.motor.electrical else None),
         design_toml=design.to_toml(),
         command=command,
@@ -136,6 +137,8 @@ def _simulated_parts(
 ) -> tuple[dict[str, Result], list[Notice]]:
     """Return the results that need no log, by verb, and a notice for those that are not possible.
 
+    The speed sweep is simulated when it is `needed`, without a log.
+
     Raises
     ------
     DesignError
@@ -147,14 +150,15 @@ def _simulated_parts(
             where = design.source or design.name
             message = f"{where}: {lacking}, so it cannot be simulated; give a log with --log"
             raise DesignError(message, next_command=NextCommand.ELECTRICAL_DATA)
-        return {}, [LEFT_OUT(what="the tuning and the simulated speed sweep", why=lacking)]
+        return {}, [LEFT_OUT(what="the tuning", why=lacking)]
     results: dict[str, Result] = {}
     tuned = tune(design, seed=seed, progress=lambda share: advance(0.3 * share))
     results["tune"] = tuned
     drive = design if design.loops is not None else tuned.design
-    results["sweep"] = sweep(drive, seed=seed, progress=lambda share: advance(0.3 + 0.3 * share))
-    if is_reference(design):
-        results["paper"] = paper_table(drive, seed=seed)
+    if needed:  # below a log, a sweep of the simulated design would be an answer to another question
+        results["sweep"] = sweep(drive, seed=seed, progress=lambda share: advance(0.3 + 0.3 * share))
+        if is_reference(design):
+            results["paper"] = paper_table(drive, seed=seed)
     advance(0.7)
     return results, []
 

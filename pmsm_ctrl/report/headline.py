@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from pathlib import Path
 
 from pmsm_ctrl.compare import Comparison
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, Verdict
+from pmsm_ctrl.diagnose.present import first_pictures, verdict_text
 from pmsm_ctrl.identify import SweepResult
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.report.result import Headline
-from pmsm_ctrl.units import drives
+from pmsm_ctrl.result import Result
 
-__all__ = ["of_diagnosis", "of_simulation"]
+__all__ = ["of_diagnosis", "of_result", "of_simulation"]
 
 ACCEPTED_PERCENT = 1.0  # deviation of the reference experiment that its noise and quantisation allow
 
@@ -53,40 +54,63 @@ def of_simulation(design: Design, swept: SweepResult, duration: float) -> Headli
     return Headline(done, verdict, worst <= ACCEPTED_PERCENT, tuple(numbers))
 
 
-def of_diagnosis(design: Design, logs: Sequence[Log], found: Diagnosis, comparison: Comparison) -> Headline:
-    """Take the verdict of a diagnosis, and the errors before and after it.
+def of_result(result: Result) -> Headline | None:
+    """Return the first screen of a page on one result; None where it has none.
 
     Parameters
     ----------
-    design : Design
-    logs : sequence of Log
+    result : Result
+
+    Returns
+    -------
+    Headline or None
+    """
+    return of_diagnosis(result) if isinstance(result, Diagnosis) else None
+
+
+def of_diagnosis(found: Diagnosis, comparison: Comparison | None = None) -> Headline:
+    """Take the verdict of a diagnosis, the errors before and after it, and the pictures of both.
+
+    Parameters
+    ----------
     found : Diagnosis
-    comparison : Comparison
+    comparison : Comparison, optional
         Of the same logs: where it finds that something is left, the diagnosis alone does not call the design sound.
 
     Returns
     -------
     Headline
     """
-    plain = found.to_dict()
-    name = logs[0].provenance.file or "a given log"
-    if len(logs) > 1:
-        name = f"{len(logs)} logs"
-    seconds, rate = sum(log.duration for log in logs), min(log.rate for log in logs)
-    done = f"The axis {design.name} was diagnosed from {name}, {seconds:.3g} s at {rate:.4g} Hz."
-    before, after = (100.0 * plain["errors"][rung]["torque"]["relative"] for rung in ("nominal", "final"))
-    verdict = next(block for block in found.section().blocks if isinstance(block, str))
-    count = len(plain["steps"])
-    numbers = (
-        (f"{before:.2f} %", f"relative {drives(design.motion)} error of the design as given"),
-        (f"{after:.2f} %", "relative error with the effects that were found"),
-        (f"{count}", f"missing effect{'' if count == 1 else 's'}"),
-    )
+    fitted = [one for one in found.records if not one.held_out]
+    name = Path(found.log_name).name if len(fitted) == 1 else f"{len(fitted)} records"
+    seconds, rate = sum(one.duration for one in fitted), min(one.rate for one in fitted)
+    done = f"The axis {found.design.name} was diagnosed from {name}, {seconds:.3g} s at {rate:.4g} Hz"
+    done += f"; {found.holdout_name} was held out." if found.holdout_name else "."
+    verdict = f"{verdict_text(found)}."
+    if found.reasons:
+        verdict = next(block for block in found.section().blocks if isinstance(block, str))
     good: bool | None = None
     if found.verdict is Verdict.CONSISTENT:
-        good = comparison.verdict is Verdict.CONSISTENT or None
-        if good is None:
+        good = comparison is None or comparison.verdict is Verdict.CONSISTENT or None
+        if good is None and comparison is not None:
             verdict = f"No effect was named, but the comparison is not clean: {comparison.reasons[0].text}."
     elif found.verdict is Verdict.IMPLAUSIBLE:
         good = False
-    return Headline(done, verdict, good, numbers)
+    verdict = verdict[0].upper() + verdict[1:]
+    return Headline(done, verdict, good, _errors(found), first_pictures(found))
+
+
+def _errors(found: Diagnosis) -> tuple[tuple[str, str], ...]:
+    """Return three errors, each with its definition."""
+    kind = found.record.drive
+    before, after, floor = (percent(found.errors[k]["torque"]["relative"]) for k in ("nominal", "final", "noise_floor"))
+    numbers = [
+        (before, f"{kind} error of the design as given: rms of measured less predicted, by the rms of the measured"),
+        (after, f"the same with the {'effects that were found' if found.steps else 'parameters refitted'}"),
+    ]
+    if found.steps and "torque" in found.steps[-1].holdout_after:
+        held = found.steps[-1].holdout_after["torque"]["relative"]
+        numbers.append((percent(held), "the same on held-out records, to which nothing was fitted"))
+    else:
+        numbers.append((floor, "noise floor: the error that noise alone leaves"))
+    return tuple(numbers)

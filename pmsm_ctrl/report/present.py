@@ -30,7 +30,7 @@ INTRODUCTIONS = {
     "compare": "The model is the design with the identified inertia and friction; nothing else was fitted."
 }
 # The subject of the headline comes first, the loops last.
-MEASURED_ORDER = ("compare", "diagnose", "identify", "tune", "sweep", "paper")
+MEASURED_ORDER = ("diagnose", "compare", "identify", "tune")
 SIMULATED_ORDER = ("sweep", "paper", "identify", "compare", "tune")
 # LaTeX commands of the equations as plain text.
 SPOKEN = {
@@ -54,11 +54,11 @@ def parts(study: Study) -> tuple[Section, ...]:
     order = MEASURED_ORDER if "diagnose" in study.results else SIMULATED_ORDER
     shown = []
     for verb in (*(v for v in order if v in study.results), *(v for v in study.results if v not in order)):
-        section = study.results[verb].section()
-        introduction = (INTRODUCTIONS[verb],) if verb in INTRODUCTIONS else ()
         # what is doubtful in the logs stands once, before all parts
-        blocks = (block for block in section.blocks if block not in study.doubts_of_input)
-        shown.append(replace(section, blocks=(*introduction, *blocks)))
+        section = study.results[verb].section().without(study.doubts_of_input)
+        introduction = (INTRODUCTIONS[verb],) if verb in INTRODUCTIONS else ()
+        first = 1 if isinstance(section.blocks[0], str) else 0  # the verdict, by which a page folds the section
+        shown.append(replace(section, blocks=(*section.blocks[:first], *introduction, *section.blocks[first:])))
     return (*shown, history_section(study.history)) if study.history else tuple(shown)
 
 

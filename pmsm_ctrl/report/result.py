@@ -15,7 +15,7 @@ from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.report.history import Entry
 from pmsm_ctrl.report.notices import NOT_VALIDATED
 from pmsm_ctrl.result import Result, jsonable
-from pmsm_ctrl.section import Notice
+from pmsm_ctrl.section import Notice, Picture
 
 __all__ = ["CatalogueEntry", "Headline", "Study"]
 
@@ -35,13 +35,16 @@ class Headline:
     good : bool or None
         Colour of the verdict, and a word beside it; None is neutral.
     numbers : tuple of (value, label)
-        Three are best.
+        Three are best; a label defines its number.
+    pictures : tuple of Picture
+        Side by side below the numbers; two are best.
     """
 
     done: str
     verdict: str
     good: bool | None
     numbers: tuple[tuple[str, str], ...] = ()
+    pictures: tuple[Picture, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,141 @@
+"""What every effect that was found contributes to the prediction of a balance, as arrays over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.regression.balances import with_direction
+from pmsm_ctrl.regression.base_fit import assembled, with_bristles
+
+__all__ = ["Contributions", "contributions_of"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Contributions:
+    """The prediction of one balance, part by part; `rest` and the effects sum to `predicted`.
+
+    Attributes
+    ----------
+    channel, unit : str
+        The balance: ``torque``, ``u_d`` or ``u_q``.
+    t : array, shape (m,)
+        Time, s.
+    measured, predicted : array, shape (m,)
+        Both sides of the balance, filtered alike, with all effects.
+    rest : array, shape (m,)
+        What the design predicts without the effects that were found, its parameters as estimated with them.
+    effects : dict of name to array, shape (m,)
+        In the order of acceptance; only those that enter this balance.
+    used : bool array, shape (m,)
+        Samples that the errors are taken over.
+    """
+
+    channel: str
+    unit: str
+    t: Array
+    measured: Array
+    predicted: Array
+    rest: Array
+    effects: Mapping[str, Array]
+    used: NDArray[np.bool_]
+
+    def residual(self, without: tuple[str, ...] = ()) -> Array:
+        """Return measured less predicted with some effects switched off, all other parameters held.
+
+        Parameters
+        ----------
+        without : tuple of str
+            Names of the effects that are left out.
+
+        Returns
+        -------
+        array, shape (m,)
+
+        Raises
+        ------
+        RequestError
+            For a name that is not among `effects`.
+        """
+        left = self.measured - self.predicted
+        for name in without:
+            if name not in self.effects:
+                raise RequestError(f"unknown effect '{name}'{nearest(name, self.effects)}")
+            left = left + self.effects[name]
+        return left
+
+    def error(self, without: tuple[str, ...] = ()) -> float:
+        """Return the rms of the residual as a share of the rms of the measured side.
+
+        Parameters
+        ----------
+        without : tuple of str
+            Names of the effects that are left out.
+
+        Returns
+        -------
+        float
+        """
+        size = float(np.mean(self.measured[self.used] ** 2))
+        return float(np.sqrt(np.mean(self.residual(without)[self.used] ** 2) / size))
+
+
+def contributions_of(fit: Fitted, channel: str, direction: Array) -> Contributions:
+    """Take the prediction of a balance apart.
+
+    An effect that turns dry friction, a bristle, has no column of its own: it contributes the difference that it makes
+    to the columns of the dry friction.
+
+    Parameters
+    ----------
+    fit : Fitted
+    channel : str
+    direction : array, shape (n,)
+        Direction of motion without a bristle, at the log's rate.
+
+    Returns
+    -------
+    Contributions
+
+    Raises
+    ------
+    RequestError
+        When the log has no such balance.
+    """
+    record = fit.record
+    if channel not in record.channels:
+        raise RequestError(f"unknown balance '{channel}': this log has {', '.join(record.channels)}")
+    row = record.channels.index(channel)
+    predicted = fit.estimate.predicted()[row]
+    parts: dict[str, Array] = {}
+    for number, one in enumerate(fit.accepted):
+        name, position = one.effect.label(one.shape), fit.position(number)
+        if position is None:
+            values = _of_bristle(fit, number, row, direction)
+        else:
+            columns = fit.model.columns_of(position)
+            values = fit.model.matrix[row][:, columns] @ fit.estimate.values[columns]
+        if np.any(values):
+            parts[name] = parts[name] + values if name in parts else values
+    rest = predicted - sum(parts.values(), np.zeros_like(predicted))
+    unit, measured = record.unit(channel), record.target[row]
+    return Contributions(channel, unit, record.t, measured, predicted, rest, parts, record.mask)
+
+
+def _of_bristle(fit: Fitted, number: int, row: int, direction: Array) -> Array:
+    """Return what a balance gains by a bristle in place of a friction that turns at once."""
+    record = fit.record
+    others = fit.accepted[:number] + fit.accepted[number + 1 :]
+    plain = with_bristles(record.design, with_direction(record, direction), others)
+    values = dict(zip(fit.model.names, fit.estimate.values, strict=True))
+    lagging, at_once = (assembled(record.design, one, fit.accepted)[0] for one in (record, plain))
+    held = np.array([values.get(name, 0.0) for name in lagging.names])
+    gained: Array = (lagging.matrix[row] - at_once.matrix[row]) @ held
+    return gained
