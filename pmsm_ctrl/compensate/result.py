@@ -192,7 +192,9 @@ class CompensationStudy(Result):
             "runs": [
                 {"variant": r.variant, "motion": r.motion, "factor": r.factor, **asdict(r.metrics)} for r in self.table
             ],
-            "windows": {source: vars(window) for source, window in self.windows.items()},
+            "windows": {
+                source: {**vars(window), "cycle_counts": window.cycle_counts} for source, window in self.windows.items()
+            },
             "hunting_in_theory": None if self.theory is None else asdict(self.theory),
             "acceptance": [
                 {**v.wanted.model_dump(), "value": v.value, "unit": v.unit, "passed": v.passed} for v in self.verdicts

@@ -7,8 +7,9 @@ from functools import lru_cache
 
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.motions import study_trials
+from pmsm_ctrl.compensate.plants import judged
 from pmsm_ctrl.compensate.runs import baseline, compensated, count_angle, judge, run_trial
-from pmsm_ctrl.compensate.window import AT_REST, SWEEP_TRIALS, GainWindow, gain_window
+from pmsm_ctrl.compensate.window import GainWindow, gain_window
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError, PmsmCtrlError
 from pmsm_ctrl.simulate.feedforward import Feedforward
@@ -35,8 +36,8 @@ class GainVerdict:
 def gain_verdict(design: Design, gain: float) -> GainVerdict:
     """Judge a gain of a design's compensation as the sweep of `compensate` does, at half of it and at all of it.
 
-    The plant is the design; the compensated parameters are right and 20 % wrong. An adaptive compensation is judged
-    by the reference speed.
+    The plant is the design, and the design with presliding; the compensated parameters are right and 20 % wrong. An
+    adaptive compensation is judged by the reference speed.
 
     Parameters
     ----------
@@ -78,14 +79,16 @@ def _judged(judged: _Judged, gain: float) -> GainVerdict:
     if window.safe >= gain:
         return GainVerdict(True)
     cycle = float(window.cycle.max())
-    turn = "mm" if design.motion == "linear" else "mrad"
+    turn, on = "mm" if design.motion == "linear" else "mrad", f" (trial: {window.limited_by})"
     if cycle > 0.0:
-        return GainVerdict(False, f"the axis has a limit cycle of {1e3 * cycle:.3g} {turn} at rest")
-    return GainVerdict(False, f"the RMS error is {float(window.rms.max()):.3g} times that without compensation")
+        counts = f" ({float(window.cycle_counts.max()):.3g} encoder counts)" if window.count > 0.0 else ""
+        return GainVerdict(False, f"the axis has a limit cycle of {1e3 * cycle:.3g} {turn}{counts} at rest{on}")
+    rms = float(window.rms.max())
+    return GainVerdict(False, f"the RMS error is {rms:.3g} times that without compensation{on}")
 
 
 def _window(design: Design, gain: float) -> GainWindow:
-    base, trials = baseline(design), study_trials(design)
+    base, trials, motions = baseline(design), study_trials(design), judged(design)
     source = "reference" if design.compensation.source == "adaptive" else design.compensation.source
     chosen = [name for name in design.compensation.effects if any(e.id == name for e in design.effects)]
     if Feedforward.of(compensated(base, chosen)) is None:
@@ -93,7 +96,8 @@ def _window(design: Design, gain: float) -> GainWindow:
 
     def run(at: float, factor: float, name: str) -> Metrics:
         on = base if at == 0.0 else compensated(base, chosen, gain=at, factor=factor, source=source)
-        return judge(trials[name], run_trial(on, trials[name], truth=design), count_angle(design))
+        trial = trials[motions[name].trial]
+        return judge(trial, run_trial(on, trial, truth=motions[name].plant), count_angle(design))
 
-    return gain_window(run, SWEEP_TRIALS, source, gains=(0.5 * gain, gain), at_rest=AT_REST,
-                       resolution=count_angle(design))  # fmt: skip
+    at_rest = [name for name, motion in motions.items() if motion.at_rest]
+    return gain_window(run, motions, source, gains=(0.5 * gain, gain), at_rest=at_rest, resolution=count_angle(design))

@@ -8,16 +8,17 @@ from dataclasses import dataclass, field, replace
 from pmsm_ctrl.compensate.acceptance import accept
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.motions import Trial, study_trials
+from pmsm_ctrl.compensate.plants import judged
 from pmsm_ctrl.compensate.result import CompensationStudy, Row, Variant
 from pmsm_ctrl.compensate.runs import baseline, compensated, count_angle, judge, run_trial
 from pmsm_ctrl.compensate.theory import describing_function_limit, hunting
-from pmsm_ctrl.compensate.window import AT_REST, FACTORS, GAINS, SWEEP_TRIALS, gain_window
+from pmsm_ctrl.compensate.window import FACTORS, GAINS, gain_window
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.simulate.feedforward import Feedforward
 
-__all__ = ["AT_REST", "SOURCES", "SWEEP_TRIALS", "compensate"]
+__all__ = ["SOURCES", "compensate"]
 
 SOURCES = ("reference", "commanded", "measured")
 SIMPLE = ("coulomb", "viscous")  # the classical compensator, with which the others are compared
@@ -30,13 +31,15 @@ class _Runs:
     plant: Design
     trials: dict[str, Trial]
     seed: int
-    known: dict[tuple[str, str], Metrics] = field(default_factory=dict)
+    known: dict[tuple[str, str, str], Metrics] = field(default_factory=dict)
 
-    def metrics(self, believed: Design, name: str) -> Metrics:
-        key = (name, believed.to_toml())
+    def metrics(self, believed: Design, name: str, plant: Design | None = None) -> Metrics:
+        """Return the metrics of a trial, on another plant where one is given."""
+        truth = self.plant if plant is None else plant
+        key = (name, believed.to_toml(), truth.to_toml())
         if key not in self.known:
-            logs = run_trial(believed, self.trials[name], truth=self.plant, seed=self.seed)
-            self.known[key] = judge(self.trials[name], logs, count_angle(self.plant))
+            logs = run_trial(believed, self.trials[name], truth=truth, seed=self.seed)
+            self.known[key] = judge(self.trials[name], logs, count_angle(truth))
         return self.known[key]
 
     def floor(self, believed: Design, name: str, friction: tuple[str, ...]) -> Metrics:
@@ -62,7 +65,8 @@ def compensate(
 ) -> CompensationStudy:
     """Compare no, partial, full and adaptive friction compensation, and sweep the gain for the highest safe one.
 
-    The sweep compensates what the design compensates, or every effect where it has no compensation.
+    The sweep compensates what the design compensates, or every effect where it has no compensation. A gain is judged on
+    the plant and on the same one with presliding, where it has none.
 
     Parameters
     ----------
@@ -98,16 +102,15 @@ def compensate(
     for row in rows:
         table.append(row)
         advance(0.5 * len(table) / (len(runs.trials) * (2 + (len(Variant) - 2) * len(FACTORS))))
-    windows = {}
+    windows, motions = {}, judged(runs.plant)
     for done, source in enumerate(SOURCES):
 
         def run(gain: float, factor: float, name: str, source: str = source) -> Metrics:
             on = base if gain == 0.0 else compensated(base, swept, gain=gain, factor=factor, source=source)
-            return runs.metrics(on, name)
+            return runs.metrics(on, motions[name].trial, motions[name].plant)
 
-        window = gain_window(
-            run, SWEEP_TRIALS, source, gains=gains, at_rest=AT_REST, resolution=count_angle(runs.plant)
-        )
+        at_rest = [name for name, motion in motions.items() if motion.at_rest]
+        window = gain_window(run, motions, source, gains=gains, at_rest=at_rest, resolution=count_angle(runs.plant))
         windows[source] = replace(window, hint=describing_function_limit(base, source))
         advance(0.5 + 0.5 * (done + 1) / len(SOURCES))
     verdicts = tuple(accept(design, wanted, seed=seed) for wanted in design.acceptance)

@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compensate.metrics import Metrics
 
-__all__ = ["AT_REST", "FACTORS", "GAINS", "SWEEP_TRIALS", "GainWindow", "gain_window", "sweep_gains"]
+__all__ = ["FACTORS", "GAINS", "GainWindow", "gain_window", "sweep_gains"]
 
 Array = NDArray[np.float64]
 
 HIGHEST = 1.5  # gain at which a sweep ends
-SWEEP_TRIALS = ("reversal 2 rad/s", "creep 1 rad/s", "positioning", "push")
-AT_REST = ("positioning", "push")
 FACTORS = (0.8, 1.0, 1.2)  # on the compensated parameters
 WORSE = 1.05  # largest RMS error of a safe gain, as a share of that without compensation
 LARGER = 1.5  # amplitude from which a limit cycle is attributed to the compensation, relative to that without
@@ -44,6 +42,10 @@ class GainWindow:
         Safe gain with the smallest worst RMS error.
     hint : float or None
         Gain from which the describing function predicts a limit cycle; a hint, not a limit.
+    limited_by : str
+        The motion on which the next gain of the sweep is not safe; empty at the end of the sweep.
+    count : float
+        Angle of an encoder count, rad (m), in which limit cycles are measured; 0 for an ideal encoder.
     """
 
     source: str
@@ -54,6 +56,13 @@ class GainWindow:
     safe: float
     best: float
     hint: float | None = None
+    limited_by: str = ""
+    count: float = 0.0
+
+    @property
+    def cycle_counts(self) -> Array:
+        """The limit cycles in encoder counts; in rad for an ideal encoder."""
+        return self.cycle / self.count if self.count > 0.0 else self.cycle
 
 
 def sweep_gains(step: float) -> tuple[float, ...]:
@@ -79,7 +88,7 @@ def gain_window(
     at_rest: Iterable[str] = (),
     resolution: float = 0.0,
 ) -> GainWindow:
-    """Sweep the gain over motions and parameter errors (`FACTORS`).
+    """Sweep the gain over motions, each with its plant, and parameter errors (`FACTORS`).
 
     Parameters
     ----------
@@ -103,18 +112,34 @@ def gain_window(
     plain = {name: run(0.0, 1.0, name) for name in names}
     rms, peak, cycle = np.ones(swept.size), np.ones(swept.size), np.zeros(swept.size)
     cycle[0] = max(metrics.cycle_amplitude for metrics in plain.values())
+    limits = [""] * swept.size
     for k, gain in enumerate(swept[1:].tolist(), start=1):
-        found = [(name, run(gain, factor, name)) for name in names for factor in FACTORS]
-        moving = [(with_it, plain[name]) for name, with_it in found if name not in resting]
-        rms[k] = max(_ratio(with_it.rms, without.rms, resolution) for with_it, without in moving)
-        peak[k] = max(_ratio(with_it.reversal_peak, without.reversal_peak, resolution) for with_it, without in moving)
-        cycles = [m.cycle_amplitude for name, m in found if m.cycle_amplitude > LARGER * plain[name].cycle_amplitude]
-        cycle[k] = max(cycles, default=0.0)
+        worst = {name: _worst([run(gain, f, name) for f in FACTORS], plain[name], resolution) for name in names}
+        moving = {name: found for name, found in worst.items() if name not in resting}
+        rms[k], peak[k] = (max(found[n] for found in moving.values()) for n in (0, 1))
+        cycle[k] = max(found[2] for found in worst.values())
+        by_cycle = max(worst, key=lambda name: worst[name][2])
+        limits[k] = by_cycle if worst[by_cycle][2] > 0.0 else max(moving, key=lambda name: moving[name][0])
     good = (cycle == 0.0) & (rms <= WORSE)
     good[0] = True
     reach = int(np.argmin(good)) - 1 if not good.all() else swept.size - 1
     best = int(np.argmin(rms[: reach + 1]))
-    return GainWindow(source, swept, rms, peak, cycle, float(swept[reach]), float(swept[best]))
+    limited = limits[reach + 1] if reach + 1 < swept.size else ""
+    return GainWindow(
+        source, swept, rms, peak, cycle, float(swept[reach]), float(swept[best]), limited_by=limited, count=resolution
+    )
+
+
+def _worst(found: list[Metrics], plain: Metrics, resolution: float) -> tuple[float, float, float]:
+    """Return the worst RMS error and reversal peak as shares of those without, and the largest limit cycle, rad (m).
+
+    A limit cycle that the axis has anyway does not count.
+    """
+    return (
+        max(_ratio(m.rms, plain.rms, resolution) for m in found),
+        max(_ratio(m.reversal_peak, plain.reversal_peak, resolution) for m in found),
+        max((m.cycle_amplitude for m in found if m.cycle_amplitude > LARGER * plain.cycle_amplitude), default=0.0),
+    )
 
 
 def _ratio(value: float, reference: float, resolution: float) -> float:

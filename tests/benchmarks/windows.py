@@ -1,6 +1,7 @@
 """Nothing cycles inside a window reported as safe: ``python -m tests.benchmarks.windows [drives] [source] [step]``.
 
-Each random drive gets its windows as `compensate` finds them, by the same sweep with steps of 25 % instead of 10 %.
+Each random drive gets its windows as `compensate` finds them, by the same sweep with steps of 25 % instead of 10 %, on
+the drive and on the drive with presliding.
 Then gains drawn anywhere inside, with parameters off by up to 20 % and other noise, are simulated: a limit cycle there
 is a window that was wrong. Drives run side by side, which is what makes 300 of them affordable.
 """
@@ -16,12 +17,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pmsm_ctrl.compensate import GainWindow, Metrics, Trial, baseline, compensated, gain_window, measure, study_trials
-from pmsm_ctrl.compensate.study import AT_REST, SOURCES, SWEEP_TRIALS
+from pmsm_ctrl.compensate import GainWindow, Metrics, Trial, baseline, compensated, gain_window, judge, study_trials
+from pmsm_ctrl.compensate.plants import judged
+from pmsm_ctrl.compensate.runs import count_angle
+from pmsm_ctrl.compensate.study import SOURCES
 from pmsm_ctrl.compensate.window import FACTORS
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate.compose import load
 from pmsm_ctrl.simulate.lanes import groups, load_lanes, simulate_group
-from pmsm_ctrl.simulate.run import Prepared, prepare
+from pmsm_ctrl.simulate.run import Prepared, prepare, run_kernel
 from tests.unit.compensate.random_drives import random_drive
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,7 +35,7 @@ STAGES = (2, 4, 7)  # gains done after each stage, 0 among them; who is not safe
 FIRST = 100  # seed of the first drive
 EFFECTS = ("coulomb", "viscous", "stribeck")
 PROBES = 4  # gains drawn inside each window
-PROBED = ("reversal 2 rad/s", "positioning", "push")
+PROBED = ("reversal 2 rad/s", "positioning", "push", "positioning, with presliding", "push, with presliding")
 PLAIN = ("none", 0.0, 1.0)
 
 Key = tuple[int, str, float, float, str]  # seed of the drive, source, gain, factor, trial
@@ -49,64 +54,92 @@ class Cycle:
     safe: float
 
 
-def prepared(base: Design, trial: Trial, source: str, gain: float, factor: float) -> Prepared:
+def prepared(
+    base: Design, trial: Trial, source: str, gain: float, factor: float, truth: Design | None = None
+) -> Prepared:  # fmt: skip
     """Return one run, ready for a lane."""
     believed = base if gain == 0.0 else compensated(base, EFFECTS, gain=gain, factor=factor, source=source)
-    return prepare(believed, trial.motions[0], truth=base)
+    return prepare(believed, trial.motions[0], truth=base if truth is None else truth)
 
 
-def side_by_side(runs: Mapping[Key, Prepared], seed: int) -> dict[Key, Metrics]:
-    """Return the metrics of many runs, 16 drives at a time."""
-    keys = list(runs)
-    found = {}
+def side_by_side(runs: Mapping[Key, Prepared], seed: int, trial: Trial) -> dict[Key, Metrics]:
+    """Return the metrics of many runs, 16 drives at a time, those with presliding one by one."""
+    keys, found = list(runs), {}
+
+    def take(number: int, log: Log) -> None:
+        found[keys[number]] = judge(trial, (log,), count_angle(runs[keys[number]].design))
+
     for group in groups(dict(enumerate(runs.values())), always=True):
         load_lanes(group)
         logs = simulate_group(group, seed, keep_truth=True)
         assert logs is not None, "a drive diverged"
         for number, log in zip(group.numbers, logs, strict=True):
-            found[keys[number]] = measure(log)
+            take(number, log)
+    for number, (key, drive) in enumerate(runs.items()):
+        if key not in found:
+            module = load(drive.active, drive.feedforward.effects if drive.feedforward else ())
+            take(number, drive.log(run_kernel(module, drive, seed + number), seed + number, True))
     return found
+
+
+class Drives:
+    """Random drives with their trials and the motions on which they are judged."""
+
+    def __init__(self, drives: Mapping[int, Design]) -> None:
+        self.bases = {k: baseline(drive) for k, drive in drives.items()}
+        self.trials = {k: study_trials(drive) for k, drive in drives.items()}
+        self.motions = {k: judged(base) for k, base in self.bases.items()}
+        self.at_rest = {name for motions in self.motions.values() for name, m in motions.items() if m.at_rest}
+
+    def run(self, keys: Iterable[Key], seed: int) -> dict[Key, Metrics]:
+        """Return the metrics of these runs."""
+        runs = {}
+        for key in keys:
+            k, source, gain, factor, name = key
+            motion = self.motions[k][name]
+            runs[key] = prepared(self.bases[k], self.trials[k][motion.trial], source, gain, factor, motion.plant)
+        any_axis = next(iter(self.trials.values()))["push"]
+        return side_by_side(runs, seed, any_axis)
 
 
 def swept(
     drives: Mapping[int, Design], seed: int, sources: Iterable[str] = SOURCES, step: float = STEP
 ) -> dict[int, dict[str, GainWindow]]:
     """Return each drive's windows by source, as `compensate` finds them; beyond a gain that is not safe none is run."""
-    bases, trials = ({k: make(drive) for k, drive in drives.items()} for make in (baseline, study_trials))
-    found = side_by_side(
-        {(k, *PLAIN, name): prepared(bases[k], trials[k][name], *PLAIN) for k in drives for name in SWEEP_TRIALS}, seed
-    )
+    every = Drives(drives)
+    found = every.run([(k, *PLAIN, name) for k in drives for name in every.motions[k]], seed)
     windows: dict[int, dict[str, GainWindow]] = {k: {} for k in drives}
     alive, done, gains = [(k, source) for k in drives for source in sources], 1, [step * n for n in range(STAGES[-1])]
     for stage in STAGES:
-        found.update(side_by_side({
-            (k, source, gain, factor, name): prepared(bases[k], trials[k][name], source, gain, factor)
-            for k, source in alive for gain in gains[done:stage] for factor in FACTORS for name in SWEEP_TRIALS
-        }, seed))  # fmt: skip
+        found.update(every.run([
+            (k, source, gain, factor, name)
+            for k, source in alive for gain in gains[done:stage] for factor in FACTORS for name in every.motions[k]
+        ], seed))  # fmt: skip
         done = stage
         for k, source in alive:
 
             def run(gain: float, factor: float, name: str, k: int = k, source: str = source) -> Metrics:
                 return found[(k, *PLAIN, name) if gain == 0.0 else (k, source, gain, factor, name)]
 
-            windows[k][source] = gain_window(run, SWEEP_TRIALS, source, gains=gains[:done], at_rest=AT_REST)
+            windows[k][source] = gain_window(
+                run, every.motions[k], source, gains=gains[:done], at_rest=every.at_rest,
+                resolution=count_angle(drives[k]),
+            )  # fmt: skip
         alive = [(k, source) for k, source in alive if windows[k][source].safe == gains[done - 1]]
     return windows
 
 
 def cycles_inside(drives: Mapping[int, Design], windows: Mapping[int, Mapping[str, GainWindow]]) -> list[Cycle]:
     """Return the limit cycles at gains drawn inside the windows; one the axis has anyway does not count."""
-    runs: dict[Key, Prepared] = {}
-    for k, drive in drives.items():
-        rng, base, trials = np.random.default_rng(k + 1_000_000), baseline(drive), study_trials(drive)
-        for name in PROBED:
-            runs[k, *PLAIN, name] = prepared(base, trials[name], *PLAIN)
+    every, keys = Drives(drives), []
+    for k in drives:
+        rng = np.random.default_rng(k + 1_000_000)
+        keys += [(k, *PLAIN, name) for name in PROBED]
         for source, window in windows[k].items():
             for _ in range(PROBES if window.safe > 0.0 else 0):
                 gain, factor = rng.uniform(0.0, window.safe), rng.uniform(min(FACTORS), max(FACTORS))
-                for name in PROBED:
-                    runs[k, source, gain, factor, name] = prepared(base, trials[name], source, gain, factor)
-    found = side_by_side(runs, 10_000_000)
+                keys += [(k, source, gain, factor, name) for name in PROBED]
+    found = every.run(keys, 10_000_000)
     return [
         Cycle(k, source, gain, factor, name, metrics.cycle_amplitude, windows[k][source].safe)
         for (k, source, gain, factor, name), metrics in found.items()
@@ -123,7 +156,7 @@ def check(
 ) -> list[Cycle]:
     """Check the windows of the random drives with these seeds; return what cycles inside."""
     sources = tuple(sources)
-    design = Design.read(ROOT / "designs" / "seed_motor.toml")
+    design = Design.read(ROOT / "designs" / "hand_tuned.toml")
     every, wrong, start = list(seeds), [], time.perf_counter()
     safe: dict[str, Counter[float]] = {source: Counter() for source in sources}
     for first in range(0, len(every), batch):

@@ -39,7 +39,7 @@ def test_the_compiled_c_in_the_loop_is_the_simulated_compensation(
         assert by_c[channel] == pytest.approx(simulated[channel], rel=1e-9, abs=1e-9), channel
 
 
-@pytest.mark.parametrize(("source", "gain", "safe"), [("commanded", 1.0, True), ("measured", 1.0, False)])
+@pytest.mark.parametrize(("source", "gain", "safe"), [("commanded", 0.5, True), ("measured", 1.0, False)])
 def test_the_compiled_c_cycles_where_the_window_says_so(
     seed_motor: Design, tmp_path: Path, source: str, gain: float, safe: bool
 ) -> None:
