@@ -6,11 +6,12 @@ Heavy modules are imported when a command runs, so that ``--help`` is fast.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.models import CommandFunctionType
 
 from pmsm_ctrl.console import (
     NEGATIVE,
@@ -36,6 +37,7 @@ from pmsm_ctrl.options import (
     ReportOption,
     SeedOption,
     TruthOption,
+    Verb,
     design_if_given,
     effect_ids,
     logs_if_given,
@@ -47,7 +49,13 @@ from pmsm_ctrl.options import (
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(
+
+class _Commands(typer.Typer):
+    def command(self, name: str | None = None, **settings: Any) -> Callable[[CommandFunctionType], CommandFunctionType]:
+        return super().command(name, cls=Verb, **settings)
+
+
+app = _Commands(
     name="pmsm-ctrl",
     help="Control design, friction identification and model diagnosis for permanent-magnet servo drives.",
     epilog="Exit status: 0 done, 1 the answer is negative, 2 bad input.",
@@ -315,18 +323,17 @@ def import_log(
     json_file: JsonOption = None,
 ) -> None:
     """Show how a log file is read. Ends with the [log] table that reads it again."""
-    from pmsm_ctrl.errors import RequestError
-    from pmsm_ctrl.files import write_text
+    from pmsm_ctrl.files import require_distinct, write_text
     from pmsm_ctrl.importers import describe
 
-    if output is not None and output.resolve() == file.resolve():
-        raise RequestError(f"--output {output}: is the input file; name another one")
+    beside = output.with_name(f"{output.stem}.log.toml") if output is not None else None
+    if beside is not None:
+        require_distinct([beside, *([json_file] if json_file else [])], [file, *([design] if design else [])])
     result = describe(file, design_if_given(design), parse_map(mapping))
     finish("import", result, json_file=json_file)
-    if output is not None:
+    if output is not None and beside is not None:
         result.log.write_csv(output)
-        table = write_text(output.with_name(f"{output.stem}.log.toml"), result.table)
-        print(f"log: {output}\nits [log] table, for a design: {table}")
+        print(f"log: {output}\nits [log] table, for a design: {write_text(beside, result.table)}")
 
 
 @app.command()

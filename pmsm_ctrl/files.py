@@ -7,13 +7,13 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pmsm_ctrl.errors import RequestError
 
-__all__ = ["atomic_path", "require_writable", "sha256", "write_text"]
+__all__ = ["atomic_path", "require_distinct", "require_writable", "sha256", "write_text"]
 
 # A killed process leaves its temporary file. No command writes for a day, so that older ones can be deleted.
 STALE = 86400.0
@@ -38,7 +38,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises
     ------
     RequestError
-        When the folder does not exist or cannot be written.
+        When the folder does not exist or cannot be written, or the disk is full.
     """
     require_writable(path)
     target = Path(os.path.realpath(path))
@@ -60,6 +60,10 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
             temporary.chmod(_mode(target))
             os.replace(temporary, target)
             _sweep(folder, prefix, suffix)
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise RequestError(f"{path}: cannot be written ({error.strerror or error})") from error
     finally:
         with suppress(FileNotFoundError):
             temporary.unlink()
@@ -88,6 +92,38 @@ def require_writable(path: str | os.PathLike[str]) -> None:
             raise RequestError(f"{path}: cannot write here (permission denied)")
     except (OSError, ValueError) as error:  # a name with a zero byte, or longer than the system allows
         raise RequestError(f"{path}: cannot write here ({getattr(error, 'strerror', None) or error})") from None
+
+
+def require_distinct(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Refuse an output that is an input, or that is named twice, by whatever name or link.
+
+    Parameters
+    ----------
+    outputs, inputs : iterable of Path
+
+    Raises
+    ------
+    RequestError
+        For the first output that would overwrite another file of the same command.
+    """
+    read = list(inputs)
+    written: list[Path] = []
+    for output in outputs:
+        if any(_same(output, one) for one in read):
+            raise RequestError(f"{output}: is an input of this command and would be overwritten; name another file")
+        if any(_same(output, one) for one in written):
+            raise RequestError(f"{output}: is given for two outputs; name another file for one of them")
+        written.append(output)
+
+
+def _same(one: Path, other: Path) -> bool:
+    """Whether two names mean one regular file; a device such as /dev/null may be given twice."""
+    try:
+        if one.exists() and other.exists():
+            return one.is_file() and os.path.samefile(one, other)
+        return os.path.realpath(one) == os.path.realpath(other)
+    except (OSError, ValueError):  # what cannot be looked at is refused where it is read or written
+        return False
 
 
 def _mode(target: Path) -> int:

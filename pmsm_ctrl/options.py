@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+import typer.core
 
 from pmsm_ctrl.console import parse_map, writable
+from pmsm_ctrl.files import require_distinct
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DesignArgument", "DesignOption", "EffectsOption", "HoldoutOption", "JsonOption", "LogArgument", "LogsOption",
-    "MapOption", "MethodOption", "NewDesignOption", "ReportOption", "SeedOption", "TruthOption",
+    "MapOption", "MethodOption", "NewDesignOption", "ReportOption", "SeedOption", "TruthOption", "Verb",
     "design_if_given", "effect_ids", "load_logs", "logs_if_given", "output_option", "read_design",
     "scenario_names", "write_design",
 ]  # fmt: skip
@@ -29,12 +31,45 @@ def output_option(metavar: str, text: str, *names: str) -> Any:
     return typer.Option(*(names or ("--output", "-o")), callback=writable, metavar=metavar, help=text)
 
 
-def _own_effects(path: str) -> tuple[Effect, ...]:
+class Verb(typer.core.TyperCommand):
+    """A command that is not run where one of its outputs is also one of its inputs."""
+
+    OUTPUTS = ("output", "json_file", "report", "history")
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command after a look at the files that it names."""
+        outputs = [path for name in self.OUTPUTS if (path := ctx.params.get(name)) is not None]
+        inputs = [one for name, value in ctx.params.items() if name not in self.OUTPUTS for one in _paths(value)]
+        if outputs:
+            require_distinct(outputs, inputs)
+        return super().invoke(ctx)
+
+
+def _paths(value: Any) -> Iterator[Path]:
+    """Yield the files that an argument stands for; patterns and folders are expanded."""
+    if isinstance(value, OwnEffects):
+        yield value.path
+    elif isinstance(value, Path):
+        yield value
+    elif isinstance(value, (list, tuple)) and value and all(isinstance(one, Path) for one in value):
+        from pmsm_ctrl.importers.folders import log_files
+
+        yield from log_files(value)
+
+
+class OwnEffects(tuple["Effect", ...]):
+    """The effects of a file, and the file."""
+
+    path: Path
+
+
+def _own_effects(path: str) -> OwnEffects:
     """Run the file of ``--effects`` and return what it defines; an id in use is refused before the work."""
     from pmsm_ctrl.effects import catalogue_with
     from pmsm_ctrl.effects.loading import load_effects
 
-    own = load_effects(path)
+    own = OwnEffects(load_effects(path))
+    own.path = Path(path)
     catalogue_with(own)
     return own
 

@@ -20,7 +20,7 @@ from pmsm_ctrl.identify.paper import PAPER_CASES
 from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.plausibility import doubts_about, of_holdout
 from pmsm_ctrl.report.headline import of_diagnosis, of_simulation
-from pmsm_ctrl.report.history import Entry, extended, history_text, read_history
+from pmsm_ctrl.report.history import Entry, add_entry, extended, read_history
 from pmsm_ctrl.report.notices import LEFT_OUT
 from pmsm_ctrl.report.page import render, versions
 from pmsm_ctrl.report.present import parts
@@ -97,7 +97,8 @@ def study(
         found = diagnose(drive, records, holdout=holdouts or None, progress=lambda s: advance(0.8 + 0.15 * s))
         results["diagnose"] = found
         headline = of_diagnosis(found, comparison)
-    entries = () if history is None else extended(before, _entry(design, records, identification))
+    now = _entry(design, records, identification)
+    entries = () if history is None else extended(before, now)
     doubts = (*left_out, *_of_input(design, records, holdouts))
     outcome = Study(identification.design, path, headline, results, doubts, entries)
     raised = (*doubts, *results["diagnose"].notices) if "diagnose" in results else doubts  # before the numbers
@@ -112,7 +113,7 @@ def study(
     )
     write_text(path, text)
     if history is not None:
-        write_text(history, history_text(entries))
+        add_entry(history, now)
     advance(1.0)
     return outcome
 

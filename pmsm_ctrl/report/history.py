@@ -1,7 +1,7 @@
 """Identified parameters of one axis over time: a small file to which each study adds an entry.
 
 An entry is identified by its log, its design and the version of the package, so that a repeated study replaces its own
-entry and gives the same page.
+entry and gives the same page. An entry is one line, added by one system call: two studies at once lose none.
 """
 
 from __future__ import annotations
@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.result import Estimate, jsonable
 
-__all__ = ["Entry", "extended", "history_text", "read_history"]
+__all__ = ["Entry", "add_entry", "extended", "read_history"]
 
 SCHEMA = "pmsm-ctrl/history/1"
 
@@ -46,6 +47,9 @@ class Entry:
 def read_history(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
     """Return the entries of a history file, oldest first; none when there is no such file.
 
+    Of several entries made from the same things the last one counts, in the place of the first. A line that was never
+    finished, because the disk was full or the machine went down, is left out.
+
     Raises
     ------
     RequestError
@@ -58,24 +62,39 @@ def read_history(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
         raise RequestError(f"{path}: cannot be read as a history ({reason})") from None
+    entries: tuple[Entry, ...] = ()
     try:
-        data = json.loads(text)
-        if data["schema"] != SCHEMA:
+        for item in _finished(text):
+            if item["schema"] != SCHEMA:
+                raise ValueError
+            entries = extended(entries, _entry(item))
+        if text and not entries:
             raise ValueError
-        return tuple(_entry(item) for item in data["entries"])
+        return entries
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise RequestError(
             f"{path}: not a history; a file that `pmsm-ctrl study --history` wrote was expected"
         ) from None
 
 
+def _finished(text: str) -> Iterator[Any]:
+    """Yield what the lines say, but for those that were never finished."""
+    for line in text.split("\n"):
+        with suppress(json.JSONDecodeError):
+            yield json.loads(line)
+
+
 def _entry(item: Mapping[str, Any]) -> Entry:
+    def number(value: Any) -> float:
+        return math.nan if value is None else float(value)
+
     parameters = {
         str(symbol): Estimate(
-            float(found["value"]), str(found["unit"]), math.nan if found["stderr"] is None else float(found["stderr"])
+            float(found["value"]), str(found["unit"]), number(found["stderr"]),
+            None if found.get("nominal") is None else float(found["nominal"]),
         )
         for symbol, found in item["parameters"].items()
-    }
+    }  # fmt: skip
     log, design, version = (str(word) for word in item["key"])
     return Entry(str(item["log"]), (log, design, version), parameters, float(item["error"]))
 
@@ -87,10 +106,44 @@ def extended(entries: Sequence[Entry], new: Entry) -> tuple[Entry, ...]:
     return (*entries, new)
 
 
-def history_text(entries: Sequence[Entry]) -> str:
-    """Return the content of a history file."""
-    rows = [
-        {"log": e.log, "key": list(e.key), "error": e.error, "parameters": jsonable(dict(e.parameters))}
-        for e in entries
-    ]
-    return json.dumps({"schema": SCHEMA, "entries": rows}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+def add_entry(path: str | os.PathLike[str], new: Entry) -> tuple[Entry, ...]:
+    """Add an entry to a history file and return all of its entries; one that stands there already is not added again.
+
+    Parameters
+    ----------
+    path : path
+        A file that `read_history` accepts, or one that does not exist yet.
+    new : Entry
+
+    Returns
+    -------
+    tuple of Entry
+
+    Raises
+    ------
+    RequestError
+        When the file is no history, or cannot be written.
+    """
+    entries = read_history(path)
+    if all(_line(entry) != _line(new) for entry in entries):
+        try:
+            _append(path, _line(new))
+        except OSError as error:
+            raise RequestError(f"{path}: cannot be written ({error.strerror})") from None
+    return extended(entries, new)
+
+
+def _line(entry: Entry) -> str:
+    row = {"schema": SCHEMA, "log": entry.log, "key": list(entry.key), "error": entry.error}
+    return json.dumps(row | {"parameters": jsonable(dict(entry.parameters))}, ensure_ascii=False, allow_nan=False)
+
+
+def _append(path: str | os.PathLike[str], line: str) -> None:
+    """Write one line at the end of a file with one call, which the system does not mix with that of another process."""
+    handle = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
+    try:
+        unfinished = os.fstat(handle).st_size > 0 and not Path(path).read_bytes().endswith(b"\n")
+        start = "\n" if unfinished else ""
+        os.write(handle, f"{start}{line}\n".encode())
+    finally:
+        os.close(handle)

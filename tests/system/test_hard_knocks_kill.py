@@ -335,5 +335,5 @@ def test_every_output_is_checked_before_the_work(
     before = record.read_bytes()
     with pytest.raises(SystemExit):
         main(["import", str(record), "--output", str(record)])
-    assert "is the input file" in capsys.readouterr().err
+    assert "is an input of this command" in capsys.readouterr().err
     assert record.read_bytes() == before

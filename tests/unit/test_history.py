@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from pmsm_ctrl import Design, Log, study
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Provenance
-from pmsm_ctrl.report.history import Entry, extended, history_text, read_history
+from pmsm_ctrl.report.history import Entry, add_entry, extended, read_history
 from pmsm_ctrl.report.present import history_section
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Picture
@@ -27,12 +28,33 @@ def test_a_history_comes_back_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "axis.history.json"
     assert read_history(path) == ()
     entries = (entry("monday.csv", 0.02), entry("tuesday.csv", 0.021))
-    path.write_text(history_text(entries), encoding="utf-8")
+    for one in entries:
+        again = add_entry(path, one)
+    assert [e.key for e in again] == [e.key for e in read_history(path)]
     again = read_history(path)
     assert [e.log for e in again] == ["monday.csv", "tuesday.csv"]
     assert again[1].parameters["F_c"] == entries[1].parameters["F_c"]
     assert math.isnan(again[0].parameters["J"].stderr)
-    assert history_text(again) == history_text(entries)
+    before = path.read_bytes()
+    add_entry(path, entries[1])
+    assert path.read_bytes() == before
+
+
+def test_studies_at_once_lose_no_entry(tmp_path: Path) -> None:
+    path = tmp_path / "axis.history.json"
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda k: add_entry(path, entry(f"day_{k}.csv", 0.02)), range(40)))
+    assert sorted(e.log for e in read_history(path)) == sorted(f"day_{k}.csv" for k in range(40))
+
+
+def test_a_line_that_was_never_finished_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "axis.history.json"
+    add_entry(path, entry("monday.csv", 0.02))
+    with path.open("a", encoding="utf-8") as stream:
+        stream.write('{"schema": "pmsm-ctrl/hist')
+    assert [e.log for e in read_history(path)] == ["monday.csv"]
+    add_entry(path, entry("tuesday.csv", 0.021))
+    assert [e.log for e in read_history(path)] == ["monday.csv", "tuesday.csv"]
 
 
 def test_the_same_study_again_replaces_its_entry_and_a_new_version_adds_one() -> None:
@@ -54,7 +76,7 @@ def test_a_change_is_said_only_beyond_its_standard_errors() -> None:
 
 
 @pytest.mark.parametrize(
-    "content", ["", "{", "[]", '{"schema": "other"}', '{"schema": "pmsm-ctrl/history/1", "entries": [{"log": 1}]}', "3"]
+    "content", ["{", "[]\n", '{"schema": "other"}\n', '{"schema": "pmsm-ctrl/history/1", "log": 1}\n', "3\n"]
 )
 def test_what_is_no_history_is_refused_and_kept(content: str, tmp_path: Path) -> None:
     path = tmp_path / "h.json"
@@ -81,9 +103,9 @@ def test_study_keeps_the_history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     )  # fmt: skip
     for name, F_c in (("monday.csv", 0.02), ("june.csv", 0.03)):
         study(design, axis_log(name, F_c), output="axis.html", history="axis.history.json")
-    data = json.loads(Path("axis.history.json").read_text(encoding="utf-8"))
-    assert [e["log"] for e in data["entries"]] == ["monday.csv", "june.csv"]
-    assert data["entries"][1]["parameters"]["F_c"]["value"] == pytest.approx(0.03, rel=0.01)
+    entries = [json.loads(line) for line in Path("axis.history.json").read_text(encoding="utf-8").splitlines()]
+    assert [e["log"] for e in entries] == ["monday.csv", "june.csv"]
+    assert entries[1]["parameters"]["F_c"]["value"] == pytest.approx(0.03, rel=0.01)
     page = Path("axis.html").read_text(encoding="utf-8")
     assert "Parameters over time" in page
     assert "F_c changed from 0.0" in page
