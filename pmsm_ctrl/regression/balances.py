@@ -349,6 +349,7 @@ def _made(
     else:
         signals["i_q"] = signals["torque"] / design.K_t_assumed
     signals["torque_meas"], signals["i_q_meas"] = signals["torque"], signals["i_q"]
+    signals["i_q_wide"] = signals["i_q"]
     if "i_d" in signals:
         signals["i_d_meas"] = signals["i_d"]
         signals["i_d"] = _intended_i_d(log, prepared, signals["i_d"])
@@ -412,7 +413,7 @@ def _intended_i_d(log: Log, prepared: Prepared, i_d: Array) -> Array:
 
 
 def _add_slopes(signals: dict[str, Array], prepared: Prepared) -> None:
-    for name in ("i_d", "i_q"):
+    for name in ("i_d", "i_q", "i_q_wide"):
         if name in signals:
             signals[f"d{name}"] = derivative(signals[name], 1.0 / prepared.rate)
 
@@ -439,8 +440,27 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
     if motor.p is not None and motor.L_d is not None and motor.L_q is not None and "i_d" in signals:
         per_ampere = per_ampere + 1.5 * motor.p * (motor.L_d - motor.L_q) * signals["i_d"]
     signals["i_q"] = torque / per_ampere
+    if "u_d" in record.channels:
+        signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, late)
     _add_slopes(signals, record.prepared)
     return replace(record, signals=signals, late=late, memo={})
+
+
+def _beyond_band(record: Record, late: float) -> Array:
+    """Return what the measured current holds beyond the band, at the time of the position, shape (n,).
+
+    A modelled torque is filtered already, and the voltages hold products of current and speed: filtered after the
+    product, a fast current comes back into the band, and one that was filtered twice lacks the ripple of the passband.
+    """
+    from scipy.interpolate import CubicSpline
+
+    key = ("beyond the band",)
+    if key not in record.kept:
+        measured = record.signals["i_q_meas"]
+        record.kept[key] = measured - record.at_full_rate(record.shaped(measured))
+    beyond: Array = record.kept[key]
+    t = record.prepared.t
+    return beyond if late == 0.0 else np.asarray(CubicSpline(t, beyond)(np.clip(t + late, t[0], t[-1])))
 
 
 def with_direction(record: Record, direction: Array) -> Record:

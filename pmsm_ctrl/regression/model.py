@@ -371,7 +371,8 @@ def _winding(design: Design, record: Record) -> Iterator[_Term]:
     s, motor = record.signals, design.motor
     assert motor.p is not None
     zero = np.zeros_like(s["omega"])
-    i_d, i_q, di_d, di_q, w, p = s["i_d"], s["i_q"], s["di_d"], s["di_q"], s["omega"], float(motor.p)
+    i_d, i_q, di_d, di_q = s["i_d"], s["i_q_wide"], s["di_d"], s["di_q_wide"]
+    w, p = s["omega"], float(motor.p)
     d, q = voltage_d.py_func, voltage_q.py_func
 
     def per_unit(R: float, L_d: float, L_q: float, psi_f: float) -> Mapping[str, Array]:

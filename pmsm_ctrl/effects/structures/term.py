@@ -61,7 +61,10 @@ class Term(Structure):
             When no parameter multiplies a column.
         """
         values = {p.symbol: p.start for p in effect.parameters} | dict(shape)
-        terms, _ = columns(effect, readable(balances), values)
+        signals = readable(balances)
+        if effect.enters == "voltage":  # its products need the current beyond the band
+            signals |= {name: signals[f"{name}_wide"] for name in ("i_q", "di_q") if f"{name}_wide" in signals}
+        terms, _ = columns(effect, signals, values)
         if not terms:
             raise UnavailableError("it has no parameter that multiplies a column")
         slow = _slow_enough(balances, effect, shape)
