@@ -22,7 +22,7 @@ __all__ = [
     "read_answer",
 ]  # fmt: skip
 
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*", re.DOTALL)
+_NUMBER = re.compile(r"([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*+(.*)", re.DOTALL)
 # These words may stand anywhere in a unit: "Vrms/krpm, l-l", "V/krpm (line-to-line, rms)".
 _WORDS = {"rms": "rms", "eff": "rms", "peak": "peak", "pk": "peak", "line": "line", "phase": "phase"}
 
@@ -184,7 +184,7 @@ def read_answer(question: Question, text: str) -> Answer:
     RequestError
         When there is no number, no unit where one is needed, or a unit that does not fit.
     """
-    found = _NUMBER.fullmatch(text)
+    found = _NUMBER.fullmatch(text.strip())
     if found is None or not math.isfinite(float(found[1])):
         raise RequestError(f"{question.option} '{text}': a number with its unit was expected: {question.accepted}")
     number, unit = float(found[1]), found[2]

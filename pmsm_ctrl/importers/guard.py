@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.table import one_line
@@ -20,8 +21,14 @@ def reason(error: BaseException) -> str:
     return one_line(text.splitlines()[0][:120]) if text else type(error).__name__
 
 
-def afford(file: str, kind: str, values: float) -> None:
-    """Refuse a file that declares more values than fit into half of the memory (a damaged header can).
+# A log compresses ten to thirty times, with constant channels; from a hundred times on it is no log. Small files may.
+EXPANSION, ALWAYS = 100.0, float(1 << 28)  # bytes per byte of the file; bytes
+
+
+def afford(file: str, kind: str, values: float, path: Path) -> None:
+    """Refuse a file that declares more values than it can hold or than fit into half of the memory.
+
+    A damaged header can, and a small file can be made to unpack to any size.
 
     Raises
     ------
@@ -33,6 +40,11 @@ def afford(file: str, kind: str, values: float) -> None:
         raise LogError(
             f"{file}: {kind} file of {values:.3g} values: {8e-9 * values:.3g} GB needed, {1e-9 * memory:.3g} GB there; "
             "the file is damaged, or has to be split into shorter records"
+        )
+    if 8.0 * values > max(ALWAYS, EXPANSION * path.stat().st_size):
+        raise LogError(
+            f"{file}: {kind} file of {values:.3g} values, {8e-6 * values:.3g} MB, in a file of "
+            f"{1e-6 * path.stat().st_size:.3g} MB; the file is damaged, or was made to fill the memory"
         )
 
 

@@ -66,7 +66,7 @@ def open_hdf5(path: Path, file: str) -> Table:
                 )
             if item.dtype.kind in "fiub":
                 total += item.size
-                afford(file, "HDF5", total)  # before anything is read: a damaged header may declare any size
+                afford(file, "HDF5", total, path)  # before anything is read: a damaged header may declare any size
                 found[name.replace("/", ".")] = item[()]
 
         content.visititems(visit)

@@ -40,7 +40,7 @@ def open_parquet(path: Path, file: str) -> Table:
     columns = tuple(_column(pyarrow, field) for field in fields)
 
     def load(indices: Sequence[int]) -> list[Array]:
-        afford(file, "Parquet", float(rows) * len(indices))
+        afford(file, "Parquet", float(rows) * len(indices), path)
         wanted = list(dict.fromkeys(fields[i].name for i in indices))
         with guarded(file, "Parquet"), open(path, "rb") as stream:
             table = pyarrow.parquet.read_table(stream, columns=wanted)

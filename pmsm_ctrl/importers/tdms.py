@@ -65,7 +65,7 @@ def open_tdms(path: Path, file: str) -> Table:
                 s.samples if isinstance(s, _Waveform) else len(content[s[0]][s[1]])
                 for s in map(sources.__getitem__, indices)
             )
-            afford(file, "TDMS", float(sum(sizes)))
+            afford(file, "TDMS", float(sum(sizes)), path)
             return [_values(content, sources[i]) for i in indices]
 
     def locate(column: int, sample: int) -> str:

@@ -9,8 +9,11 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import os
+import struct
 import sys
 import warnings
+import zlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,6 +22,9 @@ import numpy as np
 __all__ = ["main"]
 
 MAX_DEPTH = 4
+# The bounds of `guard.afford`: bytes per byte of the file, and bytes that are always allowed.
+EXPANSION, ALWAYS = 100.0, float(1 << 28)
+PIECE = 1 << 20  # bytes
 Answer = tuple[dict[str, Any], list[np.ndarray]]
 
 
@@ -44,7 +50,6 @@ def main(arguments: Sequence[str]) -> int:
 def _bound_memory() -> None:
     """A damaged file may declare any size; the process must not exhaust the memory."""
     try:
-        import os
         import resource
     except ImportError:  # Windows
         return
@@ -57,10 +62,35 @@ def read_mat(path: str, words: Sequence[str]) -> Answer:
     """Return name and shape of every variable, and the values of the numeric ones."""
     import scipy.io
 
+    _bound_expansion(path)
     content = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
     flat = _flattened({name: value for name, value in content.items() if not name.startswith("__")})
     variables = [[name, None if value is None else list(value.shape)] for name, value in flat.items()]
     return {"variables": variables}, [value for value in flat.values() if value is not None]
+
+
+def _bound_expansion(path: str) -> None:
+    """Refuse a MAT file of version 5 whose compressed variables unpack to far more than a log does.
+
+    They are unpacked in pieces and counted, because a variable may declare any size and structs hide theirs.
+    """
+    most, total = max(ALWAYS, EXPANSION * os.path.getsize(path)), 0
+    with open(path, "rb") as stream:
+        header = stream.read(128)
+        order = {b"IM": "<", b"MI": ">"}.get(header[126:128])
+        while order is not None and len(tag := stream.read(8)) == 8:
+            kind, left = struct.unpack(f"{order}II", tag)
+            if kind != 15:  # miCOMPRESSED
+                stream.seek(left, os.SEEK_CUR)
+                continue
+            unpack = zlib.decompressobj()
+            while left > 0 and (piece := stream.read(min(left, PIECE))):
+                left -= len(piece)
+                while piece:
+                    total += len(unpack.decompress(piece, PIECE))
+                    piece = unpack.unconsumed_tail
+                    if total > most:
+                        raise ValueError(f"it unpacks to more than {1e-6 * most:.3g} MB, which no log of its size does")
 
 
 def _flattened(content: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str, np.ndarray | None]:

@@ -6,9 +6,11 @@ import io
 import os
 import pickle
 import re
+import struct
 import subprocess
 import sys
 import tomllib
+import zlib
 from contextlib import suppress
 from pathlib import Path
 
@@ -121,6 +123,23 @@ def test_a_promised_size_is_not_believed(tmp_path: Path) -> None:
     assert path.stat().st_size < 10_000
     with pytest.raises(LogError, match=r"bomb\.mat: HDF5 file of 1e\+12 values: 8e\+03 GB needed"):
         read_log(path)
+
+
+def test_a_small_file_does_not_unpack_to_any_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By hand, as the MAT-file format of version 5 has it: a header of 128 bytes, then type 15 and a zlib stream."""
+    from pmsm_ctrl.importers import guard, worker
+
+    packed = zlib.compress(bytes(1 << 24), 9)
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    path = tmp_path / "l.mat"
+    path.write_bytes(header + struct.pack("<II", 15, len(packed)) + packed)
+    monkeypatch.setattr(worker, "ALWAYS", 1e6)
+    with pytest.raises(ValueError, match=r"unpacks to more than 1\.65 MB"):  # 100 times its own 16.5 kB
+        worker.read_mat(str(path), ())
+    monkeypatch.setattr(guard, "ALWAYS", 1e6)
+    guard.afford("l.parquet", "Parquet", 1e5, path)
+    with pytest.raises(LogError, match=r"l\.parquet: Parquet file of 3e\+05 values, 2\.4 MB, in a file of 0\.0165 MB"):
+        guard.afford("l.parquet", "Parquet", 3e5, path)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
