@@ -11,6 +11,10 @@
     const source = model("source");
     const time = model("time");
     const whole = [time.start, time.end];
+    // a finger that moves over a panel scrolls the page; it zooms after a touch on the panel's tool
+    if (matchMedia("(pointer: coarse)").matches) {
+      for (const name of ["upper", "middle", "lower", "scatter"]) model(name).toolbar.active_drag = null;
+    }
     const switches = [...part.querySelectorAll("input[data-part]")];
     const balances = part.querySelector("[data-role=balance]");
     const output = part.querySelector("output");

@@ -130,11 +130,11 @@ def live_html(traces: Traces, prefix: str) -> str:
 def _note(traces: Traces) -> str:
     m = len(traces.t)
     drawn = len(_chosen(traces))
-    thin = "" if drawn == m else f" {drawn} of {m} samples are drawn, the extremes of each curve among them;"
+    thin = "" if drawn == m else f" {drawn} of {m} samples are drawn, the extremes of each curve among them."
     return (
-        f"Drag to zoom, move over a curve for its values.{thin} errors are computed from all samples. Switched off, an "
-        "effect is taken out of the prediction and all other parameters are held; in the falling error above they "
-        "were fitted again at each step."
+        f"Drag to zoom, move over a curve for its values.{thin} Errors are computed from all samples. Switched off, an "
+        "effect is taken out of the prediction and all other parameters are held; in the falling error they were "
+        "fitted again at each step."
     )
 
 
@@ -203,7 +203,7 @@ def _panels(traces: Traces, prefix: str) -> Any:
             (f"{first.name} [{first.unit}]", f"residual [{first.unit}]", motion), HEIGHTS, strict=False
         )
     )
-    upper.name, middle.name = f"{prefix}-upper", f"{prefix}-middle"
+    upper.name, middle.name, lower.name = (f"{prefix}-{place}" for place in ("upper", "middle", "lower"))
     lower.xaxis.axis_label = "time [s]"
     measured = upper.line("t", "measured", source=source, color=BLACK, line_width=1.8, legend_label="measured")
     upper.line("t", "predicted", source=source, color=VERMILION, line_width=1.0, legend_label="predicted")
@@ -228,7 +228,7 @@ def _panel(label: str, height: int, time: Any) -> Any:
     tools = "xbox_zoom,xpan,xwheel_zoom,undo,reset,save" if time is not None else "box_zoom,pan,undo,reset,save"
     panel = figure(
         height=height, sizing_mode="stretch_width", tools=tools, toolbar_location="above" if time is None else "right",
-        active_scroll=None, y_axis_label=label, min_border_left=70, **linked,
+        active_scroll=None, y_axis_label=label, min_border_left=62, **linked,
     )  # fmt: skip
     panel.toolbar.logo = None
     panel.toolbar.autohide = True

@@ -20,8 +20,8 @@ MAX_MODULE = 500
 MAX_FUNCTION = 60
 
 ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "section", "rendering", "importers"}
-ONLY_IN = {"control": "tune", "filterpy": "track"}
-NEVER_ON_IMPORT = ["numba", "scipy", "matplotlib", "control", "filterpy", "jinja2", "h5py"]
+ONLY_IN = {"control": "tune", "filterpy": "track", "bokeh": "rendering"}
+NEVER_ON_IMPORT = ["numba", "scipy", "matplotlib", "control", "filterpy", "jinja2", "h5py", "bokeh"]
 
 
 def module_of(path: Path) -> str:

@@ -1,0 +1,225 @@
+"""The interactive part of a page: what is drawn, what the switches compute, and what a browser makes of it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from pmsm_ctrl.rendering import live
+from pmsm_ctrl.report import Headline, render
+from pmsm_ctrl.section import Balance, Notice, Picture, Section, Table, Traces
+
+pytest.importorskip(
+    "bokeh", reason="BOKEH ABSENT: interactive pages were not made (pip install 'pmsm-ctrl[interactive]')"
+)
+no_browser = pytest.mark.skipif(
+    shutil.which("chromium") is None, reason="CHROMIUM ABSENT: the page was not drawn (apt install chromium)"
+)
+HOSTILE = "<script>alert(1)</script>"
+M = 2000
+T = np.linspace(0.0, 10.0, M)
+NOISE = 0.01 * np.random.default_rng(1).normal(size=M)
+PARTS = {"cogging 24": 0.2 * np.sin(9.0 * T), HOSTILE: 0.1 * np.cos(5.0 * T)}
+
+
+def traces() -> Traces:
+    measured = np.sin(T) + sum(PARTS.values()) + NOISE
+    rows = np.array([NOISE, *PARTS.values()])
+    size = float(np.sqrt(np.mean(measured**2)))
+    torque = Balance("torque", "N m", measured, measured - NOISE, PARTS, rows @ rows.T / M, size, 0.012)
+    voltage = Balance("u_q", "V", 2.0 * np.cos(T), 2.0 * np.cos(T), {}, np.zeros((1, 1)), 1.4, 0.0)
+    coordinates = {"speed [rad/s]": np.cos(T), "acceleration [rad/s²]": -np.sin(T)}
+    return Traces(T, coordinates, (torque, voltage), ((2.0, 3.0, "reversal"), (5.0, 6.0, HOSTILE)))
+
+
+def error_without(*names: str) -> float:
+    """Rms of what is left over, by definition, as a share of the measured rms, in percent."""
+    left = NOISE + sum(PARTS[name] for name in names)
+    return float(100.0 * np.sqrt(np.mean(left**2) / np.mean(traces().balances[0].measured ** 2)))
+
+
+def picture() -> Figure:
+    made = Figure(figsize=(4, 3))
+    made.subplots().plot([0, 1], [0, 1])
+    return made
+
+
+def page(interactive: bool | None = True) -> str:
+    table = Table(("name", HOSTILE), ((HOSTILE, "1"),), HOSTILE)
+    blocks = (HOSTILE, Notice("doubt", HOSTILE), traces(), table, Picture(picture, HOSTILE))
+    headline = Headline(HOSTILE, HOSTILE, None, ((HOSTILE, HOSTILE),), (Picture(picture, HOSTILE),))
+    return render(
+        HOSTILE, [Section("First", blocks), Section(HOSTILE, (HOSTILE,))], headline=headline,
+        notices=[Notice("doubt", HOSTILE), Notice("other", HOSTILE)], facts={"log": HOSTILE, HOSTILE: "x"},
+        design_toml=f'name = "{HOSTILE}"', command=HOSTILE, interactive=interactive,
+    )  # fmt: skip
+
+
+# ---- what is drawn ----------------------------------------------------------------------------------------------
+
+
+def test_thinning_keeps_every_extreme_of_a_bin_and_its_count() -> None:
+    rows = np.random.default_rng(2).normal(size=(3, 100_000))
+    chosen = live.thinned(rows, 4000)
+    assert 2500 < len(chosen) <= 4000
+    assert np.all(np.diff(chosen) > 0)
+    for row in rows:
+        assert row[chosen].max() == row.max()
+        assert row[chosen].min() == row.min()
+    spike = np.zeros((2, 50_000))
+    spike[1, 31_234] = 1.0
+    assert 31_234 in live.thinned(spike, 500)
+    assert list(live.thinned(rows[:, :500], 500)) == list(range(500))
+
+
+def test_same_traces_same_bytes() -> None:
+    assert live.live_html(traces(), "a") == live.live_html(traces(), "a")
+    assert page() == page()
+
+
+def test_no_script_element_ends_early_and_the_policy_names_both() -> None:
+    text = page()
+    found = Scripts(text)
+    assert len(found.run) == 2, "Bokeh's and the package's"
+    assert not any("alert(1)" in script for script in found.run)
+    data = [json.loads(script) for script in found.data]
+    assert data[0]["balances"][0]["parts"] == list(PARTS)
+    policy = re.search('Content-Security-Policy" content="([^"]*)"', text)
+    assert policy is not None
+    assert policy[1].count("'sha256-") == 2
+    assert "unsafe-eval" not in policy[1]
+    assert "default-src 'none'" in policy[1]
+    assert not any(tag in ("link", "iframe", "object", "embed") for tag in found.tags)
+
+
+def test_without_bokeh_a_page_has_figures_and_no_script(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "available", lambda: False)
+    text = page(None)
+    assert "<script" not in text
+    assert text.count("<svg") == 2
+    assert "script-src 'none'" in text
+
+
+class Scripts(HTMLParser):
+    """Collects the scripts of a page: those that run, and those that are data."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.run: list[str] = []
+        self.data: list[str] = []
+        self.tags: list[str] = []
+        self.into: list[str] | None = None
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        if tag == "script":
+            assert "src" not in dict(attrs)
+            self.into = self.data if dict(attrs).get("type") == "application/json" else self.run
+            self.into.append("")
+
+    def handle_data(self, data: str) -> None:
+        if self.into is not None:
+            self.into[-1] += data
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "script":
+            self.into = None
+
+
+# ---- in a browser -----------------------------------------------------------------------------------------------
+
+
+def browsed(text: str, folder: Path) -> tuple[str, str]:
+    """Return the page as the browser holds it after its scripts have run, and what was said on the console."""
+    path = folder / "page.html"
+    path.write_text(text, encoding="utf-8")
+    command = [
+        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync", "--enable-logging=stderr",
+        "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={folder / 'profile'}", "--window-size=1280,3000",
+        "--virtual-time-budget=10000", "--dump-dom", path.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    console = [line for line in done.stderr.splitlines() if "CONSOLE" in line and "document idle" not in line]
+    return done.stdout, "\n".join(console)
+
+
+def said(text: str) -> str:
+    found = re.search(r"<output[^>]*>([^<]*)</output>", text)
+    assert found is not None
+    return found[1]
+
+
+@no_browser
+def test_browser_draws_under_the_policy_and_shows_hostile_names_as_text(tmp_path: Path) -> None:
+    text, console = browsed(page(), tmp_path)
+    assert console == ""
+    assert 'data-drawn="yes"' in text
+    assert said(text) == f"torque error with all effects: {error_without():.3g} %; noise floor 1.20 %"
+    assert not any("alert(1)" in script for script in Scripts(text).run)
+    assert f"<title>{HOSTILE.replace('<', '&lt;').replace('>', '&gt;')}</title>" in text
+
+
+STEPS = """<script>
+(async () => {
+  const wait = () => new Promise((done) => setTimeout(done, 50));
+  const part = document.querySelector(".live");
+  while (!part.dataset.drawn) await wait();
+  const output = () => part.querySelector("output").textContent;
+  const get = (name) => Bokeh.documents[0].get_model_by_name(part.id + "-" + name);
+  const rms = (values) => Math.sqrt(values.reduce((sum, x) => sum + x * x, 0) / values.length);
+  const out = { on: output(), first: rms(get("source").data.residual) };
+  const press = (box, checked) => { box.checked = checked; box.dispatchEvent(new Event("change")); };
+  const boxes = [...part.querySelectorAll("input[data-part]")];
+  press(boxes[0], false);
+  out.off = output();
+  out.second = rms(get("source").data.residual);
+  press(boxes[1], false);
+  out.both = output();
+  boxes.forEach((box) => press(box, true));
+  out.again = output();
+  part.querySelector("button[data-start]").click();
+  out.range = [get("time").start, get("time").end];
+  [...part.querySelectorAll("button[data-start]")].at(-1).click();
+  out.whole = [get("time").start, get("time").end];
+  const over = part.querySelector("[data-role=coordinate]");
+  over.selectedIndex = 1;
+  over.dispatchEvent(new Event("change"));
+  out.over = get("scatter").below[0].axis_label;
+  const balance = part.querySelector("[data-role=balance]");
+  balance.selectedIndex = 1;
+  balance.dispatchEvent(new Event("change"));
+  out.balance = [output(), get("upper").left[0].axis_label];
+  document.title = JSON.stringify(out);
+})();
+</script></body>"""
+
+
+@no_browser
+def test_switches_move_the_error_and_the_residual(tmp_path: Path) -> None:
+    text = re.sub('<meta http-equiv="Content-Security-Policy"[^>]*>', "", page())  # it forbids the test's script
+    text, console = browsed(text.replace("</body>", STEPS), tmp_path)
+    assert console == ""
+    title = re.search("<title>([^<]*)</title>", text)
+    assert title is not None
+    out = json.loads(title[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+    assert out["on"] == out["again"]
+    assert f"error without cogging 24: {error_without('cogging 24'):.1f} %" in out["off"]
+    assert f": {error_without(*PARTS):.1f} %, {error_without():.3g} % with all effects" in out["both"]
+    assert out["first"] == pytest.approx(np.sqrt(np.mean(NOISE**2)), rel=1e-3)
+    assert out["second"] == pytest.approx(np.sqrt(np.mean((NOISE + PARTS["cogging 24"]) ** 2)), rel=1e-3)
+    assert out["range"] == pytest.approx([1.5, 3.5])
+    assert out["whole"] == pytest.approx([0.0, 10.0])
+    assert out["over"] == "acceleration [rad/s²]"
+    assert out["balance"][0].startswith("u_q error with all effects")
+    assert out["balance"][1] == "u_q [V]"
