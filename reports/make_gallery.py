@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from pmsm_ctrl import Design, compensate, diagnose, identify, read_log, simulate, study
 from pmsm_ctrl.diagnose import Diagnosis
+from pmsm_ctrl.diagnose.figures import falling_figure
 from pmsm_ctrl.export.tables import friction_table
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.log import Log, Provenance
@@ -74,7 +75,7 @@ def hidden_effects() -> None:
     )  # fmt: skip
     found = done.results["diagnose"]
     assert isinstance(found, Diagnosis)
-    save_figure(ladder(found.to_dict()), PICTURE)
+    save_figure(falling_figure(found), PICTURE)
 
 
 def compensation() -> None:
@@ -146,32 +147,6 @@ def _bars(found: Any, variants: list[str], metrics: tuple[tuple[str, str], ...])
     panels[0].set_yticks(range(len(variants)), variants)
     panels[0].invert_yaxis()
     panels[1].legend(title="parameters", frameon=False, fontsize="small")
-    return figure
-
-
-def ladder(found: Mapping[str, Any], title: str = "") -> Figure:
-    """Draw the error of every step, on the fitted record and on the held-out one."""
-    errors, steps = found["errors"], found["steps"]
-    names = ["as identified", *(f"+ {step['effect'].replace('_', ' ')}" for step in steps)]
-    own = [errors["base"], *(step["error_after"] for step in steps)]
-    other = [steps[0]["holdout_before"], *(step["holdout_after"] for step in steps)]
-    figure = Figure(figsize=(7.6, 0.9 + 0.62 * len(names)), layout="constrained")
-    axes = figure.subplots()
-    for offset, color, label, rows in ((-0.19, BLUE, "fitted", own), (0.19, VERMILION, "held-out", other)):
-        values = [100.0 * row["torque"]["relative"] for row in rows]
-        bars = axes.barh(np.arange(len(names)) + offset, values, 0.36, color=color, label=f"{label} record")
-        axes.bar_label(bars, [f"{value:.1f} %" for value in values], padding=3, fontsize=9)
-    floor = 100.0 * errors["noise_floor"]["torque"]["relative"]
-    axes.axvline(floor, color="black", linestyle=":", label=f"noise floor, {floor:.1f} %")
-    axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
-    word = "force" if errors["base"]["torque"]["unit"] == "N" else "torque"
-    axes.set_xlabel(f"{word} error of the model [% rms]")
-    axes.margins(x=0.12)
-    axes.legend(loc="lower right", frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
-    if title:
-        axes.set_title(title)
     return figure
 
 
@@ -249,7 +224,7 @@ def emps() -> None:
             for k in (found.steps[0].holdout_before, found.steps[-1].holdout_after)]  # fmt: skip
     residual, smallest = binned(found)
     assert smallest >= 100, "a mean over fewer samples comes close to the data"
-    sections = [_identified(identified), _missing(identified.design, found, plain, residual, smallest), _origin()]
+    sections = [_identified(identified), _missing(identified.design, found, plain), _origin()]
     text = render(
         "EMPS: a measured axis and its missing effects", sections,
         headline=Headline(
@@ -258,9 +233,16 @@ def emps() -> None:
             f"{len(found.steps)} effects are missing from the model of inertia, Coulomb and viscous friction and "
             "offset; the authors of the data found the first of them years later.",
             None,
-            ((f"{first:.2f} to {last:.2f} %", "relative force error, before and after"),
-             (f"{held[0]:.2f} to {held[1]:.2f} %", "the same on the held-out record"),
-             ("3.11 %", "error of the authors' extended model")),
+            ((f"{first:.2f} to {last:.2f} %", "force error before and after: rms of measured less predicted, by the "
+              "rms of the measured"),
+             (f"{held[0]:.2f} to {held[1]:.2f} %", "the same on the held-out record, to which nothing was fitted"),
+             ("3.11 %", "the same of the authors' extended model")),
+            (Picture(lambda: falling_figure(found), "Every accepted effect lowers the error on both records."),
+             Picture(
+                lambda: residual,
+                f"Mean residual in 14 bins of speed, {smallest} samples and more each: as identified, the model is "
+                "wrong by up to 3 N, depending on speed and direction; with the missing effects the mean is zero.",
+             )),
         ),
         notices=found.notices, design_toml=design.to_toml(), command=command("emps"),
         facts={"log, SHA-256": log.provenance.sha256, "holdout, SHA-256": pulses.provenance.sha256,
@@ -286,22 +268,14 @@ def _identified(identified: Any) -> Section:
     )
 
 
-def _missing(
-    identified: Design, found: Diagnosis, plain: Mapping[str, Any], residual: Figure, smallest: int
-) -> Section:
-    """Errors of the steps, mean residual, the two friction models."""
+def _missing(identified: Design, found: Diagnosis, plain: Mapping[str, Any]) -> Section:
+    """Errors of the steps, and the two friction models."""
     return Section(
         "Missing effects",
         (
             "Each effect was accepted by a test corrected for all candidates, by its cross-validation gain, and on the "
             "second record. Nothing was fitted to that record.",
             steps_table(plain),
-            Picture(lambda: ladder(plain), "Every accepted effect lowers the error on both records; dotted: noise."),
-            Picture(
-                lambda: residual,
-                f"Mean residual in 14 bins of speed, {smallest} samples and more each: as identified, the model is "
-                "wrong by up to 3 N, depending on speed and direction; with the missing effects the mean is zero.",
-            ),
             Picture(
                 lambda: friction_curves(identified, found.design),
                 "Friction of both models: the slopes differ between the directions, and near standstill friction is "

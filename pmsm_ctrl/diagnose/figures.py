@@ -72,8 +72,9 @@ def error_figure(d: Diagnosis) -> Figure:
     for axes, channel in zip(panels, channels, strict=True):
         own = [d.errors[model][channel]["relative"] for model in ("nominal", "base")]
         own += [s.error_after[channel]["relative"] for s in d.steps]
-        _steps(axes, list(range(len(own))), own, BLUE, "o-", "log", (0, 7))
-        if d.steps and channel in d.steps[0].holdout_before:
+        held_out = bool(d.steps) and channel in d.steps[0].holdout_before
+        _steps(axes, list(range(len(own))), own, BLUE, "o-", "log", (0, -13) if held_out else (0, 7))
+        if held_out:
             other = [d.steps[0].holdout_before[channel]["relative"]]
             other += [s.holdout_after[channel]["relative"] for s in d.steps]
             _steps(axes, list(range(1, 1 + len(other))), other, VERMILION, "s--", "held-out record", (0, 7))

@@ -53,10 +53,11 @@ def to_html(
     gist = gist_of(section)
     blocks = section.blocks[1:] if gist else section.blocks
     said = f' <span class="gist">{escape(gist)}</span>' if gist else ""
-    return (
-        f'<section id="section-{number}">\n<details class="part"{" open" if opened else ""}>\n'
+    body = renderer.blocks(blocks, level=3)
+    return (  # the id stands inside, so that a link to it unfolds the section
+        f'<section>\n<details class="part"{" open" if opened else ""}>\n'
         f"<summary><h2>{number}. {escape(section.title)}</h2>{said}</summary>\n"
-        f"{renderer.blocks(blocks, level=3)}</details>\n</section>\n"
+        f'<div class="inside" id="section-{number}">\n{body}</div>\n</details>\n</section>\n'
     )
 
 
@@ -84,7 +85,7 @@ def picture_html(picture: Picture, name: str, title: str, prefix: str) -> str:
     prefix : str
         Begins every id in it; unique on the page.
     """
-    svg = inline_svg(picture.draw(), prefix, f"{name}, {title}. {picture.caption}")
+    svg = inline_svg(picture.draw, prefix, f"{name}, {title}. {picture.caption}")
     return (
         f'<figure>\n<div class="drawing" role="region" aria-label="{name}" tabindex="0">{svg}</div>\n'
         f"<figcaption><strong>{name}.</strong> {escape(picture.caption)}</figcaption>\n</figure>\n"

@@ -78,16 +78,13 @@
     console.error(why);
   };
   // a part inside a folded section has no size yet: it is drawn when the section is opened
-  function drawWhenSeen(part) {
-    const seen = new IntersectionObserver((entries) => {
-      if (!entries.some((entry) => entry.isIntersecting)) return;
-      seen.disconnect();
-      draw(part).catch(fail(part));
-    }, { rootMargin: "400px" });
+  function drawWhenOpen(part) {
+    const folded = part.closest("details:not([open])");
     part.hidden = false;
-    seen.observe(part);
+    if (folded) folded.addEventListener("toggle", () => drawWhenOpen(part), { once: true });
+    else draw(part).catch(fail(part));
   }
-  const begin = () => document.querySelectorAll(".live").forEach(drawWhenSeen);
+  const begin = () => document.querySelectorAll(".live").forEach(drawWhenOpen);
   if (document.readyState === "loading") addEventListener("DOMContentLoaded", begin);
   else begin();
 })();

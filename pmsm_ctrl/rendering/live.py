@@ -24,7 +24,7 @@ __all__ = ["available", "live_html", "scripts", "thinned"]
 
 Array = NDArray[np.float64]
 
-MOST_POINTS = 5000  # drawn of a record
+MOST_POINTS = 3000  # drawn of a record: a pixel column of a screen shows no more than its extremes
 HEIGHTS = (210, 150, 140, 240)  # of the panels, px
 BLACK, BLUE, VERMILION, SOFT = "#000000", "#0072B2", "#D55E00", "#4a5768"  # Okabe and Ito, safe for the colour-blind
 

@@ -46,13 +46,26 @@ def test_page_is_valid_small_and_asks_no_network(page: Path) -> None:
     ids = [e.get("id") for e in tree.iter() if e.get("id")]
     assert len(ids) == len(set(ids)), "an id stands twice"
     for element in tree.iter():
-        assert element.tag not in ("script", "iframe", "link", "object", "embed")
+        assert element.tag not in ("iframe", "link", "object", "embed")
+        if element.tag == "script":
+            assert set(element.attrib) <= {"type", "class"}, "a script from elsewhere"
         for name, value in element.attrib.items():
             if str(name).rpartition("}")[2] in ("href", "src"):
                 assert value.startswith(("#", "data:")), f"{element.tag} asks for {value[:80]}"
                 if value.startswith("#"):
                     assert value[1:] in ids, f"{value} leads nowhere"
-    assert not re.search(r"url\((?!#)|@import", page.read_text(encoding="utf-8"))
+    text = re.sub("<script.*?</script>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert not re.search(r"url\((?!#)|@import", text)
+    policy = next(e for e in tree.iter("meta") if e.get("http-equiv") == "Content-Security-Policy").get("content")
+    assert policy is not None
+    assert policy.startswith("default-src 'none'; script-src '"), "what a script asks for, the browser refuses"
+    assert not re.search("https?:|unsafe-eval|script-src[^;]*unsafe-inline", policy)
+
+
+def test_only_simulated_records_can_be_zoomed() -> None:
+    """The measured data of EMPS must not be redistributed; the record with hidden effects is simulated."""
+    zoomed = {page.stem for page in PAGES if 'class="live"' in page.read_text(encoding="utf-8")}
+    assert zoomed == {"hidden_effects"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
@@ -116,7 +129,8 @@ def test_phone_needs_no_sideways_scrolling(page: Path, tmp_path: Path) -> None:
         "<script>addEventListener('load', () => { const r = document.documentElement;"
         "parent.postMessage(r.scrollWidth - r.clientWidth, '*') })</script></body>"
     )
-    (tmp_path / "page.html").write_text(page.read_text("utf-8").replace("</body>", probe), encoding="utf-8")
+    text = re.sub('<meta http-equiv="Content-Security-Policy"[^>]*>', "", page.read_text("utf-8"))  # forbids the probe
+    (tmp_path / "page.html").write_text(text.replace("</body>", probe), encoding="utf-8")
     frame = (
         "<!DOCTYPE html><title>?</title><script>onmessage = (e) => { document.title = 'WIDE ' + e.data }</script>"
         "<iframe src='page.html' style='width:390px;height:844px;border:0'></iframe>"
@@ -133,13 +147,16 @@ def test_phone_needs_no_sideways_scrolling(page: Path, tmp_path: Path) -> None:
 @no_browser
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
 def test_browser_draws_the_page(page: Path, tmp_path: Path) -> None:
-    picture = tmp_path / "page.png"
-    browser("--window-size=1100,4000", f"--screenshot={picture}", page.as_uri(), profile=tmp_path / "profile")
+    picture, unfolded = tmp_path / "page.png", tmp_path / "page.html"
+    unfolded.write_text(page.read_text("utf-8").replace("<details", "<details open"), encoding="utf-8")
+    browser("--window-size=1100,4000", f"--screenshot={picture}", unfolded.as_uri(), profile=tmp_path / "profile")
     pixels = image(picture)
     assert pixels.shape[:2] == (4000, 1100)
     dark = pixels.mean(axis=2) < 0.6
-    # Every screenful has something on it, and the page is not one dark slab.
-    for top in range(0, 4000, 1000):
+    end = int(np.flatnonzero(dark.any(axis=1))[-1])
+    assert end > 2000, "the page is hardly longer than its first screen"
+    # Every screenful up to the page's end has something on it, and the page is not one dark slab.
+    for top in range(0, end - 500, 1000):
         share = dark[top : top + 1000].mean()
         assert 0.002 < share < 0.5, f"{share:.2%} of what begins at {top} px is dark"
     coloured = (np.ptp(pixels, axis=2) > 0.3).mean()

@@ -158,7 +158,7 @@ def test_same_input_same_bytes() -> None:
 
 
 def test_svg_stands_alone_and_shares_no_ids() -> None:
-    first, second = inline_svg(figure(), "a", 'x < y & "z"'), inline_svg(figure(), "b", "x")
+    first, second = inline_svg(figure, "a", 'x < y & "z"'), inline_svg(figure, "b", "x")
     root = Xml.fromstring(first)
     assert root.get("aria-label") == 'x < y & "z"'
     assert root.get("viewBox")
