@@ -19,6 +19,7 @@ from pmsm_ctrl.design_parts import (
     CurrentLoop,
     Drive,
     EffectEntry,
+    Evaluated,
     Finite,
     Load,
     LogMap,
@@ -34,8 +35,8 @@ from pmsm_ctrl.files import write_text
 from pmsm_ctrl.units import psi_f_from
 
 __all__ = [
-    "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Design", "Drive", "EffectEntry", "Load", "LogMap",
-    "Loops", "Motor", "PositionLoop", "Sensor", "SpeedLoop",
+    "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Design", "Drive", "EffectEntry", "Evaluated", "Load",
+    "LogMap", "Loops", "Motor", "PositionLoop", "Sensor", "SpeedLoop",
 ]  # fmt: skip
 
 MAX_FILE = 1 << 24  # bytes of a design
@@ -62,6 +63,7 @@ class Design(Part):
         default_factory=dict, description="parameters of named scenarios: [scenarios.sweep] speed_max = 200.0"
     )
     log: LogMap = LogMap()
+    evaluated: Evaluated = Evaluated()
     source: str = Field(default="", exclude=True, repr=False, description="file the design was read from")
     # Code, so no field: a design file cannot name it, and equality and text ignore it.
     _own_effects: tuple[Any, ...] = PrivateAttr(default=())

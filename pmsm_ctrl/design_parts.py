@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pmsm_ctrl.units import DATASHEET, torque_constant
 
 __all__ = [
-    "LARGE", "SMALL", "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Drive", "EffectEntry", "Finite", "Load",
+    "LARGE", "SMALL", "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Drive", "EffectEntry", "Evaluated",
+    "Finite", "Load",
     "LogMap", "Loops", "Motor", "Part", "PositionLoop", "Sampled", "Sensor", "SpeedLoop",
 ]  # fmt: skip
 
@@ -322,3 +323,22 @@ class LogMap(Part):
         if channel in ("torque", "i_q", "i_d"):
             return Sampled(sampling=self.sampling, late=self.late, filter=self.filter)
         return Sampled()
+
+
+class Evaluated(Part):
+    """How the log that a design was fitted to was read, so that `compare` reads that log in the same way.
+
+    The band and the sampling are found beside the base model, and would come out otherwise beside the fitted one.
+    """
+
+    log: str = Field(default="", description="fingerprint of the log's channels")
+    cutoff: NonNegative = Field(default=0.0, description="of the low-pass of both sides, Hz")
+    late: Finite = Field(default=0.0, description="time by which torque and currents were undone, s")
+    filter: NonNegative = Field(default=0.0, description="time constant that was undone in them, s")
+    age: Finite = Field(default=0.0, description="age of a speed that is all that is known of the motion, s")
+    weight: NonNegative = Field(default=0.0, description="share of the torque that errors at edges are weighed by")
+    encoder_lines: tuple[int, ...] = Field(default=(), description="lines of the encoder whose errors are fitted")
+    left_out: tuple[tuple[Finite, Finite], ...] = Field(
+        default=(), description="stretches in which something happened once, begin and end in s"
+    )
+    changes: tuple[Finite, ...] = Field(default=(), description="times from which on the dry friction is another, s")

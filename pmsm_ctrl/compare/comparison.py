@@ -14,7 +14,7 @@ from pmsm_ctrl.compare.closed_loop import closed_loop
 from pmsm_ctrl.compare.coordinates import Drive
 from pmsm_ctrl.compare.dependence import ResidualStructure, Trace, residual_structure
 from pmsm_ctrl.compare.free_run import free_run, whole_run
-from pmsm_ctrl.compare.notices import HOLDOUT_IS_LOG, NOT_PREDICTED, STRUCTURE
+from pmsm_ctrl.compare.notices import CHANGES, HOLDOUT_IS_LOG, LEFT_OUT, NOT_PREDICTED, STRUCTURE
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
 from pmsm_ctrl.compare.verdict import judged
 from pmsm_ctrl.design import Design
@@ -26,11 +26,11 @@ from pmsm_ctrl.regression.balances import STANDSTILL, make_record
 from pmsm_ctrl.regression.balances import Record as Balances
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, in_time
+from pmsm_ctrl.regression.evaluated import record_as_evaluated
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import parts_of
 from pmsm_ctrl.regression.prediction import Prediction, predict
 from pmsm_ctrl.regression.record_result import RecordResult
-from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.regression.timing import punctual, uniform
 from pmsm_ctrl.result import Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
@@ -312,7 +312,7 @@ def _advanced(advance: Callable[[float], None], part: float, done: int, share: f
 
 def _conditioned(design: Design, log: Log, processing: Processing | None) -> Balances:
     """Return the balances of a log as every fit sees them; in a band that is asked for, sampled as in the usual one."""
-    usual = timed_record(design, log)
+    usual = record_as_evaluated(design, log)
     if processing is None:
         return usual
     return make_record(design, log, processing, usual.age or 0.0, usual.timing)
@@ -354,10 +354,24 @@ def _record(
         stretches=worst_stretches(torque.t, torque.residual, torque.mask, balances.shaped(balances.signals["omega"])),
         simulated=simulated,
         omega=balances.shaped(balances.signals["omega"]),
-        notices=(*balances.notes, *(NOT_PREDICTED(why=note) for note in prediction.notes), *beyond, *said),
+        notices=(
+            *balances.notes,
+            *_not_predicted(prediction),
+            *beyond,
+            *said,
+        ),
         rows=tuple(_rows(log, prepared, traces)),
         timing=prediction.timing,
     )
+
+
+def _not_predicted(prediction: Prediction) -> Iterator[Notice]:
+    for start, stop in prediction.record.left_out:
+        yield LEFT_OUT(start=start, stop=stop)
+    for at in prediction.record.changes:
+        yield CHANGES(at=at)
+    for note in prediction.notes:
+        yield NOT_PREDICTED(why=note)
 
 
 def _rows(log: Log, prepared: Prepared, traces: Mapping[str, Trace]) -> Iterator[RecordResult]:

@@ -9,7 +9,8 @@ from pmsm_ctrl.compare.motion import Kind, Motion
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "ABOVE_FLOOR", "CLOSED_LOOP_FAILED", "HOLDOUT_IS_LOG", "LITTLE_EXPLAINED", "NOT_IN_FREE_RUN", "NOT_PREDICTED",
+    "ABOVE_FLOOR", "CHANGES", "CLOSED_LOOP_FAILED", "HOLDOUT_IS_LOG", "LEFT_OUT", "LITTLE_EXPLAINED",
+    "NOT_IN_FREE_RUN", "NOT_PREDICTED",
     "OBJECTIONS", "STRUCTURE", "coordinate_words", "largest_words", "motion_words", "structure_words",
 ]  # fmt: skip
 
@@ -18,6 +19,14 @@ NOT_PREDICTED = Template("not_predicted", "{why}")
 CLOSED_LOOP_FAILED = Template("closed_loop_failed", "the closed-loop simulation is not possible: {error}")
 HOLDOUT_IS_LOG = Template(
     "holdout_is_log", "hold-out record and log are the same data: the hold-out error validates nothing"
+)
+
+LEFT_OUT = Template(
+    "left_out_when_fitted", "{start:.2f} to {stop:.2f} s is left out, as it was when the design was fitted to this log"
+)
+CHANGES = Template(
+    "other_friction_when_fitted",
+    "from {at:.2f} s on the dry friction is fitted anew, as it was when the design was fitted to this log",
 )
 
 STRUCTURE = Template("residual_structure", "{channel}: {words}")

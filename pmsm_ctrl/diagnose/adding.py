@@ -15,6 +15,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Logs
 from pmsm_ctrl.plausibility import doubts_about
 from pmsm_ctrl.regression.bounds import holding
+from pmsm_ctrl.regression.evaluated import with_evaluation
 from pmsm_ctrl.regression.kept import worse_than_given
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.section import Notice
@@ -62,7 +63,8 @@ def added(design: Design, log: Logs, effect: str) -> tuple[Design, tuple[Notice,
     """
     effects = catalogue_of(design)
     wanted = lookup(effect, effects)
-    case = Case(design, timed_record(design, doubts_about(design, log).log), effects)
+    believed = doubts_about(design, log).log
+    case = Case(design, timed_record(design, believed), effects)
     fit = case.fit(())
     trial = next((t for t in fit.trials if t.candidate.effect.id == effect), None)
     if trial is None:
@@ -80,7 +82,7 @@ def added(design: Design, log: Logs, effect: str) -> tuple[Design, tuple[Notice,
         if again is not None:
             other = _made(case, refine(fit.record, held, fit.weights, again))
             made = min(made, other, key=lambda one: squares(one, one.residual, fit.weights.sigma))
-    written = fitted_design(design, made)
+    written = with_evaluation(fitted_design(design, made), case.record, believed)
     if worse := worse_than_given(design, written, case.record):
         return design, (worse, *at_bounds(made))
     return written, tuple(at_bounds(made))

@@ -10,6 +10,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 - `unexplained`: structure of the residual that no effect explains
 - `experiment`: the motion that separates what this log cannot
 - `outcome`: parameters, errors, ranking and verdict, as a `result`
+- `written`: whether the fitted design is better than the given one, and what `compare` will say of it
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.unexplained import unexplained
 from pmsm_ctrl.diagnose.verdict import explains_most
+from pmsm_ctrl.diagnose.written import as_written
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
@@ -111,7 +113,7 @@ def diagnose(
     advance = progress or (lambda share: None)
     share = 1.0 / (1.0 + calibrate)
     case = _condition(design, logs, holdouts, offered, policy)
-    found = _answer(case, plan, lambda done: advance(share * done))
+    found = as_written(case, _answer(case, plan, lambda done: advance(share * done)))
     case.record.kept.clear()  # what was remembered of the log stays with no result
     found = replace(
         found,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from pmsm_ctrl.diagnose.level import level_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.evidence.events import Burst, Search, Shift, basis_of, bursts, explained_by, shift
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.evaluated import without_stretches
 
 __all__ = ["events_of", "without_events"]
 
@@ -25,7 +25,6 @@ SPEED_HATS, ACCELERATION_HATS, ORDERS = 24, 8, 24
 FEWEST = 200  # samples of the thinned grid; fewer hold no event beside a null
 # A stretch of motion in one direction, in which a brake and a push are the same: what lasts longer brakes, s.
 ONE_WAY, LONG = 0.95, 1.0
-AROUND = 2.0  # periods of the cutoff that are left out on either side
 
 
 def events_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Event, ...]:
@@ -122,11 +121,6 @@ def without_events(record: Record, events: Iterable[Event]) -> Record:
     record : Record
     events : iterable of Event
     """
-    mask, changes = record.mask.copy(), list(record.changes)
-    around = AROUND / record.cutoff
-    for one in events:
-        if one.lasting:
-            changes.append(one.start)
-        else:
-            mask &= (record.t < one.start - around) | (record.t > one.stop + around)
-    return replace(record, mask=mask, changes=tuple(changes), memo={}, kept={})
+    events = list(events)
+    stretches = [(one.start, one.stop) for one in events if not one.lasting]
+    return without_stretches(record, stretches, [one.start for one in events if one.lasting])

@@ -21,7 +21,6 @@ from pmsm_ctrl.diagnose.search import Trial, amounts_that_gain, least_shown
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.kept import worse_than_given
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.record_result import RecordResult, errors_of, own_rows, record_notices, record_spreads
 from pmsm_ctrl.result import Estimate
@@ -61,10 +60,8 @@ def outcome(
         verdict, reasons = Verdict.EFFECTS_MISSING, ()
     if verdict is Verdict.IMPLAUSIBLE:  # no name and no parameter would mean anything
         selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.design, None, None
-    worse = worse_than_given(case.design, design, case.record)
     warned = (
         *reasons,
-        *([worse] if worse is not None else []),
         *(case.believed.notices if case.believed else ()),
         *record_notices(records),
         *case.remarks,
@@ -80,8 +77,7 @@ def outcome(
     )
     return Diagnosis(
         verdict=verdict,
-        design=design if worse is None else case.design,
-        improved=worse is None,
+        design=design,
         errors=_errors(case.record, selection),
         steps=tuple(steps),
         ranking=tuple(_ranking(selection, hidden, policy)),

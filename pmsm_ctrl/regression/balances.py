@@ -133,6 +133,10 @@ class Record:
         The records that it was joined from, where there are several.
     shifts : tuple of (float, float)
         What was added to the angle of each record, and its standard error, rad; empty where one zero serves all.
+    wrong : float
+        Share of the torque that its edges and reversals were weighed by.
+    left_out : tuple of (float, float)
+        Stretches of time that take no part, because something happened there once, s.
     lines : tuple of int
         Lines of the encoder whose errors the log shows; they are part of every fit.
     memo, kept : dict
@@ -161,6 +165,8 @@ class Record:
     unseen: float = 0.0
     records: tuple[Span, ...] = ()
     shifts: tuple[tuple[float, float], ...] = ()
+    wrong: float = WRONG_TORQUE
+    left_out: tuple[tuple[float, float], ...] = ()
     lines: tuple[int, ...] = ()
     memo: Memo = field(default_factory=dict, repr=False)
     kept: Memo = field(default_factory=dict, repr=False)
@@ -384,6 +390,7 @@ def _made(
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], (*few, *prepared.notes),
         None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
         sampling_told=drive_sampling(design, log).told, unseen=_in_gaps(log), records=log.records,
+        wrong=wrong,
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from pmsm_ctrl.regression.notices import WORSE_THAN_GIVEN
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.section import Notice
 
-__all__ = ["worse_by_error", "worse_than_given"]
+__all__ = ["torque_error", "worse_by_error", "worse_than_given"]
 
 # Error over that of the given design from which on a design is worse: by less two fits of one log differ that weigh
 # reversals differently.
@@ -26,6 +26,18 @@ def worse_by_error(found: float, given: float) -> Notice | None:
     return WORSE_THAN_GIVEN(percent=100.0 * found, given=100.0 * given) if found > WORSE * given else None
 
 
+def torque_error(design: Design, record: Record) -> tuple[float, float]:
+    """Return rms and relative error of the torque that a design predicts of a record, as `compare` gives it.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    """
+    prediction = predict(design, record)
+    return errors(prediction.record, prediction.residual, ("torque",))["torque"]
+
+
 def worse_than_given(given: Design, found: Design, record: Record) -> Notice | None:
     """Return the same for two designs and the record that one was fitted to, each with the sampling that suits it best.
 
@@ -34,7 +46,4 @@ def worse_than_given(given: Design, found: Design, record: Record) -> Notice | N
     given, found : Design
     record : Record
     """
-    if found is given:
-        return None
-    predictions = (predict(design, record) for design in (found, given))
-    return worse_by_error(*(errors(p.record, p.residual, ("torque",))["torque"][1] for p in predictions))
+    return worse_by_error(torque_error(found, record)[1], torque_error(given, record)[1])

@@ -35,7 +35,7 @@ from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
 from pmsm_ctrl.regression.weights import WRONG_TORQUE
 
-__all__ = ["sampling_of", "timed_record"]
+__all__ = ["of_one_axis", "sampling_of", "timed_record"]
 
 ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
 # Angle, rad, up to which two moments describe a filtered signal: the third is 0.1 % of it then.
@@ -70,7 +70,7 @@ def timed_record(design: Design, log: Log) -> Record:
     record = _widened(design, log, timed, fit)
     record, fit = _weighed(design, log, record, fit if record is timed else base_fit(design, record))
     if record.records:
-        record = _of_one_axis(design, record)
+        record = of_one_axis(design, record)
         fit = base_fit(design, record)
     return _with_lines(record, fit)
 
@@ -122,8 +122,14 @@ def _timed(design: Design, log: Log) -> tuple[Record, Estimated]:
     return record, fit
 
 
-def _of_one_axis(design: Design, record: Record) -> Record:
-    """Weigh several records by their noise, and bring their angles to one zero."""
+def of_one_axis(design: Design, record: Record) -> Record:
+    """Weigh several records by their noise, and bring their angles to one zero.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    """
     fit = base_fit(design, record)
     weighed = with_noise_of_records(record, record.target - fit.plain.predicted())
     if weighed is not record:

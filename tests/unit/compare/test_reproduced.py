@@ -15,6 +15,10 @@ from pmsm_ctrl.diagnose import add, diagnose
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression import kept
+from pmsm_ctrl.regression.balances import STANDSTILL, make_record
+from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.drive_timing import DriveTiming
+from pmsm_ctrl.regression.evaluated import record_as_evaluated, with_evaluation
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.simulate import simulate
@@ -43,10 +47,44 @@ def test_errors_a_written_design_are_those_of_the_diagnosis(
     assert nominal.relative > 1.3 * written.relative
 
 
+@pytest.mark.parametrize(("start", "stop", "along"), [(10.8, 11.3, False), (10.8, 1e9, True)], ids=["push", "step"])
+def test_what_the_diagnosis_left_out_is_left_out(
+    seed_motor: Design, start: float, stop: float, along: bool, tmp_path: Path
+) -> None:
+    log = simulate(seed_motor, "triangle", seed=1)
+    inside = (log.t >= start) & (log.t < stop)
+    sign = np.sign(log["omega"]) if along else np.sin(np.pi * np.clip((log.t - start) / (stop - start), 0.0, 1.0))
+    current = 0.015 * inside * sign / seed_motor.K_t_assumed
+    log = log.with_channels(i_q=log["i_q"] + current, u_q=log["u_q"] + 19.0 * current)
+    found = diagnose(seed_motor, log, plan=False)
+    assert found.events
+    judged = found.errors["final"]["torque"]["relative"]
+    written = Design.read(found.design.write(tmp_path / "new.toml"))
+    assert written == found.design
+    seen = compare(written, log).log
+    assert seen.errors["torque"].relative == pytest.approx(judged, rel=1e-3)
+    assert {"left_out_when_fitted", "other_friction_when_fitted"} & {notice.code for notice in seen.notices}
+    apart = compare(written, log.with_channels(temperature=np.zeros(len(log)))).log  # another log: all of it is judged
+    assert apart.errors["torque"].relative > 1.2 * judged
+
+
+@pytest.mark.parametrize("cutoff", [20.0, 80.0])
+def test_the_log_is_read_in_the_band_of_the_fit(seed_motor: Design, cutoff: float) -> None:
+    log = simulate(seed_motor, "triangle", seed=54214)
+    timing = DriveTiming(2e-4, 1e-3)
+    record = make_record(seed_motor, log, Processing(standstill=STANDSTILL, cutoff=cutoff), 0.0, timing, 0.01)
+    written = with_evaluation(seed_motor, record, log)
+    again = record_as_evaluated(written, log)
+    np.testing.assert_array_equal(again.target, record.target)
+    np.testing.assert_array_equal(again.weight, record.weight)
+    usual = record_as_evaluated(written, log.slice(0, len(log) - 1))
+    assert usual.cutoff == timed_record(seed_motor, log).cutoff != cutoff
+
+
 def test_what_add_writes_explains_as_much_as_its_own_fit(seed_motor: Design) -> None:
     log = simulate(seed_motor, "triangle", truth=seed_motor.with_effect("presliding", PRESLIDING), seed=54211)
     written = add(seed_motor, log, "presliding")
-    record = timed_record(written, log)
+    record = timed_record(seed_motor, log)
     seen = errors(record, predict(written, record).residual)["torque"][1]
     assert compare(written, log).log.errors["torque"].relative == pytest.approx(seen, rel=1e-6)
     assert seen < 0.9 * compare(seed_motor, log).log.errors["torque"].relative

@@ -1,0 +1,43 @@
+"""The design that a diagnosis writes is judged itself, as `compare` will judge it, and not the fit it was made from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors
+from pmsm_ctrl.regression.evaluated import with_evaluation
+from pmsm_ctrl.regression.kept import torque_error, worse_by_error
+
+__all__ = ["as_written"]
+
+
+def as_written(case: Case, found: Diagnosis) -> Diagnosis:
+    """Return the answer with the torque errors of the given design and of the one that is written.
+
+    Where that is worse than the given one, the given one stays.
+
+    Parameters
+    ----------
+    case : Case
+    found : Diagnosis
+    """
+    if found.design is case.design or case.believed is None:
+        return found
+    record = found.record
+    given, written = (torque_error(design, record) for design in (case.design, found.design))
+    errors = dict(found.errors)
+    for rung, (rms, relative) in (("nominal", given), ("final", written)):
+        own = {"rms": rms, "unit": record.unit("torque"), "relative": relative}
+        errors[rung] = {**errors[rung], "torque": own}
+    found = replace(found, errors=errors, steps=_ending_at(found, errors["final"]))
+    worse = worse_by_error(written[1], given[1])
+    if worse is None:
+        return replace(found, design=with_evaluation(found.design, record, case.believed.log))
+    warned = dict.fromkeys((*found.reasons, worse, *found.notices))
+    return replace(found, design=case.design, improved=False, notices=tuple(warned))
+
+
+def _ending_at(found: Diagnosis, final: Errors) -> tuple[DiagnosisStep, ...]:
+    """Return the steps, the last of which ends at the final error."""
+    return (*found.steps[:-1], *(replace(step, error_after=final) for step in found.steps[-1:]))

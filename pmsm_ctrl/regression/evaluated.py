@@ -1,0 +1,82 @@
+"""The table `[evaluated]` of a fitted design: how its log was read, written and read again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pmsm_ctrl.design import Design, Evaluated
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
+from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.drive_timing import DriveTiming
+from pmsm_ctrl.regression.timed_record import of_one_axis, timed_record
+
+__all__ = ["record_as_evaluated", "with_evaluation", "without_stretches"]
+
+AROUND = 2.0  # periods of the cutoff that are left out on either side of a stretch
+
+
+def with_evaluation(design: Design, record: Record, log: Log) -> Design:
+    """Return the design with how the log that it was fitted to was read.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+        As it was judged.
+    log : Log
+        The log that the record was made from.
+    """
+    made = Evaluated(
+        log=log.fingerprint,
+        cutoff=record.cutoff,
+        late=record.timing.late,
+        filter=record.timing.lag,
+        age=record.age or 0.0,
+        weight=record.wrong,
+        encoder_lines=record.lines,
+        left_out=record.left_out,
+        changes=record.changes,
+    )
+    return design.model_copy(update={"evaluated": made})
+
+
+def record_as_evaluated(design: Design, log: Log) -> Record:
+    """Condition a log: as it was read when the design was fitted to it, or as every fit reads it.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    """
+    known = design.evaluated
+    if not known.log or known.log != log.fingerprint:
+        return timed_record(design, log)
+    processing = Processing(standstill=STANDSTILL, cutoff=known.cutoff)
+    record = make_record(design, log, processing, known.age, DriveTiming(known.late, known.filter), known.weight)
+    record = without_stretches(record, known.left_out, known.changes)
+    record = of_one_axis(design, record) if record.records else record
+    return replace(record, lines=known.encoder_lines)
+
+
+def without_stretches(
+    record: Record, stretches: Sequence[tuple[float, float]], changes: Sequence[float] = ()
+) -> Record:
+    """Return the record with stretches of time masked, and with steps of the dry friction as changes that are fitted.
+
+    Parameters
+    ----------
+    record : Record
+    stretches : sequence of (float, float)
+        Begin and end, s.
+    changes : sequence of float
+        s.
+    """
+    mask, around = record.mask.copy(), AROUND / record.cutoff
+    for start, stop in stretches:
+        mask &= (record.t < start - around) | (record.t > stop + around)
+    return replace(
+        record, mask=mask, left_out=(*record.left_out, *stretches), changes=(*record.changes, *changes), memo={},
+        kept={},
+    )  # fmt: skip
