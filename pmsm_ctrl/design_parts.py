@@ -246,7 +246,7 @@ class EffectEntry(Part):
 class Compensation(Part):
     """Feedforward friction compensation."""
 
-    source: Literal["reference", "commanded", "measured", "adaptive"] = "reference"
+    source: Literal["reference", "commanded", "measured", "adaptive", "observer"] = "reference"
     gain: NonNegative | None = Field(
         default=None,
         description="share of the modelled friction that is fed forward; left out: none, and a code export takes 1",
@@ -260,6 +260,10 @@ class Compensation(Part):
     dead_zone: NonNegative = Field(default=0.0, description="speed up to which the direction counts as 0, rad/s")
     limit: Positive | None = Field(
         default=None, description="largest current that is fed forward, A peak; left out: the drive's i_max"
+    )
+    bandwidth: Positive | None = Field(default=None, description="of the disturbance observer (source observer), rad/s")
+    inertia: Positive | None = Field(
+        default=None, description="inertia that the observer assumes, kg m^2; left out: the controller's"
     )
 
     @property

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pmsm_ctrl.compensate.metrics import CHANGE, UNITS
 from pmsm_ctrl.compensate.motions import named_trial
-from pmsm_ctrl.compensate.runs import count_angle, judge, run_trial, scaled
+from pmsm_ctrl.compensate.runs import count_angle, judge, off_by, run_trial
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.errors import DesignError, RequestError, nearest
 from pmsm_ctrl.log import Log
@@ -85,7 +85,7 @@ def accept(design: Design, wanted: Acceptance, *, seed: int = 0) -> Verdict:
             "compensation and needs a gain above 0"
         )
     off = design.model_copy(update={"compensation": chosen.model_copy(update={"gain": 0.0})})
-    believed = design if wanted.factor == 1.0 else scaled(design, chosen.effects, wanted.factor)
+    believed = off_by(design, wanted.factor)
     with_it = run_trial(believed, trial, truth=design, seed=seed)
     without = with_it if chosen.share == 0.0 else run_trial(off, trial, truth=design, seed=seed)
     name = wanted.metric.removesuffix("_change")

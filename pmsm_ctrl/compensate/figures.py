@@ -17,15 +17,22 @@ if TYPE_CHECKING:
 __all__ = ["acceptance", "gain_sweep"]
 
 # Colours of Okabe and Ito, distinguishable with any colour vision.
-BLUE, GREEN, RED = "#0072B2", "#009E73", "#D55E00"
+BLUE, GREEN, RED, PURPLE = "#0072B2", "#009E73", "#D55E00", "#CC79A7"
 
 
 def gain_sweep(study: CompensationStudy) -> Figure:
     """Draw error and limit cycle against the gain, for each source."""
     figure, upper, lower = _panels()
-    for (source, window), colour in zip(study.windows.items(), (BLUE, GREEN, RED), strict=False):
+    for (source, window), colour in zip(study.windows.items(), (BLUE, GREEN, RED, PURPLE), strict=False):
         percent = 100.0 * window.gains
-        upper.plot(percent, 100.0 * window.rms, "o-", color=colour, markersize=3, label=f"{source} speed")
+        upper.plot(
+            percent,
+            100.0 * window.rms,
+            "o-",
+            color=colour,
+            markersize=3,
+            label=source,
+        )
         lower.plot(percent, 1e3 * window.cycle, "o-", color=colour, markersize=3)
         for axis in (upper, lower):
             axis.axvline(100.0 * window.safe, color=colour, linestyle=":", linewidth=1.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -9,6 +11,7 @@ from pmsm_ctrl.compensate.metrics import UNITS
 from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP
 from pmsm_ctrl.compensate.notices import sentence
 from pmsm_ctrl.compensate.result import CompensationStudy, Variant
+from pmsm_ctrl.compensate.window import FACTORS
 from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.section import Picture, Section, Table, present
 
@@ -37,7 +40,8 @@ METHOD = (
 def _(result: CompensationStudy) -> Section:
     return Section(
         f"Friction compensation of {result.design.name}",
-        (_verdict(result), *result.notices, _windows(result), _changes(result), *_rest(result), *_acceptance(result),
+        (_verdict(result), *result.notices, _windows(result), _changes(result), *_observer(result), *_rest(result),
+         *_acceptance(result),
          METHOD, Picture(lambda: _figure(result), "Where the lower curve is above zero, the axis oscillates at rest."),
          _sweep(result), _runs(result)),
     )  # fmt: skip
@@ -50,7 +54,8 @@ def _figure(result: CompensationStudy) -> Figure:
 
 
 def _verdict(result: CompensationStudy) -> str:
-    text = ", ".join(f"{percent(w.safe, 0)} with {w.source}-speed" for w in result.windows.values()) + " feedforward"
+    speeds = [w for w in result.windows.values() if w.source != "observer"]
+    text = ", ".join(f"{percent(w.safe, 0)} with {w.source}-speed" for w in speeds) + " feedforward"
     if result.verdicts:
         met = sum(verdict.passed for verdict in result.verdicts)
         text += f"; acceptance: {met}/{len(result.verdicts)} limits met"
@@ -59,7 +64,7 @@ def _verdict(result: CompensationStudy) -> str:
 
 def _windows(result: CompensationStudy) -> Table:
     rows = tuple(
-        (f"{w.source} speed", percent(w.safe, 0), percent(w.best, 0),
+        (w.source if w.source == "observer" else f"{w.source} speed", percent(w.safe, 0), percent(w.best, 0),
          w.limited_by or "end of the sweep", "none" if w.hint is None else f"from {percent(w.hint, 0)}")
         for w in result.windows.values()
     )  # fmt: skip
@@ -80,6 +85,58 @@ def _changes(result: CompensationStudy) -> Table:
     )  # fmt: skip
     caption = "Change of the RMS position error against no compensation; peak, quadrant: largest error after a reversal"
     return Table(("compensated", *(title for title, *_ in SHOWN)), rows, caption)
+
+
+def _observer(result: CompensationStudy) -> tuple[str | Table, ...]:
+    """Friction feedforward beside the disturbance observer: error left, what they cost, and which is worth it."""
+    found = result.observer
+    if found is None:
+        return ("A disturbance observer was not tried: the loops leave no margin for one.",)
+    rows = []
+    for variant in (Variant.ALL, Variant.OBSERVER):
+        changes = (
+            f"{100.0 * max(result.change(variant, metric, f) for f in FACTORS):+.0f} %"
+            for metric in ("rms", "reversal_peak", "noise")
+        )
+        loop = found.after if variant == Variant.OBSERVER else found.before
+        corner = found.worst.speed if variant == Variant.OBSERVER else found.worst_before
+        safe = result.windows["observer" if variant == Variant.OBSERVER else "reference"].safe
+        rows.append(
+            (variant, *changes, f"{loop.phase_margin:.0f} deg", f"{loop.sensitivity_peak:.2f}",
+             f"{corner.sensitivity_peak:.2f}", percent(safe, 0))
+        )  # fmt: skip
+    header = ("", "reversals", "peak", "noise", "phase margin", "abs(S)", "worst corner", "safe gain")
+    caption = (
+        "Worst change with parameters right and 20 % wrong (of the observer: its inertia); bandwidth of the observer "
+        f"{found.bandwidth / (2.0 * math.pi):.0f} Hz; margins at the motor's current, position controlled; worst "
+        f"corner of the tolerances: {found.worst.name}"
+    )
+    return _worth(result), Table(header, tuple(rows), caption)
+
+
+def _worth(result: CompensationStudy) -> str:
+    """Say whether friction feedforward is worth its model, beside an observer that needs none."""
+
+    def left(variant: Variant, factors: Iterable[float]) -> tuple[float, float]:
+        changes = (max(result.change(variant, m, f) for f in factors) for m in ("rms", "reversal_peak"))
+        rms, peak = (1.0 + change for change in changes)
+        return rms, peak
+
+    (right, wrong), (observed, off) = ((left(v, (1.0,)), left(v, FACTORS)) for v in (Variant.ALL, Variant.OBSERVER))
+    told = "; ".join(
+        f"{when} {percent(a[0], 0)} of the RMS error and {percent(a[1], 0)} of the peak at reversals are left, with "
+        f"the observer {percent(b[0], 0)} and {percent(b[1], 0)}"
+        for when, a, b in (("with the right parameters", right, observed), ("20 % wrong", wrong, off))
+    )
+    cycles = [r for r in result.table if r.variant == Variant.OBSERVER and r.metrics.cycle_amplitude > 0.0]
+    rest = f". With the observer the axis has a limit cycle at rest ({cycles[0].motion})" if cycles else ""
+    if right <= observed and wrong[0] <= off[0]:
+        verdict = "worth its model here"
+    elif right >= observed and wrong[0] >= off[0]:
+        verdict = "not worth its model here"
+    else:
+        verdict = "worth its model where the friction is known well"
+    return f"Friction feedforward is {verdict}: {told}{rest}."
 
 
 def _rest(result: CompensationStudy) -> tuple[Table, ...]:

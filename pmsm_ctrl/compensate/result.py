@@ -15,6 +15,7 @@ from pmsm_ctrl.compensate.window import GainWindow
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
+from pmsm_ctrl.tune.observer import ObserverDesign
 
 __all__ = ["CompensationStudy", "Row", "Variant", "own_change"]
 
@@ -49,6 +50,7 @@ class Variant(StrEnum):
     COMMANDED = "all effects, commanded speed"
     ADAPTIVE = "adaptive"
     PERFECT = "perfect model"
+    OBSERVER = "disturbance observer"
     FLOOR = "axis without friction"
 
 
@@ -89,6 +91,8 @@ class CompensationStudy(Result):
         Limit cycle at rest without compensation, solved exactly for loops without lags; None when there is none.
     verdicts : tuple of Verdict
         Of the design's own acceptance.
+    observer : ObserverDesign or None
+        The disturbance observer that friction feedforward is compared with; None where the loops leave no margin.
     """
 
     design: Design
@@ -97,6 +101,7 @@ class CompensationStudy(Result):
     not_compensated: tuple[str, ...] = ()
     theory: Hunting | None = None
     verdicts: tuple[Verdict, ...] = ()
+    observer: ObserverDesign | None = None
 
     @property
     def accepted(self) -> bool:
@@ -113,7 +118,7 @@ class CompensationStudy(Result):
         window = self.windows.get("reference" if source == "adaptive" else source)
         if window is not None and gain > window.safe:
             out.append(notices.UNSAFE_DESIGN(gain=100.0 * gain, source=source, safe=100.0 * window.safe))
-        short = (window for window in self.windows.values() if window.safe < 1.0)
+        short = (window for source, window in self.windows.items() if window.safe < 1.0 and source != "observer")
         out += [notices.UNSAFE(source=window.source, safe=100.0 * window.safe) for window in short]
         if (floor := self._at_floor()) is not None:
             out.append(notices.FLOOR(change=100.0 * floor, own=-100.0 * self.friction_change(Variant.ALL)))
@@ -194,6 +199,13 @@ class CompensationStudy(Result):
             ],
             "windows": {
                 source: {**vars(window), "cycle_counts": window.cycle_counts} for source, window in self.windows.items()
+            },
+            "observer": None if self.observer is None else {
+                "bandwidth": self.observer.bandwidth, "worst_corner": self.observer.worst.name,
+                "sensitivity_peak": [
+                    self.observer.before.sensitivity_peak, self.observer.after.sensitivity_peak,
+                    self.observer.worst.speed.sensitivity_peak,
+                ],
             },
             "hunting_in_theory": None if self.theory is None else asdict(self.theory),
             "acceptance": [

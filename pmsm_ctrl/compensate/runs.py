@@ -15,7 +15,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.parameters import matched_filter
 
-__all__ = ["baseline", "compensated", "count_angle", "judge", "run_trial", "scaled"]
+__all__ = ["baseline", "compensated", "count_angle", "judge", "off_by", "run_trial", "scaled"]
 
 
 def baseline(design: Design) -> Design:
@@ -51,12 +51,13 @@ def compensated(
     ----------
     design : Design
     effects : iterable of str
-        Their ids.
+        Their ids; a disturbance observer needs none.
     gain : float
         Share of the modelled torque that is fed forward.
-    source : {"reference", "commanded", "measured", "adaptive"}
-        Speed from which it is computed.
+    source : {"reference", "commanded", "measured", "adaptive", "observer"}
+        Speed from which it is computed; or the disturbance observer, whose bandwidth the design states.
     factor : float
+        Of an observer's inertia.
 
     Returns
     -------
@@ -64,7 +65,27 @@ def compensated(
     """
     chosen = tuple(effects)
     changed = design.compensation.model_copy(update={"gain": gain, "source": source, "effects": chosen})
-    return scaled(design, chosen, factor).model_copy(update={"compensation": changed})
+    return off_by(design.model_copy(update={"compensation": changed}), factor)
+
+
+def off_by(design: Design, factor: float) -> Design:
+    """Return a design whose compensation assumes wrong parameters: those of its effects, or an observer's inertia.
+
+    Parameters
+    ----------
+    design : Design
+    factor : float
+        On the linear parameters.
+
+    Returns
+    -------
+    Design
+    """
+    chosen = design.compensation
+    if chosen.source != "observer":
+        return design if factor == 1.0 else scaled(design, chosen.effects, factor)
+    inertia = factor * (chosen.inertia or design.assumed.J or design.J)
+    return design.model_copy(update={"compensation": chosen.model_copy(update={"inertia": inertia})})
 
 
 def scaled(design: Design, effects: tuple[str, ...], factor: float) -> Design:

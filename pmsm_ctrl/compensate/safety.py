@@ -91,7 +91,7 @@ def _window(design: Design, gain: float) -> GainWindow:
     base, trials, motions = baseline(design), study_trials(design), judged(design)
     source = "reference" if design.compensation.source == "adaptive" else design.compensation.source
     chosen = [name for name in design.compensation.effects if any(e.id == name for e in design.effects)]
-    if Feedforward.of(compensated(base, chosen)) is None:
+    if source != "observer" and Feedforward.of(compensated(base, chosen)) is None:
         raise DesignError(f"{design.source or design.name}: no effect to compensate")
 
     def run(at: float, factor: float, name: str) -> Metrics:

@@ -15,12 +15,13 @@ from pmsm_ctrl.compensate.theory import describing_function_limit, hunting
 from pmsm_ctrl.compensate.window import FACTORS, GAINS, gain_window
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
-from pmsm_ctrl.errors import DesignError
+from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.simulate.feedforward import Feedforward
+from pmsm_ctrl.tune.observer import ObserverDesign, design_observer
 
 __all__ = ["SOURCES", "compensate"]
 
-SOURCES = ("reference", "commanded", "measured")
+SOURCES = ("reference", "commanded", "measured")  # of friction feedforward
 SIMPLE = ("coulomb", "viscous")  # the classical compensator, with which the others are compared
 
 
@@ -93,17 +94,22 @@ def compensate(
     base, advance = baseline(design), progress or (lambda share: None)
     runs = _Runs(truth if truth is not None else design, study_trials(design), seed)
     full = Feedforward.of(compensated(base, [entry.id for entry in design.effects])) if design.effects else None
+    observer = _observer(base)
+    if observer is not None:
+        limits = base.compensation.model_copy(update={"bandwidth": observer.bandwidth})
+        base = base.model_copy(update={"compensation": limits})
     if full is None:
         raise DesignError(f"{design.source or design.name}: effects: no friction to compensate; identify it first")
     every = tuple(dict.fromkeys(effect.id for effect in full.effects))
     chosen = tuple(name for name in every if name in design.compensation.effects)
     swept = chosen if design.compensation.share > 0.0 and chosen else every
-    rows, table = _compared(runs, base, every), []
+    rows, table = _compared(runs, base, every, observer is not None), []
     for row in rows:
         table.append(row)
         advance(0.5 * len(table) / (len(runs.trials) * (2 + (len(Variant) - 2) * len(FACTORS))))
     windows, motions = {}, judged(runs.plant)
-    for done, source in enumerate(SOURCES):
+    sources = SOURCES if observer is None else (*SOURCES, "observer")
+    for done, source in enumerate(sources):
 
         def run(gain: float, factor: float, name: str, source: str = source) -> Metrics:
             on = base if gain == 0.0 else compensated(base, swept, gain=gain, factor=factor, source=source)
@@ -112,12 +118,20 @@ def compensate(
         at_rest = [name for name, motion in motions.items() if motion.at_rest]
         window = gain_window(run, motions, source, gains=gains, at_rest=at_rest, resolution=count_angle(runs.plant))
         windows[source] = replace(window, hint=describing_function_limit(base, source))
-        advance(0.5 + 0.5 * (done + 1) / len(SOURCES))
+        advance(0.5 + 0.5 * (done + 1) / len(sources))
     verdicts = tuple(accept(design, wanted, seed=seed) for wanted in design.acceptance)
-    return CompensationStudy(design, tuple(table), windows, full.left_out, hunting(base), verdicts)
+    return CompensationStudy(design, tuple(table), windows, full.left_out, hunting(base), verdicts, observer)
 
 
-def _compared(runs: _Runs, base: Design, every: tuple[str, ...]) -> Iterator[Row]:
+def _observer(base: Design) -> ObserverDesign | None:
+    """Return the disturbance observer that the loops allow, at the design's own bandwidth where it states one."""
+    try:
+        return design_observer(base)
+    except RequestError:
+        return None
+
+
+def _compared(runs: _Runs, base: Design, every: tuple[str, ...], observed: bool) -> Iterator[Row]:
     """Run every variant on every trial, with the parameters right and wrong."""
     simple = tuple(name for name in SIMPLE if name in every)
     right = base.replace_effects(runs.plant.effects)
@@ -128,6 +142,7 @@ def _compared(runs: _Runs, base: Design, every: tuple[str, ...]) -> Iterator[Row
         Variant.COMMANDED: (base, every, "commanded"),
         Variant.ADAPTIVE: (base, every, "adaptive"),
         Variant.PERFECT: (right, tuple(entry.id for entry in right.effects), "reference"),
+        **({Variant.OBSERVER: (base, (), "observer")} if observed else {}),
     }
     yield from (Row(Variant.NONE, name, 1.0, runs.metrics(base, name)) for name in runs.trials)
     for variant, (start, chosen, source) in variants.items():

@@ -136,10 +136,12 @@ def _require_safe(design: Design) -> str:
 
     gain = exported_gain(design)
     verdict = gain_verdict(design, gain)
+    source = design.compensation.source
+    by = source if source == "observer" else f"{source} speed"
     if verdict.safe is False:
         raise RequestError(
             f"{design.source or design.name}: compensation.gain: {100.0 * gain:g} % with the "
-            f"{design.compensation.source} speed is not safe: {verdict.why}. `pmsm-ctrl compensate` finds the highest "
+            f"{by} is not safe: {verdict.why}. `pmsm-ctrl compensate` finds the highest "
             "safe gain; --force exports this one"
         )
     return verdict.why

@@ -11,7 +11,16 @@ from pmsm_ctrl.export.blocks import Block, Value, identifier, loop_gains
 from pmsm_ctrl.export.program import Flattener
 from pmsm_ctrl.export.trees import constant, name
 from pmsm_ctrl.export.writers import symbols_of
-from pmsm_ctrl.simulate.feedforward import READABLE, TRUSTED, core_lines, largest_current, smoothing_width
+from pmsm_ctrl.simulate.feedforward import (
+    READABLE,
+    TRUSTED,
+    core_lines,
+    estimate_lines,
+    largest_current,
+    limit_lines,
+    observer_values,
+    smoothing_width,
+)
 
 __all__ = ["Terms", "compensator", "direction_lines", "exported_gain"]
 
@@ -90,6 +99,8 @@ def compensator(design: Design) -> Block:
     RequestError
         When there is nothing to compensate, or an effect that a drive cannot evaluate.
     """
+    if design.compensation.source == "observer":
+        return _observer(design)
     effects = _compensated(design)
     if not effects:
         raise RequestError(f"{design.source or design.name}: no effect to compensate; identify friction first")
@@ -135,6 +146,45 @@ def compensator(design: Design) -> Block:
         constants=tuple(value for value in constants if value.name in used),
         arrays={"held": (len(adaptive),)} if adaptive else {}, start=first if adaptive else (),
         gains=loop_gains(design), linear=design.motion == "linear",
+    )  # fmt: skip
+
+
+def _observer(design: Design) -> Block:
+    """Return the disturbance observer; it observes also while it is not enabled, and so starts without a step."""
+    own = observer_values(design)
+    numbers = {
+        "K_t": Value("K_T", "N m/A, torque constant", design.K_t_assumed),
+        "gain": Value("GAIN", "1, share of the observed disturbance that is fed back", exported_gain(design)),
+        "limit": Value("LIMIT", "A, largest current that is added", largest_current(design)),
+        "bandwidth": Value("BANDWIDTH", "rad/s, of the observer", own["bandwidth"]),
+        "share": Value("SHARE", "1, of the filter per call: the speed controller's period is part of it", own["share"]),
+        "inertia": Value("INERTIA", "kg m^2, as assumed", own["inertia"]),
+    }
+    inputs = (
+        Value("omega", _SPEEDS["measured"]),
+        Value("applied", "current reference of the last call, as it was limited, A"),
+        Value("enable", "FALSE: nothing is added", kind="flag"),
+    )
+    outputs = (
+        Value("i_q_add", "current to add to the speed controller's output, A"),
+        Value("fault", "an input is not a number: nothing is added", kind="flag"),
+    )
+    lines = ["i_q_add = 0.0", "fault = True", "if isfinite(omega) and isfinite(applied):", "    fault = False"]
+    lines += ["    observed = held[0]", *(f"    {line}" for line in estimate_lines()), "    held[0] = observed"]
+    lines += ["    if enable:", *(f"        {line}" for line in limit_lines())]
+    given: dict[str, ast.expr] = {
+        **{key: constant(value.number, value.name) for key, value in numbers.items()},
+        **{value.name: name(value.name) for value in inputs},
+        "held": name("held"),
+    }
+    reserved = [value.name for value in (*inputs, *numbers.values(), *outputs)] + ["held"]
+    kept = {value.name for value in outputs} | {"held"}
+    flat = Flattener(reserved).program(ast.parse("\n".join(lines)).body, {}, given, kept)
+    first = Flattener(reserved).program(ast.parse("held[0] = 0.0").body, {}, given, {"held"}).statements
+    return Block(
+        identifier(design.name), "compensation", f"Disturbance observer of {design.name}", inputs, outputs, flat,
+        constants=tuple(numbers.values()), arrays={"held": (1,)}, start=first, gains=loop_gains(design),
+        linear=design.motion == "linear",
     )  # fmt: skip
 
 

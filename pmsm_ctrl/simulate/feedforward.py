@@ -19,7 +19,10 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.errors import DesignError
 
-__all__ = ["FIRST", "TRUSTED", "Feedforward", "compensation_lines", "core_lines", "largest_current", "smoothing_width"]
+__all__ = [
+    "FIRST", "TRUSTED", "Feedforward", "compensation_lines", "core_lines", "estimate_lines", "largest_current",
+    "limit_lines", "observer_values", "smoothing_width",
+]  # fmt: skip
 
 Array = NDArray[Any]
 
@@ -29,7 +32,7 @@ UNLIMITED = 1e6  # A, the limit of a drive without one
 COUNTS = 5.0  # of the encoder, over which the sign of a commanded speed is smoothed
 TRUSTED = 0.1  # standard error of a tracked value, as a share of it, below which it is fed forward
 # Speed of the feedforward: measured; of the reference; of the reference plus the position controller's output.
-SOURCES = {"measured": 0.0, "reference": 1.0, "adaptive": 1.0, "commanded": 2.0}
+SOURCES = {"measured": 0.0, "reference": 1.0, "adaptive": 1.0, "commanded": 2.0, "observer": 3.0}
 # Signals that a compensator in the drive can read. `torque` is the controller's demand without compensation.
 READABLE = ("omega", "direction", "theta", "torque", "i_q", "i_d", "p")
 
@@ -49,6 +52,9 @@ class Feedforward:
         ``coulomb.F_c``, ...
     left_out : tuple of str
         Ids of the effects that a drive cannot evaluate from its own signals.
+
+    A disturbance observer has no effects; its bandwidth (rad/s), its share per speed period and its inertia follow the
+    first seven values.
     """
 
     effects: tuple[Effect, ...]
@@ -88,6 +94,9 @@ class Feedforward:
         head = (chosen.share, smoothing_width(design), SOURCES[chosen.source], design.K_t_assumed)
         values = [*head, float(design.motor.p or 0), chosen.dead_zone, largest_current(design)]
         names = ["gain", "smoothing", "source", "K_t", "p", "dead_zone", "limit"]
+        if chosen.source == "observer":
+            own = observer_values(design)
+            return cls((), np.array([*values, *own.values()]), (*names, *own))
         effects, left_out = [], []
         for effect, parameters in bound_effects(design):
             if effect.id not in chosen.effects or not effect.active(parameters):
@@ -100,13 +109,56 @@ class Feedforward:
             names += [f"{effect.id}.{symbol}" for symbol in parameters]
         return cls(tuple(effects), np.array(values), tuple(names), tuple(left_out)) if effects else None
 
+    @property
+    def observes(self) -> bool:
+        """Whether this is a disturbance observer, which has a memory, and no effects."""
+        return bool(self.values[2] == SOURCES["observer"])
+
+    @property
+    def start(self) -> tuple[float, float]:
+        """The observer's memory per speed of the shaft, N m s/rad, and its last current, A."""
+        return float(self.values[HEAD] * self.values[HEAD + 2]), 0.0
+
     def widen(self, inputs: Array) -> Array:
         """Return the references with the compensation's values beside them, shape (n, 6 + m)."""
         return np.hstack([inputs, np.broadcast_to(self.values, (inputs.shape[0], self.values.size))])
 
 
-def compensation_lines(effects: Sequence[Effect]) -> list[str]:
+def observer_values(design: Design) -> dict[str, float]:
+    """Return the numbers of a design's disturbance observer: bandwidth, share per speed period, inertia.
+
+    Parameters
+    ----------
+    design : Design
+
+    Raises
+    ------
+    DesignError
+        When the design states no bandwidth.
+    """
+    chosen, where = design.compensation, design.source or design.name
+    if chosen.bandwidth is None:
+        raise DesignError(
+            f"{where}: compensation.bandwidth: missing; a disturbance observer needs it, in rad/s "
+            "(`pmsm-ctrl compensate` prints the highest one that the margins allow)"
+        )
+    share = 1.0 - math.exp(-chosen.bandwidth * design.drive.speed_period)
+    inertia = chosen.inertia or design.assumed.J or design.J
+    return {"bandwidth": chosen.bandwidth, "share": share, "inertia": inertia}
+
+
+def compensation_lines(effects: Sequence[Effect], observer: bool = False) -> list[str]:
     """Return the lines of the speed controller that add the feedforward to the current it wants."""
+    if observer:
+        return [
+            "gain, K_t, limit = reference[6], reference[9], reference[12]",
+            f"bandwidth, share, inertia = reference[{FIRST + HEAD}], reference[{FIRST + HEAD + 1}], "
+            f"reference[{FIRST + HEAD + 2}]",
+            "omega = omega_hat",
+            *estimate_lines(),
+            *limit_lines(),
+            "wanted += i_q_add",
+        ]
     if not effects:
         return []
     lines = [
@@ -143,8 +195,28 @@ def core_lines(terms: Sequence[str]) -> list[str]:
         "direction = 0.0 if abs(omega) <= dead_zone else direction",
         "torque = K_t * i_q",
         *terms,
-        "i_q_add = min(gain * feedforward / K_t, limit)",
-        "i_q_add = -min(-i_q_add, limit)",
+        *limit_lines(),
+    ]
+
+
+def limit_lines() -> list[str]:
+    """Return the lines that turn the torque `feedforward` into the limited current `i_q_add`."""
+    return ["i_q_add = min(gain * feedforward / K_t, limit)", "i_q_add = -min(-i_q_add, limit)"]
+
+
+def estimate_lines() -> list[str]:
+    """Return the lines of the disturbance observer: its memory `observed`, and its estimate `feedforward` in N m.
+
+    The estimate is the torque that the current `applied` in the last period makes, less the inertia times the
+    acceleration, through a first-order filter of the observer's bandwidth g; written so that the speed is not
+    differentiated: filter(K_t i_q + g J omega) - g J omega. It opposes the motion, as the terms do.
+
+    Source: K. Ohnishi, M. Shibata, T. Murakami, Motion control for advanced mechatronics, IEEE/ASME Trans.
+    Mechatronics 1 (1996) 56.
+    """
+    return [
+        "observed = observed + share * (K_t * applied + bandwidth * inertia * omega - observed)",
+        "feedforward = observed - bandwidth * inertia * omega",
     ]
 
 

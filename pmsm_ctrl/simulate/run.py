@@ -81,7 +81,7 @@ def simulate(
         When a state stops being finite, with the time.
     """
     drive = prepare(design, scenario, truth=truth)
-    module = load(drive.active, drive.feedforward.effects if drive.feedforward else (), compiled=compiled)
+    module = drive.kernel(compiled=compiled)
     return drive.log(run_kernel(module, drive, seed, progress), seed, keep_truth)
 
 
@@ -116,9 +116,23 @@ class Prepared:
         """Control periods to simulate."""
         return max(1, round(self.motion.duration / self.plant.period))
 
+    def kernel(self, *, compiled: bool = True) -> ModuleType:
+        """Return the module that simulates this drive, compiled or in plain Python."""
+        compensated = self.feedforward.effects if self.feedforward is not None else ()
+        return load(self.active, compensated, compiled=compiled, observer=self.observes)
+
+    @property
+    def observes(self) -> bool:
+        """Whether the controller has a disturbance observer."""
+        return self.feedforward is not None and self.feedforward.observes
+
     def states(self) -> Array:
         """Return the kernel's initial states."""
-        return _start(self.motion, self.plant, self.active)
+        states = _start(self.motion, self.plant, self.active)
+        if self.feedforward is None or not self.observes:
+            return states
+        of_speed, current = self.feedforward.start
+        return np.concatenate([states, [of_speed * self.motion.omega_0, current]])
 
     def log(self, table: Array, seed: int, keep_truth: bool) -> Log:
         """Return the logged rows, shape (n, len(LOGGED)), as a log."""

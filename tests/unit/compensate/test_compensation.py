@@ -78,6 +78,17 @@ def test_adaptive_wins_while_the_axis_warms_up(study: CompensationStudy) -> None
     assert study.change("adaptive", "rms", 1.0, "warm-up") < fixed - 0.2
 
 
+def test_study_compares_with_a_disturbance_observer(study: CompensationStudy) -> None:
+    """On this axis the model is worth its while: the observer leaves more of the error and spends phase margin."""
+    assert study.observer is not None
+    assert study.observer.after.phase_margin < study.observer.before.phase_margin - 5.0
+    assert study.change("disturbance observer", "rms") > study.change("all effects", "rms") + 0.05
+    assert "Friction feedforward is worth its model" in study.summary(width=1000)
+    told = study.to_dict()["observer"]
+    assert told["bandwidth"] == study.observer.bandwidth
+    assert "observer" in study.windows
+
+
 def test_quadrant_glitch_of_the_circle(study: CompensationStudy) -> None:
     assert study.change("all effects", "reversal_peak", motion="circle") < -0.85
     assert study.change("all effects", "rms", motion="circle") < -0.80

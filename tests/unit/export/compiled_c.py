@@ -32,11 +32,13 @@ class Compensator:
         source.write_text(export(design, "c", force=True), encoding="utf-8")
         subprocess.run(["gcc", *FLAGS, str(source), "-o", str(library), "-lm"], check=True)
         held = source.read_text(encoding="utf-8").count("held[") > 0
+        observer = design.compensation.source == "observer"
         tracked = sum(name in design.compensation.effects for name in ("coulomb", "viscous")) if held else 0
+        inputs = 2 if observer else 4 + 2 * tracked
 
         class Memory(ctypes.Structure):
             _fields_ = (
-                *([("held", ctypes.c_double * tracked)] if held else []),
+                *([("held", ctypes.c_double * (1 if observer else tracked))] if held else []),
                 ("i_q_add", ctypes.c_double),
                 ("fault", ctypes.c_int),
             )
@@ -44,7 +46,7 @@ class Compensator:
         name, found = f"{identifier(design.name)}_compensation", ctypes.CDLL(str(library))
         self.memory = Memory()
         self._update = getattr(found, f"{name}_update")
-        self._update.argtypes = [ctypes.c_void_p] + [ctypes.c_double] * (4 + 2 * tracked) + [ctypes.c_int]
+        self._update.argtypes = [ctypes.c_void_p] + [ctypes.c_double] * inputs + [ctypes.c_int]
         self._update.restype = None
         begin = getattr(found, f"{name}_init")
         begin.argtypes, begin.restype = [ctypes.c_void_p], None
@@ -87,8 +89,11 @@ def simulate_with(compensator: Compensator, design: Design, motion: Scenario, tr
         commanded = filtered + controller.position_gain * (reference[0, 0] - theta)
         wanted = controller.speed_gain * (commanded - omega_hat) + states[6]
         wanted += controller.acceleration_feedforward * reference[0, 2] + reference[0, 3]
-        omega = {"reference": reference[0, 1], "commanded": commanded, "measured": omega_hat}[source]
-        reference[0, 3] += compensator(omega, theta, reference[0, 4], wanted)
+        if source == "observer":
+            reference[0, 3] += compensator(omega_hat, states[9])
+        else:
+            omega = {"reference": reference[0, 1], "commanded": commanded, "measured": omega_hat}[source]
+            reference[0, 3] += compensator(omega, theta, reference[0, 4], wanted)
         first, n = tick * divider, min(divider, drive.total - tick * divider)
         row += module.run(n, first, states, numbers, gains, drive.effects, reference, out[row:], noise)
     return drive.log(out[:row], seed, True)

@@ -24,11 +24,12 @@ def seed_motor(designs: Path) -> Design:
     return Design.read(designs / "seed_motor.toml")
 
 
-@pytest.mark.parametrize("source", ["reference", "commanded", "measured"])
+@pytest.mark.parametrize("source", ["reference", "commanded", "measured", "observer"])
 def test_the_compiled_c_in_the_loop_is_the_simulated_compensation(
     seed_motor: Design, tmp_path: Path, source: str
 ) -> None:
-    believed = compensated(baseline(seed_motor), SIMPLE, gain=0.9, source=source)
+    axis = baseline(seed_motor).replace(compensation={"bandwidth": 200.0})
+    believed = compensated(axis, SIMPLE, gain=0.9, source=source)
     motion = study_trials(seed_motor)["reversal 2 rad/s"].motions[0]
     compensator = Compensator(believed, tmp_path)
     short = type(motion)(motion.name, 0.6, motion.references, motion.control)
