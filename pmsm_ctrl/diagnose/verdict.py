@@ -89,8 +89,8 @@ def contradictions_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Notice, ...
     told = torque.explicable >= policy.explained_torque and _sharp(fit)
     names = POSITIVE if told else ELECTRICAL
     found = [notice for name in names if (notice := _impossible(fit, name, policy)) is not None]
-    clear = 1.0 - torque.explicable < (1.0 - policy.explained_torque) ** 3  # a noise floor below a third of the torque
-    if told and clear and torque.explained < policy.explained_torque * torque.explicable:
+    noise = torque.left <= policy.above_floor  # what is left: no model explains more then
+    if told and not noise and torque.explained < policy.explained_torque * torque.explicable:
         found.append(notices.UNRELATED_TORQUE(percent=100.0 * max(torque.explained, 0.0)))
     return tuple(found)
 

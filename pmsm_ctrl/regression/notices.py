@@ -9,6 +9,7 @@ __all__ = [
     "CHANNEL_LEFT_OUT",
     "COARSE_ANGLE",
     "DEAD_VOLTAGES",
+    "DRIVE_FILTERED",
     "ENCODER_LINES",
     "EQUAL_STEPS",
     "GAPS",
@@ -42,6 +43,11 @@ ENCODER_LINES = Template(
     "encoder_lines",
     "the angle has an error of {lines} periods a turn and {amplitude:.2g} rad, as encoders that interpolate so many "
     "lines have it: it is part of the model",
+)
+DRIVE_FILTERED = Template(
+    "drive_signal_filtered",
+    "the {quantity} was filtered before it was logged, with a time constant of about {lag:.2g} ms: that is undone "
+    "before everything else; if it is known, state it as filter in [log]",
 )
 EQUAL_STEPS = Template(
     "equal_steps",

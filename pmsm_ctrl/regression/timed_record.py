@@ -30,7 +30,7 @@ from pmsm_ctrl.regression.drive_timing import (
 )
 from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.model import AGE, FILTERED, FIXED, MOST_NOISE, noise_share
-from pmsm_ctrl.regression.notices import ENCODER_LINES
+from pmsm_ctrl.regression.notices import DRIVE_FILTERED, ENCODER_LINES, SHOWN_MS
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
 from pmsm_ctrl.regression.weights import WRONG_TORQUE
@@ -72,7 +72,7 @@ def timed_record(design: Design, log: Log) -> Record:
     if record.records:
         record = of_one_axis(design, record)
         fit = base_fit(design, record)
-    return _with_lines(record, fit)
+    return _with_filter_said(_with_lines(record, fit))
 
 
 def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
@@ -158,6 +158,14 @@ def _with_lines(record: Record, fit: Estimated) -> Record:
         return record
     said = (ENCODER_LINES(lines=lines, amplitude=amplitude) for lines, amplitude in found.items())
     return replace(record, lines=tuple(found), notes=(*record.notes, *said), kept={})
+
+
+def _with_filter_said(record: Record) -> Record:
+    """Return the record with a notice of the filter that was found and undone; one that is stated needs none."""
+    if record.sampling_told or 1e3 * record.timing.lag < SHOWN_MS:
+        return record
+    said = DRIVE_FILTERED(quantity=record.drive, lag=1e3 * record.timing.lag)
+    return replace(record, notes=(*record.notes, said))
 
 
 def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:

@@ -185,7 +185,7 @@ SPOILED: dict[str, Spoiled] = {
     "current late by 5 ms": Spoiled(lambda log, d, g: _late(log, 5e-3, *CURRENTS), ("not_synchronous", "delay")),
     "current late by 10 ms": Spoiled(lambda log, d, g: _late(log, 1e-2, *CURRENTS), ("not_synchronous", "delay")),
     "current late by 50 ms": Spoiled(lambda log, d, g: _late(log, 5e-2, *CURRENTS), ("not_synchronous", "delay")),
-    "current filtered, 2 ms": Spoiled(lambda log, d, g: _filtered(log, 2e-3), ("current_filtered", "consistent")),
+    "current filtered, 2 ms": Spoiled(lambda log, d, g: _filtered(log, 2e-3), ("drive_signal_filtered",)),
     "current filtered, 5 ms": Spoiled(lambda log, d, g: _filtered(log, 5e-3), ("current_filtered", "not_synchronous")),
     "current filtered, 20 ms": Spoiled(lambda log, d, g: _filtered(log, 2e-2), ("current_filtered", "not_synchronous")),
     "current held for 10 ms": Spoiled(lambda log, d, g: _held(log, 1e-2), ("held_channel",)),

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.level import Level, level_of
+from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.section import Notice
+from tests.unit.regression.test_drive_timing import believed, made
 
 DOUBT, HANDLED = Notice("torque_sign", "opposite sign"), Notice("time_gaps", "gaps")
 LOG = Log({"t": np.arange(3.0)})
@@ -106,6 +110,8 @@ def test_friction_may_be_anything_above_zero() -> None:
 
 def test_a_torque_that_does_not_belong_to_the_motion_is_implausible() -> None:
     assert verdict_of(fit_of(measured=10.0, left=9.0)) == ("implausible", ["unrelated_torque"])
+    # most of a torque near its noise floor is noise, not another axis'
+    assert verdict_of(fit_of(measured=2.4, left=1.9)) == ("inconclusive", ["little_explained"])
 
 
 def test_a_log_of_noise_decides_nothing() -> None:
@@ -142,3 +148,19 @@ def test_a_large_effect_that_was_refused_leaves_the_question_open(gain: float, r
     candidate = SimpleNamespace(effect=SimpleNamespace(label=lambda shape: "cogging"))
     fit.trials = [SimpleNamespace(gain=gain, p_value=1e-9, candidate=candidate, group=SimpleNamespace(shape={}))]
     assert verdict_of(fit, refused={"cogging": Refusal(reason, {"p": 0.5})}) == expected
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_no_effect_is_named_where_most_of_the_torque_is_unexplained(seed: int) -> None:
+    # a load that no motion tells is twice as large as all the rest; a wave of the shaft beside it is significant
+    log, rng = made(seed), np.random.default_rng(seed)
+    load, usual = np.zeros_like(log.t), float(np.std(log["i_q"]))
+    for _ in range(40):
+        load += rng.normal() * np.sin(2.0 * np.pi * rng.uniform(0.5, 8.0) * log.t + rng.uniform(0.0, 6.0))
+    wave = 0.5 * usual * np.sin(4.0 * log["theta"])
+    pushed = log.with_channels(i_q=log["i_q"] + 2.0 * usual / np.std(load) * load + wave)
+    found = diagnose(believed(), pushed, plan=False)
+    assert (found.verdict, found.steps) == ("inconclusive", ())
+    assert found.reasons[0].code == "little_explained"
+    named = diagnose(believed(), pushed, plan=False, policy=replace(POLICY, explained_torque=0.0))
+    assert [step.effect for step in named.steps] == ["cogging"]

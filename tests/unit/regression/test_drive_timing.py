@@ -129,15 +129,24 @@ def test_what_sampling_can_do_is_no_effect_and_is_reported(seed: int, sampled: d
     assert (found.verdict, names(found)) == ("consistent", [])
     assert found.timing.lag == 0.0
     assert found.timing.late == pytest.approx(delay, rel=0.05)
+    assert "drive_signal_filtered" not in found.to_dict()["warning_codes"]
     assert json.loads(json.dumps(found.to_dict()))["timing"]["late"] == found.timing.late
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_filter_of_the_current_is_no_effect_and_its_time_constant_is_reported(seed: int) -> None:
-    found = diagnose(believed(), made(seed, lag=3e-3), plan=False)
+@pytest.mark.parametrize(("lag", "said"), [(2e-3, "about 2 ms"), (3e-3, "about 3 ms")])
+def test_a_filter_of_the_current_is_no_effect_and_its_time_constant_is_reported(lag: float, said: str) -> None:
+    found = diagnose(believed(), made(1, lag=lag), plan=False)
     assert (found.verdict, names(found)) == ("consistent", [])
-    assert found.timing.delay == pytest.approx(3e-3, rel=0.05)
-    assert found.timing.lag == pytest.approx(3e-3, rel=0.05)
+    assert found.timing.delay == pytest.approx(lag, rel=0.05)
+    assert found.timing.lag == pytest.approx(lag, rel=0.05)
+    assert "drive_signal_filtered" in found.to_dict()["warning_codes"]
+    assert said in found.summary()
+
+
+def test_a_filter_that_the_log_states_is_not_said_again() -> None:
+    design = believed().replace(log={"sampling": "instant", "filter": 3e-3})
+    found = diagnose(design, made(1, lag=3e-3), plan=False)
+    assert "drive_signal_filtered" not in found.to_dict()["warning_codes"]
 
 
 @pytest.mark.parametrize("seed", [1, 2])
