@@ -212,8 +212,9 @@ class FrictionTracker:
         """Advance mean and covariance by one sample."""
         m, s, kf = self._m, self._s, self._kf
         dt = float(m[model.DT])
+        past = m[[model.PAST_SPEED, model.PAST_ALPHA]]
         alpha, *rates = model.acceleration(
-            kf.x[OMEGA], direction, *kf.x[F_C:THETA], m[model.TORQUE], m[model.KNOWN], dt
+            kf.x[OMEGA], direction, *kf.x[F_C:THETA], m[model.TORQUE], m[model.KNOWN], *past, dt
         )
         moved = kf.x.copy()
         moved[THETA] += dt * (moved[OMEGA] + 0.5 * dt * alpha)
@@ -246,11 +247,13 @@ class FrictionTracker:
         x, P = kf.x.copy(), kf.P.copy()
         kf.update(np.array([z]), HJacobian=lambda _: h.reshape(1, -1), Hx=lambda _: np.array([predicted]))
         if model.constant_speed(m, s):
-            rates = model.acceleration(x[OMEGA], direction, *x[F_C:THETA], m[model.TORQUE], m[model.KNOWN], 0.0)
+            past = m[[model.PAST_SPEED, model.PAST_ALPHA]]
+            rates = model.acceleration(x[OMEGA], direction, *x[F_C:THETA], m[model.TORQUE], m[model.KNOWN], *past, 0.0)
             K = kf.K[:, 0].copy()
             K[F_C], K[F_V] = model.keep_split(K[F_C], K[F_V], x[F_C], x[F_V], rates[2], rates[3])
             rest = np.eye(SIZE) - np.outer(K, h)
             kf.x, kf.P = x + K * y, rest @ P @ rest.T + s[model.R] * np.outer(K, K)
             event = model.CONSTANT if event == model.UPDATED else event
         kf.P = 0.5 * (kf.P + kf.P.T)
+        model.keep_past_speed(m, s, z)
         return event, (y, S)

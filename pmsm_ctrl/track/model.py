@@ -19,7 +19,7 @@ from pmsm_ctrl.kernels import OPTIONS, soundly_cached
 
 __all__ = [
     "EVENTS", "MEMORY", "NEVER", "SETTINGS", "STATES", "acceleration", "classify", "constant_speed", "fresh_speed",
-    "judge", "keep_split", "process_variance",
+    "judge", "keep_past_speed", "keep_split", "process_variance",
 ]  # fmt: skip
 
 
@@ -50,9 +50,9 @@ SETTINGS = PRIOR + SIZE
 # Numbers carried from sample to sample.
 (
     T_LAST, Z_LAST, TORQUE_LAST, KNOWN_LAST, SPEED_LAST, RUNNING, ELAPSED, MEAN, SPREAD, REJECTS, DT, SPEED,
-    TORQUE, KNOWN, SURGE, DUE, TREND, CALM, SEEN,
-) = range(19)  # fmt: skip
-MEMORY = 19
+    TORQUE, KNOWN, SURGE, DUE, TREND, CALM, SEEN, PAST_SPEED, PAST_ALPHA, Z_USED, SINCE,
+) = range(23)  # fmt: skip
+MEMORY = 23
 NEVER = -1e30  # time of the last sample before the first one; not NaN, which stops some controllers
 
 SPREAD_TIME = 1.0  # s over which the spread of abs(omega) is judged
@@ -75,12 +75,19 @@ def acceleration(
     J: float,
     torque: float,
     known: float,
+    past_speed: float,
+    past_alpha: float,
     dt: float,
 ) -> tuple[float, float, float, float, float, float]:
     """Mean acceleration over `dt` in one direction, and its derivatives by omega, F_c, F_v, T_load, J.
 
     ``J alpha = torque - F_c sgn(omega) - F_v omega - T_load - known``, the friction taken at the middle of the
     step (explicit midpoint rule). `torque` is the drive's, `known` that of all further effects, N m.
+
+    The derivatives by F_v and J are taken at `past_speed` and `past_alpha`, measured before the present interval.
+    Within it the controller answers the torque noise, so that torque, predicted motion and innovation share it: gains
+    that follow the predicted motion give a biased F_v (at 2 rad/s more than twice its value) and J. The past motion is
+    an instrument.
     """
     per_J = 1.0 / J
     rest = torque - coulomb(direction, F_c) - T_load - known
@@ -89,8 +96,8 @@ def acceleration(
     alpha = (rest - viscous(middle, F_v)) * per_J
     slope = viscous(1.0, F_v)
     share = (1.0 - bend * slope) * per_J
-    by_F_v = -(viscous(middle, 1.0) - bend * slope * viscous(omega, 1.0)) * per_J
-    return alpha, -slope * share, -coulomb(direction, 1.0) * share, by_F_v, -share, -alpha * per_J
+    by_F_v = -viscous(past_speed, 1.0) * share
+    return alpha, -slope * share, -coulomb(direction, 1.0) * share, by_F_v, -share, -past_alpha * per_J
 
 
 @shared
@@ -126,9 +133,17 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
             m[RUNNING] = 0.0
             return IMPLAUSIBLE
     floor = s[THRESHOLD]
-    if not (seen != 0.0 and abs(speed) > floor and abs(last) > floor and speed * last > 0.0):
+    onward = seen != 0.0 and speed * last > 0.0
+    if not (onward and abs(speed) > floor and abs(last) > floor):
+        # A run that slows down ends with a measurement. Were its last, unfinished interval dropped, the torque noise
+        # that slowed the axis would be missing from the mean of all intervals, and friction seem too low at low speed.
+        ending = m[RUNNING] != 0.0 and onward
         m[RUNNING] = 0.0
-        return STANDSTILL
+        if not ending:
+            return STANDSTILL
+        m[SINCE] += dt
+        m[DUE] = 1.0
+        return PREDICTED
     weight = dt / SPREAD_TIME
     step = abs(speed) - m[MEAN]
     if m[MEAN] == 0.0:
@@ -141,6 +156,7 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
         m[ELAPSED] = 0.0
         return STARTED
     m[ELAPSED] += dt
+    m[SINCE] += dt
     m[CALM] += dt
     m[DUE] = 0.0
     if m[ELAPSED] > s[INTERVAL] - 0.5 * dt:
@@ -171,6 +187,19 @@ def constant_speed(m, s):  # type: ignore[no-untyped-def]
     """Whether abs(omega) has varied too little, over SPREAD_TIME, to tell F_c from F_v."""
     limit = SPREAD_LIMIT * m[MEAN]
     return m[SPREAD] - s[SPEED_NOISE] * s[SPEED_NOISE] < limit * limit
+
+
+@shared
+def keep_past_speed(m, s, z):  # type: ignore[no-untyped-def]
+    """Note speed and acceleration up to the interval that a measurement ends, for the next one.
+
+    The speed is the mean between two used angles; of measured speeds the one before, whose noise has left the estimate.
+    """
+    speed = (z - m[Z_USED]) / m[SINCE] if s[FROM_ANGLE] != 0.0 else m[Z_USED]
+    m[PAST_ALPHA] = (speed - m[PAST_SPEED]) / m[SINCE]
+    m[PAST_SPEED] = speed
+    m[Z_USED] = z
+    m[SINCE] = 0.0
 
 
 @shared

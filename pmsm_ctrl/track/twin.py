@@ -26,9 +26,12 @@ from pmsm_ctrl.track.model import (
     KNOWN_LAST,
     LAG,
     OMEGA,
+    PAST_ALPHA,
+    PAST_SPEED,
     PREDICTED,
     PRIOR,
     REJECTED,
+    SINCE,
     SIZE,
     SPEED,
     STANDSTILL,
@@ -39,12 +42,14 @@ from pmsm_ctrl.track.model import (
     TORQUE,
     TORQUE_LAST,
     UPDATED,
+    Z_USED,
     R,
     acceleration,
     classify,
     constant_speed,
     fresh_speed,
     judge,
+    keep_past_speed,
     keep_split,
     process_variance,
 )  # fmt: skip
@@ -72,8 +77,9 @@ def predict(x, P, m, s, slow, a, u):
     half = 0.5 * dt
     direction = 1.0 if m[SPEED] > 0.0 else -1.0
     alpha, d_omega, d_c, d_v, d_load, d_J = acceleration(
-        x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE], m[KNOWN], dt
-    )
+        x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE], m[KNOWN],
+        m[PAST_SPEED], m[PAST_ALPHA], dt,
+    )  # fmt: skip
     a_omega = 1.0 + dt * d_omega
     a[F_C], a[F_V], a[T_LOAD], a[INERTIA] = dt * d_c, dt * d_v, dt * d_load, dt * d_J
     x[THETA] += dt * (x[OMEGA] + 0.5 * dt * alpha)
@@ -111,9 +117,11 @@ def restart(x, P, m, s, z):
     """Initialise speed and angle from the last samples; friction and its covariance stay."""
     direction = 1.0 if m[SPEED] > 0.0 else -1.0
     alpha, _, d_c, _, _, _ = acceleration(
-        m[SPEED], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE_LAST], m[KNOWN_LAST], 0.0
-    )
+        m[SPEED], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE_LAST], m[KNOWN_LAST],
+        m[PAST_SPEED], m[PAST_ALPHA], 0.0,
+    )  # fmt: skip
     x[OMEGA], variance, shared = fresh_speed(m, s, d_c, P[F_C, F_C], alpha)
+    m[PAST_SPEED], m[PAST_ALPHA], m[Z_USED], m[SINCE] = m[SPEED], alpha, z, 0.0
     for i in range(SIZE):
         P[OMEGA, i] = P[i, OMEGA] = 0.0
         P[THETA, i] = P[i, THETA] = 0.0
@@ -158,8 +166,9 @@ def measure(x, m, s, direction, h):
         return x[THETA]
     lag = s[LAG]
     alpha, d_omega, d_c, d_v, d_load, d_J = acceleration(
-        x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE_LAST], m[KNOWN_LAST], 0.0
-    )
+        x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE_LAST], m[KNOWN_LAST],
+        m[PAST_SPEED], m[PAST_ALPHA], 0.0,
+    )  # fmt: skip
     h[OMEGA], h[F_C], h[F_V], h[T_LOAD], h[INERTIA] = (
         1.0 - lag * d_omega,
         -lag * d_c,
@@ -216,12 +225,14 @@ def update(x, P, m, s, z, direction, h, u, v, K):
         K[i] = u[i] / S
     if P[F_C, F_C] > 0.0 and P[F_V, F_V] > 0.0 and constant_speed(m, s):
         _, _, d_c, d_v, _, _ = acceleration(
-            x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE], m[KNOWN], 0.0
-        )
+            x[OMEGA], direction, x[F_C], x[F_V], x[T_LOAD], x[INERTIA], m[TORQUE], m[KNOWN],
+            m[PAST_SPEED], m[PAST_ALPHA], 0.0,
+        )  # fmt: skip
         K[F_C], K[F_V] = keep_split(K[F_C], K[F_V], x[F_C], x[F_V], d_c, d_v)
         event = CONSTANT if event == UPDATED else event
     for i in range(SIZE):
         x[i] += K[i] * y
+    keep_past_speed(m, s, z)
     joseph(P, K, h, u, v, s[R])
     return event, innovation, variance
 
