@@ -58,6 +58,8 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     # `kill` unwinds the stack, so that temporary files are removed.
     with contextlib.suppress(ValueError):  # only the main thread may set a handler
         signal.signal(signal.SIGTERM, _terminate)
+    if sys.stdout is None:  # closed by the caller (`>&-`)
+        sys.stdout = io.TextIOWrapper(open(os.devnull, "wb"), encoding="utf-8")  # noqa: SIM115
     if isinstance(sys.stdout, io.TextIOWrapper):  # a Greek letter must not raise on a pipe without UTF-8
         sys.stdout.reconfigure(errors="replace")
     try:

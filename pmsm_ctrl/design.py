@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 import unicodedata
 from pathlib import Path
@@ -40,6 +41,8 @@ __all__ = [
 ]  # fmt: skip
 
 MAX_FILE = 1 << 24  # bytes of a design
+DEEPEST = 32  # parts of a dotted key
+_DEEP = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
 
 
 class Design(Part):
@@ -353,6 +356,8 @@ class Design(Part):
             if Path(path).stat().st_size > MAX_FILE:
                 raise DesignError(f"{path}: larger than {MAX_FILE >> 20} MB; a design in TOML was expected")
             text = Path(path).read_bytes().decode("utf-8")
+            if _DEEP.search(text):  # tomllib takes memory with the square of the depth
+                raise DesignError(f"{path}: a key of more than {DEEPEST} parts; a design in TOML was expected")
             data = tomllib.loads(text)
         except FileNotFoundError:
             message = f"{path}: no such file; a design in TOML was expected"
@@ -364,7 +369,7 @@ class Design(Part):
         except (tomllib.TOMLDecodeError, RecursionError) as error:
             raise DesignError(f"{path}: not valid TOML: {error}") from None
         except ValueError as error:  # a name with a zero byte
-            raise DesignError(f"{path!r}: cannot be read ({error})") from None
+            raise DesignError(f"{os.fspath(path)!r}: cannot be read ({error})") from None
         if not data:
             raise DesignError(f"{path}: empty; a design needs at least a [motor] table")
         return cls.from_dict(data, source=str(path))

@@ -60,7 +60,8 @@ def traces_figure(record: Record) -> Figure:
                 each.axvspan(stretch.start, stretch.stop, color=SHADE, alpha=0.35, linewidth=0)
     axes[0].legend(loc="upper right", fontsize="small")
     # a path can be wider than the figure
-    axes[0].set_title(f"Measured against predicted, {Path(record.name).name}; filtered, without standstill")
+    title = f"Measured against predicted, {Path(record.name).name}; filtered, without standstill"
+    axes[0].set_title(title, parse_math=False)
     axes[-1].set_xlabel("time [s]")
     return figure
 

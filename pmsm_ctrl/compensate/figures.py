@@ -52,7 +52,7 @@ def acceptance(verdict: Verdict) -> Figure:
     figure, upper, lower = _panels()
     head, _, rest = sentence(verdict).partition(" (")
     title = f"{verdict.design.name}, {head}"
-    figure.suptitle(f"{title}\n{rest.removesuffix(')')}" if rest else title, fontsize="medium")
+    figure.suptitle(f"{title}\n{rest.removesuffix(')')}" if rest else title, fontsize="medium", parse_math=False)
     for label, logs, colour in (
         ("without compensation", verdict.without, BLUE),
         ("as designed", verdict.with_it, RED),

@@ -73,7 +73,7 @@ def cache_folder() -> Path:
     ``PMSM_CTRL_CACHE`` names another place than ``~/.cache/pmsm_ctrl``.
     """
     base = os.environ.get("PMSM_CTRL_CACHE")
-    root = Path(base) if base else Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "pmsm_ctrl"
+    root = Path(base) if base else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pmsm_ctrl"
     return root / source_hash()
 
 

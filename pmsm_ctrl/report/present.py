@@ -208,6 +208,8 @@ def _curves(entries: Sequence[Entry]) -> Figure:
         axes.errorbar(places, [e.value for e in shown], bars, fmt="o-", color=colour, capsize=4)
         axes.set_ylabel(f"{symbol} [{shown[0].unit}]")
         axes.grid(alpha=0.3)
-    panels[-1].set_xticks(range(len(entries)), [entry.log for entry in entries], rotation=20, ha="right")
+    panels[-1].set_xticks(
+        range(len(entries)), [entry.log for entry in entries], rotation=20, ha="right", parse_math=False
+    )
     panels[-1].set_xlabel("record, in the order of the studies")
     return figure

@@ -30,6 +30,8 @@ INPUTS: tuple[str, ...] = ("theta_ref", "omega_ref", "alpha_ref", "i_q_add", "i_
 # Times within this of a knot belong to the later piece: k T and the knot may round differently.
 TIME_TOLERANCE = 1e-9
 
+MOST_PARTS = 100_000  # cycles, levels, moves or lines of one motion; each takes memory before the motion is simulated
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -107,10 +109,12 @@ def whole(scenario: str, name: str, value: float) -> int:
     Raises
     ------
     RequestError
-        When it is not a whole number from 1.
+        When it is not a whole number from 1 to `MOST_PARTS`.
     """
-    if not (math.isfinite(value) and value >= 1.0 and value == round(value)):
-        raise RequestError(f"scenario '{scenario}': {name}: found {value:g}; it should be a whole number from 1")
+    if not (1.0 <= value <= MOST_PARTS and value == round(value)):
+        raise RequestError(
+            f"scenario '{scenario}': {name}: found {value:g}; it should be a whole number from 1 to {MOST_PARTS}"
+        )
     return round(value)
 
 

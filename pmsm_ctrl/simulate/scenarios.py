@@ -53,7 +53,7 @@ def sweep(
     step = top / 20.0 if speed_step is None else speed_step
     slope = limits.acceleration if acceleration is None else acceleration
     require_positive("sweep", speed_max=top, speed_step=step, dwell=dwell, acceleration=slope)
-    count = round(2.0 * top / step)
+    count = whole("sweep", "2 speed_max / speed_step", max(1.0, float(np.round(2.0 * top / step))))
     levels = -top + step * np.arange(count + 1)
     approach = min(top / slope, 0.5 * dwell)
 

@@ -1,16 +1,27 @@
-"""No output of a command is one of its inputs; what cannot be written is told by its name."""
+"""Files, sizes and names that do harm: no output is an input, no size is a surprise, no name is a formula."""
 
 from __future__ import annotations
 
 import errno
 import os
+import sys
 from pathlib import Path
 
 import pytest
+from matplotlib.text import Text
 
-from pmsm_ctrl.cli import main
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl import Design, Log, compare, simulate
+from pmsm_ctrl.cli import app, main
+from pmsm_ctrl.console import run
+from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.files import atomic_path, require_distinct, write_text
+from pmsm_ctrl.log import Provenance
+from pmsm_ctrl.rendering.svg import inline_svg
+from pmsm_ctrl.report.history import Entry
+from pmsm_ctrl.report.present import history_section
+from pmsm_ctrl.result import Estimate
+from pmsm_ctrl.section import Picture
+from pmsm_ctrl.simulate import scenario
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 LOG = "t [s],omega [rad/s],torque [N m]\n" + "".join(f"{k * 1e-3:.3f},{k % 7},0.1\n" for k in range(20))
@@ -92,3 +103,58 @@ def test_a_full_disk_is_told_with_the_name_of_the_file(tmp_path: Path, monkeypat
     assert kept.read_text(encoding="utf-8") == "old"
     with pytest.raises(KeyError), atomic_path(kept):  # an error of the work itself is left as it is
         raise KeyError
+
+
+@pytest.mark.parametrize("key", ["a." * 100_000 + "b", '"a" . ' * 100_000 + "b", "[" + "a." * 100_000 + "b]\nc"])
+def test_a_design_with_a_key_of_many_parts_is_refused_before_it_is_read(key: str, tmp_path: Path) -> None:
+    path = tmp_path / "deep.toml"
+    path.write_text(f"{key} = 1\n", encoding="utf-8")
+    with pytest.raises(DesignError, match=r"deep\.toml: a key of more than 32 parts"):
+        Design.read(path)
+
+
+def test_an_integer_of_many_digits_is_refused_with_the_name_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "digits.toml"
+    path.write_text(f"x = {'1' * 5000}\n", encoding="utf-8")
+    with pytest.raises(DesignError, match=r"^'[^(]*digits\.toml': cannot be read"):
+        Design.read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("triangle", {"cycles": 1e9}), ("trapezoid", {"cycles": 1e9}), ("creep", {"count": 1e8}),
+        ("multisine", {"periods": 1e9}), ("positioning", {"count": 1e8}), ("sweep", {"speed_step": 1e-12}),
+        ("sweep", {"speed_max": 1e308, "speed_step": 1.0}),
+    ],
+)  # fmt: skip
+def test_the_size_of_a_motion_is_known_before_it_is_built(name: str, values: dict[str, float]) -> None:
+    with pytest.raises(RequestError, match="whole number from 1 to 100000"):
+        scenario(name, Design.read(SEED_MOTOR), **values)
+
+
+def test_an_empty_cache_variable_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pmsm_ctrl.kernels import cache_folder
+
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    monkeypatch.setenv("PMSM_CTRL_CACHE", "")
+    assert cache_folder().parent == Path.home() / ".cache" / "pmsm_ctrl"
+
+
+def test_a_closed_output_is_no_fault_of_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    assert run(app, ["--version"]) == 0
+
+
+def test_dollar_signs_in_a_name_are_no_formula() -> None:
+    """A log named so ended a study after all of its work: matplotlib takes text between two of them for a formula."""
+    design = Design.read(SEED_MOTOR)
+    log = simulate(design, "triangle").between(0.0, 8.0)
+    named = Log(log.channels, log.motion, provenance=Provenance(file="a$\\frac{$b.csv"))
+    entry = Entry("a$\\frac{$b.csv", ("", "", ""), {"F_c": Estimate(0.02, "N m", 1e-4)}, 0.1)
+    for section in (compare(design, named).section(), history_section((entry, entry))):
+        figures = [block.draw() for block in section.blocks if isinstance(block, Picture)]
+        for figure in figures:
+            inline_svg(figure, "p", "label")
+        texts = [text.get_text() for figure in figures for text in figure.findobj(Text)]
+        assert any("a$\\frac{$b.csv" in text for text in texts)
