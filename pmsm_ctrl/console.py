@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from pmsm_ctrl.errors import CacheWarning, PmsmCtrlError, RequestError
 from pmsm_ctrl.files import require_writable, write_text
@@ -25,7 +25,9 @@ __all__ = [
     "BAD_INPUT",
     "DONE",
     "NEGATIVE",
+    "STDOUT",
     "finish",
+    "json_to_stdout",
     "parse_map",
     "parse_values",
     "progress_bar",
@@ -40,6 +42,8 @@ INTERNAL = 70  # EX_SOFTWARE of sysexits.h: a fault of the program, not of its i
 INTERRUPTED = 128 + signal.SIGINT
 TERMINATED = 128 + signal.SIGTERM
 BROKEN_PIPE = 128 + getattr(signal, "SIGPIPE", 13)
+STDOUT = Path("-")  # of --json
+_answers: list[TextIO] = []  # the standard output that `json_to_stdout` keeps
 ISSUES = "the project's issue tracker"
 
 
@@ -169,7 +173,7 @@ def parse_values(entries: Sequence[str] | None) -> dict[str, float]:
 
 def writable(path: Path | None) -> Path | None:
     """Callback of an option that names an output: what cannot be written is refused before the work begins."""
-    if path is not None:
+    if path is not None and path != STDOUT:
         require_writable(path)
     return path
 
@@ -179,7 +183,22 @@ def write_json(path: Path, verb: str, data: Mapping[str, Any]) -> None:
     from pmsm_ctrl.result import jsonable
 
     content = {"schema": f"pmsm-ctrl/{verb}/1", **jsonable(data)}
-    write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    if path == STDOUT:
+        print(text, end="", file=_answers[-1])
+    else:
+        write_text(path, text)
+
+
+@contextlib.contextmanager
+def json_to_stdout() -> Iterator[None]:
+    """Keep standard output for the JSON of ``--json -``; what is printed besides goes to standard error."""
+    _answers.append(sys.stdout)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _answers.pop()
 
 
 def finish(verb: str, result: Result, *, json_file: Path | None = None, report: Path | None = None) -> None:

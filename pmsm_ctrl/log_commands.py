@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from pmsm_ctrl.console import NEGATIVE, finish, progress_bar, write_json
+from pmsm_ctrl.gates import FailOnOption, MaxErrorOption, require_accepted
 from pmsm_ctrl.options import (
     DesignOption,
     EffectsOption,
@@ -57,6 +58,8 @@ def compare(
     log: LogArgument,
     design: DesignOption,
     holdout: HoldoutOption = None,
+    fail_on: FailOnOption = None,
+    max_error: MaxErrorOption = None,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
@@ -71,6 +74,7 @@ def compare(
     with progress_bar(f"compare {axis.name}") as progress:
         result = run_comparison(axis, records, holdout=other, progress=progress)
     finish("compare", result, json_file=json_file, report=report)
+    require_accepted(result.verdict, result.records, fail_on, max_error)
 
 
 def diagnose(
@@ -86,6 +90,8 @@ def diagnose(
             help="simulations to estimate the false-alarm rate",
         ),
     ] = 0,
+    fail_on: FailOnOption = None,
+    max_error: MaxErrorOption = None,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
@@ -103,6 +109,7 @@ def diagnose(
     if not result.improved:
         raise typer.Exit(NEGATIVE)
     write_design(result.design, output)
+    require_accepted(result.verdict, result.records, fail_on, max_error)
 
 
 def add(

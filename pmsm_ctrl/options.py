@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 import typer.core
 
-from pmsm_ctrl.console import parse_map, writable
+from pmsm_ctrl.console import STDOUT, json_to_stdout, parse_map, writable
 from pmsm_ctrl.files import require_distinct
 
 if TYPE_CHECKING:
@@ -38,11 +39,12 @@ class Verb(typer.core.TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command after a look at the files that it names."""
-        outputs = [path for name in self.OUTPUTS if (path := ctx.params.get(name)) is not None]
+        outputs = [path for name in self.OUTPUTS if (path := ctx.params.get(name)) is not None and path != STDOUT]
         inputs = [one for name, value in ctx.params.items() if name not in self.OUTPUTS for one in _paths(value)]
         if outputs:
             require_distinct(outputs, inputs)
-        return super().invoke(ctx)
+        with json_to_stdout() if ctx.params.get("json_file") == STDOUT else nullcontext():
+            return super().invoke(ctx)
 
 
 def _paths(value: Any) -> Iterator[Path]:
@@ -98,7 +100,7 @@ MapOption = Annotated[
     list[str] | None,
     typer.Option("--map", "-m", metavar="CHANNEL=COLUMN", help="such as omega='speed [rpm]'; may be repeated"),
 ]
-JsonOption = Annotated[Path | None, output_option("FILE", "write the result as JSON", "--json")]
+JsonOption = Annotated[Path | None, output_option("FILE", "write the result as JSON; - for stdout", "--json")]
 ReportOption = Annotated[Path | None, output_option("FILE", "write the result as one HTML page", "--report")]
 HoldoutOption = Annotated[
     list[Path] | None,

@@ -1,0 +1,96 @@
+"""compare and diagnose as gates of an automatic check: what is not accepted gives exit status 1."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pmsm_ctrl.console import NEGATIVE
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.regression.record_result import RecordResult
+    from pmsm_ctrl.result import Verdict
+
+__all__ = ["FailOn", "FailOnOption", "MaxErrorOption", "require_accepted"]
+
+
+class FailOn(StrEnum):
+    """A verdict that fails; `MISSING` is ``effects_missing``, and `ANY` every verdict but ``consistent``."""
+
+    MISSING = "missing"
+    UNEXPLAINED = "unexplained"
+    IMPLAUSIBLE = "implausible"
+    INCONCLUSIVE = "inconclusive"
+    ANY = "any"
+
+    def meets(self, verdict: Verdict) -> bool:
+        """Whether a verdict is this one.
+
+        Parameters
+        ----------
+        verdict : Verdict
+        """
+        if self is FailOn.ANY:
+            return verdict.value != "consistent"
+        return verdict.value == ("effects_missing" if self is FailOn.MISSING else self.value)
+
+
+def _share(text: str) -> float:
+    """Read ``3%`` or ``0.03``."""
+    percent = text.strip().endswith("%")
+    try:
+        value = float(text.strip().rstrip("%"))
+    except ValueError:
+        value = -1.0
+    if not value > 0.0:
+        raise typer.BadParameter(f"'{text}': a share of the measured torque was expected, such as 3% or 0.03")
+    return 0.01 * value if percent else value
+
+
+FailOnOption = Annotated[
+    list[FailOn] | None,
+    typer.Option("--fail-on", metavar="VERDICT", help=f"exit status 1 for {', '.join(FailOn)}; may be repeated"),
+]
+MaxErrorOption = Annotated[
+    Any,
+    typer.Option(
+        "--max-error", metavar="SHARE", parser=_share, help="exit status 1 above this error of the torque, such as 3%"
+    ),
+]
+
+
+def require_accepted(
+    verdict: Verdict, records: Iterable[RecordResult], fail_on: Iterable[FailOn] | None, max_error: float | None
+) -> None:
+    """Leave with exit status 1 where a result is not accepted, with one line on stderr for each reason.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    records : iterable of RecordResult
+        With the errors that the model leaves, `after` where it was fitted; held-out ones count as well.
+    fail_on : iterable of FailOn, optional
+    max_error : float, optional
+        Largest relative error of the torque.
+
+    Raises
+    ------
+    typer.Exit
+        When the verdict is one of those, or the error of a record is larger.
+    """
+    failed = [f"the verdict is {verdict.value} (--fail-on {one})" for one in fail_on or () if one.meets(verdict)]
+    for record in records if max_error is not None else ():
+        error = (record.after or record.before)["torque"]["relative"]
+        if max_error is not None and not error <= max_error:
+            which = "held-out record" if record.held_out else "record"
+            failed.append(
+                f"error of {100.0 * error:.3g} % on the {which} {record.name}, --max-error {100.0 * max_error:.3g} %"
+            )
+    for line in failed:
+        print(f"pmsm-ctrl: failed: {line}", file=sys.stderr)
+    if failed:
+        raise typer.Exit(NEGATIVE)
