@@ -150,16 +150,32 @@ def add(
 def track(
     log: LogArgument,
     design: DesignOption,
+    estimate: Annotated[
+        str | None,
+        typer.Option(
+            "--estimate",
+            metavar="NAMES",
+            help="what is estimated beside F_c and F_v: T_load, J, T_load,J or none; "
+            "by default T_load where the axis reverses, and J where it accelerates",
+        ),
+    ] = None,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
     """Track F_c and F_v over a log with an extended Kalman filter."""
+    from pmsm_ctrl.log import as_logs
+    from pmsm_ctrl.track import Settings
     from pmsm_ctrl.track import track as run_tracking
 
+    names = () if estimate in (None, "none") else tuple(name.strip() for name in str(estimate).split(","))
+    Settings(estimate=names)  # an unknown name is refused before the log is read
     axis = read_design(design, effects)
-    result = run_tracking(axis, load_logs(log, axis, mapping))
+    logs = load_logs(log, axis, mapping)
+    measured = all("theta" in one for one in as_logs(logs))
+    settings = None if estimate is None else Settings(measure="theta" if measured else "omega", estimate=names)
+    result = run_tracking(axis, logs, settings)
     finish("track", result, json_file=json_file, report=report)
 
 

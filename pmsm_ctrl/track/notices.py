@@ -16,7 +16,7 @@ NOT_MOVED = Template("not_moved", "the axis never moved long enough: the estimat
 UNMODELLED_TORQUE = Template(
     "unmodelled_torque",
     "the torque noise is {factor:.2g} times that of the sensors: the log contains torque that the design does not "
-    "model; the error bands cover its size, not its shape",
+    "model; the error bands cover its size, not its shape{remedy}",
 )
 INCONSISTENT = Template(
     "inconsistent_innovations",

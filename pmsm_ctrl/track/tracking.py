@@ -78,7 +78,9 @@ def track(
     out = _filtered(design, settings, s, samples, adapt)
     raised = math.sqrt(s[model.TORQUE_DENSITY] / first) if first else 1.0
     if raised > 1.0:
-        doubts.append(notices.UNMODELLED_TORQUE(factor=raised))
+        missing = ",".join(name for name in ("T_load", "J") if name not in settings.estimate)
+        remedy = f"; a load or an inertia that the design does not know: --estimate {missing}" if missing else ""
+        doubts.append(notices.UNMODELLED_TORQUE(factor=raised, remedy=remedy))
     doubts += _doubts(settings, s, out)
     active = [model.STATES[k] for k in settings.active if k not in (model.OMEGA, model.THETA)]
     history = {name: out.estimates[:, model.STATES.index(name)] for name in active}

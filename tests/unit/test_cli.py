@@ -142,6 +142,19 @@ def test_track(tmp_path: Path, design: Path, log: Path) -> None:
     assert data["estimates"]["F_c"]["value"] == pytest.approx(0.02, rel=0.05)
 
 
+@pytest.mark.parametrize(("names", "more"), [("none", set()), ("T_load", {"T_load"}), ("T_load, J", {"T_load", "J"})])
+def test_track_estimates_what_is_asked_for(tmp_path: Path, design: Path, log: Path, names: str, more: set[str]) -> None:
+    result = tmp_path / "t.json"
+    assert call("track", log, "--design", design, "--estimate", names, "--json", result) == 0
+    assert set(json.loads(result.read_text(encoding="utf-8"))["estimates"]) == {"F_c", "F_v"} | more
+
+
+def test_track_refuses_to_estimate_what_it_cannot(capsys: pytest.CaptureFixture[str], design: Path, log: Path) -> None:
+    assert "found 'mass'; accepted: T_load, J" in refused(
+        capsys, "track", log, "--design", design, "--estimate", "mass"
+    )
+
+
 def test_map_names_foreign_columns(tmp_path: Path, design: Path, capsys: pytest.CaptureFixture[str]) -> None:
     foreign = tmp_path / "foreign.csv"
     t = np.arange(0, 5, 0.01)
