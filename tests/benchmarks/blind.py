@@ -37,7 +37,7 @@ from pmsm_ctrl.simulate.scenarios import scenario
 
 Array = NDArray[Any]
 
-DESIGN = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
+DESIGN = Path(__file__).resolve().parents[2] / "designs" / "hand_tuned.toml"
 
 # Middle strength of every effect on the reference motor; coulomb and viscous are hidden by leaving them out.
 MIDDLE: dict[str, dict[str, float]] = {

@@ -35,7 +35,7 @@ LEFT = ("delay",)  # the time of sampling is a nuisance of the same column
 
 def scores(effect_id: str, seed: int, scenario: str) -> dict[str, float]:
     """Return the error of every parameter over its standard error; NaN without one."""
-    design = Design.read(DESIGNS / "seed_motor.toml")
+    design = Design.read(DESIGNS / "hand_tuned.toml")
     effect = CATALOGUE[effect_id]
     rng = np.random.default_rng([seed, *effect_id.encode()])
     truth = {}

@@ -68,7 +68,7 @@ class Case:
 
 def cases() -> Iterator[Case]:
     """Logs that differ in motion, control, rate and friction."""
-    seed_motor = Design.read(ROOT / "designs" / "seed_motor.toml")
+    seed_motor = Design.read(ROOT / "designs" / "hand_tuned.toml")
     yield Case("all kinds of motion, 12 s", seed_motor, scenario("identification", seed_motor, duration=12.0))
     yield Case("triangle, 12 s", seed_motor, scenario("triangle", seed_motor, speed=150.0, period=2.0, cycles=6.0))
     yield Case(
@@ -252,7 +252,7 @@ class Alarms:
 
 def alarms(angle: float, cutoff: float, seeds: range) -> Alarms:
     """Test logs whose angle holds white noise (rad rms) for bias, with a band of `cutoff` Hz."""
-    design = Design.read(ROOT / "designs" / "seed_motor.toml")
+    design = Design.read(ROOT / "designs" / "hand_tuned.toml")
     motion = scenario("triangle", design, speed=150.0, period=2.0, cycles=4.0)
     processing = Processing(cutoff=cutoff)
     rejected, flagged, ordinary, unbiased = [], [], [], []

@@ -236,7 +236,7 @@ def clean_log(seed: int) -> tuple[Log, Design]:
         from pmsm_ctrl.simulate import simulate
         from tests.benchmarks.blind import motion
 
-        design = Design.read(Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml")
+        design = Design.read(Path(__file__).resolve().parents[2] / "designs" / "hand_tuned.toml")
         names = ("identification", "mixed", "moves", "servo")
         return simulate(design, motion(names[seed // 2 % 4], design, seed), seed=seed), design
     from tests.benchmarks.worlds.hidden import simulate_world

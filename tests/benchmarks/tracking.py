@@ -100,7 +100,7 @@ def row(name: str, figure: str, wanted: str) -> None:
 def main() -> None:
     """Print the table."""
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    design = Design.read(ROOT / "designs" / "seed_motor.toml")
+    design = Design.read(ROOT / "designs" / "hand_tuned.toml")
     triangle = scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0)
     log = simulate(design, triangle, seed=1)
     print("| what | measured | wanted |\n|---|---|---|")

@@ -182,7 +182,7 @@ def test_same_answer_twice(blind: ModuleType) -> None:
 
 
 def test_add_fits_the_effect_and_says_what_it_cannot(designs: Path) -> None:
-    design = Design.read(designs / "seed_motor.toml")
+    design = Design.read(designs / "hand_tuned.toml")
     truth = design.with_effect("constant_load", {"T_0": 0.003})
     log = simulate(design, "identification", truth=truth, seed=1)
     added = add(design, log, "constant_load")
@@ -197,7 +197,7 @@ def test_add_fits_the_effect_and_says_what_it_cannot(designs: Path) -> None:
 @pytest.mark.parametrize("seed", seeds(1, 2))
 def test_next_experiment_separates_what_one_speed_cannot(blind: ModuleType, designs: Path, seed: int) -> None:
     # at one speed each way a constant load and an asymmetry of viscous friction are both an offset
-    design = Design.read(designs / "seed_motor.toml")
+    design = Design.read(designs / "hand_tuned.toml")
     truth = design.with_effect("viscous_asymmetry", {"dF_v": 2e-5})
     one_speed = blind.scenario("warm_up", design, duration=20.0, acceleration=30000.0, dwell=1.5)
     first = diagnose(design, simulate(design, one_speed, truth=truth, seed=seed))
@@ -370,7 +370,7 @@ def test_a_delay_that_sampling_and_a_filter_explain_is_reported_as_their_timing(
 
 
 def test_slopes_keep_their_size_up_to_the_edge_of_the_band(designs: Path) -> None:
-    design = Design.read(designs / "seed_motor.toml")
+    design = Design.read(designs / "hand_tuned.toml")
     record = make_record(design, simulate(design, scenario("identification", design, duration=8.0), seed=1))
     for frequency in (5.0, 0.95 * record.prepared.cutoff):
         angle = 2.0 * np.pi * frequency * record.prepared.t

@@ -205,11 +205,10 @@ def test_hidden_stribeck_is_at_low_speed(seed_motor: Design, motion: str, seed: 
 
 
 @pytest.mark.parametrize("motion", ["identification", "triangle"])
-def test_hidden_cogging_is_at_its_order(seed_motor: Design, motion: str) -> None:
-    log = simulate_composed(
-        seed_motor, scenario(motion, seed_motor), seed_motor.with_effect("cogging", COGGING), seed=3
-    )
-    first = compare(seed_motor, log).log.structure["torque"].named[0]
+def test_hidden_cogging_is_at_its_order(designs: Path, motion: str) -> None:
+    soft = Design.read(designs / "hand_tuned.toml")
+    log = simulate_composed(soft, scenario(motion, soft), soft.with_effect("cogging", COGGING), seed=3)
+    first = compare(soft, log).log.structure["torque"].named[0]
     assert (first.coordinate, first.orders) == ("position", (24,))
     assert first.spectrum is not None
     amplitude, noise = first.spectrum

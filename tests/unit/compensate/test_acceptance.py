@@ -28,7 +28,7 @@ def run_pytest(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str
 
 @pytest.fixture(scope="module")
 def seed_text(request: pytest.FixtureRequest) -> str:
-    text = (request.config.rootpath / "designs" / "seed_motor.toml").read_text(encoding="utf-8")
+    text = (request.config.rootpath / "designs" / "hand_tuned.toml").read_text(encoding="utf-8")
     return text.partition("[[acceptance]]")[0]
 
 

@@ -87,7 +87,8 @@ def test_a_design_that_cannot_be_simulated_says_so_in_the_text(designs: Path) ->
 
 def test_the_commanded_speed_is_smoothed_over_five_counts_unless_a_width_is_stated(seed_motor: Design) -> None:
     commanded = seed_motor.replace(compensation={"source": "commanded", "gain": 1.0})
-    assert smoothing_width(commanded) == pytest.approx(5.0 * 20.0 * 2.0 * np.pi / 131072)
+    K_v = seed_motor.require_loops().position.K_v
+    assert smoothing_width(commanded) == pytest.approx(5.0 * K_v * 2.0 * np.pi / 131072)
     assert smoothing_width(commanded.replace(compensation={"smoothing": 0.0})) == 0.0
     assert smoothing_width(seed_motor.replace(compensation={"source": "reference"})) == 0.0
     assert f"SMOOTHING = {smoothing_width(commanded)!r}".upper() in export(commanded, "c", force=True).upper()

@@ -91,7 +91,7 @@ def test_power_where_the_column_holds_the_noise() -> None:
 
 @pytest.fixture(scope="module")
 def design(designs) -> Design:
-    return Design.read(designs / "seed_motor.toml")
+    return Design.read(designs / "hand_tuned.toml")
 
 
 def test_a_noisy_encoder_in_a_wide_band_biases_least_squares(design) -> None:
