@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -59,6 +60,8 @@ class Block:
         The loops' gains, as constants for whoever sets up the drive.
     linear : bool
         Whether the axis is linear: every torque is a force, and the meanings are given in its units.
+    notes : mapping of name to str
+        What the arrays and the scalars of the program are, with their units.
     """
 
     axis: str
@@ -72,9 +75,12 @@ class Block:
     start: tuple[ast.stmt, ...] = ()
     gains: tuple[Value, ...] = ()
     linear: bool = False
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", plain(self.title))
+        motion = "linear" if self.linear else "rotary"
+        object.__setattr__(self, "notes", {k: plain(axis_unit(text, motion)) for k, text in self.notes.items()})
         if self.linear:
             for part in ("inputs", "outputs", "constants", "gains"):
                 values = tuple(replace(v, meaning=axis_unit(v.meaning, "linear")) for v in getattr(self, part))
@@ -97,11 +103,21 @@ class Block:
         return {text: kind for text, kind in sorted(self.program.variables.items()) if text not in known}
 
 
+LONGEST_AXIS = 12  # characters: with the longest of what is added, _compensation_update, 32 in all
+
+
 def identifier(text: str) -> str:
-    """Return an identifier of C and IEC 61131-3: ASCII letters, digits, single underscores, no digit first."""
+    """Return an identifier of C and IEC 61131-3: ASCII letters, digits, single underscores, no digit first.
+
+    Of a long text the first letters and three digits of its hash are taken, so that two long names stay two.
+    """
     parts = "".join(c if c.isascii() and c.isalnum() else " " for c in text).split()
     found = "_".join(parts)
-    return found if found and not found[0].isdigit() else f"axis_{found}".rstrip("_")
+    found = found if found and not found[0].isdigit() else f"axis_{found}".rstrip("_")
+    if len(found) <= LONGEST_AXIS:
+        return found
+    mark = hashlib.sha256(text.encode()).hexdigest()[:3]
+    return f"{found[: LONGEST_AXIS - 4].rstrip('_')}_{mark}"
 
 
 def loop_gains(design: Design) -> tuple[Value, ...]:
@@ -115,8 +131,12 @@ def loop_gains(design: Design) -> tuple[Value, ...]:
         Value("CURRENT_TN", "s", current.T_n),
         Value("SPEED_KP", "A/(rad/s)", speed.K_p),
         Value("SPEED_TN", "s", speed.T_n),
-        Value("SPEED_REFERENCE_FILTER", "s", speed.reference_filter),
+        Value("REFERENCE_FILTER", "s, of the reference speed in speed control", speed.reference_filter),
         Value("POSITION_KV", "1/s", position.K_v),
-        Value("POSITION_VELOCITY_FILTER", "s", design.loops.reference_filter(in_position=True)),
+        Value(
+            "VELOCITY_FILTER",
+            "s, of the reference speed in position control",
+            design.loops.reference_filter(in_position=True),
+        ),
         Value("INERTIA_FEEDFORWARD", "A/(rad/s^2)", inertia),
     )

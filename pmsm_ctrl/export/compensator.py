@@ -34,6 +34,14 @@ _SPEEDS = {
 _TRACKED = {"coulomb": ("F_c", "N m"), "viscous": ("F_v", "N m s/rad")}
 
 
+_NOTES = {
+    "direction": "1, sign of the speed, between -1 and 1 where it is smoothed",
+    "feedforward": "N m, torque to compensate",
+    "torque": "N m, torque asked for without compensation",
+    "observed": "N m, filtered torque of current and inertia",
+}
+
+
 class Terms:
     """Calls of effects' terms for a program's text, with their parameters as named constants.
 
@@ -146,6 +154,7 @@ def compensator(design: Design) -> Block:
         constants=tuple(value for value in constants if value.name in used),
         arrays={"held": (len(adaptive),)} if adaptive else {}, start=first if adaptive else (),
         gains=loop_gains(design), linear=design.motion == "linear",
+        notes=_NOTES | {"held": "last trusted " + ", ".join(" in ".join(_TRACKED[effect]) for effect in adaptive)},
     )  # fmt: skip
 
 
@@ -184,7 +193,7 @@ def _observer(design: Design) -> Block:
     return Block(
         identifier(design.name), "compensation", f"Disturbance observer of {design.name}", inputs, outputs, flat,
         constants=tuple(numbers.values()), arrays={"held": (1,)}, start=first, gains=loop_gains(design),
-        linear=design.motion == "linear",
+        linear=design.motion == "linear", notes=_NOTES | {"held": "N m, filtered torque of current and inertia"},
     )  # fmt: skip
 
 

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 POINTS = 20  # default size of a table of TwinCAT CNC (P-COMP-00062)
 ANGLES = 4096  # values of a turn in a SINAMICS table (p5260)
 HARMONICS = 10  # coefficients of an AX8000 (object 32CB)
+ROUNDING = 1e-9  # share of the largest torque below which a straight line misses nothing but rounding
 SPEED_MAX = 300.0  # rad/s or m/s, where no limit follows from the design
 
 
@@ -75,7 +76,7 @@ def friction_points(design: Design, count: int = POINTS, speed_max: float | None
         if len(chosen) >= count:
             break
         # once the lines fit everywhere, the widest gap is halved
-        worst = int(missed.argmax()) if missed.max() > 0.0 else _widest(chosen)
+        worst = int(missed.argmax()) if missed.max() > ROUNDING * np.abs(both).max() else _widest(fine, chosen)
         chosen = sorted({*chosen, worst})
     scale = float(np.abs(both).max())
     return np.column_stack([fine[chosen], both[chosen]]), float(missed.max()) / scale if scale else 0.0
@@ -247,9 +248,15 @@ def _speed_max(design: Design) -> float:
     return design.drive.u_dc / math.sqrt(3.0) / (design.K_t_assumed / 1.5)
 
 
-def _widest(chosen: list[int]) -> int:
-    gaps = np.diff(chosen)
-    return chosen[int(gaps.argmax())] + int(gaps.max()) // 2
+def _widest(speeds: Array, chosen: list[int]) -> int:
+    """Return the speed nearest to the middle of the widest gap that has one."""
+    order: list[int] = np.argsort(-np.diff(speeds[chosen]), kind="stable").tolist()
+    for k in order:
+        low, high = chosen[k], chosen[k + 1]
+        if high - low > 1:
+            middle = 0.5 * (speeds[low] + speeds[high])
+            return low + 1 + int(np.abs(speeds[low + 1 : high] - middle).argmin())
+    raise AssertionError("more points than speeds")
 
 
 def _degrees(phase: float) -> float:

@@ -66,7 +66,7 @@ C = Language(
     remark="/* {} */",
     negated="!({})",
     power="pow({}, {})",
-    is_number="isfinite({})",
+    is_number="is_number({})",
     between="][",
     flags=("0", "1"),
 )

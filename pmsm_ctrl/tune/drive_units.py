@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["NOTE", "drive_units"]
 
@@ -19,6 +20,9 @@ NOTE = (
     "Check two things before the download: whether the drive counts amperes rms (assumed here) or peak, and volts "
     "per phase (assumed here) or line-to-line; both differ between firmware versions."
 )
+
+# Gains over turns per second, which a linear axis does not have.
+_PER_TURN = ("speed K_p [A s] peak, per turn/s", "SCTRL_KV [A s] rms")
 
 
 def drive_units(design: Design) -> dict[str, dict[str, float]]:
@@ -31,7 +35,7 @@ def drive_units(design: Design) -> dict[str, dict[str, float]]:
     rms = 1.0 / math.sqrt(2.0)
     torque_gain = speed.K_p * design.K_t_assumed  # N m/(rad/s)
     ms = 1e3
-    return {
+    found = {
         "general": {
             "current K_p [V/A]": current.K_p,
             "current T_n [ms]": ms * current.T_n,
@@ -73,4 +77,10 @@ def drive_units(design: Design) -> dict[str, dict[str, float]]:
             "p1441 actual speed smoothing [ms]": ms * design.sensor.speed_filter,
             "MD32200 K_v [1000/min]": position.K_v * 60.0 / 1000.0,
         },
+    }
+    if design.motion == "rotary":
+        return found
+    return {
+        maker: {axis_unit(name, design.motion): value for name, value in gains.items() if name not in _PER_TURN}
+        for maker, gains in found.items()
     }

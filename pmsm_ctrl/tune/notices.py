@@ -6,7 +6,7 @@ __all__ = ["CHECK", "CORNER", "ENCODER", "FILTER", "MARGIN", "POINT", "RIPPLE", 
 
 MARGIN = Template("margin_missed", "{loop} loop: {missed}")
 CORNER = Template("margin_missed_at_corner", "{loop} loop, worst corner of the tolerances ({corner}): {missed}")
-POINT = Template("margin_missed_at_point", "speed loop at {speed:.3g} rad/s and {load:.3g} N m: {missed}")
+POINT = Template("margin_missed_at_point", "speed loop at {speed:.3g} {per_second} and {load:.3g} {torque}: {missed}")
 SLOWED = Template(
     "slowed_by_resonance", "resonance at {resonance:.4g} Hz: the speed loop was slowed down to run without a filter"
 )

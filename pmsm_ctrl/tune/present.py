@@ -10,6 +10,7 @@ from pmsm_ctrl.rendering.numbers import number
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.tune.drive_units import NOTE
 from pmsm_ctrl.tune.result import Tuning, UnstableLoopError
+from pmsm_ctrl.units import axis_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,11 +32,24 @@ CAUSES = {
 
 @present.register
 def _(result: Tuning) -> Section:
-    return Section(
-        f"Tuning of {result.design.name}",
-        (_verdict(result), *result.notices, _gains(result), _margins(result), *_checks(result), _tolerances(result),
-         *_resonance(result), _resistance(result), Picture(lambda: _overview(result), OVERVIEW), *_folded(result)),
+    blocks = (
+        _verdict(result), *result.notices, _gains(result), _margins(result), *_checks(result), _tolerances(result),
+        *_resonance(result), _resistance(result), Picture(lambda: _overview(result), OVERVIEW), *_folded(result),
     )  # fmt: skip
+    return Section(f"Tuning of {result.design.name}", tuple(_along(block, result.design.motion) for block in blocks))
+
+
+def _along(block: Block, motion: str) -> Block:
+    """Return a block with its units for this kind of axis; the texts of this module are written for rotary ones."""
+    if motion == "rotary":
+        return block
+    if isinstance(block, str):
+        return axis_unit(block, motion)
+    if isinstance(block, Table):
+        header = tuple(axis_unit(text, motion) for text in block.header)
+        rows = tuple(tuple(axis_unit(str(cell), motion) for cell in row) for row in block.rows)
+        return Table(header, rows, axis_unit(block.caption, motion), block.folded)
+    return block
 
 
 @present.register

@@ -14,6 +14,7 @@ from pmsm_ctrl.section import Notice, Section, present
 from pmsm_ctrl.tune import notices
 from pmsm_ctrl.tune.drive_units import drive_units
 from pmsm_ctrl.tune.requirements import Requirements, Specification
+from pmsm_ctrl.units import axis_unit
 
 if TYPE_CHECKING:
     from pmsm_ctrl.tune.delays import Delays
@@ -162,7 +163,9 @@ class Tuning(Result):
         for at in self.points:
             if at.margins is not None and (items := missed(at.margins)):
                 words = ", ".join(map(str, items))
-                out.append(notices.POINT(speed=at.point.speed, load=at.point.load, missed=words))
+                per_second, torque = (axis_unit(unit, self.design.motion) for unit in ("rad/s", "N m"))
+                point = {"speed": at.point.speed, "per_second": per_second, "load": at.point.load, "torque": torque}
+                out.append(notices.POINT(**point, missed=words))
         return out
 
     def _drive_notices(self) -> list[Notice]:

@@ -25,12 +25,12 @@ FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2", "-shared
 class Compensator:
     """The C function of a design; call it with omega, theta, i_d, i_q and what the tracker says."""
 
-    def __init__(self, design: Design, folder: Path) -> None:
+    def __init__(self, design: Design, folder: Path, *flags: str) -> None:
         if shutil.which("gcc") is None:
             pytest.skip("gcc not found: the exported C cannot be compiled")
         source, library = folder / "axis.c", folder / "axis.so"
         source.write_text(export(design, "c", force=True), encoding="utf-8")
-        subprocess.run(["gcc", *FLAGS, str(source), "-o", str(library), "-lm"], check=True)
+        subprocess.run(["gcc", *FLAGS, *flags, str(source), "-o", str(library), "-lm"], check=True)
         held = source.read_text(encoding="utf-8").count("held[") > 0
         observer = design.compensation.source == "observer"
         tracked = sum(name in design.compensation.effects for name in ("coulomb", "viscous")) if held else 0

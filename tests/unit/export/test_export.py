@@ -21,6 +21,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export import cogging_table, friction_table
 from pmsm_ctrl.export import export as checked_export
 from pmsm_ctrl.export import export_files as checked_export_files
+from pmsm_ctrl.export.blocks import identifier
 from pmsm_ctrl.export.tables import angle_table, friction_points
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from tests.unit.export.compiled_c import FLAGS, Compensator
@@ -149,15 +150,78 @@ def test_the_exported_gain_is_the_designs_and_a_zero_stays_zero(designs: Path, t
     assert function(3.0, 0.0, 0.0, 0.0) == pytest.approx(expected, rel=1e-12)
 
 
-def test_fast_math_is_refused(design: Design, tmp_path: Path) -> None:
-    if shutil.which("gcc") is None:
-        pytest.skip("gcc not found")
-    source = tmp_path / "axis.c"
-    source.write_text(export(design, "c"), encoding="utf-8")
-    found = subprocess.run(["gcc", "-ffast-math", "-c", str(source), "-o", str(tmp_path / "a.o")],
-                           check=False, capture_output=True, text=True)  # fmt: skip
-    assert found.returncode != 0
-    assert "fast-math removes" in found.stderr
+@pytest.mark.parametrize("optimised", ["-O0", "-O3"])
+def test_the_guard_against_nan_survives_fast_math(design: Design, tmp_path: Path, optimised: str) -> None:
+    function = Compensator(design, tmp_path, "-ffast-math", optimised)
+    good = function(3.0, 0.0, 0.0, 0.1)
+    assert good > 0.0
+    assert not function.fault
+    for value in (math.nan, math.inf, -math.inf):
+        for place in range(4):
+            inputs = [3.0, 0.0, 0.0, 0.1]
+            inputs[place] = value
+            assert function(*inputs) == 0.0
+            assert function.fault
+    assert function(3.0, 0.0, 0.0, 0.1) == good
+    assert not function.fault
+
+
+LONG = "spindle_of_the_second_milling_unit_left"
+
+
+def test_names_have_at_most_32_characters_and_stay_apart(design: Design) -> None:
+    assert identifier(LONG) != identifier(LONG + "_2")
+    renamed = design.model_copy(update={"name": LONG})
+    for language, flavour in (("c", "iec"), ("st", "iec"), ("st", "beckhoff"), ("st", "br")):
+        for name, text in export_files(renamed, language, flavour=flavour).items():
+            if name.endswith((".c", ".h", ".st", ".fun", ".var", ".TcPOU")):
+                bare = re.sub(
+                    r"/\*.*?\*/|\(\*.*?\*\)|//[^\n]*|<[^>]*>|UINT64_C\(\w+\)|0x\w+", "", text, flags=re.DOTALL
+                )
+                assert max(map(len, re.findall(r"[A-Za-z_]\w*", bare))) <= 32, name
+
+
+@pytest.mark.parametrize("source", ["reference", "adaptive", "observer"])
+def test_every_variable_of_the_compensator_says_what_it_is_and_is_used(design: Design, source: str) -> None:
+    axis = design.replace(compensation={"source": source, "bandwidth": 200.0})
+    text = export(axis, "st")
+    declared, body = text.split("END_VAR\n\n", 1)
+    for line in declared.splitlines():
+        if re.match(r"    \w+ : ", line):
+            assert re.search(r"\(\*.+\*\)$", line), line
+            name = line.split(" : ")[0].strip()
+            gains = ("CURRENT_", "SPEED_", "POSITION_", "REFERENCE_", "VELOCITY_", "INERTIA_FEEDFORWARD")
+            inputs = ("theta", "i_d", "i_q")  # the same for every compensator
+            assert name.startswith(gains) or name in inputs or re.search(rf"\b{name}\b", body), name
+    c = export(axis, "c")
+    assert "(void)omega" not in c
+    assert c.count('extern "C"') == 1
+
+
+def test_a_header_compiles_as_cpp(design: Design, tmp_path: Path) -> None:
+    if shutil.which("g++") is None:
+        pytest.skip("g++ not found")
+    files = export_files(design, "c")
+    (tmp_path / "axis.h").write_text(files["seed_motor_compensation.h"], encoding="utf-8")
+    (tmp_path / "use.cpp").write_text(
+        '#include "axis.h"\n'
+        "void f(seed_motor_compensation_t *s) { seed_motor_compensation_update(s, 1, 0, 0, 0, 1); }\n"
+    )
+    subprocess.run(["g++", "-c", str(tmp_path / "use.cpp"), "-o", str(tmp_path / "use.o")], check=True)
+    symbols = subprocess.run(["nm", str(tmp_path / "use.o")], check=True, capture_output=True, text=True).stdout
+    assert " U seed_motor_compensation_update" in symbols
+
+
+def test_linear_friction_gets_evenly_spread_speeds() -> None:
+    plain = Design.from_dict({
+        "motor": {"J": 1e-4, "K_t": 1.0},
+        "effects": [{"id": "coulomb", "F_c": 0.02}, {"id": "viscous", "F_v": 1e-3}],
+    })  # fmt: skip
+    table, error = friction_points(plain, 20, 100.0)
+    gaps = np.diff(table[:, 0])
+    assert error < 1e-12
+    assert gaps.max() < 2.5 * 100.0 / 19
+    assert gaps.min() > 0.4 * 100.0 / 19
 
 
 def test_structured_text_has_no_literal_that_a_standard_compiler_would_refuse(design: Design) -> None:
@@ -201,8 +265,8 @@ def test_no_name_ends_a_comment_or_leaves_ascii(design: Design, tmp_path: Path) 
 
 
 def test_gains_are_in_both(design: Design) -> None:
-    assert "#define SEED_MOTOR_SPEED_KP 0.0274" in export(design, "c")
-    assert "SPEED_KP : LREAL := 0.0274;" in export(design, "st")
+    assert "#define SEED_MOTOR_SPEED_KP 0.0439" in export(design, "c")
+    assert "SPEED_KP : LREAL := 0.0439;" in export(design, "st")
 
 
 def test_tables_are_what_drives_accept(design: Design) -> None:

@@ -130,7 +130,7 @@ def test_least_squares_takes_the_band_that_the_log_asks_for() -> None:
 
 
 def test_an_inertia_from_a_narrow_band_is_not_shrunk_by_noise_beyond_it(designs: Path) -> None:
-    seed_motor = Design.read(designs / "seed_motor.toml")
+    seed_motor = Design.read(designs / "hand_tuned.toml")
     motion = scenario("triangle", seed_motor, speed=150.0, period=2.0, cycles=4.0)
     log = exogenous_log(seed_motor, motion, 3, 3e-4, 2e-3)
     whole, narrow = (
@@ -143,7 +143,7 @@ def test_an_inertia_from_a_narrow_band_is_not_shrunk_by_noise_beyond_it(designs:
 
 
 def test_shrinkage_is_that_of_errors_in_a_column(designs: Path) -> None:
-    seed_motor = Design.read(designs / "seed_motor.toml")
+    seed_motor = Design.read(designs / "hand_tuned.toml")
     motion = scenario("triangle", seed_motor, speed=150.0, period=2.0, cycles=4.0)
     # 17 bits would add noise of their own: there is none here
     band, told, seen = Processing(cutoff=120.0), [], []

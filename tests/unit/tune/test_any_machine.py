@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.tune import tune
 from pmsm_ctrl.tune.current import highest_bandwidth, tune_current
 from pmsm_ctrl.tune.margins import margins
 from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.sampled import Cascade, current_loop
 from pmsm_ctrl.tune.speed import open_loop, tune_speed
+from tests.benchmarks.machines import machine
 
 
 @st.composite
@@ -77,3 +81,13 @@ def test_gains_scale_with_the_machine(design, factor):
     thick = design.replace(motor={"R": factor * m.R, "L_d": factor * m.L_d, "L_q": factor * m.L_q})
     assert tune_current(thick).K_p == pytest.approx(factor * loop.K_p, rel=1e-9)
     assert math.isclose(tune_current(thick).T_n, loop.T_n, rel_tol=1e-9)
+
+
+def test_a_linear_axis_is_described_in_metres_and_newtons() -> None:
+    """No radian and no newton metre in what is said of a linear axis, the gains in drives' units included."""
+    design = next(machine(seed) for seed in range(50) if machine(seed).motion == "linear")
+    found = tune(design, prove=False)
+    text = found.summary(width=200) + json.dumps(found.gains)
+    assert not re.search(r"\brad\b|\bN m\b", text)
+    assert "A/(m/s)" in text
+    assert "N s/m" in text
