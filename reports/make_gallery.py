@@ -22,7 +22,7 @@ from pmsm_ctrl.export.tables import friction_table
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.log import Log, Provenance
 from pmsm_ctrl.rendering.numbers import probability
-from pmsm_ctrl.report import Headline, render
+from pmsm_ctrl.report import Headline, headline_of, render
 from pmsm_ctrl.report.catalogue import save_figure
 from pmsm_ctrl.section import Picture, Section, Table
 
@@ -83,28 +83,10 @@ def compensation() -> None:
     design = Design.read("designs/low_speed.toml")
     found = compensate(design)
     variants = list(dict.fromkeys(row.variant for row in found.table if row.variant != "none"))
-    best = min(variants, key=lambda name: found.change(name))
-    numbers = [
-        (f"{100 * found.change(best):+.0f} %", f"change of the rms error at reversals with {best}, worst of the speeds")
-    ]
-    numbers.append(
-        (f"{100 * found.change(best, 'reversal_peak'):+.0f} %", "change of the peak error within the reversal")
-    )
-    safe = next(iter(found.windows.values()))
-    numbers.append(
-        (
-            f"{100 * safe.safe:.0f} %",
-            f"highest safe gain with {safe.source}-speed feedforward (the sweep ends at 150 %)",
-        )
-    )
+    section = found.section()
     text = render(
-        f"Friction compensation of {design.name}", [_gains(found, variants), found.section()],
-        headline=Headline(
-            "The reference motor with Stribeck friction and cogging was simulated at low speed, without and with "
-            "friction feedforward, its parameters exact and 20 % wrong.",
-            "All acceptance limits are met." if found.accepted else "An acceptance limit is not met.",
-            found.accepted, numbers,
-        ),
+        section.title, [section.without(found.notices), _gains(found, variants)],
+        headline=headline_of(found), notices=found.notices,
         design_toml=design.to_toml(), command=command("compensation"), facts={"design": design.source, "seed": "0"},
     )  # fmt: skip
     write_text(GALLERY / "compensation.html", text)

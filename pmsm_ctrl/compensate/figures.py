@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from pmsm_ctrl.compensate.notices import sentence
 
 if TYPE_CHECKING:
@@ -12,9 +14,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pmsm_ctrl.compensate.acceptance import Verdict
+    from pmsm_ctrl.compensate.examples import Example
     from pmsm_ctrl.compensate.result import CompensationStudy
 
-__all__ = ["acceptance", "gain_sweep"]
+__all__ = ["acceptance", "circle", "gain_sweep", "reversal"]
 
 # Colours of Okabe and Ito, distinguishable with any colour vision.
 BLUE, GREEN, RED, PURPLE = "#0072B2", "#009E73", "#D55E00", "#CC79A7"
@@ -36,13 +39,56 @@ def gain_sweep(study: CompensationStudy) -> Figure:
         lower.plot(percent, 1e3 * window.cycle, "o-", color=colour, markersize=3)
         for axis in (upper, lower):
             axis.axvline(100.0 * window.safe, color=colour, linestyle=":", linewidth=1.0)
+    safest = 100.0 * min(window.safe for window in study.windows.values())
+    for axis in (upper, lower):
+        axis.axvspan(0.0, safest, color=GREEN, alpha=0.12, linewidth=0)
     upper.axhline(100.0, color="black", linewidth=0.6)
     upper.set(
         ylabel="worst RMS error\n[% of the uncompensated]",
-        title="Gain sweep, parameters right and 20 % wrong (dotted: highest safe gain)",
+        title="Gain sweep, parameters right and 20 % wrong\n(dotted: highest safe gain; shaded: safe with all)",
     )
     upper.legend(fontsize="small")
     lower.set(ylabel="limit cycle at rest [mrad]", xlabel="gain of the compensation [%]")
+    return figure
+
+
+def reversal(example: Example, angle: str) -> Figure:
+    """Draw the position error around a reversal with and without compensation, and the reference speed."""
+    figure, upper, lower = _panels()
+    figure.set_size_inches(6.4, 4.6)
+    upper.plot(example.t, 1e3 * example.without, "--", color=RED, linewidth=1.2, label="without compensation")
+    upper.plot(example.t, 1e3 * example.compensated, color=BLUE, linewidth=1.2, label="all effects compensated")
+    upper.set_ylabel(f"position error [m{angle}]")
+    upper.legend(fontsize="small", loc="best")
+    lower.plot(example.t, example.speed, color="black", linewidth=1.2)
+    lower.axhline(0.0, color="black", linewidth=0.6)
+    lower.set(ylabel=f"reference speed [{angle}/s]", xlabel="time from the reversal [s]")
+    return figure
+
+
+def circle(example: Example, angle: str) -> Figure:
+    """Draw the radial error of a circle, magnified, with and without compensation."""
+    from matplotlib.figure import Figure
+
+    assert example.angle is not None
+    peak = max(float(np.max(np.abs(error))) for error in (example.without, example.compensated))
+    rough = 0.4 * example.radius / max(peak, 1e-300)
+    decade = 10.0 ** np.floor(np.log10(rough))
+    magnified = decade * max(k for k in (1.0, 2.0, 5.0) if k * decade <= rough)
+    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+    axes = figure.subplots()
+    around = np.linspace(0.0, 2.0 * np.pi, 361)
+    axes.plot(example.radius * np.cos(around), example.radius * np.sin(around), color="#888888", linewidth=0.8)
+    plain, full = (example.without, "--", RED, "without compensation"), (example.compensated, "-", BLUE, "compensated")
+    for error, style, colour, label in (plain, full):
+        r = example.radius + magnified * error
+        axes.plot(r * np.cos(example.angle), r * np.sin(example.angle), style, color=colour, linewidth=1.2, label=label)
+    axes.axhline(0.0, color="#888888", linewidth=0.5)
+    axes.axvline(0.0, color="#888888", linewidth=0.5)
+    axes.set_aspect("equal")
+    axes.set(xlabel=f"axis 1 [{angle}]", ylabel=f"axis 2 [{angle}]")
+    axes.set_title(f"radial error magnified {magnified:g} times, largest {1e3 * peak:.3g} m{angle}", fontsize="medium")
+    axes.legend(fontsize="small", loc="center", frameon=True)
     return figure
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compensate.metrics import UNITS
@@ -18,7 +19,9 @@ from pmsm_ctrl.section import Picture, Section, Table, present
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__: list[str] = []
+    from pmsm_ctrl.compensate.examples import Example
+
+__all__ = ["first_pictures"]
 
 # Column, metric and motion of the changes shown.
 SHOWN = (
@@ -40,17 +43,39 @@ METHOD = (
 def _(result: CompensationStudy) -> Section:
     return Section(
         f"Friction compensation of {result.design.name}",
-        (_verdict(result), *result.notices, _windows(result), _changes(result), *_observer(result), *_rest(result),
+        (_verdict(result), *result.notices, *first_pictures(result), _gains(result), _windows(result),
+         _changes(result), *_observer(result), *_rest(result),
          *_acceptance(result),
-         METHOD, Picture(lambda: _figure(result), "Where the lower curve is above zero, the axis oscillates at rest."),
-         _sweep(result), _runs(result)),
+         METHOD, _sweep(result), _runs(result)),
     )  # fmt: skip
 
 
-def _figure(result: CompensationStudy) -> Figure:
-    from pmsm_ctrl.compensate.figures import gain_sweep
+def first_pictures(result: CompensationStudy) -> tuple[Picture, ...]:
+    """Return what a page shows first: a reversal and the quadrants of a circle, with and without compensation.
 
-    return gain_sweep(result)
+    Parameters
+    ----------
+    result : CompensationStudy
+    """
+    angle = "m" if result.design.motion == "linear" else "rad"
+
+    def drawn(example: Example) -> Figure:
+        from pmsm_ctrl.compensate import figures
+
+        return (figures.reversal if example.angle is None else figures.circle)(example, angle)
+
+    words = ("Position error at a reversal: what friction causes, and what is left of it with compensation.",
+             "Error of a circle: each axis turns, and friction shows, at the ends of a diameter.")  # fmt: skip
+    return tuple(Picture(partial(drawn, e), words[e.angle is not None]) for e in result.examples)
+
+
+def _gains(result: CompensationStudy) -> Picture:
+    def drawn() -> Figure:
+        from pmsm_ctrl.compensate.figures import gain_sweep
+
+        return gain_sweep(result)
+
+    return Picture(drawn, "Where the lower curve is above zero, the axis oscillates at rest.")
 
 
 def _verdict(result: CompensationStudy) -> str:

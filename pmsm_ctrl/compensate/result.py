@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
 from pmsm_ctrl.compensate import notices
 from pmsm_ctrl.compensate.acceptance import Verdict
+from pmsm_ctrl.compensate.examples import Example
 from pmsm_ctrl.compensate.metrics import UNITS, Metrics
 from pmsm_ctrl.compensate.theory import Hunting
 from pmsm_ctrl.compensate.window import GainWindow
@@ -93,6 +94,8 @@ class CompensationStudy(Result):
         Of the design's own acceptance.
     observer : ObserverDesign or None
         The disturbance observer that friction feedforward is compared with; None where the loops leave no margin.
+    examples : tuple of Example
+        A reversal and a circle, sample by sample.
     """
 
     design: Design
@@ -102,6 +105,7 @@ class CompensationStudy(Result):
     theory: Hunting | None = None
     verdicts: tuple[Verdict, ...] = ()
     observer: ObserverDesign | None = None
+    examples: tuple[Example, ...] = field(default=(), repr=False)
 
     @property
     def accepted(self) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 from pmsm_ctrl.compensate.acceptance import accept
+from pmsm_ctrl.compensate.examples import examples_of
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.motions import Trial, study_trials
 from pmsm_ctrl.compensate.plants import judged
@@ -120,7 +121,10 @@ def compensate(
         windows[source] = replace(window, hint=describing_function_limit(base, source))
         advance(0.5 + 0.5 * (done + 1) / len(sources))
     verdicts = tuple(accept(design, wanted, seed=seed) for wanted in design.acceptance)
-    return CompensationStudy(design, tuple(table), windows, full.left_out, hunting(base), verdicts, observer)
+    examples = examples_of(base, runs.plant, every, seed)
+    return CompensationStudy(
+        design, tuple(table), windows, full.left_out, hunting(base), verdicts, observer, examples
+    )  # fmt: skip
 
 
 def _observer(base: Design) -> ObserverDesign | None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from pmsm_ctrl.compare import Comparison
+from pmsm_ctrl.compensate import CompensationStudy, Variant
+from pmsm_ctrl.compensate.present import first_pictures as compensation_pictures
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, Verdict
 from pmsm_ctrl.diagnose.present import first_pictures, verdict_text
@@ -13,7 +15,7 @@ from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.report.result import Headline
 from pmsm_ctrl.result import Result
 
-__all__ = ["of_diagnosis", "of_result", "of_simulation"]
+__all__ = ["of_compensation", "of_diagnosis", "of_result", "of_simulation"]
 
 ACCEPTED_PERCENT = 1.0  # deviation of the reference experiment that its noise and quantisation allow
 
@@ -65,7 +67,35 @@ def of_result(result: Result) -> Headline | None:
     -------
     Headline or None
     """
-    return of_diagnosis(result) if isinstance(result, Diagnosis) else None
+    if isinstance(result, Diagnosis):
+        return of_diagnosis(result)
+    return of_compensation(result) if isinstance(result, CompensationStudy) else None
+
+
+def of_compensation(found: CompensationStudy) -> Headline:
+    """Take what compensation gains and up to which gain it is safe, and the pictures of a reversal and a circle.
+
+    Parameters
+    ----------
+    found : CompensationStudy
+
+    Returns
+    -------
+    Headline
+    """
+    done = f"The axis {found.design.name} was simulated at low speed with and without friction feedforward."
+    verdict = next(block for block in found.section().blocks if isinstance(block, str))
+    source = "reference" if "reference" in found.windows else next(iter(found.windows))
+    window = found.windows[source]
+    numbers = (
+        (f"{100 * found.change(Variant.ALL):+.0f} %",
+         "change of the rms position error at reversals, the worst of the speeds, all effects compensated"),
+        (f"{100 * found.change(Variant.ALL, 'reversal_peak'):+.0f} %", "the same of the peak error after a reversal"),
+        (percent(window.safe, 0), f"highest safe gain with {source}-speed feedforward; the sweep ends at "
+         f"{percent(float(window.gains[-1]), 0)}"),
+    )  # fmt: skip
+    good = found.accepted if found.verdicts else None
+    return Headline(done, verdict, good, numbers, compensation_pictures(found))
 
 
 def of_diagnosis(found: Diagnosis, comparison: Comparison | None = None) -> Headline:
