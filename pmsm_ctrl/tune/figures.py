@@ -1,4 +1,4 @@
-"""Plots of tuned loops: Bode, Nyquist, Nichols, steps; the discrete loop as it runs and the simulated check."""
+"""Plots of tuned loops: Bode with its margins, Nyquist, Nichols, steps; the loop as it runs, and the simulated check."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pmsm_ctrl.tune.result import Tuning
     from pmsm_ctrl.tune.steps import Step
 
-__all__ = ["filtered", "overview", "unstable"]
+__all__ = ["bode", "distances", "filtered", "steps", "unstable"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -33,31 +33,66 @@ GREY = "#666666"
 CIRCLE = -1.0 + 0.5 * np.exp(1j * np.linspace(0.0, 2.0 * math.pi, 200))  # sensitivity 2
 
 
-def overview(tuning: Tuning) -> Figure:
-    """Draw Bode, Nyquist, Nichols, step and load step plots of a tuning on one page."""
-    figure = _figure(12, 13)
-    loops, predicted, proof = open_loops(tuning.cascade), tuning.predicted, tuning.proof
-    grid = figure.add_gridspec(4, 2)
-    upper = figure.add_subplot(grid[0, 0])
-    lower = figure.add_subplot(grid[1, 0], sharex=upper)
-    for name, loop in loops.items():
+def bode(tuning: Tuning) -> Figure:
+    """Draw the open loops over frequency in dB, with crosses for the simulated drive and the margins marked."""
+    figure = _figure(9, 6.4)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for name, loop in open_loops(tuning.cascade).items():
         _bode(upper, lower, loop, COLOURS[name], f"{name} loop")
-        if proof is not None and name in proof.loops:
-            _points(upper, lower, loop, proof.loops[name], COLOURS[name])
-    _finish_bode(upper, lower, "Open loops (crosses: simulated)")
-    upper.set_ylim(1e-3, 1e3)
+        if tuning.proof is not None and name in tuning.proof.loops:
+            _points(upper, lower, loop, tuning.proof.loops[name], COLOURS[name])
+        if name in tuning.margins:
+            _mark_margins(upper, lower, loop, tuning.margins[name], COLOURS[name])
+    _finish_bode(upper, lower, "Open loops (crosses: simulated; arrows: gain and phase margin)")
+    upper.set_ylim(-60, 60)
     lower.set(ylim=(-360, 0), yticks=[-360, -270, -180, -90, 0])
-    _nyquist(figure.add_subplot(grid[0:2, 1]), loops)
-    _nichols(figure.add_subplot(grid[2, 0]), loops)
-    simulated = proof.steps if proof is not None else {}
-    _steps(
-        figure.add_subplot(grid[2, 1]), {n: predicted[n] for n in ("speed", "position") if n in predicted}, simulated
-    )
-    _steps(figure.add_subplot(grid[3, 0]), {"current": predicted["current"]}, simulated)
-    axis = figure.add_subplot(grid[3, 1])
-    _steps(axis, {"load": predicted["load"]}, simulated)
-    axis.set(ylabel="speed deviation [rad/s per N m]", title="Speed after a load step")
     return figure
+
+
+def distances(tuning: Tuning) -> Figure:
+    """Draw the open loops in the plane of Nyquist and in that of Nichols, with the circle of sensitivity 2."""
+    figure, loops = _figure(10, 4.8), open_loops(tuning.cascade)
+    left, right = figure.subplots(1, 2)
+    _nyquist(left, loops)
+    _nichols(right, loops)
+    return figure
+
+
+def steps(tuning: Tuning) -> Figure:
+    """Draw the step responses of the closed loops, predicted and simulated, and the speed after a load step."""
+    figure, predicted = _figure(10, 6.4), tuning.predicted
+    simulated = tuning.proof.steps if tuning.proof is not None else {}
+    (upper, right), (lower, load) = figure.subplots(2, 2)
+    _steps(upper, {"current": predicted["current"]}, simulated)
+    _steps(right, {n: predicted[n] for n in ("speed",) if n in predicted}, simulated)
+    _steps(lower, {n: predicted[n] for n in ("position",) if n in predicted}, simulated)
+    _steps(load, {"load": predicted["load"]}, simulated)
+    load.set(ylabel="speed deviation [rad/s per N m]", title="Speed after a load step")
+    if "position" not in predicted:
+        lower.set_axis_off()
+    return figure
+
+
+def _mark_margins(upper: Axes, lower: Axes, loop: Any, found: Margins, colour: str) -> None:
+    """Mark the gain margin at the phase of -180 deg, and the smallest phase margin at a gain of 0 dB."""
+    f, L = _curve(loop)
+    size, phase = 20.0 * np.log10(np.abs(L)), _phase(L)
+    words: dict[str, Any] = {
+        "color": colour,
+        "fontsize": 9,
+        "bbox": {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1},
+    }
+    look: dict[str, Any] = {"arrowstyle": "<->", "color": colour, "shrinkA": 0, "shrinkB": 0}
+    if 0.0 < found.gain_margin < math.inf and math.isfinite(found.phase_crossover):
+        place = found.phase_crossover
+        upper.annotate("", (place, 0.0), (place, -found.gain_margin_db), arrowprops=look)
+        upper.text(1.06 * place, -0.7 * found.gain_margin_db, f"{found.gain_margin_db:.3g} dB", **words)
+    crossings = np.flatnonzero(np.diff(np.sign(size)))
+    if crossings.size and math.isfinite(found.phase_margin):
+        k = int(crossings[np.argmin(np.abs((phase[crossings] + 360.0) % 360.0 - 180.0))])
+        upper.plot(f[k], 0.0, "o", color=colour, ms=5)
+        lower.annotate("", (f[k], phase[k]), (f[k], phase[k] - found.phase_margin), arrowprops=look)
+        lower.text(1.06 * f[k], phase[k] - 0.6 * found.phase_margin, f"{found.phase_margin:.3g}°", **words)
 
 
 def filtered(tuning: Tuning, words: str) -> Figure:
@@ -101,23 +136,23 @@ def _phase(L: Complex) -> Array:
 
 def _bode(upper: Axes, lower: Axes, loop: Any, colour: str, label: str) -> None:
     f, L = _curve(loop)
-    upper.loglog(f, np.abs(L), color=colour, label=label)
+    upper.semilogx(f, 20.0 * np.log10(np.abs(L)), color=colour, label=label)
     lower.semilogx(f, _phase(L), color=colour)
 
 
 def _points(upper: Axes, lower: Axes, loop: Any, points: MeasuredLoop, colour: str) -> None:
     """Mark a measured loop, its phase on the branch of the predicted one."""
     f, L = _curve(loop)
-    upper.loglog(points.frequency, np.abs(points.simulated), "x", color=colour, ms=4, alpha=0.7)
+    upper.semilogx(points.frequency, 20.0 * np.log10(np.abs(points.simulated)), "x", color=colour, ms=4, alpha=0.7)
     predicted = np.interp(points.frequency, f, _phase(L))
     offset = np.degrees(np.angle(points.simulated * np.exp(-1j * np.radians(predicted))))
     lower.semilogx(points.frequency, predicted + offset, "x", color=colour, ms=4, alpha=0.7)
 
 
 def _finish_bode(upper: Axes, lower: Axes, title: str) -> None:
-    upper.axhline(1.0, color=GREY, lw=0.8)
+    upper.axhline(0.0, color=GREY, lw=0.8)
     lower.axhline(-180.0, color=GREY, lw=0.8)
-    upper.set(ylabel="magnitude of L [1]", title=title)
+    upper.set(ylabel="magnitude of L [dB]", title=title)
     lower.set(xlabel="frequency [Hz]", ylabel="phase of L [deg]")
     _finish(upper)
     lower.grid(True, alpha=0.3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.rendering.numbers import number
@@ -34,7 +35,7 @@ CAUSES = {
 def _(result: Tuning) -> Section:
     blocks = (
         _verdict(result), *result.notices, _gains(result), _margins(result), *_checks(result), _tolerances(result),
-        *_resonance(result), _resistance(result), Picture(lambda: _overview(result), OVERVIEW), *_folded(result),
+        *_resonance(result), _resistance(result), *_loops(result), *_folded(result),
     )  # fmt: skip
     return Section(f"Tuning of {result.design.name}", tuple(_along(block, result.design.motion) for block in blocks))
 
@@ -58,16 +59,20 @@ def _(error: UnstableLoopError) -> Section:
     return Section("An unstable loop", (f"{error}.", Picture(lambda: _unstable(error), caption)))
 
 
-OVERVIEW = (
-    "Open loops, their distance to the critical point, and the predicted step responses (lines) with those of the "
-    "simulated drive (crosses, dashes)."
-)
+def _loops(result: Tuning) -> tuple[Picture, ...]:
+    def drawn(name: str) -> Figure:
+        from pmsm_ctrl.tune import figures
 
+        figure: Figure = getattr(figures, name)(result)
+        return figure
 
-def _overview(result: Tuning) -> Figure:
-    from pmsm_ctrl.tune.figures import overview
-
-    return overview(result)
+    captions = {
+        "bode": "Open loops. The phase margin is the distance from -180 degrees at 0 dB, the gain margin that from 0 dB "
+        "at -180 degrees.",
+        "distances": "Distance of the open loops to the critical point.",
+        "steps": "Predicted step responses (lines), and those of the simulated drive (dashes).",
+    }
+    return tuple(Picture(partial(drawn, name), caption) for name, caption in captions.items())
 
 
 def _unstable(error: UnstableLoopError) -> Figure:

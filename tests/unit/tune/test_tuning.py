@@ -11,11 +11,13 @@ import sys
 import control as ct
 import numpy as np
 import pytest
+from matplotlib.text import Annotation
 
 from pmsm_ctrl.design import CurrentLoop, Design, Loops, PositionLoop, SpeedLoop
 from pmsm_ctrl.effects import Effect, Parameter, kernel
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.section import Picture, Table
+from pmsm_ctrl.tune.figures import bode
 from pmsm_ctrl.tune.margins import margins, response
 from pmsm_ctrl.tune.noise import h2_norm, noise
 from pmsm_ctrl.tune.requirements import Criterion, Requirements, Specification
@@ -189,11 +191,22 @@ def test_summary_dict_and_section(tuned, resonant):
         blocks = result.section().blocks
         for table in (block for block in blocks if isinstance(block, Table)):
             assert all(len(row) == len(table.header) for row in table.rows)
-        assert sum(isinstance(block, Picture) for block in blocks) == 1 + (result is resonant)
+        assert sum(isinstance(block, Picture) for block in blocks) == 3 + (result is resonant)
     assert {"slowed_by_resonance", "margin_missed_at_corner"} <= set(resonant.to_dict()["warning_codes"])
     assert "Resonance" in resonant.summary()
     for axis in tuned.plot().axes:
         assert "[" in axis.get_ylabel() or axis.get_ylabel() == ""
+
+
+def test_the_margins_that_are_marked_end_where_the_loop_would_oscillate(tuned):
+    """Both come from elsewhere: the curve from the response, the length of the arrow from the margins."""
+    upper, lower = bode(tuned).axes
+    ends = [mark.xyann[1] for mark in lower.texts if isinstance(mark, Annotation)]
+    assert len(ends) == 3
+    assert ends == pytest.approx([-180.0] * 3, abs=1.5)  # deg; the curve is drawn on a grid of frequencies
+    for mark in (mark for mark in upper.texts if isinstance(mark, Annotation)):
+        line = min(upper.lines, key=lambda one: abs(np.interp(mark.xy[0], *one.get_data()) - mark.xyann[1]))
+        assert np.interp(mark.xy[0], *line.get_data()) == pytest.approx(mark.xyann[1], abs=0.3)  # dB
 
 
 def test_an_unstable_loop_says_which_and_shows_it(root):
