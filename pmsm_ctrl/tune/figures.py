@@ -1,4 +1,4 @@
-"""Plots of tuned loops: Bode with its margins, Nyquist, Nichols, steps; the loop as it runs, and the simulated check."""
+"""Plots of tuned loops: Bode with its margins, Nyquist, Nichols, steps; the loop as it runs and the simulated check."""
 
 from __future__ import annotations
 

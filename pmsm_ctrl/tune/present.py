@@ -67,8 +67,8 @@ def _loops(result: Tuning) -> tuple[Picture, ...]:
         return figure
 
     captions = {
-        "bode": "Open loops. The phase margin is the distance from -180 degrees at 0 dB, the gain margin that from 0 dB "
-        "at -180 degrees.",
+        "bode": "Open loops. The phase margin is the distance from -180 deg at 0 dB, the gain margin that from 0 dB "
+        "at -180 deg.",
         "distances": "Distance of the open loops to the critical point.",
         "steps": "Predicted step responses (lines), and those of the simulated drive (dashes).",
     }
