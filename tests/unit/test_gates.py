@@ -63,9 +63,8 @@ def test_on_the_command_line_json_goes_to_stdout_and_all_else_to_stderr(
     omega = 80 * np.sin(np.pi * t) + 40 * np.sin(2.6 * np.pi * t + 1)
     alpha = 80 * np.pi * np.cos(np.pi * t) + 104 * np.pi * np.cos(2.6 * np.pi * t + 1)
     noise = np.random.default_rng(3).normal(0, 1e-3, t.size)
-    Log({"t": t, "omega": omega, "torque": 1e-4 * alpha + 0.03 * np.sign(omega) + 2e-4 * omega + noise}).write_csv(
-        "l.csv"
-    )
+    torque = 1e-4 * alpha + 0.03 * np.sign(omega) + 2e-4 * omega + noise
+    Log({"t": t, "omega": omega, "torque": torque}).write_csv("l.csv")
 
     def status(*words: str) -> int:
         with pytest.raises(SystemExit) as left:
