@@ -53,9 +53,15 @@ def init(
     encoder: Annotated[Text, _option("'20 bit', '2500 lines' or '10000 counts'; linear: '1 um'")] = None,
     friction: Annotated[Text, _option("'0.08 N m'; linear: '20 N'")] = None,
     viscous: Annotated[Text, _option("'0.02 N m/krpm'; linear: '200 N s/m'")] = None,
+    example: Annotated[
+        Text, typer.Option(metavar="DESIGN", help="write a shipped design, such as seed_motor; asks nothing")
+    ] = None,
     json_file: Annotated[Path | None, output_option("FILE", "write the design as JSON", "--json")] = None,
 ) -> None:
     """Ask for the datasheet values and write a design. Values given as options are not asked for."""
+    if example is not None:
+        _write_example(example, output or Path(f"{example}.toml"), force=force, json_file=json_file)
+        return
     given = {
         "pole_pairs": pole_pairs, "torque_constant": torque_constant, "emf_constant": emf_constant,
         "resistance": resistance, "inductance": inductance, "inductance_q": inductance_q, "inertia": inertia,
@@ -63,6 +69,35 @@ def init(
         "speed_loop": speed_loop, "encoder": encoder, "friction": friction, "viscous": viscous,
     }  # fmt: skip
     _write(name, output or Path(f"{name}.toml"), machine, given, force=force, json_file=json_file)
+
+
+def _write_example(name: str, target: Path, *, force: bool, json_file: Path | None) -> None:
+    """Write one of the designs of the package; in a working copy of the project they stand beside it."""
+    from pmsm_ctrl.console import write_json
+    from pmsm_ctrl.design import Design
+    from pmsm_ctrl.errors import RequestError, nearest
+    from pmsm_ctrl.files import write_text
+
+    here = Path(__file__).resolve().parent
+    folder = next((place for place in (here / "examples", here.parent / "designs") if place.is_dir()), here)
+    known = sorted(path.stem for path in folder.glob("*.toml"))
+    if name not in known:
+        raise RequestError(f"--example '{name}': no such design{nearest(name, known)} (known: {', '.join(known)})")
+    _require_new(target, force)
+    source = folder / f"{name}.toml"
+    design = Design.read(source)
+    write_text(target, source.read_text(encoding="utf-8"))
+    if json_file is not None:
+        write_json(json_file, "init", {"design": design.to_dict(), "path": str(target)})
+    print(f"design: {target}")
+    _print_next(target, simulated=design.motor.electrical)
+
+
+def _require_new(target: Path, force: bool) -> None:
+    from pmsm_ctrl.errors import RequestError
+
+    if target.exists() and not force:
+        raise RequestError(f"{target}: exists; --force overwrites it, --output names another file")
 
 
 def _write(
@@ -78,8 +113,7 @@ def _write(
 
     if os.sep in name or not name.strip():
         raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output names the file")
-    if target.exists() and not force:
-        raise RequestError(f"{target}: exists; --force overwrites it, --output names another file")
+    _require_new(target, force)
     ask = _asking(input) if sys.stdin.isatty() else None
     if machine is None:
         machine = "motor" if ask is None else _machine(input)

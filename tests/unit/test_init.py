@@ -22,6 +22,7 @@ from pmsm_ctrl.datasheet import MACHINES, QUESTIONS, Question, answers_from, des
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.init import _asking
 
+ROOT = Path(__file__).resolve().parents[2]
 BY_KEY = {question.key: question for question in QUESTIONS}
 # An imagined sheet: 0.84 N m/A rms and 50.8 V rms line-to-line per 1000 rpm state the same flux.
 SHEET = {
@@ -372,3 +373,19 @@ def test_any_numbers_make_a_design_or_are_refused_in_one_line(numbers: dict[str,
         said = str(error)
     assert "\n" not in said
     assert "nan" not in said
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "designs").glob("*.toml")))
+def test_a_shipped_design_is_written_as_it_is(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("init", "--example", name) == 0
+    assert Path(f"{name}.toml").read_text(encoding="utf-8") == (ROOT / "designs" / f"{name}.toml").read_text("utf-8")
+    assert f"design: {name}.toml" in capsys.readouterr().out
+    assert call("init", "--example", name) == 2
+    assert "exists; --force overwrites it" in capsys.readouterr().err
+
+
+def test_an_example_that_does_not_exist_names_those_that_do(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("init", "--example", "seed_moter") == 2
+    said = capsys.readouterr().err
+    assert "did you mean 'seed_motor'? (known: adaptive, emps" in said
+    assert list(Path.cwd().iterdir()) == []
