@@ -192,7 +192,9 @@ def operating_point(design: Design, speed: float = 0.0, load: float = 0.0) -> Op
     return OperatingPoint(speed, load, 0.0, i_q, u_d, u_q, "stuck" if stuck else "sliding", slope)
 
 
-def linearise(design: Design, speed: float = 0.0, load: float = 0.0) -> Linearisation:
+def linearise(
+    design: Design, speed: float = 0.0, load: float = 0.0, *, mass: SecondMass | None = None
+) -> Linearisation:
     """Linearise the drive at constant speed and load, with i_d = 0 and theta = 0.
 
     Parameters
@@ -200,6 +202,8 @@ def linearise(design: Design, speed: float = 0.0, load: float = 0.0) -> Linearis
     design : Design
     speed, load : float
         rad/s and N m.
+    mass : SecondMass, optional
+        In the place of the design's.
 
     Returns
     -------
@@ -221,7 +225,7 @@ def linearise(design: Design, speed: float = 0.0, load: float = 0.0) -> Linearis
     B = np.column_stack([0.5 * (derivative(x, u + h) - derivative(x, u - h)) for h in np.eye(3)])
     if point.case == "stuck":
         A[2:], B[2:] = 0.0, 0.0
-    return _with_second_mass(design, Linearisation(point, A, B))
+    return _with_second_mass(design, Linearisation(point, A, B), mass or second_mass(design))
 
 
 def second_mass(design: Design) -> SecondMass | None:
@@ -254,9 +258,8 @@ def rigid(design: Design) -> Design:
     return design
 
 
-def _with_second_mass(design: Design, model: Linearisation) -> Linearisation:
+def _with_second_mass(design: Design, model: Linearisation, mass: SecondMass | None) -> Linearisation:
     """Add the load behind a spring and a damper: friction stays at the motor, the external load moves behind."""
-    mass = second_mass(design)
     if mass is None:
         return model
     J_m = design.J - mass.J_load

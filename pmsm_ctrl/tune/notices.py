@@ -11,7 +11,9 @@ SLOWED = Template(
     "slowed_by_resonance", "resonance at {resonance:.4g} Hz: the speed loop was slowed down to run without a filter"
 )
 FILTER = Template(
-    SLOWED.code, SLOWED.words + "; with a {kind} at {frequency:.4g} Hz the full bandwidth meets the requirements"
+    SLOWED.code,
+    SLOWED.words + "; a {kind} at {frequency:.4g} Hz meets the requirements at {crossover:.3g} Hz also with "
+    "the stiffness and the inertias of motor and load at the ends of their tolerances; without it {plain:.3g} Hz",
 )
 RIPPLE = Template(
     "encoder_ripple",

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from pmsm_ctrl.tune.margins import Margins
     from pmsm_ctrl.tune.proof import Check
+    from pmsm_ctrl.tune.resonance import FilterOption
     from pmsm_ctrl.tune.sampled import Biquad
 
 __all__: list[str] = []
@@ -207,17 +208,25 @@ def _resonance(result: Tuning) -> tuple[Block, ...]:
     if r is None:
         return ()
 
-    def row(name: str, found: Margins) -> tuple[str, ...]:
-        return name, *_brief(found), ", ".join(map(str, missed(found))) or "met"
+    def row(name: str, found: Margins, option: FilterOption | None = None) -> tuple[str, ...]:
+        robust = ("-", "-")
+        if option is not None:
+            peak = "unstable" if option.worst.stable is False else _number(option.worst.sensitivity_peak)
+            robust = (peak, _number(option.crossover) if option.crossover > 0.0 else "none")
+        return name, *_brief(found), ", ".join(map(str, missed(found))) or "met", *robust
 
-    rows = [row("none, gains of the rigid axis", r.before)]
-    rows += [row(_filter(option.filter), option.margins) for option in r.options]
+    rows = [row("none, gains of the rigid axis", r.before, r.plain)]
+    rows += [row(_filter(option.filter), option.margins, option) for option in r.options if option.filter is not None]
     rows.append(row("none, gains of this design", result.margins["speed"]))
-    caption = f"Resonance at {r.resonance:.4g} Hz (antiresonance {r.antiresonance:.4g} Hz): filters at the same gains"
-    table = Table(("filter", *BRIEF, "requirements"), tuple(rows), caption)
+    caption = (
+        f"Resonance at {r.resonance:.4g} Hz (antiresonance {r.antiresonance:.4g} Hz): filters at the same gains, their "
+        "abs(S) at the worst corner of stiffness and inertias, and the crossover of gains slow enough for every corner"
+    )
+    table = Table(("filter", *BRIEF, "requirements", "worst abs(S)", "for all [Hz]"), tuple(rows), caption)
     if not r.options:
         return (table,)
     best = r.options[0].filter
+    assert best is not None
     words = f"with the {best.kind.replace('_', '-')} at {best.frequency:.4g} Hz"
     seen = "The resonance raises the loop gain where the phase has passed -180 deg; the filter removes the peak."
     return table, Picture(lambda: _filtered(result, words), seen)

@@ -7,28 +7,56 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from pmsm_ctrl.design import Design, SpeedLoop
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.tune.linearise import second_mass
-from pmsm_ctrl.tune.margins import Margins, margins
+from pmsm_ctrl.tune.linearise import linearise, second_mass
+from pmsm_ctrl.tune.margins import Margins, margins, response
 from pmsm_ctrl.tune.requirements import Missed, Requirements
-from pmsm_ctrl.tune.sampled import Biquad, Cascade
+from pmsm_ctrl.tune.robust import LOAD, corners, varied, varied_load
+from pmsm_ctrl.tune.sampled import Biquad, Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
 
 __all__ = ["FilterOption", "Resonance", "resonance", "resonance_frequencies", "slow_down"]
 
 RATIO, STEPS = 1.15, 40  # of the search for slower gains
+SLOWEST = 15  # steps of that search over the corners: seven times slower
+WORTH = 1.1  # crossover with a filter, as a multiple of that without, from which on the filter is proposed
 
 
 @dataclass(frozen=True)
 class FilterOption:
-    """A filter behind the speed controller and the margins with it, the gains of the speed loop unchanged."""
+    """A filter behind the speed controller, or none, and how fast the loop may be with it.
 
-    filter: Biquad
+    Attributes
+    ----------
+    filter : Biquad or None
+    margins : Margins
+        With the gains of the rigid axis.
+    missed : tuple of Missed
+        Of these.
+    worst : Margins
+        With the same gains at the worst corner of the load: stiffness and the inertias of motor and load, each at one
+        end of its tolerance.
+    corner : str
+        That corner.
+    slowed : float
+        Factor by which these gains must be slower to meet the requirements nominally and at every corner; inf when no
+        factor up to that of the search does.
+    crossover : float
+        Nominal, with the slower gains, Hz; 0 without them.
+    """
+
+    filter: Biquad | None
     margins: Margins
     missed: tuple[Missed, ...]
+    worst: Margins
+    corner: str
+    slowed: float
+    crossover: float
 
 
 @dataclass(frozen=True)
@@ -44,7 +72,9 @@ class Resonance:
     before : Margins
         Of these gains on the real axis, without a filter.
     options : tuple of FilterOption
-        Filters tried at the same gains, the proposed one first.
+        Filters tried, the best one first.
+    plain : FilterOption
+        No filter.
     slowed : bool
         Whether the tuned gains had to be reduced to run without a filter.
     """
@@ -54,12 +84,14 @@ class Resonance:
     gains: SpeedLoop
     before: Margins
     options: tuple[FilterOption, ...]
+    plain: FilterOption
     slowed: bool
 
     @property
     def proposed(self) -> FilterOption | None:
-        """The best option that meets the requirements, or None."""
-        return next((option for option in self.options if not option.missed), None)
+        """The option that is fastest over the tolerances of the load, if it is worth a filter; else None."""
+        best = self.options[0] if self.options else None
+        return best if best is not None and best.crossover > WORTH * self.plain.crossover else None
 
 
 def resonance_frequencies(design: Design) -> tuple[float, float] | None:
@@ -76,13 +108,64 @@ def resonance(cascade: Cascade, gains: SpeedLoop, requirements: Requirements, sl
     found = resonance_frequencies(cascade.truth)
     if found is None:
         return None
-    options = []
-    for item in _candidates(cascade, found[1]):
-        after = margins(open_loop(cascade, gains, (item,)))
-        options.append(FilterOption(item, after, requirements.missed(after)))
-    # The fewest requirements missed first, then the closest to the requirements.
-    options.sort(key=lambda o: (len(o.missed), requirements.shortfall(o.margins)))
-    return Resonance(*found, gains, margins(open_loop(cascade, gains)), tuple(options), slowed)
+    judge = _Judge(cascade, gains, requirements)
+    options = [judge.option(item) for item in _candidates(cascade, found[1])]
+    # The fastest over the tolerances first, then the closest to the requirements.
+    options.sort(key=lambda o: (-o.crossover, requirements.shortfall(o.worst)))
+    return Resonance(*found, gains, margins(open_loop(cascade, gains)), tuple(options), judge.option(None), slowed)
+
+
+class _Judge:
+    """Filters on the nominal axis and at the corners of its load."""
+
+    def __init__(self, cascade: Cascade, gains: SpeedLoop, requirements: Requirements) -> None:
+        self._nominal, self._gains, self._requirements = cascade, gains, requirements
+        self._grid = frequencies(cascade.period, 1e-3, 400)
+        self._corners = []
+        for deviations in _load_corners(cascade.truth):
+            truth, mass = varied(cascade.truth, deviations), varied_load(cascade.truth, deviations)
+            model = linearise(truth, cascade.model.point.speed, mass=mass)
+            self._corners.append((deviations, replace(cascade, truth=truth, model=model)))
+
+    def option(self, item: Biquad | None) -> FilterOption:
+        filters = () if item is None else (item,)
+        nominal = margins(open_loop(self._nominal, self._gains, filters))
+        corners = [(self._margins(at, self._gains, filters), deviations) for deviations, at in self._corners]
+        worst, deviations = max(corners, key=lambda found: self._requirements.shortfall(found[0]))
+        slowed, crossover = self._fastest(filters)
+        name = ", ".join(f"{symbol} {100.0 * d:+.3g} %" for symbol, d in deviations.items())
+        missed = self._requirements.missed(nominal)
+        return FilterOption(item, nominal, missed, worst, name, slowed, crossover)
+
+    def _margins(self, cascade: Cascade, gains: SpeedLoop, filters: tuple[Biquad, ...]) -> Margins:
+        return margins(open_loop(cascade, gains, filters), self._grid)
+
+    def _fails(self, cascade: Cascade, gains: SpeedLoop, filters: tuple[Biquad, ...]) -> bool:
+        loop = open_loop(cascade, gains, filters)
+        # abs(S) is quick to find and decides most cases
+        if np.abs(1.0 / (1.0 + response(loop, self._grid))).max() > self._requirements.sensitivity_peak:
+            return True
+        return bool(self._requirements.missed(margins(loop, self._grid)))
+
+    def _fastest(self, filters: tuple[Biquad, ...]) -> tuple[float, float]:
+        """Return the smallest factor by which the gains must be slower, and the nominal crossover then."""
+        every = [self._nominal, *(at for _, at in self._corners)]
+        for k in range(SLOWEST):
+            f = RATIO**k
+            slower = {"K_p": self._gains.K_p / f, "T_n": self._gains.T_n * f}
+            gains = self._gains.model_copy(update=slower)
+            failed = next((at for at in every if self._fails(at, gains, filters)), None)
+            if failed is None:
+                return f, self._margins(self._nominal, gains, filters).crossover
+            # It is the likeliest to fail again.
+            every = [failed, *(at for at in every if at is not failed)]
+        return math.inf, 0.0
+
+
+def _load_corners(design: Design) -> list[dict[str, float]]:
+    """Return the corners of the load's tolerances alone: inertias of motor and load, stiffness."""
+    kept = ({s: d for s, d in corner.items() if s in ("J", *LOAD)} for corner in corners(design))
+    return list({tuple(corner.items()): corner for corner in kept}.values())
 
 
 def _candidates(cascade: Cascade, peak: float) -> list[Biquad]:

@@ -175,8 +175,11 @@ class Tuning(Result):
             if cure is None:
                 out.append(notices.SLOWED(resonance=resonant.resonance))
             else:
-                kind = cure.filter.kind.replace("_", "-")
-                out.append(notices.FILTER(resonance=resonant.resonance, kind=kind, frequency=cure.filter.frequency))
+                assert cure.filter is not None
+                out.append(notices.FILTER(
+                    resonance=resonant.resonance, kind=cure.filter.kind.replace("_", "-"),
+                    frequency=cure.filter.frequency, crossover=cure.crossover, plain=resonant.plain.crossover,
+                ))  # fmt: skip
         limit = self.design.drive.i_max
         if (factor := self.limited.get("voltage")) is not None:
             out.append(notices.VOLTAGE(factor=factor))
@@ -226,7 +229,15 @@ class Tuning(Result):
                 "antiresonance_hz": resonant.antiresonance,
                 "resonance_hz": resonant.resonance,
                 "before": resonant.before.to_dict(),
-                "proposed": {**vars(cure.filter), **cure.margins.to_dict()} if cure else None,
+                "proposed": cure
+                and {
+                    **vars(cure.filter),
+                    **cure.margins.to_dict(),
+                    "slowed": cure.slowed,
+                    "crossover": cure.crossover,
+                    "worst_corner": cure.corner,
+                    "worst_sensitivity_peak": cure.worst.sensitivity_peak,
+                },
             }
         if self.proof is not None:
             out["proof"] = [

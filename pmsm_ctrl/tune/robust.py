@@ -1,6 +1,7 @@
 """Margins at the corners of the datasheet's tolerances, the worst one named, and gains that keep it.
 
-At a corner every parameter is at one end of its tolerance. The controller keeps assuming the datasheet.
+At a corner every parameter is at one end of its tolerance. The controller keeps assuming the datasheet. On an axis with
+two masses the inertias of motor and load and the stiffness between them vary apart.
 """
 
 from __future__ import annotations
@@ -13,15 +14,19 @@ import numpy as np
 
 from pmsm_ctrl.design import CurrentLoop, Design, SpeedLoop
 from pmsm_ctrl.effects import bound_effects
+from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.tune.linearise import second_mass
 from pmsm_ctrl.tune.margins import Margins, margins
 from pmsm_ctrl.tune.requirements import Missed, Requirements
 from pmsm_ctrl.tune.sampled import Cascade, current_loop, frequencies
 from pmsm_ctrl.tune.speed import open_loop
 
-__all__ = ["Corner", "Robustness", "corners", "robust_gains", "robustness", "varied"]
+__all__ = ["Corner", "Robustness", "corners", "robust_gains", "robustness", "varied", "varied_load"]
 
 VARIED = ("J", "psi_f", "R", "L_q")
+LOAD = ("J_load", "k")  # of two masses: inertia of the load, and stiffness
+STIFFNESS = 0.2  # relative tolerance of the stiffness where the motor's table states none
 INSIDE = 4  # random points inside the tolerances, judged as a check that the worst point is a corner
 RATIO, STEPS = 1.1, 40  # of the search for slower gains
 
@@ -84,8 +89,11 @@ class Robustness:
 
 
 def varied(design: Design, deviations: Mapping[str, float]) -> Design:
-    """Return the plant with relative deviations of `J` (all inertias), `psi_f`, `R` and `L_q` (`L_d` alike)."""
-    factor = {symbol: 1.0 + value for symbol, value in deviations.items()}
+    """Return the plant with relative deviations of `J` (all inertias), `psi_f`, `R` and `L_q` (`L_d` alike).
+
+    Where the deviation of the load's inertia `J_load` is given too, `J` is the motor's alone.
+    """
+    factor = {symbol: 1.0 + value for symbol, value in deviations.items() if symbol not in LOAD}
     motor: dict[str, float] = {symbol: getattr(design.motor, symbol) * factor[symbol] for symbol in factor}
     if "L_q" in factor and design.motor.L_d is not None:
         motor["L_d"] = design.motor.L_d * factor["L_q"]
@@ -95,12 +103,29 @@ def varied(design: Design, deviations: Mapping[str, float]) -> Design:
         scaled = effect.structure.with_inertia_scaled(values, f)
         if scaled != values:
             changed = changed.with_effect(effect.id, scaled)
-    return changed
+    mass = varied_load(design, deviations)
+    if mass is None:
+        return changed
+    nominal = second_mass(design)
+    assert nominal is not None
+    return changed.replace(motor={"J": (design.J - nominal.J_load) * f + mass.J_load}, load={"J": 0.0})
+
+
+def varied_load(design: Design, deviations: Mapping[str, float]) -> SecondMass | None:
+    """Return the load behind the spring with the deviations of `J_load` and `k`; None where neither is given."""
+    mass = second_mass(design)
+    if mass is None or not set(LOAD) & set(deviations):
+        return None
+    load = deviations.get("J_load", deviations.get("J", 0.0))
+    return replace(mass, J_load=mass.J_load * (1.0 + load), k=mass.k * (1.0 + deviations.get("k", 0.0)))
 
 
 def corners(design: Design) -> list[dict[str, float]]:
     """Return the relative deviations at every corner of the motor's tolerances."""
-    spans = {symbol: design.motor.tolerance.get(symbol, 0.0) for symbol in VARIED}
+    stated = design.motor.tolerance
+    spans = {symbol: stated.get(symbol, 0.0) for symbol in VARIED}
+    if second_mass(design) is not None:
+        spans |= {"J_load": stated.get("J_load", spans["J"]), "k": stated.get("k", STIFFNESS)}
     spans = {symbol: tolerance for symbol, tolerance in spans.items() if tolerance > 0.0}
     signs = itertools.product((-1.0, 1.0), repeat=len(spans))
     return [dict(zip(spans, (s * t for s, t in zip(sign, spans.values(), strict=True)), strict=True)) for sign in signs]
@@ -119,7 +144,8 @@ class _Judge:
 
     def corner(self, deviations: Mapping[str, float]) -> Corner:
         truth = varied(self.design, deviations) if deviations else self.design
-        cascade = Cascade.of(self.design, self.current, truth=truth, at=self.at)
+        mass = varied_load(self.design, deviations)
+        cascade = Cascade.of(self.design, self.current, truth=truth, at=self.at, mass=mass)
         # The current loop depends on the winding alone: corners that share it share its margins.
         winding = tuple(deviations.get(symbol, 0.0) for symbol in ("R", "L_q"))
         if winding not in self.seen:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import CurrentLoop, Design, PositionLoop, SpeedLoop
+from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.sampling import smoothing
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.linearise import Linearisation, linearise
@@ -121,11 +122,12 @@ class Cascade:
         *,
         truth: Design | None = None,
         at: float = 0.0,
+        mass: SecondMass | None = None,
     ) -> Cascade:
-        """Linearise the plant (`truth`, or `design`) at a speed (rad/s) and build the cascade around it."""
+        """Linearise the plant (`truth`, or `design`; its load, or `mass`) at a speed (rad/s), and close the cascade."""
         plant = truth or design
         controlled = position if position is not None and position.K_v > 0.0 else None
-        return cls(design, plant, linearise(plant, at), current, speed, controlled)
+        return cls(design, plant, linearise(plant, at, mass=mass), current, speed, controlled)
 
     def with_gains(self, **changed: Any) -> Cascade:
         """Return a copy with other controllers: `current`, `speed` or `position`."""
