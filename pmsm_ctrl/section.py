@@ -20,7 +20,7 @@ How a room writes its ``present.py``:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import singledispatch
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -178,19 +178,26 @@ class Section:
     blocks: tuple[Block, ...] = ()
     folded: bool = False
 
-    def without(self, notices: Collection[Notice]) -> Section:
-        """Return a copy without some notices, which stand elsewhere on the page.
+    def without(self, elsewhere: Iterable[Notice | Picture]) -> Section:
+        """Return a copy without some notices and pictures, which stand elsewhere on the page.
 
         Parameters
         ----------
-        notices : collection of Notice
+        elsewhere : iterable of Notice and Picture
+            Pictures are known by their captions.
 
         Returns
         -------
         Section
         """
-        kept = tuple(block for block in self.blocks if not (isinstance(block, Notice) and block in notices))
-        return replace(self, blocks=kept)
+        left_out = {one.caption if isinstance(one, Picture) else (one.code, one.text) for one in elsewhere}
+
+        def kept(block: Block) -> bool:
+            if isinstance(block, Notice):
+                return (block.code, block.text) not in left_out
+            return not (isinstance(block, Picture) and block.caption in left_out)
+
+        return replace(self, blocks=tuple(filter(kept, self.blocks)))
 
 
 Block: TypeAlias = str | Notice | Table | Picture | Traces | Section

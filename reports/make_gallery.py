@@ -115,7 +115,7 @@ def _gains(found: Any, variants: list[str]) -> Section:
 
 
 def _bars(found: Any, variants: list[str], metrics: tuple[tuple[str, str], ...]) -> Figure:
-    factors = sorted({row.factor for row in found.table if row.variant == variants[0]})
+    factors = sorted({row.factor for row in found.table})
     figure = Figure(figsize=(7.6, 1.2 + 0.42 * len(variants)), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     for axes, (metric, name) in zip(panels, metrics, strict=True):

@@ -14,6 +14,7 @@ from pmsm_ctrl.identify import SweepResult
 from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.report.result import Headline
 from pmsm_ctrl.result import Result
+from pmsm_ctrl.section import Picture
 
 __all__ = ["of_compensation", "of_diagnosis", "of_result", "of_simulation"]
 
@@ -48,12 +49,13 @@ def of_simulation(design: Design, swept: SweepResult, duration: float) -> Headli
         f"The drive {design.name} was simulated with its sampled controllers: a speed sweep of {len(swept.levels)} "
         f"levels gives its friction, a motion of {duration:.3g} s its inertia and friction by regression."
     )
+    line = tuple(block for block in swept.section().blocks if isinstance(block, Picture))[:1]
     if not deviations:
         verdict = "The design has no Coulomb or viscous friction to compare the sweep with."
-        return Headline(done, verdict, None, tuple(numbers))
+        return Headline(done, verdict, None, tuple(numbers), line)
     worst = max(map(abs, deviations))
     verdict = f"The sweep returns the simulated friction within {worst:.2f} % (accepted: {ACCEPTED_PERCENT:g} %)."
-    return Headline(done, verdict, worst <= ACCEPTED_PERCENT, tuple(numbers))
+    return Headline(done, verdict, worst <= ACCEPTED_PERCENT, tuple(numbers), line)
 
 
 def of_result(result: Result) -> Headline | None:

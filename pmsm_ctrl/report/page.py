@@ -65,6 +65,8 @@ def render(
     interactive : bool, optional
         Whether traces can be zoomed and effects switched; if left out, when Bokeh is installed.
     """
+    pictures = headline.pictures if headline is not None else ()
+    sections = [section.without(pictures) for section in sections]  # what the first screen shows is not shown again
     zoomable = live.available() if interactive is None else interactive
     shown = [  # a title that the page has already is not written again
         {
@@ -77,7 +79,6 @@ def render(
     ]
     first_traces = next(filter(None, (re.search(r'<div class="live" id="(\w+)"', one["html"]) for one in shown)), None)
     scripts = live.scripts() if first_traces is not None else ()
-    pictures = headline.pictures if headline is not None else ()
     text: str = _template().render(
         title=title,
         headline=headline,

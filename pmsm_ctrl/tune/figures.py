@@ -67,7 +67,10 @@ def steps(tuning: Tuning) -> Figure:
     _steps(right, {n: predicted[n] for n in ("speed",) if n in predicted}, simulated)
     _steps(lower, {n: predicted[n] for n in ("position",) if n in predicted}, simulated)
     _steps(load, {"load": predicted["load"]}, simulated)
-    load.set(ylabel="speed deviation [rad/s per N m]", title="Speed after a load step")
+    load.set(
+        ylabel=f"speed deviation [{'m/s per N' if tuning.design.motion == 'linear' else 'rad/s per N m'}]",
+        title="Speed after a load step",
+    )
     if "position" not in predicted:
         lower.set_axis_off()
     return figure
