@@ -121,27 +121,46 @@ def browser(*words: str, profile: Path) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run(command, capture_output=True, timeout=120, check=True)
 
 
-@no_browser
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
-def test_phone_needs_no_sideways_scrolling(page: Path, tmp_path: Path) -> None:
-    # A window is never narrower than 500 px, a frame is what its style says.
-    probe = (
-        "<script>addEventListener('load', () => { const r = document.documentElement;"
-        "parent.postMessage(r.scrollWidth - r.clientWidth, '*') })</script></body>"
-    )
+def measured(page: Path, width: int, height: int, expression: str, tmp_path: Path) -> str:
+    """Return what a script says of the page in a frame of this size: a window is never narrower than 500 px."""
+    probe = f"<script>addEventListener('load', () => parent.postMessage({expression}, '*'))</script></body>"
     text = re.sub('<meta http-equiv="Content-Security-Policy"[^>]*>', "", page.read_text("utf-8"))  # forbids the probe
     (tmp_path / "page.html").write_text(text.replace("</body>", probe), encoding="utf-8")
     frame = (
-        "<!DOCTYPE html><title>?</title><script>onmessage = (e) => { document.title = 'WIDE ' + e.data }</script>"
-        "<iframe src='page.html' style='width:390px;height:844px;border:0'></iframe>"
+        "<!DOCTYPE html><title>?</title><script>onmessage = (e) => { document.title = 'IS ' + e.data }</script>"
+        f"<iframe src='page.html' style='width:{width}px;height:{height}px;border:0'></iframe>"
     )
     outer = tmp_path / "frame.html"
     outer.write_text(frame, encoding="utf-8")
     drawn = browser(
-        "--window-size=1000,1000", "--virtual-time-budget=20000", "--dump-dom", outer.as_uri(),
+        "--window-size=1400,1000", "--virtual-time-budget=20000", "--dump-dom", outer.as_uri(),
         profile=tmp_path / "profile",
     )  # fmt: skip
-    assert b"<title>WIDE 0</title>" in drawn.stdout
+    found = re.search("<title>IS ([^<]*)</title>", drawn.stdout.decode())
+    assert found is not None
+    return found[1]
+
+
+@no_browser
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_phone_needs_no_sideways_scrolling(page: Path, tmp_path: Path) -> None:
+    root = "document.documentElement"
+    assert measured(page, 390, 844, f"{root}.scrollWidth - {root}.clientWidth", tmp_path) == "0"
+
+
+@no_browser
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)], ids=["desk", "phone"])
+def test_the_first_screen_shows_the_error_falling_and_the_residual(width: int, height: int, tmp_path: Path) -> None:
+    """Both pictures end within the window that issue 22 names, below the verdict, with no table above them."""
+    bottoms = "[...document.querySelectorAll('.verdict, .hero svg')].map((e) => e.getBoundingClientRect().bottom)"
+    top = "(document.querySelector('table')?.getBoundingClientRect().top ?? 1e6)"
+    page = next(one for one in PAGES if one.stem == "hidden_effects")
+    said = measured(page, width, height, f"[...{bottoms}, {top}].join(' ')", tmp_path)
+    verdict, *pictures, table = map(float, said.split())
+    assert len(pictures) == 2
+    assert verdict < min(pictures)
+    assert max(pictures) <= height
+    assert table > max(pictures)
 
 
 @no_browser

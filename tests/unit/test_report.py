@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import shutil
@@ -20,7 +21,7 @@ from pmsm_ctrl.diagnose import Diagnosis
 from pmsm_ctrl.diagnose.figures import contributions, plane_of
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.rendering.svg import inline_svg
-from pmsm_ctrl.report import Headline, render
+from pmsm_ctrl.report import Headline, headline_of, render
 from pmsm_ctrl.section import Notice, Picture, Section, Table
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
@@ -247,6 +248,36 @@ def test_diagnosis_report_shows_the_way_down(hidden_cogging: Diagnosis) -> None:
     Page(still)
     assert len(still) < 1_500_000
     assert "<script" not in still
+
+
+def test_first_screen_of_a_diagnosis(hidden_cogging: Diagnosis) -> None:
+    headline = headline_of(hidden_cogging)
+    assert headline is not None
+    assert headline.verdict == "1 missing effect: Cogging torque."
+    values = [hidden_cogging.errors[rung]["torque"]["relative"] for rung in ("nominal", "final")]
+    values.append(hidden_cogging.steps[-1].holdout_after["torque"]["relative"])
+    assert [value for value, _ in headline.numbers] == [f"{100 * value:.2f} %" for value in values]
+    assert len({label for _, label in headline.numbers}) == 3, "a definition each"
+    falling, maps = (picture.draw() for picture in headline.pictures)
+    bars = sorted(round(bar.get_width(), 6) for bar in falling.axes[0].patches)
+    assert bars == sorted(round(100 * v, 6) for v in (
+        *values, hidden_cogging.errors["base"]["torque"]["relative"],
+        hidden_cogging.steps[0].holdout_before["torque"]["relative"],
+    ))  # fmt: skip
+    assert len(maps.axes) == 3, "before, after, and the scale"
+    section = hidden_cogging.section()
+    text = render(section.title, [section], headline=headline, interactive=False)
+    assert text.index("</figure>") < text.index("<table")
+    assert headline_of(compare(axis(), axis_log())) is None
+
+
+def test_no_sweep_is_simulated_below_a_log(monkeypatch: pytest.MonkeyPatch, designs: Path) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    chain = importlib.import_module("pmsm_ctrl.report.chain")
+    monkeypatch.setattr(chain, "tune", lambda design, **_: "tuned")
+    monkeypatch.setattr(chain, "sweep", lambda *_, **__: pytest.fail("swept"))
+    results, _ = chain._simulated_parts(design, False, 0, lambda share: None)
+    assert set(results) == {"tune"}
 
 
 def figures(section: Section) -> list[Figure]:
