@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +15,7 @@ from pmsm_ctrl.importers.build import channels_of
 from pmsm_ctrl.importers.clock import with_clock
 from pmsm_ctrl.importers.mapping import Assignment, assign
 from pmsm_ctrl.importers.plausibility import check
+from pmsm_ctrl.importers.sources import Source, as_file, frame_digest, frame_table, is_frame
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.log import Log, Provenance
 
@@ -29,19 +30,22 @@ _REFUSED = {
 
 
 def read_log(
-    path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None
+    source: Source, design: Design | None = None, mapping: Mapping[str, str] | None = None, *, name: str = ""
 ) -> Log:
     """Read a measured or simulated log.
 
     Parameters
     ----------
-    path
-        CSV and other text, MAT (v4 to v7.3), MDF4, TDMS or Parquet; found from the content.
+    source
+        A path, the bytes of a file, or a stream of bytes: CSV and other text, MAT (v4 to v7.3), MDF4, TDMS or Parquet,
+        found from the content. Or a data frame of pandas, polars or pyarrow, whose columns are read as those of a file.
     design
         Its [log] table maps foreign columns to channels; its motion decides between rotary and linear units.
     mapping
         Channel to column, ``{"omega": "speed [rpm]"}``; takes precedence over the design's table. ``"#3 [rpm]"`` is the
         third column, ``{"t": "every 0.125 ms"}`` the time of a file without one.
+    name
+        What messages and results call it; the path where it is left out.
 
     Returns
     -------
@@ -53,11 +57,14 @@ def read_log(
     LogError
         One line with the file, the place and what is wrong.
     """
-    return read_all(path, design, mapping)[0]
+    if is_frame(source):
+        return _from_table(frame_table(source, name), frame_digest, design, mapping)[0]
+    with as_file(source, name) as (path, label):
+        return read_all(path, design, mapping, file=label)[0]
 
 
 def read_all(
-    path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None
+    path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None, file: str = ""
 ) -> tuple[Log, Table, Assignment]:
     """Return the log of `read_log` with the table and the assignment that led to it.
 
@@ -65,6 +72,8 @@ def read_all(
     ----------
     path, design, mapping
         As `pmsm_ctrl.importers.read_log`.
+    file : str
+        What messages and results call it; the path where it is left out.
 
     Returns
     -------
@@ -75,12 +84,18 @@ def read_all(
     LogError
         As `read_log`.
     """
-    target, file = _existing(path)
-    table, mapping = with_clock(open_table(target, design), design, mapping)
-    assignment = assign(table, design, mapping)
+    target, found = _existing(path, file)
+    return _from_table(open_table(target, design, found), lambda _: sha256(target), design, mapping)
+
+
+def _from_table(
+    table: Table, digest_of: Callable[[Table], str], design: Design | None, mapping: Mapping[str, str] | None
+) -> tuple[Log, Table, Assignment]:
+    table, mapping = with_clock(table, design, mapping)
+    assignment, file = assign(table, design, mapping), table.file
     # a large file takes a second to hash, so a thread does it during parsing
     with ThreadPoolExecutor(max_workers=1) as pool:
-        digest = pool.submit(sha256, target)
+        digest = pool.submit(digest_of, table)
         try:
             channels, notes, doubts = channels_of(table, assignment)
         except MemoryError:
@@ -90,7 +105,7 @@ def read_all(
     return replace(log, provenance=replace(provenance, notices=(*doubts, *check(log, design)))), table, assignment
 
 
-def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Table:
+def open_table(path: str | os.PathLike[str], design: Design | None = None, file: str = "") -> Table:
     """Open a file and identify its columns without reading all numbers.
 
     Parameters
@@ -98,6 +113,8 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Ta
     path : path
     design : Design, optional
         Its [log] table may name separator and decimal mark.
+    file : str
+        What messages call it; the path where it is left out.
 
     Returns
     -------
@@ -108,7 +125,7 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Ta
     LogError
         When the file is missing, empty, damaged or of no known format.
     """
-    target, file = _existing(path)
+    target, file = _existing(path, file)
     with open(target, "rb") as stream:
         head = stream.read(1024)
     if not head:
@@ -142,9 +159,9 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None) -> Ta
     return open_text(target, file, settings.separator if settings else None, settings.decimal if settings else None)
 
 
-def _existing(path: str | os.PathLike[str]) -> tuple[Path, str]:
+def _existing(path: str | os.PathLike[str], name: str = "") -> tuple[Path, str]:
     try:
-        target, file = Path(path), os.fspath(path)
+        target, file = Path(path), name or os.fspath(path)
         if target.is_dir():
             raise LogError(f"{file}: is a folder; a log file was expected")
         if not target.exists():
