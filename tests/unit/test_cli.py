@@ -323,6 +323,27 @@ def test_reader_that_leaves_early_is_no_error() -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals and pipes")
+def test_an_interrupt_while_the_command_line_is_loaded_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import builtins
+
+    from pmsm_ctrl.__main__ import main as start
+
+    real = builtins.__import__
+
+    def interrupted(name: str, *words: object, **named: object) -> object:
+        if name == "pmsm_ctrl.cli":
+            raise KeyboardInterrupt
+        return real(name, *words, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", interrupted)
+    with pytest.raises(SystemExit) as left:
+        start()
+    assert left.value.code == 130
+    assert capsys.readouterr().err == "pmsm-ctrl: interrupted; no incomplete file was written\n"
+
+
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupted_command_leaves_nothing_behind(tmp_path: Path, sent: signal.Signals, status: int) -> None:
     # The probe is killed while it writes; the file it would have replaced must be whole.
