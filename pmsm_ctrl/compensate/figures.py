@@ -63,7 +63,7 @@ def reversal(example: Example, angle: str) -> Figure:
     upper.legend(fontsize="small", loc="best")
     lower.plot(example.t, example.speed, color="black", linewidth=1.2)
     lower.axhline(0.0, color="black", linewidth=0.6)
-    lower.set(ylabel=f"reference speed [{angle}/s]", xlabel="time from the reversal [s]")
+    lower.set(ylabel=f"reference\nspeed [{angle}/s]", xlabel="time from the reversal [s]")
     return figure
 
 

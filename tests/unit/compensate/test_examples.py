@@ -59,4 +59,4 @@ def test_the_circle_is_drawn_magnified_but_not_beyond_half_its_radius(found: tup
     assert radii[0] - RADIUS == pytest.approx(factor * found[1].without, abs=1e-9)
     assert 0.15 * RADIUS < np.max(np.abs(radii[0] - RADIUS)) < 0.5 * RADIUS
     labels = [panel.get_ylabel() for panel in reversal(found[0], "rad").axes]
-    assert labels == ["position error [mrad]", "reference speed [rad/s]"]
+    assert labels == ["position error [mrad]", "reference\nspeed [rad/s]"]
