@@ -1,6 +1,7 @@
 """Diagnosis: which physical effect is missing from a design, how sure that is, and what would settle it."""
 
 from pmsm_ctrl.diagnose.adding import add
+from pmsm_ctrl.diagnose.by_hand import Rung, Stepwise, stepwise
 from pmsm_ctrl.diagnose.contributions import Contributions
 from pmsm_ctrl.diagnose.diagnosis import diagnose
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
@@ -14,8 +15,11 @@ __all__ = [
     "DiagnosisStep",
     "Policy",
     "Ranked",
+    "Rung",
+    "Stepwise",
     "Verdict",
     "add",
     "diagnose",
+    "stepwise",
     "verdict_text",
 ]

@@ -45,7 +45,7 @@ from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import name_of
 from pmsm_ctrl.regression.timed_record import timed_record
 
-__all__ = ["diagnose"]
+__all__ = ["condition", "diagnose", "offered_effects", "without_what_happened_once"]
 
 Progress = Callable[[float], None]
 
@@ -109,10 +109,10 @@ def diagnose(
         raise RequestError(f"calibrate: found {len(logs)} logs; one, whose experiment is simulated, was expected")
     if calibrate:
         replay_of(design, logs[0])  # what cannot be simulated is said before the work, not after it
-    offered = _offered(catalogue_of(design), candidates)
+    offered = offered_effects(catalogue_of(design), candidates)
     advance = progress or (lambda share: None)
     share = 1.0 / (1.0 + calibrate)
-    case = _condition(design, logs, holdouts, offered, policy)
+    case = condition(design, logs, holdouts, offered, policy)
     found = as_written(case, _answer(case, plan, lambda done: advance(share * done)))
     case.record.kept.clear()  # what was remembered of the log stays with no result
     found = replace(
@@ -132,7 +132,7 @@ def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
     """Accept effects, swap those that another one explains better, and add what they do not explain."""
     if case.believed is not None and case.believed.contradictions:
         return outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
-    case = _without_events(case)
+    case = without_what_happened_once(case)
     selection = swap(case, _select(case, progress=progress), _select)
     last = with_shapes_fitted(case.design, selection.fit)
     selection = replace(selection, fits=(*selection.fits[:-1], last))
@@ -146,8 +146,17 @@ def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
     return outcome(case, selection, structure, experiment)
 
 
-def _without_events(case: Case) -> Case:
-    """Keep what happened once out of every fit: no effect explains it, and it imitates some."""
+def without_what_happened_once(case: Case) -> Case:
+    """Keep what happened once out of every fit: no effect explains it, and it imitates some.
+
+    Parameters
+    ----------
+    case : Case
+
+    Returns
+    -------
+    Case
+    """
     events = events_of(case.keep(case.fit(())), case.policy)
     if not events:
         return case
@@ -167,10 +176,24 @@ def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None =
     return selection.plus(found)
 
 
-def _condition(
+def condition(
     design: Design, log: Logs, holdouts: tuple[Log, ...], offered: Mapping[str, Effect], policy: Policy
 ) -> Case:
-    """Condition the log, and the held-out ones in the same way."""
+    """Condition the log, and the held-out ones in the same way.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log or sequence of Log
+    holdouts : tuple of Log
+    offered : dict of id to Effect
+        The candidates.
+    policy : Policy
+
+    Returns
+    -------
+    Case
+    """
     believed = doubts_about(design, log)
     record = timed_record(design, believed.log)
     fast = orders_beyond(design, believed.log, record.cutoff)
@@ -189,7 +212,23 @@ def _condition(
     )  # fmt: skip
 
 
-def _offered(effects: Mapping[str, Effect], candidates: Iterable[str] | None) -> dict[str, Effect]:
+def offered_effects(effects: Mapping[str, Effect], candidates: Iterable[str] | None) -> dict[str, Effect]:
+    """Return the effects with these ids, or all of them.
+
+    Parameters
+    ----------
+    effects : dict of id to Effect
+    candidates : iterable of str, optional
+
+    Returns
+    -------
+    dict of id to Effect
+
+    Raises
+    ------
+    RequestError
+        For an unknown id.
+    """
     if candidates is None:
         return dict(effects)
     out = {}

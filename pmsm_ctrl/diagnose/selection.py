@@ -31,7 +31,10 @@ from pmsm_ctrl.regression.bounds import bounded, column_bounds
 from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.model import Solved
 
-__all__ = ["Evidence", "Found", "Selection", "Step", "best", "equivalents", "name_of", "same_order"]
+__all__ = [
+    "Evidence", "Found", "Selection", "Step", "best", "equivalents", "judged_trials", "name_of",
+    "same_order", "with_trial",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -163,7 +166,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         if isinstance(judged, Refusal):
             refused[name] = judged
             continue
-        after = case.fit(_with(case, fit, trial))
+        after = with_trial(case, fit, trial)
         # an effect that is still to come may be what brings a parameter back inside its bounds
         refusal = None if number + 1 < len(start) else _judge_refit(fit, after, trial, case.policy)
         refusal = refusal or _judge_holdout(case, fit, after)
@@ -172,6 +175,40 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
             return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)
         refused[name] = refusal
     return Found(None, None, refused)
+
+
+def judged_trials(fit: Fitted, policy: Policy = POLICY) -> list[tuple[Trial, float, Refusal | None]]:
+    """Return every candidate, its p-value corrected for their number, and what refuses it before a refit.
+
+    Parameters
+    ----------
+    fit : Fitted
+        With its trials.
+    policy : Policy
+
+    Returns
+    -------
+    list of (Trial, float, Refusal or None)
+        The one that explains most first.
+    """
+    out = []
+    for trial, p_holm in zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True):
+        judged = _judge_trial(fit, trial, p_holm, policy)
+        out.append((trial, p_holm, judged if isinstance(judged, Refusal) else None))
+    return out
+
+
+def with_trial(case: Case, fit: Fitted, trial: Trial) -> Fitted:
+    """Return the fit with one more effect, the nonlinear parameters of the others refined beside it.
+
+    Parameters
+    ----------
+    case : Case
+    fit : Fitted
+    trial : Trial
+        One of its trials.
+    """
+    return case.fit(_with(case, fit, trial))
 
 
 def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Refusal | Evidence:
