@@ -28,6 +28,8 @@ ALLOWED = {
     ("track/model.py", "gap"): "a gap of the log, as an event of the tracker",
     ("datasheet.py", "g"): "gram",
     ("tune/sampled.py", "d"): "the direct axis",
+    ("tune/robust.py", "J_load"): "the inertia of `SecondMass`, and its tolerance in the design",
+    ("tune/robust.py", "k"): "the stiffness of `SecondMass`, and its tolerance in the design",
     ("plausibility/foreign.py", "d"): "the direct axis",
     ("plausibility/relations.py", "d"): "the direct axis",
     ("report/present.py", "term"): "a column of the table of effects",
