@@ -288,6 +288,9 @@ def study(
         Path | None,
         typer.Option("--history", metavar="FILE", help="parameters of earlier studies; this study is added"),
     ] = None,
+    complete: Annotated[
+        bool, typer.Option("--complete", help="also compensate, track and export; some minutes")
+    ] = False,
     mapping: MapOption = None,
     seed: SeedOption = 0,
     effects: EffectsOption = None,
@@ -304,8 +307,8 @@ def study(
     other = logs_if_given(holdout, axis, mapping)
     with progress_bar(f"study {axis.name}") as progress:
         result = run_study(
-            axis, measured, holdout=other, output=output, seed=seed, history=history, command=command_line(),
-            progress=progress,
+            axis, measured, holdout=other, output=output, seed=seed, history=history, complete=complete,
+            command=command_line(), progress=progress,
         )  # fmt: skip
     print(result.summary())
     if json_file is not None:

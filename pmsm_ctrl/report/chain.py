@@ -19,6 +19,7 @@ from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_tabl
 from pmsm_ctrl.identify.paper import PAPER_CASES
 from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.plausibility import doubts_about, of_holdout
+from pmsm_ctrl.report.drive_parts import drive_parts
 from pmsm_ctrl.report.headline import of_diagnosis, of_simulation
 from pmsm_ctrl.report.history import Entry, add_entry, extended, read_history
 from pmsm_ctrl.report.notices import LEFT_OUT
@@ -41,6 +42,7 @@ def study(
     output: str | os.PathLike[str] | None = None,
     seed: int = 0,
     history: str | os.PathLike[str] | None = None,
+    complete: bool = False,
     command: str = "",
     progress: Callable[[float], None] | None = None,
 ) -> Study:
@@ -59,6 +61,8 @@ def study(
         Seed of the simulated noise.
     history : path, optional
         A file with what earlier studies of this axis identified: this one is added to it, and all are shown.
+    complete : bool
+        Also compensate, track and export the axis; the files go into a folder beside the page.
     command : str
         Shown in the appendix as the command that makes the page again.
     progress : function, optional
@@ -99,6 +103,12 @@ def study(
         headline = of_diagnosis(found, comparison)
     now = _entry(design, records, identification)
     entries = () if history is None else extended(before, now)
+    if complete:
+        more, missing = drive_parts(
+            identification.design, records[0], path, seed=seed, progress=lambda s: advance(0.95 + 0.05 * s)
+        )
+        results |= more
+        left_out += missing
     doubts = (*left_out, *_of_input(design, records, holdouts))
     outcome = Study(identification.design, path, headline, results, doubts, entries)
     raised = (*doubts, *results["diagnose"].notices) if "diagnose" in results else doubts  # before the numbers
