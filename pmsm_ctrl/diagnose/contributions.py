@@ -72,7 +72,7 @@ class Contributions:
         return left
 
     def error(self, without: tuple[str, ...] = ()) -> float:
-        """Return the rms of the residual as a share of the rms of the measured side.
+        """Return the rms of the residual of the fit as a share of the rms of the measured side.
 
         Parameters
         ----------

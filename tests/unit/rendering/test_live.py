@@ -54,7 +54,7 @@ def picture() -> Figure:
 
 def page(interactive: bool | None = True) -> str:
     table = Table(("name", HOSTILE), ((HOSTILE, "1"),), HOSTILE)
-    blocks = (HOSTILE, Notice("doubt", HOSTILE), traces(), table, Picture(picture, HOSTILE))
+    blocks = (HOSTILE, Notice("doubt", HOSTILE), traces(), table, Picture(picture, f"Second {HOSTILE}"))
     headline = Headline(HOSTILE, HOSTILE, None, ((HOSTILE, HOSTILE),), (Picture(picture, HOSTILE),))
     return render(
         HOSTILE, [Section("First", blocks), Section(HOSTILE, (HOSTILE,))], headline=headline,
