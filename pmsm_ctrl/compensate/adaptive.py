@@ -29,6 +29,7 @@ Array = NDArray[Any]
 RENEWED = {"F_c": "coulomb.F_c", "F_v": "viscous.F_v"}
 EVERY = 0.05  # s between two updates
 UNKNOWN_SPEED = 100.0  # rad/s at which viscous and Coulomb friction are assumed equal where only one is known
+SLOW = 1 + states_of.INERTIA  # states of the tracker but the angle
 NOISELESS = 0.01  # torque noise as a share of the friction, where the design states no current noise
 
 
@@ -136,7 +137,7 @@ class _Tracker:
         self._last = rows[-1:].copy()
         run(
             column["t"], column["theta"], torque, known[known.size - n :], self._s, self._x, self._P, self._m,
-            np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty((n, 2)), np.empty(n, dtype=np.int8),
+            np.empty((n, SLOW)), np.empty((n, SLOW)), np.empty(n), np.empty((n, 2)), np.empty(n, dtype=np.int8),
         )  # fmt: skip
 
     def _known_torque(self, rows: Array) -> Array:

@@ -175,6 +175,8 @@ def judge(m, s, y, S, direction):  # type: ignore[no-untyped-def]
         m[REJECTS], m[TREND], m[CALM] = 0.0, 0.0, 0.0
         return CHANGE
     m[REJECTS] = 0.0
+    if s[PRIOR + T_LOAD] == 0.0 or s[PRIOR + INERTIA] == 0.0:
+        return UPDATED  # taken as known and wrong, a load or an inertia gives persistent signs as well
     m[TREND] += TREND_WEIGHT * (direction * y / S**0.5 - m[TREND])
     if abs(m[TREND]) > TREND_LIMIT and m[CALM] > CALM_TIME:
         m[TREND], m[CALM] = 0.0, 0.0

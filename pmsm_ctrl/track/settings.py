@@ -18,6 +18,8 @@ __all__ = ["Settings", "covariance", "memory", "numbers", "start"]
 
 Array = NDArray[np.float64]
 
+RESPONSE = 2000  # control periods over which a current loop's response to noise is followed
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -30,7 +32,8 @@ class Settings:
         filtered difference of angles: it lags, which the measurement equation contains, and its noise is nearly
         white only when it is used every few milliseconds.
     estimate : tuple of {"T_load", "J"}
-        Further states beside F_c and F_v.
+        Further states beside F_c and F_v. Taken as known, their errors are mistaken for friction. Only for an axis that
+        turns in one direction, where T_load and F_c are not separable, leave T_load out.
     drift : float
         Random walk of F_c and F_v, as a share of the design's value per square root of a second. With the
         reference motor 0.01 gives a memory of about 0.7 s.
@@ -58,7 +61,7 @@ class Settings:
     """
 
     measure: Literal["theta", "omega"] = "theta"
-    estimate: tuple[str, ...] = ()
+    estimate: tuple[str, ...] = ("T_load", "J")
     drift: float = 0.01
     drift_T_load: float | None = None
     prior: float = 0.5
@@ -109,20 +112,15 @@ def memory() -> Array:
 def numbers(design: Design, settings: Settings, log_period: float) -> Array:
     """Return the fixed numbers of a run in the kernels' order.
 
-    The current controller responds to the noise of all its samples, logged or not, and so disturbs the true current.
-    With D control periods per logged sample, the error of the torque integral over a logged period is (1 + 1/D) of a
-    logged sample's noise and 1/D of each of the others: variance (1 + 3/D) of the logged one's.
-
     Raises
     ------
     RequestError
         When F_c or F_v is 0 in the design and has no prior.
     """
     s = np.zeros(model.SETTINGS)
-    D = design.sensor.log_divider
     torque_noise = settings.torque_noise
     if torque_noise is None:
-        torque_noise = design.K_t_assumed * design.sensor.current_noise * math.sqrt(1.0 + 3.0 / D)
+        torque_noise = design.K_t_assumed * design.sensor.current_noise * math.sqrt(_noise_through_the_loop(design))
     angle = _angle_noise(design, settings)
     lag, speed_noise = _speed_filter(design, angle)
     from_angle = settings.measure == "theta"
@@ -148,6 +146,35 @@ def covariance(s: Array, settings: Settings) -> Array:
     if settings.measure == "theta":
         P[model.THETA, model.THETA] = s[model.R]
     return P
+
+
+def _noise_through_the_loop(design: Design) -> float:
+    """Variance of the torque integral's error per logged period, over the variance of a logged sample's noise.
+
+    The current controller responds to the noise of all its samples, logged or not, and so disturbs the true current:
+    by h(j) after j control periods, and by -1 in sum. With D periods per logged sample, noise at phase q of a
+    logged period enters the logged mean by g(q) = delta(q) + sum of the h(j) that fall on logged samples, and the true
+    mean by -1/D: the variance is the sum of (g + 1/D)^2. Without a response between logged samples it is 1 + 3/D.
+    """
+    D, motor, loops = design.sensor.log_divider, design.motor, design.loops
+    fast = 1.0 + 3.0 / D
+    if loops is None or motor.L_q is None or motor.R is None or not (motor.L_q > 0.0 and motor.R > 0.0):
+        return fast
+    period, K_p, T_n = 1.0 / design.drive.f_control, loops.current.K_p, loops.current.T_n
+    decay = math.exp(-motor.R * period / motor.L_q)
+    waiting, h = [0.0] * design.drive.delay_periods, np.zeros(RESPONSE)
+    current = integral = 0.0
+    for k in range(RESPONSE):
+        h[k] = current
+        error = -current - (1.0 if k == 0 else 0.0)
+        integral += error * period / T_n
+        waiting.append(K_p * (error + integral))
+        current = decay * current + (1.0 - decay) / motor.R * waiting.pop(0)
+        if not abs(current) < 10.0:  # the response to 1; such a loop cannot be logged
+            return fast
+    h[0] += 1.0
+    g = np.bincount(np.arange(RESPONSE) % D, weights=h, minlength=D)
+    return float(np.sum((g + 1.0 / D) ** 2))
 
 
 def _angle_noise(design: Design, settings: Settings) -> float:

@@ -116,7 +116,7 @@ def _default_settings(design: Design, log: Log) -> Settings:
     turning = np.abs(speed) > SLOW * np.abs(speed).max(initial=0.0)
     forwards = float(np.mean(speed[turning] > 0.0)) if turning.any() else 0.0
     if not EITHER < forwards < 1.0 - EITHER:
-        return Settings(measure=measure)
+        return Settings(measure=measure, estimate=())
     surge = design.J * float(np.std(speed[span:] - speed[:-span])) / (span * log.period)
     excited = surge > SURGE * design.parameters("coulomb").get("F_c", 0.0)
     return Settings(measure=measure, estimate=("T_load", "J") if excited else ("T_load",))

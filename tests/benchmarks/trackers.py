@@ -15,6 +15,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compensate import baseline, compensated, simulate_adaptive
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
@@ -36,7 +37,7 @@ class Case:
     name : str
     truth : callable
         Design -> the plant.
-    damage : callable
+    damage : callable, optional
         Log, rng -> the log as it is read.
     holes : bool
         Whether runs of 5 to 100 ms of the current are NaN, twice a second. A log refuses them, a live stream has them.
@@ -48,10 +49,15 @@ class Case:
 
     name: str
     truth: Callable[[Design], Design] = lambda design: design
-    damage: Callable[[Log, np.random.Generator], Log] = lambda log, rng: log
+    damage: Callable[[Log, np.random.Generator], Log] | None = None
     holes: bool = False
     load: Callable[[Array], Array] = np.zeros_like
     noise: float = 1.0
+
+    @property
+    def of_the_log(self) -> bool:
+        """Whether only the log is wrong, which a tracker in the loop does not read."""
+        return self.holes or self.damage is not None
 
 
 def inertia(factor: float) -> Callable[[Design], Design]:
@@ -106,7 +112,9 @@ def log_of(case: Case, design: Design, motion: Scenario, seed: int) -> Log:
     log = simulate(noisy, loaded, truth=case.truth(noisy), seed=seed)
     hidden = Log({name: log[name] for name in log if name != "T_load"})
     rng = np.random.default_rng(seed)
-    return with_holes(hidden, rng) if case.holes else case.damage(hidden, rng)
+    if case.holes:
+        return with_holes(hidden, rng)
+    return case.damage(hidden, rng) if case.damage else hidden
 
 
 @dataclass(frozen=True)
@@ -227,22 +235,57 @@ def errors(found: Found) -> tuple[float, float, int]:
     return F_c, F_v, found.changes
 
 
+def in_the_loop(design: Design, case: Case, seeds: range) -> tuple[float, float, float]:
+    """Return rms position errors of reversals at 10 rad/s, mrad: not compensated, fixed values, tracked values."""
+    base = baseline(design)
+    motion = scenario("reversal", design, speed=10.0)
+
+    def references(t: Array) -> dict[str, Array]:
+        return {**motion.references(t), "T_load": case.load(t)}
+
+    loaded = Scenario(motion.name, motion.duration, references, control=motion.control)
+    ways = [base, *(compensated(base, ["coulomb", "viscous"], source=way) for way in ("reference", "adaptive"))]
+    found = []
+    for believed, seed in ((b, seed) for b in ways for seed in seeds):
+        noisy = believed.replace(sensor={"current_noise": case.noise * design.sensor.current_noise})
+        plant = case.truth(noisy)
+        if believed.compensation.source == "adaptive":
+            log = simulate_adaptive(believed, loaded, truth=plant, seed=seed).log
+        else:
+            log = simulate(believed, loaded, truth=plant, seed=seed, keep_truth=True)
+        late = log.t > 2.0
+        found.append(float(np.sqrt(np.mean((log["theta_ref"] - log["theta_true"])[late] ** 2))))
+    none, fixed, tracked = 1e3 * np.sqrt(np.mean(np.square(found).reshape(3, -1), axis=1))
+    return none, fixed, tracked
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--speed", type=float, default=150.0, help="of the triangle, rad/s")
+    parser.add_argument("--loop", action="store_true", help="position errors with the tracker in the loop")
     parser.add_argument("--case", help="only cases whose name contains this")
     asked = parser.parse_args()
     design = Design.read(ROOT / "designs" / "seed_motor.toml")
     motion = scenario("triangle", design, speed=asked.speed, period=2.0, cycles=10.0)
+    seeds = range(asked.first, asked.first + asked.seeds)
+    if asked.loop:
+        print("Reversals at 10 rad/s, rms position error in mrad\n")
+        print("| wrong | not compensated | fixed | tracked | change |\n|---|---|---|---|---|", flush=True)
+        for case in CASES:
+            if not case.of_the_log and (not asked.case or asked.case in case.name):
+                none, fixed, tracked = in_the_loop(design, case, seeds)
+                change = 100.0 * (tracked / fixed - 1.0)
+                print(f"| {case.name} | {none:.2f} | {fixed:.3f} | {tracked:.3f} | {change:+.1f} % |", flush=True)
+        return
     print("F_c, F_v: rms error in %; in brackets: changes of friction announced in all runs\n")
     print(f"| wrong | {' | '.join(TRACKERS)} |\n|---|{'---|' * len(TRACKERS)}", flush=True)
     for case in CASES:
         if asked.case and asked.case not in case.name:
             continue
-        logs = [log_of(case, design, motion, seed) for seed in range(asked.first, asked.first + asked.seeds)]
+        logs = [log_of(case, design, motion, seed) for seed in seeds]
         cells = []
         for name, tracker in TRACKERS.items():
             rows = np.array([errors(tracker(design, log)) for log in logs])

@@ -27,8 +27,8 @@ from tests.unit.track.tracking_axes import step_of_F_c
 
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow", "-shared", "-fPIC")
 VARIANTS = {
-    "angle": Settings(),
-    "speed": Settings(measure="omega"),
+    "angle": Settings(estimate=()),
+    "speed": Settings(measure="omega", estimate=()),
     "load and inertia": Settings(estimate=("T_load", "J")),
     "speed, load and inertia": Settings(measure="omega", estimate=("T_load", "J"), standstill=2.0),
 }

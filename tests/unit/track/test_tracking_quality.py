@@ -9,7 +9,8 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
-from pmsm_ctrl.track import Settings, track
+from pmsm_ctrl.track import Settings, model, track
+from pmsm_ctrl.track.settings import numbers
 from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander, with_known_effects
 
 F_C, F_V = 0.0213, 0.000168
@@ -18,6 +19,12 @@ F_C, F_V = 0.0213, 0.000168
 @pytest.fixture(scope="module")
 def design(request: pytest.FixtureRequest) -> Design:
     return Design.read(request.config.rootpath / "designs" / "seed_motor.toml")
+
+
+@pytest.fixture(scope="module")
+def by_hand(request: pytest.FixtureRequest) -> Design:
+    """Return the loops on which the page's consistency figures were taken."""
+    return Design.read(request.config.rootpath / "designs" / "hand_tuned.toml")
 
 
 def guessed(design: Design) -> Design:
@@ -37,9 +44,9 @@ def test_bias_is_below_one_percent(design: Design, measure: str) -> None:
     assert np.all(np.abs(np.mean(errors, axis=0)) < 0.01)
 
 
-def test_nees_and_nis_keep_their_bands(design: Design) -> None:
-    """With 60 runs the share is known to about 3 %; 1000 runs are in the slow test."""
-    found = consistency(design, 60, walking=False, first=500)
+def test_nees_and_nis_keep_their_bands(by_hand: Design) -> None:
+    """With 60 runs the share is known to about 3 %, the efficiency to 18 %; 1000 runs are in the slow test."""
+    found = consistency(by_hand, 60, walking=False, first=500)
     assert 0.86 <= found.nees <= 1.0
     assert 0.86 <= found.nis <= 1.0
     assert min(found.efficiency) > 0.75
@@ -48,8 +55,8 @@ def test_nees_and_nis_keep_their_bands(design: Design) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("walking", [False, True])
 @pytest.mark.parametrize("measure", ["theta", "omega"])
-def test_nees_and_nis_keep_their_bands_in_many_runs(design: Design, walking: bool, measure: str) -> None:
-    found = consistency(design, 1000, walking=walking, measure=measure, first=1000)
+def test_nees_and_nis_keep_their_bands_in_many_runs(by_hand: Design, walking: bool, measure: str) -> None:
+    found = consistency(by_hand, 1000, walking=walking, measure=measure, first=1000)
     assert 0.93 <= found.nees <= 0.97
     assert 0.93 <= found.nis <= 0.97
     assert min(found.efficiency) > 0.9
@@ -201,3 +208,22 @@ def test_inertia_that_the_motion_hardly_shows_is_unbiased(design: Design) -> Non
         true = found[0][name].nominal
         assert true is not None
         assert abs(np.mean([one[name].value for one in found]) / true - 1.0) < bound, name
+
+
+@pytest.mark.parametrize("name", ["hand_tuned", "seed_motor"])
+def test_torque_noise_follows_the_current_loop(request: pytest.FixtureRequest, name: str) -> None:
+    """Against the simulated torque balance itself; with the tuned, faster loop the noise was 14 % too small."""
+    design = Design.read(request.config.rootpath / "designs" / f"{name}.toml")
+    motion, errors, N = scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0), [], 50
+    for seed in range(6):
+        log = simulate(design, motion, seed=seed, keep_truth=True)
+        omega, theta, dt = log["omega_true"], log["theta_true"], log.period
+        torque = design.K_t_assumed * log["i_q"]
+        integral = np.append(0.0, np.cumsum(0.5 * (torque[1:] + torque[:-1])) * dt)
+        a = np.array([k for k in range(0, len(log) - N, N) if np.all(omega[k : k + N + 1] * np.sign(omega[k]) > 3.0)])
+        b = a + N
+        friction = F_C * np.sign(omega[a]) * N * dt + F_V * (theta[b] - theta[a])
+        errors.append(
+            np.mean((integral[b] - integral[a] - design.J * (omega[b] - omega[a]) - friction) ** 2) / (N * dt)
+        )
+    assert numbers(design, Settings(), dt)[model.TORQUE_DENSITY] == pytest.approx(np.mean(errors), rel=0.08)

@@ -178,7 +178,7 @@ def consistency(design: Design, runs: int, *, walking: bool, measure: Any = "the
 
     F_c, F_v = design.parameters("coulomb")["F_c"], design.parameters("viscous")["F_v"]
     drift = 0.01 if walking else 0.0
-    settings = Settings(measure=measure, drift=drift, prior=0.2)
+    settings = Settings(measure=measure, drift=drift, prior=0.2, estimate=())
     motion = scenario("triangle", design, speed=150.0, period=2.0, cycles=3.0)
     rng = np.random.default_rng(first)
     inside = {"nees": 0, "nis": 0}
