@@ -94,3 +94,9 @@ def test_the_commanded_speed_is_smoothed_over_five_counts_unless_a_width_is_stat
     assert f"SMOOTHING = {smoothing_width(commanded)!r}".upper() in export(commanded, "c", force=True).upper()
     again = Design.from_dict(commanded.replace(compensation={"smoothing": 0.0}).to_dict())
     assert again.compensation.smoothing == 0.0
+
+
+def test_the_reason_is_that_of_the_gain_and_not_of_the_axis_without(seed_motor: Design) -> None:
+    """Too much friction fed forward: the error grows. A limit cycle that the axis has without it is no reason."""
+    eager = seed_motor.replace(compensation={"source": "reference", "gain": 2.5})
+    assert "the RMS error is " in gain_verdict(eager, 2.5).why
