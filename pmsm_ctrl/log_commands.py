@@ -18,6 +18,7 @@ from pmsm_ctrl.options import (
     MapOption,
     MethodOption,
     NewDesignOption,
+    PolishOption,
     ReportOption,
     effect_ids,
     load_logs,
@@ -92,6 +93,7 @@ def diagnose(
     ] = 0,
     fail_on: FailOnOption = None,
     max_error: MaxErrorOption = None,
+    polish: PolishOption = False,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
@@ -104,7 +106,7 @@ def diagnose(
     other = logs_if_given(holdout, axis, mapping)
     measured = load_logs(log, axis, mapping)
     with progress_bar(f"diagnose {log[0].name if len(measured) == 1 else f'{len(measured)} logs'}") as progress:
-        result = run_diagnosis(axis, measured, holdout=other, progress=progress, calibrate=calibrate)
+        result = run_diagnosis(axis, measured, holdout=other, progress=progress, calibrate=calibrate, polish=polish)
     finish("diagnosis", result, json_file=json_file, report=report)
     if not result.improved:
         raise typer.Exit(NEGATIVE)
@@ -119,6 +121,7 @@ def add(
         list[Path], typer.Option("--log", metavar="LOG", help="log its parameters are fitted to; may be repeated")
     ],
     output: Annotated[Path, output_option("NEW_DESIGN", "the design to write")],
+    polish: PolishOption = False,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
@@ -130,7 +133,7 @@ def add(
     from pmsm_ctrl.units import axis_unit
 
     axis = read_design(design, effects)
-    result, notices = added(axis, load_logs(log, axis, mapping), effect)
+    result, notices = added(axis, load_logs(log, axis, mapping), effect, polish)
     if result is axis:  # it would be worse than the one given
         print(f"{output}: not written, {notices[0].text}")
         raise typer.Exit(NEGATIVE)
@@ -141,7 +144,7 @@ def add(
             unit = axis_unit(lookup(entry.id, catalogue_of(axis)).parameter(symbol).unit, axis.motion)
             print(f"  {entry.id:<28} {symbol:<8} {with_error(value, entry.stderr.get(symbol, 0.0), unit)}")
     for notice in notices:
-        print(f"warning: {notice.text} [{notice.code}]")
+        print(f"{'note' if notice.code == 'polished' else 'warning'}: {notice.text} [{notice.code}]")
     if json_file is not None:
         warned = {"warnings": [n.text for n in notices], "warning_codes": [n.code for n in notices]}
         write_json(json_file, "add", {"effect": effect, **warned, "design": result.to_dict()})

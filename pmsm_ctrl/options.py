@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DesignArgument", "DesignOption", "EffectsOption", "HoldoutOption", "JsonOption", "LogArgument", "LogsOption",
-    "MapOption", "MethodOption", "NewDesignOption", "ReportOption", "SeedOption", "TruthOption", "Verb",
+    "MapOption", "MethodOption", "NewDesignOption", "PolishOption", "ReportOption", "SeedOption", "TruthOption", "Verb",
     "design_if_given", "effect_ids", "load_logs", "logs_if_given", "output_option", "read_design",
     "scenario_names", "write_design",
 ]  # fmt: skip
@@ -111,6 +111,9 @@ HoldoutOption = Annotated[
 NewDesignOption = Annotated[Path | None, output_option("NEW_DESIGN", "write the design with the result")]
 MethodOption = Annotated[
     str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")
+]
+PolishOption = Annotated[
+    bool, typer.Option("--polish/--no-polish", help="refine the parameters by simulation, where left-out parts gain")
 ]
 TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the true plant, if it differs")]
 SeedOption = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="seed of the simulated noise")]

@@ -7,6 +7,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
 from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design
 from pmsm_ctrl.diagnose.measures import squares
+from pmsm_ctrl.diagnose.polish import polished
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, try_candidate
 from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
@@ -23,7 +24,7 @@ from pmsm_ctrl.section import Notice
 __all__ = ["add", "added"]
 
 
-def add(design: Design, log: Logs, effect: str) -> Design:
+def add(design: Design, log: Logs, effect: str, *, polish: bool = False) -> Design:
     """Return the design with an effect added, all parameters fitted to the log, standard errors included.
 
     The effect is added whether or not the log calls for it: whether it does is what `diagnose` says. No parameter
@@ -37,6 +38,8 @@ def add(design: Design, log: Logs, effect: str) -> Design:
         Records of one axis, fitted together.
     effect : str
         Id of an effect of the catalogue, or of the design's own.
+    polish : bool
+        Whether to refine all parameters by simulation, where that predicts left-out stretches better.
 
     Raises
     ------
@@ -45,15 +48,15 @@ def add(design: Design, log: Logs, effect: str) -> Design:
     RequestError
         For an unknown effect, one that is in the design already, or one that this log cannot determine.
     """
-    return added(design, log, effect)[0]
+    return added(design, log, effect, polish)[0]
 
 
-def added(design: Design, log: Logs, effect: str) -> tuple[Design, tuple[Notice, ...]]:
+def added(design: Design, log: Logs, effect: str, polish: bool = False) -> tuple[Design, tuple[Notice, ...]]:
     """Return the same as `add`, which parameters stay at their bounds, and whether the design stays as it was.
 
     Parameters
     ----------
-    design, log, effect
+    design, log, effect, polish
         As in `add`.
 
     Raises
@@ -82,10 +85,14 @@ def added(design: Design, log: Logs, effect: str) -> tuple[Design, tuple[Notice,
         if again is not None:
             other = _made(case, refine(fit.record, held, fit.weights, again))
             made = min(made, other, key=lambda one: squares(one, one.residual, fit.weights.sigma))
-    written = with_evaluation(fitted_design(design, made), case.record, believed)
+    written, said = fitted_design(design, made), tuple(at_bounds(made))
+    if polish:
+        written, how = polished(written, case.record, believed)
+        said = (*said, *how)
+    written = with_evaluation(written, case.record, believed)
     if worse := worse_than_given(design, written, case.record):
-        return design, (worse, *at_bounds(made))
-    return written, tuple(at_bounds(made))
+        return design, (worse, *said)
+    return written, said
 
 
 def _made(case: Case, trial: Trial) -> Fitted:

@@ -24,10 +24,12 @@ __all__ = [
     "NEGATIVE_PARAMETER",
     "NOT_CALIBRATED",
     "NOT_EXCITED",
+    "NOT_POLISHED",
     "NOT_SEPARABLE",
     "NO_FRICTION",
     "OTHER_ANGLE",
     "OUTSIDE_TOLERANCE",
+    "POLISHED",
     "RESEMBLANCE",
     "SPEED_LAG",
     "TOO_SHORT",
@@ -41,6 +43,12 @@ __all__ = [
 ]
 
 NOT_EXCITED = Template("not_excited", "{parameters} not excited by this motion")
+NOT_POLISHED = Template("not_polished", "the parameters stay those of the regression: {why}")
+POLISHED = Template(
+    "polished",
+    "the parameters are refined by simulation: stretches left out are predicted to {after:.3g} {unit} in place of "
+    "{before:.3g} {unit}",
+)
 NOT_SEPARABLE = Template("not_separable", "{parameters} not separable on this motion")
 EFFECT_NOT_EXCITED = Template("effect_not_excited", "{effect}: {why}")
 BEYOND_LOG = Template(

@@ -62,6 +62,7 @@ def _(result: Diagnosis) -> Section:
     d = result
     doubts = (notice for notice in d.notices if notice not in d.reasons[:1])
     blocks: list[Block] = [sentence(d), *doubts, traces_of(d), _errors(d)]
+    blocks += [f"Note: {note.text}." for note in d.remarks]
     if (sampled := sampling_text(d.timing, drives(d.design.motion))) is not None:
         blocks.append(sampled)
     if d.steps:

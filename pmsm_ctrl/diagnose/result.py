@@ -223,6 +223,8 @@ class Diagnosis(Result):
         The latter is empty without a held-out record.
     improved : bool
         False where the fitted design would be worse on its own log than the given one: then `design` is the given one.
+    remarks : tuple of Notice
+        Whether the parameters were refined by simulation, where that was asked for.
     """
 
     verdict: Verdict
@@ -246,6 +248,7 @@ class Diagnosis(Result):
     log_name: str = "the given log"
     holdout_name: str = ""
     improved: bool = True
+    remarks: tuple[Notice, ...] = ()
 
     @property
     def timing(self) -> DriveTiming:
@@ -299,6 +302,7 @@ class Diagnosis(Result):
             "records": [row.to_dict() for row in self.records],
             "spread_between_records": [vars(one) for one in self.spreads],
             "improved": self.improved,
+            "notes": [note.text for note in self.remarks],
             "events": [event.to_dict() for event in self.events],
             "calibration": vars(self.calibration) if self.calibration is not None else None,
             **self.doubts(),

@@ -17,8 +17,9 @@ from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
+from pmsm_ctrl.identify.open_loop_fit import by_open_loop
 from pmsm_ctrl.identify.output_error import output_error
-from pmsm_ctrl.identify.replay import Replay, build_replay
+from pmsm_ctrl.identify.replay import Replay, build_replay, replayable
 from pmsm_ctrl.identify.several import Joint, joint, with_joint_errors
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about
@@ -27,10 +28,10 @@ from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
-from pmsm_ctrl.regression.kept import worse_by_error
+from pmsm_ctrl.regression.kept import worse_by_error, worse_than_given
 from pmsm_ctrl.regression.least_squares import Cause, Fit, solve
 from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
-from pmsm_ctrl.regression.timed_record import sampling_of
+from pmsm_ctrl.regression.timed_record import sampling_of, timed_record
 from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
@@ -173,8 +174,9 @@ def identify(
     method : {"regression", "iv", "output_error"}
         "regression": least squares for every linear parameter of the torque effects; needs nothing but the log.
         "iv": the same by instrumental variables from the simulated drive, unbiased by noise in the motion; also
-        tests whether least squares is biased. "output_error": all parameters, nonlinear ones included, by fitting
-        the simulated drive's torque. These two need the design's loops and the log's ``omega_ref`` or ``theta_ref``.
+        tests whether least squares is biased; it needs the design's loops and the log's ``omega_ref`` or ``theta_ref``.
+        "output_error": all parameters, nonlinear ones included, by simulation: of the drive with its controller where
+        log and design have these, else of the axis alone, driven by the logged torque in short stretches.
     processing : Processing, optional
         Filter, derivative and mask; the defaults suit a log of 1 kHz. Without a cutoff given, the methods that
         simulate work up to 100 Hz or an eighth of the log's rate, and up to 250 Hz or a quarter of it where an effect
@@ -203,27 +205,23 @@ def identify(
         processing = replace(processing, blank=True)
     believed = doubts_about(design, log)
     log, processing = _sampled_log(design, believed.log, processing, method)
-    several = joint(design, log) if method == "regression" else Joint(log)
+    several = joint(design, log) if method != "iv" else Joint(log)
     solution = _solved(method, design, several.log, processing)
     problem, fit = solution.problem, with_joint_errors(solution.fit, several.stderr)
     found, bounds = _identified(design, problem, fit)
     shown, unexplained = problem, fit.residual
-    if method != "output_error":
+    if method == "output_error":  # which has no columns of the given design
+        worse = worse_than_given(design, found, timed_record(design, several.log))
+    else:
         shown, unexplained = _shown(design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit)
+        worse = worse_by_error(_best_error(shown, fit.values), _best_error(shown, {}))
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
-    best, given = _best_error(shown, fit.values), _best_error(shown, {})
-    worse = worse_by_error(best, given) if method != "output_error" else None  # which has no columns of the given one
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
-    estimates = {
-        c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal)
-        for c in problem.columns
-        if c.name in fit.values
-    }
     return Identification(
         design=found if worse is None else design,
         improved=worse is None,
-        estimates=estimates,
+        estimates=_estimates(problem, fit),
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=_why_not(design, fit),
         relative_error=error,
@@ -255,13 +253,18 @@ def identify(
     )
 
 
+def _estimates(problem: Problem, fit: Fit) -> dict[str, Estimate]:
+    known = [column for column in problem.columns if column.name in fit.values]
+    return {c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal) for c in known}
+
+
 def _check_method(method: str, count: int) -> None:
     """Refuse an unknown method, and one that simulates a single log where there are several."""
     if method not in get_args(Method):
         known = ", ".join(get_args(Method))
         raise RequestError(f"identification method '{method}'{nearest(method, get_args(Method))} (known: {known})")
-    if count > 1 and method != "regression":
-        raise RequestError(f"method '{method}': {count} logs, but it simulates one; use 'regression'")
+    if count > 1 and method == "iv":
+        raise RequestError(f"method '{method}': {count} logs, but it simulates one; use 'regression' or 'output_error'")
 
 
 def _shown(design: Design, log: Log, processing: Processing, problem: Problem, fit: Fit) -> tuple[Problem, Array]:
@@ -308,6 +311,12 @@ def _solved(method: Method, design: Design, log: Log, processing: Processing) ->
     if method == "regression":
         problem = regression_problem(design, log, processing)
         return _Solution(problem, solve(problem))
+    if method == "output_error" and not replayable(design, log):
+        plain = regression_problem(design, log, processing)
+        fit = solve(plain)
+        begin = design, _identified(design, plain, fit)[0]
+        simulated = by_open_loop(begin, log, fit, processing.sampling or SYNCHRONOUS)
+        return _Solution(simulated[0], simulated[1], notices=simulated[2], remarks=(words.OPEN_LOOP(),))
     replay = build_replay(design, log)
     solution = _by_simulation(method, design, log, replay, processing)
     if lost := solution.fit.unidentifiable.get("J"):

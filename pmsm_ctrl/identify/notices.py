@@ -8,7 +8,7 @@ from pmsm_ctrl.section import Notice, Template
 __all__ = [
     "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT", "FEW_DEGREES_OF_FREEDOM",
     "ILL_CONDITIONED", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
-    "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
+    "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "OPEN_LOOP", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
     "not_identifiable",
 ]  # fmt: skip
 
@@ -30,6 +30,11 @@ LARGE_ERROR = Template(
     "large_error",
     "the residual is {percent:.0f} % of the torque: the parameters explain {explained:.0f} % of its mean square, the "
     "rest is noise or a missing effect; compare and diagnose distinguish the two",
+)
+OPEN_LOOP = Template(
+    "open_loop",
+    "the axis alone was simulated, driven by the logged torque: the drive with its controller needs one log with its "
+    "references, and a design with loops and electrical data",
 )
 INERTIA_NEGATIVE = Template(
     "inertia_negative", "J = {value:.3g} +- {stderr:.2g} is below zero: current and acceleration differ in sign"

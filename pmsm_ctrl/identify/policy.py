@@ -49,6 +49,28 @@ WRONG_LOOPS = 1.5
 # Standard errors by which two methods may differ that share most of their noise.
 DIFFERENT = 5.0
 
+# -- output error in open loop ------------------------------------------------------------------------------------
+
+# Length of a stretch, s, without and with effects that have states of their own: friction that falls with speed makes
+# errors of the speed grow e-fold in some 50 ms; a spring wants its run-in to be the smaller part. Fewest steps of one.
+STRETCH, FEWEST_STEPS = (0.06, 0.5), 8
+# Time from a restart until it is scored, s, where effects have states that the log does not show: they settle.
+RUN_IN = 0.2
+# Rate of the second differences, Hz: the torque below about half of it is judged.
+INCREMENTS = 250.0
+# Time on either side of a reversal that is not scored where dry friction sticks, s.
+TURNING = 0.012
+# Band of the measured signals as a share of the log's rate: so wide that nothing is filtered before it is compared.
+OPEN_LOOP_BAND = 0.2
+# Rate of the integration at most, Hz: what is faster moves the shaft by nothing that the second differences show.
+FASTEST_STEP = 8000.0
+# Share of the inertia behind a spring from which on the start is half of it.
+HEAVIEST = 0.9
+# Width of the prior, in standard errors of the start, which come from the same log: it adds a ninth of what is known.
+PRIOR = 3.0
+# Most starts beside the regression's, and the evaluations that each gets before the best is followed to its end.
+STARTS, TRIAL_ROUNDS = 6, 5
+
 # -- speed sweep -------------------------------------------------------------------------------------------------
 
 # Least samples of a plateau: fewer leave nothing to average after settling.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.identify.identification import Identification
+from pmsm_ctrl.identify.notices import OPEN_LOOP
 from pmsm_ctrl.identify.paper import PaperRow, PaperTable
 from pmsm_ctrl.identify.policy import LARGE_ERROR
 from pmsm_ctrl.identify.staircase import SweepResult
@@ -34,8 +35,10 @@ METHODS = {
 def _(result: Identification) -> Section:
     quantity = drives(result.design.motion)
     asked = len(result.estimates) + len(result.unidentifiable)
+    simulated = any(note.code == OPEN_LOOP.code for note in result.remarks)
+    method = "Simulation of the axis, driven by the logged torque" if simulated else METHODS[result.method]
     verdict = (
-        f"{METHODS[result.method]}: {len(result.estimates)} of {asked} parameters identified; the residual is "
+        f"{method}: {len(result.estimates)} of {asked} parameters identified; the residual is "
         f"{percent(result.relative_error)} of the {quantity}."
     )
     if result.contradictions:

@@ -24,7 +24,7 @@ from pmsm_ctrl.simulate.motions import Scenario
 from pmsm_ctrl.simulate.parameters import Controller
 from pmsm_ctrl.simulate.run import simulate
 
-__all__ = ["Replay", "build_replay", "plant_with"]
+__all__ = ["Replay", "build_replay", "plant_with", "replayable"]
 
 Array = NDArray[np.float64]
 
@@ -70,6 +70,19 @@ class Replay:
         grid = np.minimum(self.t, log.t[-1])
         channels = {name: CubicSpline(log.t, values)(grid) for name, values in log.channels.items() if name != "t"}
         return Log({"t": self.t, **channels}, log.motion)
+
+
+def replayable(design: Design, log: Log) -> bool:
+    """Return whether log and design hold what a simulation of the drive with its controller needs.
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    """
+    if design.loops is None or not design.motor.electrical or log.records:
+        return False
+    return "omega_ref" in log or ("theta_ref" in log and design.loops.position.K_v > 0.0)
 
 
 def build_replay(design: Design, log: Log) -> Replay:

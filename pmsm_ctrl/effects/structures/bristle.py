@@ -50,6 +50,10 @@ class Bristle(Structure):
     memory: ClassVar[int] = 1
     replaces_direction: ClassVar[bool] = True
 
+    def fixed(self, effect: Effect) -> frozenset[str]:
+        """Return all but the deflection: a log hardly tells the others beside it."""
+        return frozenset(p.symbol for p in effect.parameters if p.symbol != self.deflection)
+
     @staticmethod
     def lines(wired: Sequence[tuple[int, Effect]], offset: int, dry: Sequence[tuple[int, Effect]]) -> Lines:
         """The bristle's deflection stands for the direction in every dry friction; it moves with the shaft's travel."""

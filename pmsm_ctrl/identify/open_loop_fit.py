@@ -1,0 +1,126 @@
+"""The parameters with which the simulation in open loop leaves least, by a trust region from several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.identify import policy
+from pmsm_ctrl.identify.notices import NOT_CONVERGED
+from pmsm_ctrl.identify.open_loop import OpenLoop, open_loop
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, DriveTiming, Sampling
+from pmsm_ctrl.regression.inverse_dynamics import Problem
+from pmsm_ctrl.regression.least_squares import Fit, solve
+from pmsm_ctrl.section import Notice
+
+__all__ = ["by_open_loop", "fitted", "solved"]
+
+Array = NDArray[np.float64]
+
+
+def fitted(
+    loop: OpenLoop, prior: Mapping[str, float], starts: int = policy.STARTS, begin: Array | None = None
+) -> tuple[Array, bool]:
+    """Return the values with the smallest sum of squares, and whether the search converged.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+    prior : dict of column name to float
+        Standard errors of the design's values: they are drawn there, by little, as they come from the same log.
+    starts : int
+        Of the nonlinear parameters beside the design's: of each half, then twice its value.
+    begin : array, shape (columns,), optional
+        From where the search begins; the design's values when left out.
+    """
+    best = _descent(loop, prior, loop.start if begin is None else begin, policy.FIT_ROUNDS)
+    for other in _starts(loop)[:starts]:
+        found = _descent(loop, prior, other, policy.TRIAL_ROUNDS)
+        if found[1] < best[1]:
+            best = _descent(loop, prior, found[0], policy.FIT_ROUNDS)
+    return best[0], best[2]
+
+
+def by_open_loop(
+    designs: tuple[Design, Design], log: Log, ordinary: Fit, sampling: Sampling
+) -> tuple[Problem, Fit, tuple[Notice, ...]]:
+    """Fit all parameters by the simulation of a log, from the solution of its regression on.
+
+    Parameters
+    ----------
+    designs : (Design, Design)
+        As it was given, and with what the regression found.
+    log : Log
+        What is known of the sampling of its drive signal is undone here.
+    ordinary : Fit
+        Of the regression.
+    sampling : Sampling
+    """
+    sigma = dict(zip((LATENESS, SPREAD), sampling.sigma, strict=True))
+    given, start = designs
+    loop = open_loop(start, DriveTiming(sampling.late).undone(log), sigma)
+    values, converged = fitted(loop, {name: e for name, e in ordinary.stderr.items() if np.isfinite(e)})
+    problem, fit = solved(loop, values)
+    known = [{"J": given.J}, *(values for _, values in bound_effects(given))]
+    columns = tuple(replace(c, nominal=known[c.entry + 1].get(c.symbol, c.nominal)) for c in problem.columns)
+    problem = replace(problem, columns=columns)
+    failed = NOT_CONVERGED(method="the fit by simulation", rounds=policy.FIT_ROUNDS, names="")
+    return problem, fit, () if converged else (failed,)
+
+
+def solved(loop: OpenLoop, values: Array) -> tuple[Problem, Fit]:
+    """Return the problem that is linear at these values, and the fit with them and their standard errors.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+    values : array, shape (columns,)
+    """
+    problem = loop.problem(values)
+    fit = solve(problem, problem.matrix(), ratio=policy.LEAST_ACCELERATION)  # columns without noise are their own
+    own = dict(zip(problem.names, values.tolist(), strict=True))
+    return problem, replace(fit, values={name: own[name] for name in fit.values}, residual=loop.left(values))
+
+
+def _starts(loop: OpenLoop) -> Sequence[Array]:
+    """Return values with one nonlinear parameter at half, then at twice its value."""
+    linear = {effect.id: {p.symbol for p in effect.linear} for effect, _ in bound_effects(loop.design)}
+    out = []
+    for k, column in enumerate(loop.columns):
+        if column.entry < 0 or column.symbol in linear[column.effect] or column.nominal == 0.0:
+            continue
+        for factor in (0.5, 2.0):
+            values = loop.start
+            values[k] = column.clipped(factor * values[k])
+            out.append(values)
+    return out
+
+
+def _descent(loop: OpenLoop, prior: Mapping[str, float], begin: Array, rounds: int) -> tuple[Array, float, bool]:
+    """Return values, half the sum of squares and whether it converged, from these values on."""
+    from scipy.optimize import least_squares
+
+    used = loop.used
+    noise = max(float(np.sqrt(np.mean(loop.left(loop.start)[used] ** 2))), 1e-300)
+    scale = loop.steps / policy.DIFFERENCE
+    widths = [c.sigma if c.is_nuisance else policy.PRIOR * (prior.get(c.name) or np.inf) for c in loop.columns]
+    width = np.array(widths)
+
+    def residual(x: Array) -> Array:
+        return np.concatenate([loop.left(x * scale)[used] / noise, (x * scale - loop.start) / width])
+
+    def slopes(x: Array) -> Array:
+        return np.vstack([-loop.slopes(x * scale)[used] * scale / noise, np.diag(scale / width)])
+
+    low, high = (np.array([getattr(column, side) for column in loop.columns]) / scale for side in ("lower", "upper"))
+    inside = np.clip(begin / scale, low, high)
+    found = least_squares(
+        residual, inside, jac=slopes, bounds=(low, high), x_scale="jac", xtol=1e-5, ftol=1e-6, max_nfev=rounds
+    )
+    return found.x * scale, float(found.cost), found.status > 0

@@ -1,0 +1,123 @@
+"""Output error in open loop: the axis alone, driven by the logged torque, from motion and current alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose, polish
+from pmsm_ctrl.diagnose.adding import added
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.identify import identify
+from pmsm_ctrl.identify.open_loop import open_loop
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import scenario, simulate
+
+TRUE = {"J": 9e-5, "F_c": 0.0213, "F_v": 0.000168}
+
+
+@pytest.fixture(scope="module")
+def design(designs: Path) -> Design:
+    return Design.read(designs / "seed_motor.toml")
+
+
+@pytest.fixture(scope="module")
+def believed(design: Design) -> Design:
+    """Everything off by 30 %."""
+    off = design.with_parameters(J=1.3 * TRUE["J"]).with_effect("coulomb", {"F_c": 0.7 * TRUE["F_c"]})
+    return off.with_effect("viscous", {"F_v": 1.3 * TRUE["F_v"]})
+
+
+def recorded(design: Design, seed: int, truth: Design | None = None) -> Log:
+    """A log without references, as a recorder beside the drive has it."""
+    log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0), truth=truth, seed=seed)
+    return Log({name: log[name] for name in ("t", "theta", "i_q")})
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_a_log_without_references(design: Design, believed: Design, seed: int) -> None:
+    result = identify(believed, recorded(design, seed), method="output_error")
+    assert [note.code for note in result.remarks] == ["open_loop"]
+    assert "Simulation of the axis" in result.summary()
+    assert result.improved
+    for name, true in TRUE.items():
+        estimate = result.estimates[name]
+        assert abs(estimate.value - true) < 3.5 * estimate.stderr, name
+        assert estimate.stderr < 0.03 * true
+    assert result.estimates["J"].nominal == believed.J
+
+
+def test_several_logs_and_a_plain_axis(design: Design, believed: Design) -> None:
+    plain = Design.from_dict({"name": "plain", "motor": {"J": 1.1e-4, "K_t": design.K_t}})
+    plain = plain.with_effect("coulomb", {"F_c": 0.03}).with_effect("viscous", {"F_v": 1e-4})
+    logs = [recorded(design, seed) for seed in (11, 12)]
+    one = identify(plain, logs[0], method="output_error")
+    both = identify(plain, logs, method="output_error")
+    assert len(both.records) == 2
+    for name, true in TRUE.items():
+        assert abs(both.estimates[name].value - true) < 3.5 * both.estimates[name].stderr, name
+    assert both.estimates["J"].stderr < one.estimates["J"].stderr
+
+
+def test_the_shape_of_an_effect(design: Design) -> None:
+    stribeck = {"dF_s": 0.01, "w_s": 12.0, "delta": 2.0}
+    truth = design.with_effect("stribeck", stribeck)
+    start = design.with_effect("stribeck", {"dF_s": 0.006, "w_s": 20.0, "delta": 1.6})
+    motion = scenario("triangle", design, speed=80.0, period=6.0, cycles=2.0)
+    log = simulate(start, motion, truth=truth, seed=1)
+    result = identify(start, Log({name: log[name] for name in ("t", "theta", "i_q")}), method="output_error")
+    for name, true in {**stribeck, "F_c": TRUE["F_c"]}.items():
+        assert abs(result.estimates[name].value - true) < 3.5 * result.estimates[name].stderr, name
+    assert result.estimates["w_s"].stderr < 3.0
+
+
+def test_noise_of_the_torque_sets_the_standard_error(design: Design) -> None:
+    """White noise of the torque on a known motion: no estimate of a mean knows it better than sigma / sqrt(n)."""
+    t = np.arange(20000) / 1000.0
+    omega = 40.0 + 30.0 * np.sin(2.0 * t)  # one direction: friction is a constant
+    torque = 1e-4 * 60.0 * np.cos(2.0 * t) + 0.02 + 2e-4 * omega
+    theta = 40.0 * t - 15.0 * (np.cos(2.0 * t) - 1.0)
+    axis = Design.from_dict({"name": "made", "motor": {"J": 1.2e-4, "K_t": 1.0}, "log": {"sampling": "instant"}})
+    axis = axis.with_effect("coulomb", {"F_c": 0.025}).with_effect("viscous", {"F_v": 1e-4})
+    scores = []
+    for seed in range(8):
+        noise = 0.004 * np.random.default_rng([seed, 77]).normal(size=len(t))
+        result = identify(axis, Log({"t": t, "theta": theta, "torque": torque + noise}), method="output_error")
+        columns = np.column_stack([60.0 * np.cos(2.0 * t), np.ones(len(t)), omega])
+        bound = 0.004 * np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+        for name, true, least in zip(("J", "F_c", "F_v"), (1e-4, 0.02, 2e-4), bound, strict=True):
+            estimate = result.estimates[name]
+            assert 0.85 * least < estimate.stderr < 1.5 * least
+            scores.append((estimate.value - true) / estimate.stderr)
+    assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.45)
+
+
+@pytest.mark.slow
+def test_a_spring_is_polished_where_left_out_stretches_gain(design: Design) -> None:
+    spring = {"J_load": 4e-5, "k": 15.0, "d": 2e-3}
+    motion = scenario("identification", design, duration=12.0)
+    log = simulate(design, motion, truth=design.with_effect("compliance", spring), seed=7)
+    plain, _ = added(design, log, "compliance")
+    better, said = added(design, log, "compliance", polish=True)
+    assert "polished" in [notice.code for notice in said]
+    off = [abs(one.parameters("compliance")["k"] / spring["k"] - 1.0) for one in (plain, better)]
+    assert off[1] < 0.1 < 0.4 < off[0]
+
+
+def test_what_gains_nothing_stays(design: Design, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(polish, "SURE", 100.0)  # no gain is sure
+    log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0), seed=3)
+    plain, polished = (diagnose(design, log, plan=False, polish=wanted) for wanted in (False, True))
+    assert [note.code for note in polished.remarks] == ["not_polished"]
+    assert polished.design == plain.design
+    assert polished.to_dict()["notes"] == [note.text for note in polished.remarks]
+
+
+def test_a_log_with_holes_alone_cannot_be_simulated(design: Design) -> None:
+    log = recorded(design, 1)
+    kept = np.arange(len(log)) % 500 > 20
+    with pytest.raises(LogError, match="without gaps"):
+        open_loop(design, Log({name: values[kept] for name, values in log.channels.items()}))
