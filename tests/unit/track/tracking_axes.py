@@ -36,7 +36,9 @@ step_of_F_c = Effect(
 
 @numba.njit
 def _ramp(t: float, omega: float, rate: float, t_0: float) -> float:
-    return rate * max(t - t_0, 0.0) * omega
+    # ends after 100 s: the simulation's step must resolve a term at any time, and without an end it would be viscous
+    # beyond measure
+    return rate * min(max(t - t_0, 0.0), 100.0) * omega
 
 
 ramp_of_F_v = Effect(
