@@ -166,6 +166,13 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
 
 
 @shared
+def constant_speed(m, s):  # type: ignore[no-untyped-def]
+    """Whether abs(omega) has varied too little, over SPREAD_TIME, to tell F_c from F_v."""
+    limit = SPREAD_LIMIT * m[MEAN]
+    return m[SPREAD] - s[SPEED_NOISE] * s[SPEED_NOISE] < limit * limit
+
+
+@shared
 def judge(m, s, y, S, direction):  # type: ignore[no-untyped-def]
     """Decide whether an innovation `y` of variance `S` is used, rejected, or shows a change of the axis."""
     if y * y > s[GATE] * S:
@@ -175,20 +182,13 @@ def judge(m, s, y, S, direction):  # type: ignore[no-untyped-def]
         m[REJECTS], m[TREND], m[CALM] = 0.0, 0.0, 0.0
         return CHANGE
     m[REJECTS] = 0.0
-    if s[PRIOR + T_LOAD] == 0.0 or s[PRIOR + INERTIA] == 0.0:
-        return UPDATED  # taken as known and wrong, a load or an inertia gives persistent signs as well
+    if (s[PRIOR + T_LOAD] == 0.0 or s[PRIOR + INERTIA] == 0.0) and not constant_speed(m, s):
+        return UPDATED  # taken as known and wrong, a load or an inertia gives persistent signs at every reversal
     m[TREND] += TREND_WEIGHT * (direction * y / S**0.5 - m[TREND])
     if abs(m[TREND]) > TREND_LIMIT and m[CALM] > CALM_TIME:
         m[TREND], m[CALM] = 0.0, 0.0
         return CHANGE
     return UPDATED
-
-
-@shared
-def constant_speed(m, s):  # type: ignore[no-untyped-def]
-    """Whether abs(omega) has varied too little, over SPREAD_TIME, to tell F_c from F_v."""
-    limit = SPREAD_LIMIT * m[MEAN]
-    return m[SPREAD] - s[SPEED_NOISE] * s[SPEED_NOISE] < limit * limit
 
 
 @shared
