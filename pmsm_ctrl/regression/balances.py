@@ -77,6 +77,7 @@ INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d change
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
+LONG_ENOUGH = 200_000  # samples that tell the step of an angle
 # Share of a log that the default band has to leave.
 USABLE = 0.1
 # A delay below this share of a sample is met well enough to first order.
@@ -344,6 +345,7 @@ def _made(
 ) -> Record:  # fmt: skip
     sampling, early = possible_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
+    resolution = _resolution(log)
     log = timing.undone(thinned(in_time(design, ending_steadily(log), age)))
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
@@ -359,10 +361,13 @@ def _made(
     if "i_d" in signals:
         signals["i_d_meas"] = signals["i_d"]
         signals["i_d"] = _intended_i_d(log, prepared, signals["i_d"])
+    if "omega_ref" in log or "theta_ref" in log:
+        told = on_grid(log, prepared, "omega_ref" if "omega_ref" in log else "theta_ref")
+        signals["omega_ref"] = told if "omega_ref" in log else derivative(told, 1.0 / prepared.rate)
     _add_slopes(signals, prepared)
     driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
-    direction, sure, kink = direction_of(driving, prepared, measured, STANDSTILL)
+    direction, sure, kink = direction_of(driving, prepared, measured, STANDSTILL, resolution * prepared.cutoff)
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
@@ -392,6 +397,12 @@ def _made(
         sampling_told=drive_sampling(design, log).told, unseen=_in_gaps(log), records=log.records,
         wrong=wrong,
     )  # fmt: skip
+
+
+def _resolution(log: Log) -> float:
+    """Return the step of the angle, rad (m): of a coarse encoder, and next to nothing of any other; 0 without one."""
+    steps = np.diff(np.unique(log["theta"][:LONG_ENOUGH])) if "theta" in log else np.zeros(0)
+    return float(np.min(steps, initial=np.inf)) if len(steps) else 0.0
 
 
 def _in_gaps(log: Log) -> float:

@@ -152,7 +152,7 @@ def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...
         left = saturated(record, model)
         weights = rough_weights(record, left)
         rough = solve_model(record, model, weights)
-        held = with_sampling_bounded(record, model, rough) if settled else model
+        held = with_sampling_bounded(record, model, rough, float(weights.sigma[0])) if settled else model
         if held is not model:
             model = held
             rough = solve_model(record, model, weights)

@@ -22,7 +22,7 @@ FEWEST_MIXED = 4  # samples on either side of a reversal that smoothing mixes at
 
 
 def direction_of(
-    driving: Array, prepared: Prepared, measured: Mask, standstill: float
+    driving: Array, prepared: Prepared, measured: Mask, standstill: float, unresolved: float = 0.0
 ) -> tuple[Array, Mask, tuple[float, float]]:
     """Direction of motion; while the shaft rests, or nearly, the share of the dry friction that balances the drive.
 
@@ -39,6 +39,9 @@ def direction_of(
     measured : bool array, shape (n,)
     standstill : float
         Share of the fast speed below which the direction is uncertain.
+    unresolved : float
+        Speed, rad/s (m/s), at which a coarse encoder counts no more than once in the filters' memory: nothing tells
+        motion from rest below it.
 
     Returns
     -------
@@ -50,7 +53,7 @@ def direction_of(
     """
     omega = prepared.signals["omega"]
     top = float(np.quantile(np.abs(omega[measured]), 0.99))
-    rests = np.abs(omega) <= standstill * top
+    rests = np.abs(omega) <= max(standstill * top, unresolved)
     direction = timed_sign(omega)
     long = np.zeros(len(omega), dtype=bool)
     for piece in stretches(rests):

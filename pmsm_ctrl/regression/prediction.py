@@ -77,7 +77,7 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     fit = estimated(found.record, found.model, found.left).plain
     held = physical_columns(found.model)
     at = {k: float(found.model.nominal[k]) for k in held}
-    if LATENESS in found.model.names and stopped(found.model):
+    if LATENESS in found.model.names and stopped(found.record, found.model):
         # what no sampling can do is something that the design lacks, and belongs to the residual
         at[found.model.names.index(LATENESS)] = 0.0
     beside = holding(fit, at)

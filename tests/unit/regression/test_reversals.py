@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pmsm_ctrl import Design
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
 
@@ -78,3 +81,22 @@ def test_a_shaft_that_stops_and_goes_on_has_no_direction_there() -> None:
     assert len(unknown) == 1
     assert t[unknown[0].start] < 0.0
     assert t[unknown[0].stop - 1] > 0.06
+
+
+def test_what_moves_less_than_a_count_in_the_filters_memory_rests() -> None:
+    # half a second of creep, at 20 counts a second of an encoder of 512, between turns: at 40 Hz that is half a count
+    t, count = np.arange(0.0, 10.0, 1e-3), 2.0 * np.pi / 512.0
+    creep = np.abs(np.mod(t, 2.0) - 1.5) < 0.25
+    omega = np.where(creep, 20.0 * count, 30.0 * np.sin(np.pi * np.mod(t, 2.0) / 1.25) * (np.mod(t, 2.0) < 1.25))
+    theta = np.cumsum(omega) * 1e-3
+    design = Design.from_dict({"name": "made", "motor": {"J": 1e-3, "K_t": 1.0}})
+    design = design.with_effect("coulomb", {"F_c": 0.05}).with_effect("viscous", {"F_v": 1e-3})
+    torque = 1e-3 * np.gradient(omega, t) + 0.05 * np.sign(omega) + 1e-3 * omega
+    fine, coarse = (
+        make_record(design, Log({"t": t, "theta": angle, "torque": torque}))
+        for angle in (theta, np.floor(theta / count) * count)
+    )
+    middle = np.abs(np.mod(fine.t, 2.0) - 1.5) < 0.1
+    inside = middle & (fine.t > 1.0) & (fine.t < 9.0)
+    assert fine.mask[inside].all()
+    assert not coarse.mask[inside].any()
