@@ -17,6 +17,8 @@ from pmsm_ctrl.simulate.parameters import matched_filter
 
 __all__ = ["baseline", "compensated", "count_angle", "judge", "off_by", "run_trial", "scaled"]
 
+FINEST = 1e-9  # rad (m): no encoder resolves it, and an ideal one shows the rounding of the simulation
+
 
 def baseline(design: Design) -> Design:
     """Return a design without friction compensation, inertia and delay fed forward.
@@ -151,13 +153,13 @@ def judge(trial: Trial, logs: tuple[Log, ...], dither: float = 0.0) -> Metrics:
         Of its axes.
     dither : float
         Amplitude below which the motion at rest is no limit cycle, rad (m): one count of the encoder, which the loops
-        cannot resolve.
+        cannot resolve; at least `FINEST`.
 
     Returns
     -------
     Metrics
     """
     found = measure_contour(logs[0], logs[1], trial.radius) if trial.radius > 0.0 else measure(logs[0])
-    if found.cycle_amplitude < dither:
+    if found.cycle_amplitude < max(dither, FINEST):
         found = replace(found, cycle_amplitude=0.0, cycle_frequency=0.0)
     return found

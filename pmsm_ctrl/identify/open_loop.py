@@ -84,8 +84,12 @@ class OpenLoop:
         The parameters, with bounds and the design's values.
     steps : array, shape (columns,)
         Differences over which slopes are taken.
+    records : tuple
+        Every record in stretches, with what drives it.
     chosen : bool array, shape (stretches,), or None
         The stretches that count, of all records in order; all of them where None.
+    kept : dict
+        What was simulated already, by the parameters.
     """
 
     design: Design

@@ -77,6 +77,7 @@ INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d change
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
+FEWEST = 20  # samples of the thinned grid that a balance needs
 LONG_ENOUGH = 200_000  # samples that tell the step of an angle
 # Share of a log that the default band has to leave.
 USABLE = 0.1
@@ -367,7 +368,10 @@ def _made(
     _add_slopes(signals, prepared)
     driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
-    direction, sure, kink = direction_of(driving, prepared, measured, STANDSTILL, resolution * prepared.cutoff)
+    unresolved = resolution * prepared.cutoff
+    direction, sure, kink = direction_of(driving, prepared, measured, STANDSTILL, unresolved)
+    if int((sure & _edges(prepared))[prepared.keep].sum()) < FEWEST:  # no speed is left that the encoder resolves
+        direction, sure, kink = direction_of(driving, prepared, measured, STANDSTILL)
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:

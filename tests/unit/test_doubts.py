@@ -94,7 +94,7 @@ def test_a_study_says_it_once_and_is_not_green(design: Design, clean: Log, doubt
     assert found.warnings.count(DOUBT.text) == 1
     assert DOUBT.code in found.to_dict()["warning_codes"]
     page = (tmp_path / "page.html").read_text()
-    assert f'<li data-code="{DOUBT.code}">{DOUBT.text}</li>' in page
+    assert page.count(f'data-code="{DOUBT.code}"') == 1
 
 
 @pytest.mark.usefixtures("quick")

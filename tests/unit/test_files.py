@@ -153,8 +153,10 @@ def test_dollar_signs_in_a_name_are_no_formula() -> None:
     named = Log(log.channels, log.motion, provenance=Provenance(file="a$\\frac{$b.csv"))
     entry = Entry("a$\\frac{$b.csv", ("", "", ""), {"F_c": Estimate(0.02, "N m", 1e-4)}, 0.1)
     for section in (compare(design, named).section(), history_section((entry, entry))):
-        figures = [block.draw() for block in section.blocks if isinstance(block, Picture)]
-        for figure in figures:
-            inline_svg(figure, "p", "label")
+        figures = []
+        for block in section.blocks:
+            if isinstance(block, Picture):
+                figures.append(block.draw())
+                inline_svg(block.draw, "p", "label")
         texts = [text.get_text() for figure in figures for text in figure.findobj(Text)]
         assert any("a$\\frac{$b.csv" in text for text in texts)
