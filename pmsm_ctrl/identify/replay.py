@@ -158,17 +158,21 @@ def _scenario(inputs: Mapping[str, Array], raw: Mapping[str, Array], t: Array, r
         return out
 
     theta = unwrapped(raw["theta"]) if "theta" in raw else np.zeros(1)
-    omega = raw["omega"] if "omega" in raw else np.gradient(theta, t)
-    start = float(omega[0])
-    moves = abs(start) > 0.01 * float(np.quantile(np.abs(omega), 0.99))
     return Scenario(
         "replay",
         len(t) / rate,
         references,
         control="position" if position else "speed",
-        omega_0=start if moves else 0.0,
+        omega_0=_starting_speed(raw, t),
         theta_0=float(theta[0]),
     )
+
+
+def _starting_speed(raw: Mapping[str, Array], t: Array) -> float:
+    """Return the speed at which the log begins, and with it the filter of the reference; 0 for an axis at rest."""
+    omega = raw["omega"] if "omega" in raw else np.gradient(unwrapped(raw["theta"]), t)
+    start = float(omega[0])
+    return start if abs(start) > 0.01 * float(np.quantile(np.abs(omega), 0.99)) else 0.0
 
 
 def _knots(t: Array, values: Array) -> tuple[Array, Array]:
@@ -221,12 +225,12 @@ def _added(
     when, theta, omega = t[kept], unwrapped(raw["theta"])[kept], raw["omega"][kept]
     ticks = when[0] + np.arange(round((when[-1] - when[0]) / T_s) + 1) * T_s
     reference = np.interp(ticks, *_knots(t, raw["omega_ref"]))
+    wanted = controller.velocity_feedforward * reference
     if controller.reference_filter < 1.0:
         from scipy.signal import lfilter
 
-        a, first = controller.reference_filter, reference[0]
-        reference = first + lfilter([a], [1.0, a - 1.0], reference - first)
-    wanted = controller.velocity_feedforward * reference
+        a, first = controller.reference_filter, _starting_speed(raw, t)
+        wanted = first + lfilter([a], [1.0, a - 1.0], wanted - first)
     if controller.position_gain > 0.0:
         wanted = wanted + controller.position_gain * np.interp(ticks, *_knots(t, raw["theta_ref"]))
         wanted -= controller.position_gain * np.interp(ticks, when, theta)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.diagnosis import _condition
+from pmsm_ctrl.diagnose.diagnosis import condition
 from pmsm_ctrl.diagnose.fit import fit_design
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.effects.catalogue import catalogue_of
@@ -124,7 +124,7 @@ def library_of(design: Design, log: Log) -> Library:
     Nonlinear parameters stand where the first round of the diagnosis puts them.
     """
     effects = catalogue_of(design)
-    fit = fit_design(design, _condition(design, log, (), effects, POLICY).record, (), effects)
+    fit = fit_design(design, condition(design, log, (), effects, POLICY).record, (), effects)
     named, free, groups = [], {}, {}
     for trial in fit.trials:
         columns, effect = trial.group.rows[0], trial.candidate.effect.id

@@ -260,7 +260,9 @@ def test_no_name_ends_a_comment_or_leaves_ascii(design: Design, tmp_path: Path) 
             if not name.endswith((".csv", ".toml", ".lis")):
                 assert text.isascii()
     (tmp_path / "axis.c").write_text(export(odd, "c"), encoding="ascii")
-    subprocess.run(["gcc", *FLAGS, str(tmp_path / "axis.c"), "-o", str(tmp_path / "axis.so"), "-lm"], check=True)
+    subprocess.run(
+        ["gcc", *FLAGS, "-shared", str(tmp_path / "axis.c"), "-o", str(tmp_path / "axis.so"), "-lm"], check=True
+    )
     assert "void St_nder_2_1_compensation_update(" in export(odd, "c")
 
 
@@ -358,7 +360,7 @@ def test_every_design_is_exported_and_compiles(path: Path, tmp_path: Path) -> No
     for name, text in export_files(axis, "c").items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     for source in tmp_path.glob("*.c"):
-        subprocess.run(["gcc", *FLAGS, str(source), "-o", str(tmp_path / "a.so"), "-lm"], check=True)
+        subprocess.run(["gcc", *FLAGS, "-shared", str(source), "-o", str(tmp_path / "a.so"), "-lm"], check=True)
     names = {file.name for file in tmp_path.iterdir()}
     assert any(name.endswith(("_tracker.c", "_tracker_not_exported.txt")) for name in names)
     if axis.motion == "linear":

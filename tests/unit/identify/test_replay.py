@@ -18,7 +18,8 @@ IDEAL = {"encoder_counts": 0, "current_noise": 0.0}
 
 @pytest.fixture(scope="module")
 def design(designs) -> Design:
-    return Design.read(designs / "seed_motor.toml")
+    """Soft loops: what the samples of a reference do not hold becomes the more current the stiffer the loops are."""
+    return Design.read(designs / "hand_tuned.toml")
 
 
 def rms(values: np.ndarray) -> float:
@@ -63,7 +64,9 @@ def test_what_was_added_to_the_current_is_said(design) -> None:
     assert rms(added) == pytest.approx(0.05, rel=0.02)
 
 
-def test_the_load_torque_of_the_log_is_applied(design) -> None:
+@pytest.mark.parametrize("name", ["hand_tuned", "seed_motor"])  # without and with a filter of the reference
+def test_the_load_torque_of_the_log_is_applied(designs, name) -> None:
+    design = Design.read(designs / f"{name}.toml")
     push = Scenario("push", 3.0, lambda t: {"omega_ref": np.full(t.shape, 20.0), "T_load": 0.05 * np.sin(9.0 * t)})
     clean = simulate(design.replace(sensor=IDEAL), push)
     again = build_replay(design, clean).run(design)
