@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose.contributions import Contributions, contributions_of
 from pmsm_ctrl.diagnose.diagnosis import condition, offered_effects, without_what_happened_once
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
+from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Errors, Ranked
@@ -217,9 +218,5 @@ def stepwise(
 
 
 def _rung(case: Case, fit: Fitted, name: str) -> Rung:
-    def table(found: Mapping[str, tuple[float, float]]) -> Errors:
-        return {
-            one: {"rms": rms, "unit": case.record.unit(one), "relative": share} for one, (rms, share) in found.items()
-        }
-
-    return Rung(name, table(errors(fit.record, fit.residual)), table(case.holdout_errors(fit)))
+    own, other = errors(fit.record, fit.residual), case.holdout_errors(fit)
+    return Rung(name, errors_table(case.record, own), errors_table(case.record, other))

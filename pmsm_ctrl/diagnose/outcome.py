@@ -27,7 +27,7 @@ from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["outcome"]
+__all__ = ["errors_table", "outcome"]
 
 
 def outcome(
@@ -138,8 +138,8 @@ def _limits(fit: Fitted) -> Iterator[Notice]:
 
 def _steps(case: Case, selection: Selection) -> Iterator[DiagnosisStep]:
     """Yield every accepted effect with its final parameters, and the errors around it on both records."""
-    own = [_table(case.record, errors(fit.record, fit.residual)) for fit in selection.fits]
-    other = [_table(case.record, case.holdout_errors(fit)) for fit in selection.fits]
+    own = [errors_table(case.record, errors(fit.record, fit.residual)) for fit in selection.fits]
+    other = [errors_table(case.record, case.holdout_errors(fit)) for fit in selection.fits]
     for k, step in enumerate(selection.steps):
         effect, parameters = step.trial.candidate.effect, fitted_parameters(selection.fit, k)
         name = effect.label({symbol: found.value for symbol, found in parameters.items()})
@@ -169,7 +169,14 @@ def _free_run(case: Case, fit: Fitted | None) -> dict[str, Any]:
     return {} if run is None else {"rms": run.rms, "unit": axis_unit("rad", record.prepared.motion), "fit": run.fit}
 
 
-def _table(record: Record, found: Mapping[str, tuple[float, float]]) -> Errors:
+def errors_table(record: Record, found: Mapping[str, tuple[float, float]]) -> Errors:
+    """Return rms error and its share by balance, with units.
+
+    Parameters
+    ----------
+    record : Record
+    found : dict of balance to (float, float)
+    """
     return {name: {"rms": rms, "unit": record.unit(name), "relative": part} for name, (rms, part) in found.items()}
 
 
@@ -187,10 +194,10 @@ def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
         size = max(float(np.sqrt(np.mean(record.target[row][record.mask] ** 2))), 1e-300)
         floor[name] = (float(last.whitener.sigma[row]), float(last.whitener.sigma[row] / size))
     return {
-        "nominal": _table(record, errors(first.record, residual)),
-        "base": _table(record, errors(first.record, first.residual)),
-        "final": _table(record, errors(last.record, last.residual)),
-        "noise_floor": _table(record, floor),
+        "nominal": errors_table(record, errors(first.record, residual)),
+        "base": errors_table(record, errors(first.record, first.residual)),
+        "final": errors_table(record, errors(last.record, last.residual)),
+        "noise_floor": errors_table(record, floor),
     }
 
 

@@ -21,7 +21,7 @@ from pmsm_ctrl.errors import DesignError
 
 __all__ = [
     "FIRST", "TRUSTED", "Feedforward", "compensation_lines", "core_lines", "estimate_lines", "largest_current",
-    "limit_lines", "observer_values", "smoothing_width",
+    "limit_lines", "observer_inertia", "observer_share", "observer_values", "smoothing_width",
 ]  # fmt: skip
 
 Array = NDArray[Any]
@@ -142,9 +142,33 @@ def observer_values(design: Design) -> dict[str, float]:
             f"{where}: compensation.bandwidth: missing; a disturbance observer needs it, in rad/s "
             "(`pmsm-ctrl compensate` prints the highest one that the margins allow)"
         )
-    share = 1.0 - math.exp(-chosen.bandwidth * design.drive.speed_period)
-    inertia = chosen.inertia or design.assumed.J or design.J
-    return {"bandwidth": chosen.bandwidth, "share": share, "inertia": inertia}
+    return {
+        "bandwidth": chosen.bandwidth,
+        "share": observer_share(design, chosen.bandwidth),
+        "inertia": observer_inertia(design),
+    }
+
+
+def observer_share(design: Design, bandwidth: float) -> float:
+    """Return the share by which an observer's first-order filter of this bandwidth follows in one speed period.
+
+    Parameters
+    ----------
+    design : Design
+    bandwidth : float
+        rad/s.
+    """
+    return 1.0 - math.exp(-bandwidth * design.drive.speed_period)
+
+
+def observer_inertia(design: Design) -> float:
+    """Return the inertia that an observer assumes, kg m^2 (kg).
+
+    Parameters
+    ----------
+    design : Design
+    """
+    return design.compensation.inertia or design.assumed.J or design.J
 
 
 def compensation_lines(effects: Sequence[Effect], observer: bool = False) -> list[str]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.simulate.feedforward import observer_inertia, observer_share
 from pmsm_ctrl.tune.margins import Margins, margins, response
 from pmsm_ctrl.tune.proof import default_speed
 from pmsm_ctrl.tune.robust import Corner, corners, varied
@@ -73,8 +74,7 @@ def loop_with_observer(design: Design, bandwidth: float, *, gain: float = 1.0, t
     cascade = Cascade.of(design, loops.current, truth=truth, at=default_speed(design))
     T, outputs = cascade.period, ("omega_hat", "theta") if loops.position.K_v > 0.0 else ("omega_hat",)
     plant = cascade.system(("i_q_ref",), outputs)
-    a = 1.0 - math.exp(-bandwidth * T)
-    inertia = design.compensation.inertia or design.assumed.J or design.J
+    a, inertia = observer_share(design, bandwidth), observer_inertia(design)
     control = pi(loops.speed.K_p, loops.speed.T_n, T)
     weights = [1.0, loops.position.K_v][: len(outputs)]
     if bandwidth == 0.0:
