@@ -152,11 +152,12 @@ def measure(y, p, counts, current_noise, noise, effects):
 def speed_control(gains, memory, theta_m, reference, T_s):
     """Position P and speed PI with feedforward: return the new memory and the current reference.
 
-    The memory is the integrator, the last angle, the filtered speed and the filtered reference.
+    The memory is the integrator, the last angle, the filtered speed and the filtered reference; a disturbance
+    observer adds its filter and the last current reference.
     """
     K_s, b_s, a_speed, a_ref = gains[4], gains[5], gains[6], gains[7]
     K_v, k_omega, k_alpha, i_max = gains[8], gains[9], gains[10], gains[11]
-    I_s, theta_last, omega_hat, omega_filtered = memory
+    I_s, theta_last, omega_hat, omega_filtered = memory  # <speed memory>
     omega_hat += a_speed * ((theta_m - theta_last) / T_s - omega_hat)
     omega_filtered += a_ref * (k_omega * reference[1] - omega_filtered)
     omega_ref = omega_filtered
@@ -168,7 +169,7 @@ def speed_control(gains, memory, theta_m, reference, T_s):
     i_q_ref = min(max(wanted, -i_max), i_max)
     # Anti-windup: the part cut off by the limit is fed back.
     I_s += b_s * (K_s * e + i_q_ref - wanted)
-    return (I_s, theta_m, omega_hat, omega_filtered), i_q_ref
+    return (I_s, theta_m, omega_hat, omega_filtered), i_q_ref  # <speed result>
 
 
 @kernel
@@ -184,7 +185,7 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
     # <parameters>
     y = (states[0], states[1], states[2], states[3])  # <load states>
     I_d, I_q = states[4], states[5]
-    speed_memory = (states[6], states[7], states[8], states[14])
+    speed_memory = (states[6], states[7], states[8], states[14])  # <load speed memory>
     i_ref = (states[10], states[9])
     u_d_next, u_q_next, angle_next = states[11], states[12], states[13]
     # <load memory>
@@ -227,7 +228,7 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
 
     states[0], states[1], states[2], states[3] = y[0], y[1], y[2], y[3]  # <store states>
     states[4], states[5], states[10], states[9] = I_d, I_q, i_ref[0], i_ref[1]
-    states[6], states[7], states[8], states[14] = speed_memory
+    states[6], states[7], states[8], states[14] = speed_memory  # <store speed memory>
     states[11], states[12], states[13] = u_d_next, u_q_next, angle_next
     # <store memory>
     return row

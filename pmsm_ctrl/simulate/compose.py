@@ -22,7 +22,7 @@ from pmsm_ctrl.effects.fingerprint import fingerprint
 from pmsm_ctrl.effects.structures import STRUCTURES, Structure
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import cache_folder
-from pmsm_ctrl.simulate.feedforward import compensation_lines
+from pmsm_ctrl.simulate.feedforward import compensation_lines, observer_lines
 
 __all__ = ["BARE_STATES", "completed", "lines_of", "load", "module_of", "source", "structures"]
 
@@ -63,32 +63,7 @@ def completed(template: Path, lines: Mapping[str, list[str]]) -> str:
 
 @lru_cache(maxsize=256)
 def _source(effects: tuple[Effect, ...], compensated: tuple[Effect, ...], observer: bool) -> str:
-    text = source(effects, compensated)
-    return _with_observer(text) if observer else text
-
-
-def _with_observer(text: str) -> str:
-    """Return a drive kernel whose speed controller has a disturbance observer.
-
-    The observer's memory goes with the speed controller's; the last two states hold it between two pieces of a run. The
-    template has no marks for it: a drive without an observer carries nothing.
-    """
-    memory = "I_s, theta_last, omega_hat, omega_filtered"
-    changes = (
-        (f"{memory} = memory", f"{memory}, observed, applied = memory"),
-        ("(I_s, theta_m, omega_hat, omega_filtered), i_q_ref", "(I_s, theta_m, omega_hat, omega_filtered, observed, "
-         "i_q_ref), i_q_ref"),
-        ("(states[6], states[7], states[8], states[14])", "(states[6], states[7], states[8], states[14], states[-2], "
-         "states[-1])"),
-        ("states[6], states[7], states[8], states[14] = speed_memory", "states[6], states[7], states[8], states[14], "
-         "states[-2], states[-1] = speed_memory"),
-    )  # fmt: skip
-    for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    wanted = re.compile(r"^( *)(wanted = K_s \* e .*)$", flags=re.MULTILINE)
-    lines = compensation_lines((), observer=True)
-    return wanted.sub(lambda found: "\n".join([found[0], *(found[1] + line for line in lines)]), text, count=1)
+    return source(effects, compensated, observer_lines() if observer else None)
 
 
 def load(

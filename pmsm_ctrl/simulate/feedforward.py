@@ -21,7 +21,7 @@ from pmsm_ctrl.errors import DesignError
 
 __all__ = [
     "FIRST", "TRUSTED", "Feedforward", "compensation_lines", "core_lines", "estimate_lines", "largest_current",
-    "limit_lines", "observer_inertia", "observer_share", "observer_values", "smoothing_width",
+    "limit_lines", "observer_inertia", "observer_lines", "observer_share", "observer_values", "smoothing_width",
 ]  # fmt: skip
 
 Array = NDArray[Any]
@@ -171,18 +171,31 @@ def observer_inertia(design: Design) -> float:
     return design.compensation.inertia or design.assumed.J or design.J
 
 
-def compensation_lines(effects: Sequence[Effect], observer: bool = False) -> list[str]:
-    """Return the lines of the speed controller that add the feedforward to the current it wants."""
-    if observer:
-        return [
+def observer_lines() -> dict[str, list[str]]:
+    """Return the lines that a disturbance observer has at the marks of the drive kernel.
+
+    Its memory goes with the speed controller's; the last two states hold it between two pieces of a run.
+    """
+    states = "states[6], states[7], states[8], states[14], states[-2], states[-1]"
+    first = f"reference[{FIRST + HEAD}], reference[{FIRST + HEAD + 1}], reference[{FIRST + HEAD + 2}]"
+    return {
+        "speed memory": ["I_s, theta_last, omega_hat, omega_filtered, observed, applied = memory"],
+        "speed result": ["return (I_s, theta_m, omega_hat, omega_filtered, observed, i_q_ref), i_q_ref"],
+        "load speed memory": [f"speed_memory = ({states})"],
+        "store speed memory": [f"{states} = speed_memory"],
+        "compensation": [
             "gain, K_t, limit = reference[6], reference[9], reference[12]",
-            f"bandwidth, share, inertia = reference[{FIRST + HEAD}], reference[{FIRST + HEAD + 1}], "
-            f"reference[{FIRST + HEAD + 2}]",
+            f"bandwidth, share, inertia = {first}",
             "omega = omega_hat",
             *estimate_lines(),
             *limit_lines(),
             "wanted += i_q_add",
-        ]
+        ],
+    }
+
+
+def compensation_lines(effects: Sequence[Effect]) -> list[str]:
+    """Return the lines of the speed controller that add the feedforward to the current it wants."""
     if not effects:
         return []
     lines = [
