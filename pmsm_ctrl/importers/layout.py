@@ -139,7 +139,7 @@ def encoding_of(head: bytes, file: str) -> str:
     if junk is not None:
         raise LogError(
             f"{file}: byte {junk} is 0x{head[junk]:02x}: neither text nor a known format "
-            "(accepted: CSV and other text, MAT, MDF4, TDMS, Parquet)"
+            "(accepted: CSV and other text, MAT, MDF4, TDMS, Parquet, NumPy)"
         )
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)

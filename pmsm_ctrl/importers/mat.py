@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,15 @@ import numpy as np
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.guard import afford, guarded, not_installed
 from pmsm_ctrl.importers.isolated import ask
-from pmsm_ctrl.importers.names import split_header
-from pmsm_ctrl.importers.table import Array, Column, Table, one_line
+from pmsm_ctrl.importers.table import Array, Table, one_line
+from pmsm_ctrl.importers.vectors import table_of
+from pmsm_ctrl.importers.worker import Record, flattened
 
 __all__ = ["open_hdf5", "open_mat"]
+
+DEEPEST = 4  # structs in structs
+MOST_RECORDS = 4096  # elements of an array of structs
+LONGEST_NAME = 1000  # characters
 
 
 def open_mat(path: Path, file: str) -> Table:
@@ -36,7 +40,7 @@ def open_mat(path: Path, file: str) -> Table:
         size = math.prod(shape)
         content[name] = np.frombuffer(values, dtype=np.float64, count=size, offset=place).reshape(shape)
         place += 8 * size
-    return _table(file, "MATLAB v5", content)
+    return table_of(file, "MATLAB v5", content, "MAT file")
 
 
 def open_hdf5(path: Path, file: str) -> Table:
@@ -51,68 +55,67 @@ def open_hdf5(path: Path, file: str) -> Table:
         import h5py
     except ImportError:
         raise not_installed(file, "MATLAB v7.3 (HDF5)", "h5py", "matlab73") from None
-    found: dict[str, Any] = {}
-    total = 0.0
     with guarded(file, "HDF5"), h5py.File(path, "r") as content:
-
-        def visit(name: str, item: Any) -> None:
-            nonlocal total
-            # names under #refs# are cells that other variables point to
-            if not isinstance(item, h5py.Dataset) or name.startswith("#"):
-                return
-            if item.external is not None or item.is_virtual:
-                raise LogError(
-                    f"{file}: dataset '{one_line(name)}' points to another file; a log of its own was expected"
-                )
-            if item.dtype.kind in "fiub":
-                total += item.size
-                afford(file, "HDF5", total, path)  # before anything is read: a damaged header may declare any size
-                found[name.replace("/", ".")] = item[()]
-
-        content.visititems(visit)
-    return _table(file, "MATLAB v7.3", {name: np.asarray(value, dtype=np.float64) for name, value in found.items()})
+        found = _Contents(file, path).of(content)
+    return table_of(file, "MATLAB v7.3", flattened(found), "MAT file")
 
 
-def _table(file: str, kind: str, content: dict[str, Array | None]) -> Table:
-    vectors: list[tuple[str, Array]] = []
-    scalars: list[str] = []
-    left: list[str] = []
-    for name, value in content.items():
-        if value is None:
-            left.append(name)
-        elif value.size == 1:
-            scalars.append(f"{name} = {value.reshape(-1)[0]:.9g}")
-        elif value.size == max(value.shape):
-            vectors.append((name, value.reshape(-1)))
-        elif value.ndim == 2 and min(value.shape) <= 64 and value.size:
-            tall = value if value.shape[0] >= value.shape[1] else value.T
-            vectors += [(f"{name}.{i + 1}", tall[:, i]) for i in range(tall.shape[1])]
-        else:
-            left.append(name)
-    if not vectors:
-        raise LogError(
-            f"{file}: no numeric vectors in this MAT file (found: {one_line(', '.join(content)) or 'nothing'})"
+class _Contents:
+    """The datasets of an HDF5 file; the fields of arrays of structs are read through MATLAB's references."""
+
+    def __init__(self, file: str, path: Path) -> None:
+        self.file, self.path, self.total = file, path, 0.0
+
+    def of(self, group: Any, depth: int = 0) -> dict[str, Any]:
+        """Return the content of a group: arrays, texts, groups as dictionaries, arrays of structs as lists of them."""
+        import h5py
+
+        found: dict[str, Any] = {}
+        for name in group:
+            # what stands under #refs# belongs to the cells and structs that point to it; links lead elsewhere
+            if name.startswith("#") or isinstance(group.get(name, getlink=True), h5py.ExternalLink | h5py.SoftLink):
+                continue
+            item = group[name]
+            if isinstance(item, h5py.Dataset):
+                found[name] = self._dataset(item)
+            elif depth < DEEPEST:
+                found[name] = self._struct(item, depth)
+        return found
+
+    def _struct(self, group: Any, depth: int) -> Any:
+        """Return a struct as a dictionary, an array of structs as a list of them."""
+        import h5py
+
+        fields = {name: group[name] for name in group if not name.startswith("#")}
+        counts = {item.size for item in fields.values() if isinstance(item, h5py.Dataset)}
+        referring = fields and all(
+            isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is not None for item in fields.values()
         )
-    return _grouped(file, kind, vectors, scalars, left)
+        if not referring or len(counts) != 1 or not 0 < max(counts) <= MOST_RECORDS:
+            return self.of(group, depth + 1)
+        pointers = {name: item[()].reshape(-1) for name, item in fields.items()}
+        return [
+            Record({name: self._referred(group.file[refs[k]], depth + 1) for name, refs in pointers.items()})
+            for k in range(counts.pop())
+        ]
 
+    def _referred(self, item: Any, depth: int) -> Any:
+        import h5py
 
-def _grouped(file: str, kind: str, vectors: list[tuple[str, Array]], scalars: list[str], left: list[str]) -> Table:
-    notes = []
-    if scalars:
-        notes.append(f"scalars not used: {one_line(', '.join(scalars[:12]))}")
-    if left:
-        notes.append(f"variables that are no vectors not used: {one_line(', '.join(left[:12]))}")
-    # vectors of one length share one time base
-    lengths = list(dict.fromkeys(values.size for _, values in vectors))
-    columns = []
-    for name, values in vectors:
-        short, unit = split_header(name)
-        columns.append(Column(name=short, unit=unit, header=name, group=lengths.index(values.size)))
+        if isinstance(item, h5py.Dataset):
+            return self._dataset(item)
+        return self._struct(item, depth) if depth < DEEPEST else None
 
-    def load(indices: Sequence[int]) -> list[Array]:
-        return [vectors[i][1] for i in indices]
-
-    def locate(column: int, sample: int) -> str:
-        return f"variable '{columns[column].label}', sample {sample + 1}"
-
-    return Table(file, kind, tuple(columns), load, locate, tuple(notes))
+    def _dataset(self, item: Any) -> Any:
+        """Return numbers as float64, MATLAB's characters as a text, and None for anything else."""
+        if item.external is not None or item.is_virtual:
+            name = one_line(str(item.name).lstrip("/"))
+            raise LogError(f"{self.file}: dataset '{name}' points to another file; a log of its own was expected")
+        if item.dtype.kind not in "fiub":
+            return None
+        self.total += item.size
+        afford(self.file, "HDF5", self.total, self.path)  # before it is read: a damaged header may declare any size
+        if item.attrs.get("MATLAB_class") == b"char":
+            codes = np.asarray(item[()]).reshape(-1)
+            return "".join(chr(int(code)) for code in codes[:LONGEST_NAME] if 0 < code < 0xD800)
+        return np.asarray(item[()], dtype=np.float64)

@@ -21,9 +21,9 @@ from pmsm_ctrl.log import Log, Provenance
 
 __all__ = ["open_table", "read_all", "read_log"]
 
+ACCEPTED = "CSV and other text, MAT, MDF4, TDMS, Parquet, NumPy"
 _REFUSED = {
     b"PK\x03\x04": "a zip archive or Excel workbook; save the sheet as CSV",
-    b"\x93NUMPY": "a NumPy array without channel names; save it as CSV or MAT",
     b"\x1f\x8b": "gzip-compressed; unpack it first",
     **{bytes([0x80, protocol]): "a Python pickle, which is never read" for protocol in range(2, 6)},
 }
@@ -37,8 +37,9 @@ def read_log(
     Parameters
     ----------
     source
-        A path, the bytes of a file, or a stream of bytes: CSV and other text, MAT (v4 to v7.3), MDF4, TDMS or Parquet,
-        found from the content. Or a data frame of pandas, polars or pyarrow, whose columns are read as those of a file.
+        A path, the bytes of a file, or a stream of bytes: CSV and other text, MAT (v4 to v7.3), MDF4, TDMS, Parquet or
+        NumPy, found from the content. Or a data frame of pandas, polars or pyarrow, whose columns are read as those of
+        a file.
     design
         Its [log] table maps foreign columns to channels; its motion decides between rotary and linear units.
     mapping
@@ -130,9 +131,16 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None, file:
         head = stream.read(1024)
     if not head:
         raise LogError(f"{file}: empty; a log with time, position or speed, and current or torque was expected")
+    if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
+        from pmsm_ctrl.importers.numpy_files import is_npz, open_npy, open_npz
+
+        if head.startswith(b"\x93NUMPY"):
+            return open_npy(target, file)
+        if is_npz(target):
+            return open_npz(target, file)
     for magic, what in _REFUSED.items():
         if head.startswith(magic):
-            raise LogError(f"{file}: {what} (accepted: CSV and other text, MAT, MDF4, TDMS, Parquet)")
+            raise LogError(f"{file}: {what} (accepted: {ACCEPTED})")
     if head.startswith(b"\x89HDF") or head[512:516] == b"\x89HDF":
         from pmsm_ctrl.importers.mat import open_hdf5
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["main"]
+__all__ = ["Record", "flattened", "main"]
 
 MAX_DEPTH = 4
 # The bounds of `guard.afford`: bytes per byte of the file, and bytes that are always allowed.
@@ -64,7 +64,7 @@ def read_mat(path: str, words: Sequence[str]) -> Answer:
 
     _bound_expansion(path)
     content = scipy.io.loadmat(path, struct_as_record=True, squeeze_me=False)
-    flat = _flattened({name: value for name, value in content.items() if not name.startswith("__")})
+    flat = flattened({name: value for name, value in content.items() if not name.startswith("__")})
     variables = [[name, None if value is None else list(value.shape)] for name, value in flat.items()]
     return {"variables": variables}, [value for value in flat.values() if value is not None]
 
@@ -93,21 +93,73 @@ def _bound_expansion(path: str) -> None:
                         raise ValueError(f"it unpacks to more than {1e-6 * most:.3g} MB, which no log of its size does")
 
 
-def _flattened(content: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str, np.ndarray | None]:
-    """Return structs as dotted names, numeric arrays as float64, and None for what is no numeric array."""
+class Record(dict[str, Any]):
+    """One element of an array of structs: its fields by name."""
+
+
+# Fields in which recorders keep a channel's name, unit and values: dSPACE (Name, Unit, Data), Simulink (label, values).
+NAMES = ("Name", "name", "label", "Label", "signalName", "SignalName", "title", "blockName", "BlockName")
+UNIT_FIELDS = ("Unit", "unit", "Units", "units")
+DATA = ("Data", "data", "values", "Values", "Value", "value")
+MAX_RECORDS = 4096
+
+
+def flattened(content: dict[str, Any], prefix: str = "", depth: int = 0) -> dict[str, np.ndarray | None]:
+    """Return structs as dotted names, numeric arrays as float64, and None for what is no numeric array.
+
+    An element of an array of structs that holds a name, values and perhaps a unit becomes ``name [unit]``.
+    """
     out: dict[str, np.ndarray | None] = {}
     for name, value in content.items():
         full = f"{prefix}{name}"
+        records = _records(value)
+        if records and depth < MAX_DEPTH:
+            for k, record in enumerate(records):
+                own = full if len(records) == 1 else f"{full}.{k + 1}"
+                for key, array in _of_record(record, own, len(records) > 1, depth).items():
+                    out[key if key not in out else f"{key}.{k + 1}"] = array
+            continue
         # a sparse matrix is an object of its own class and cannot be a channel
         array = np.asarray(value) if isinstance(value, np.ndarray | np.generic | float | int) else np.empty(0, object)
-        if array.dtype.names and array.size == 1 and depth < MAX_DEPTH:
-            record = array.reshape(-1)[0]
-            out |= _flattened({field: record[field] for field in array.dtype.names}, f"{full}.", depth + 1)
-        elif array.dtype.kind in "fiub" and array.dtype.names is None:
-            out[full] = np.ascontiguousarray(array, dtype=np.float64)
-        else:
-            out[full] = None
+        numeric = array.dtype.kind in "fiub" and array.dtype.names is None
+        out[full] = np.ascontiguousarray(array, dtype=np.float64) if numeric else None
     return out
+
+
+def _records(value: Any) -> list[Record]:
+    """Return the elements of a struct or an array of structs; none for anything else."""
+    if isinstance(value, Record):
+        return [value]
+    if isinstance(value, dict):
+        return [Record(value)]
+    if isinstance(value, list):
+        return [one for one in value if isinstance(one, Record)]
+    if not isinstance(value, np.ndarray) or not value.dtype.names or not 0 < value.size <= MAX_RECORDS:
+        return []
+    return [Record({field: one[field] for field in value.dtype.names}) for one in value.reshape(-1)]
+
+
+def _of_record(record: Record, own: str, many: bool, depth: int) -> dict[str, np.ndarray | None]:
+    """Return the arrays of one struct: under its own label where it describes a single channel."""
+    label = next((text for field in NAMES if (text := _text(record.get(field)))), "")
+    unit = next((text for field in UNIT_FIELDS if (text := _text(record.get(field)))), "")
+    field = next((field for field in DATA if _is_vector(record.get(field))), "")
+    if not field or not (label or unit or many):
+        return flattened(record, f"{own}.", depth + 1)
+    rest = {key: value for key, value in record.items() if key != field and _records(value)}
+    named = f"{label or own} [{unit}]" if unit else label or own
+    return {named: np.ascontiguousarray(record[field], dtype=np.float64), **flattened(rest, f"{own}.", depth + 1)}
+
+
+def _is_vector(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and not value.dtype.names and value.size > 1
+
+
+def _text(value: Any) -> str:
+    """Return a text of a MAT file, which may stand in an array of one element."""
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.reshape(-1)[0]
+    return value.strip() if isinstance(value, str) else ""
 
 
 def read_mdf(path: str, words: Sequence[str]) -> Answer:
