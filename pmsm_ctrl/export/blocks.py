@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.export.program import Program
+from pmsm_ctrl.export.trees import kinds
 from pmsm_ctrl.export.writers import plain
 from pmsm_ctrl.units import axis_unit
 
@@ -53,7 +55,7 @@ class Block:
     program : Program
         What every call does.
     arrays : mapping of name to shape
-        Memory from call to call.
+        Memory from call to call; a single number has the shape ().
     start : tuple of ast.stmt
         Statements that set the memory before the first call.
     gains : tuple of Value
@@ -77,6 +79,15 @@ class Block:
     linear: bool = False
     notes: Mapping[str, str] = field(default_factory=dict)
 
+    def note(self, text: str) -> str:
+        """Return what a variable is, with its unit; empty where that is not known."""
+        bare = re.sub(r"_\d+$", "", text)  # variables without a name in the source are numbered
+        for key in (text, bare):
+            if key in self.notes:
+                return self.notes[key]
+        kind = self.scalars.get(text, "integer" if text in self.counters else "")
+        return {"integer": "1, counter", "flag": "whether the next part applies", "real": ""}.get(kind, "")
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", plain(self.title))
         motion = "linear" if self.linear else "rotary"
@@ -92,14 +103,19 @@ class Block:
         return f"{self.axis}_{self.part}"
 
     @property
+    def counters(self) -> list[str]:
+        """Counters of the loops that set the memory, in alphabetical order."""
+        return sorted(set(kinds(list(self.start))) - set(self.arrays))
+
+    @property
     def structured(self) -> bool:
         """Whether a call needs a structure in C: for its memory, or for more than one output."""
         return bool(self.arrays) or len(self.outputs) > 1
 
     @property
     def scalars(self) -> dict[str, str]:
-        """Scalars of the program that are neither inputs nor outputs, with their kinds, in alphabetical order."""
-        known = {value.name for value in (*self.inputs, *self.outputs)}
+        """Scalars of the program that hold nothing from call to call, with their kinds, in alphabetical order."""
+        known = {value.name for value in (*self.inputs, *self.outputs)} | set(self.arrays)
         return {text: kind for text, kind in sorted(self.program.variables.items()) if text not in known}
 
 

@@ -7,7 +7,7 @@ import uuid
 from collections.abc import Iterable
 
 from pmsm_ctrl.export.blocks import Block, Value
-from pmsm_ctrl.export.trees import constant, kinds
+from pmsm_ctrl.export.trees import constant
 from pmsm_ctrl.export.writers import ST, C, Flavour, Writer, real
 
 __all__ = ["br_library", "c_header", "c_source", "st_block", "tcpou"]
@@ -59,16 +59,17 @@ def c_source(block: Block, *, with_header: bool = False) -> str:
     writer = Writer(C, {text: f"self->{text}" for text in memory})
     body = [*writer.lines(block.start, 1), *writer.lines(block.program.statements, 1)]
     used = _words(body)
-    whole = [f"{c.name} = {int(c.number)}" for c in block.constants if c.kind == "integer" and c.name in used]
+    integers = [c for c in block.constants if c.kind == "integer" and c.name in used]
+    whole = [f"    {c.name} = {int(c.number)}{',' if c is not integers[-1] else ''}{_c_remark(c)}" for c in integers]
     lines = [c_header(block)] if with_header else [f"/* {block.title}. {_MADE} C99. */", f'#include "{block.name}.h"']
     guarded = "is_number" in used
     lines += ["#include <math.h>", *(["#include <stdint.h>", "#include <string.h>"] if guarded else []), ""]
     lines += [_IS_NUMBER] if guarded else []
-    lines += ["enum {", *(f"    {text}," for text in whole), "};", ""] if whole else []
+    lines += ["enum {", *whole, "};", ""] if whole else []
     reals = [c for c in block.constants if c.kind == "real" and c.name in used]
     lines += [f"static const double {c.name} = {real(c.number)};{_c_remark(c)}" for c in reals] + [""]
     if block.structured:
-        counters = [f"    int {text};" for text in sorted(kinds(list(block.start)))]
+        counters = [f"    int {text};{_c_note(block, text)}" for text in block.counters]
         lines += [_c_init(block), "{", *counters, *writer.lines(block.start, 1)]
         lines += [f"    self->{v.name} = 0;" for v in block.outputs] + ["}", ""]
     lines += [_c_step(block), "{"]
@@ -90,11 +91,13 @@ def _words(lines: Iterable[str]) -> set[str]:
 
 
 def _c_note(block: Block, text: str) -> str:
-    return f" /* {block.notes[text]} */" if text in block.notes else ""
+    note = block.note(text)
+    return f" /* {note} */" if note else ""
 
 
 def _st_note(block: Block, text: str) -> str:
-    return f" (*{block.notes[text]}*)" if text in block.notes else ""
+    note = block.note(text)
+    return f" (*{note}*)" if note else ""
 
 
 def _c_remark(value: Value) -> str:
@@ -185,8 +188,9 @@ def _declaration(block: Block, flavour: Flavour) -> list[str]:
     lines += ["    ready : BOOL; (*whether the memory has been set*)"] if _has_start(block, flavour) else []
     for text, shape in block.arrays.items():
         size = ", ".join(f"0..{n - 1}" for n in shape)
-        lines.append(f"    {text} : ARRAY[{size}] OF LREAL;{_st_note(block, text)}")
-    counters = dict.fromkeys(sorted(kinds(list(block.start))), "integer")
+        array = f"ARRAY[{size}] OF " if shape else ""
+        lines.append(f"    {text} : {array}LREAL;{_st_note(block, text)}")
+    counters = dict.fromkeys(block.counters, "integer")
     lines += [
         f"    {text} : {_ST_TYPES[kind]};{_st_note(block, text)}"
         for text, kind in {**counters, **block.scalars}.items()

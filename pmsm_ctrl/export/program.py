@@ -67,6 +67,10 @@ def body_of(function: Any) -> tuple[ast.FunctionDef, Mapping[str, Any]]:
         When the object is not a function with source.
     """
     source = getattr(function, "py_func", function)
+    if not inspect.isfunction(source):
+        raise RequestError(
+            f"'{getattr(source, '__name__', source)}' has no counterpart on a controller; it cannot be exported"
+        )
     tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
     if not isinstance(tree, ast.FunctionDef):
         raise RequestError(f"{source}: only a function can be exported")
@@ -85,17 +89,21 @@ class Flattener:
         Inputs, outputs and arrays, which keep their names.
     symbols : mapping of str to str, optional
         Constants of the source to their names in the program; others become plain numbers.
-    fixed : mapping of (array, index) to ast.Constant, optional
-        Elements that are constant in the program.
+    fixed : mapping of (array, index) to ast.expr, optional
+        Elements that are a constant, a variable or another array's element in the program.
+    sections : mapping of (array, symbol) to str, optional
+        Arrays that stand for the elements from the constant of this name on: ``s[DRIFT + i]`` is ``drift[i]``.
     """
 
     def __init__(
         self,
         reserved: Iterable[str],
         symbols: Mapping[str, str] | None = None,
-        fixed: Mapping[tuple[str, int], ast.Constant] | None = None,
+        fixed: Mapping[tuple[str, int], ast.expr] | None = None,
+        sections: Mapping[tuple[str, str], str] | None = None,
     ) -> None:
-        self.symbols, self.fixed = dict(symbols or {}), dict(fixed or {})
+        self.symbols, self.fixed, self.sections = dict(symbols or {}), dict(fixed or {}), dict(sections or {})
+        self._elements = {value.id: array for (array, _), value in self.fixed.items() if isinstance(value, ast.Name)}
         self._names: dict[str, tuple[str, str]] = {}
         for text in (*reserved, *self.symbols.values()):
             self._names[text.lower()] = ("", text)
@@ -265,6 +273,10 @@ class Flattener:
             key = (array.id, index[0].value)
             if key in self.fixed:
                 return self.fixed[key]
+        if len(index) == 1 and isinstance(index[0], ast.BinOp) and isinstance(array, ast.Name):
+            section = self.sections.get((array.id, getattr(index[0].left, "symbol", "")))
+            if section is not None:
+                return ast.Subscript(name(section), ast.Tuple([index[0].right]))
         return ast.Subscript(array, ast.Tuple(index))
 
     def _choice(self, node: ast.IfExp, frame: _Frame, out: Statements) -> ast.expr:
@@ -333,7 +345,9 @@ class Flattener:
         arrays = {a.id for a in arguments if isinstance(a, ast.Name)}
         for parameter, value in zip([a.arg for a in tree.args.args], arguments, strict=True):
             used = sum(isinstance(n, ast.Name) and n.id == parameter for n in ast.walk(tree))
-            plain = isinstance(value, ast.Name | ast.Constant) or (
+            # an element whose array is an argument as well may be assigned by the callee
+            element = isinstance(value, ast.Name) and self._elements.get(value.id) in arrays
+            plain = (isinstance(value, ast.Name | ast.Constant) and not element) or (
                 isinstance(value, ast.Subscript) and base(value) not in arrays
             )
             if parameter not in own and (plain or (used <= 1 and len(tree.body) == 1)):

@@ -15,8 +15,9 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export.blocks import Block, Value, identifier
 from pmsm_ctrl.export.compensator import Terms, direction_lines
-from pmsm_ctrl.export.program import Flattener, body_of
-from pmsm_ctrl.export.trees import Statements, base, constant, expressions, name, read
+from pmsm_ctrl.export.program import Flattener, Program, body_of
+from pmsm_ctrl.export.tracker_names import AS_THEY_ARE, EVENTS, MEMORY, NOTES, SECTIONS, SETTINGS, STATES, VECTORS
+from pmsm_ctrl.export.trees import Statements, assigned, base, constant, expressions, name, read
 from pmsm_ctrl.export.writers import symbols_of
 from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.track import model
@@ -27,33 +28,10 @@ from pmsm_ctrl.units import psi_f_from
 
 __all__ = ["tracker"]
 
-# arrays of the compiled filter: name in its source -> name in the program, and shape
-_ARRAYS = {
-    "x": ("state", (model.SIZE,)), "P": ("covariance", (model.SIZE, model.SIZE)), "m": ("memory", (model.MEMORY,)),
-    "s": ("settings", (model.SETTINGS,)), "a": ("jacobian", (model.SIZE,)), "u": ("work_u", (model.SIZE,)),
-    "v": ("work_v", (model.SIZE,)), "h": ("measured_row", (model.SIZE,)), "K": ("kalman_gain", (model.SIZE,)),
-}  # fmt: skip
-_SETTINGS = {
-    "R": ("MEASUREMENT_VARIANCE", "variance of the measured angle or speed"),
-    "TORQUE_DENSITY": ("TORQUE_DENSITY", "(N m)^2 s, density of the torque's noise"),
-    "LAG": ("SPEED_LAG", "s, lag of the drive's speed"),
-    "SPEED_NOISE": ("SPEED_NOISE", "rad/s rms"),
-    "THRESHOLD": ("STANDSTILL_SPEED", "rad/s, below it the axis counts as standing"),
-    "INTERVAL": ("UPDATE_INTERVAL", "s between two measurement updates"),
-    "MAX_GAP": ("MAX_GAP", "s, longest step that is bridged"),
-    "GATE": ("OUTLIER_GATE", "normalised innovation squared above which a measurement is rejected"),
-    "J_NOMINAL": ("INERTIA", "kg m^2"),
-}
-_MEMORY = (
-    "T_LAST", "Z_LAST", "TORQUE_LAST", "KNOWN_LAST", "SPEED_LAST", "RUNNING", "ELAPSED", "MEAN", "SPREAD", "REJECTS",
-    "DT", "SPEED", "TORQUE", "KNOWN", "SURGE", "DUE", "TREND", "CALM", "SEEN", "PAST_SPEED",
-    "PAST_ALPHA", "Z_USED", "SINCE",
-)  # fmt: skip
-_EVENTS = ("PREDICTED", "UPDATED", "CONSTANT", "STANDSTILL", "STARTED", "REJECTED", "IMPLAUSIBLE", "INVALID", "GAP",
-           "CHANGE")  # fmt: skip
-_STATES = ("OMEGA", "F_C", "F_V", "T_LOAD", "INERTIA", "THETA")
-_AS_THEY_ARE = ("DRIFT", "PRIOR", "NEVER", "SPREAD_TIME", "SPREAD_LIMIT", "REJECTS_ARE_CHANGE", "TREND_WEIGHT",
-                "TREND_LIMIT", "CALM_TIME")  # fmt: skip
+# what stands in the block's memory: name -> shape, meaning
+_STORED: dict[str, tuple[tuple[int, ...], str]] = {text: ((), meaning) for text, meaning in MEMORY.values()}
+_STORED |= {long: ((model.SIZE,), meaning) for long, meaning in SECTIONS.values()}
+_ARRAYS = {long: (shape, meaning) for long, shape, meaning in VECTORS.values()} | _STORED
 _UNITS = {"T_load": "N m", "J": "kg m^2"}
 _LOGGED = {"estimates", "variances", "covariance", "innovations", "events"}  # history of a log, not exported
 
@@ -95,21 +73,25 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
     constants = [*motor.values(), *_settings(s).values(), *terms.constants, *_sources()]
     lines = _text(settings, inputs, terms, "i_d" in {v.name for v in inputs})
     body = _with_loop(ast.parse("\n".join([*lines, *_reading(settings)])).body)
-    fixed = {("settings", vars(model)[k]): constant(v.number, v.name) for k, v in _settings(s).items()}
-    fixed["settings", model.FROM_ANGLE] = constant(s[model.FROM_ANGLE])
-    reserved = [v.name for v in (*inputs, *outputs, *constants)] + [long for long, _ in _ARRAYS.values()]
     scope = {**vars(model), **body_of(run)[1], "torque_em": torque_em, **terms.scope}
     given = _given(settings, inputs, terms, motor)
-    flat = Flattener(reserved, _symbols(), fixed).program(body, scope, given, {value.name for value in outputs})
-    begin = ast.parse("\n".join(_start(design, settings, s))).body
-    first = Flattener(reserved, _symbols()).program(begin, scope, given, ()).statements
-    used = set(symbols_of([*flat.statements, *first])).union(*(read(e) for e in expressions(list(flat.statements))))
+    taken = [v.name for v in (*inputs, *outputs, *constants)] + list(_ARRAYS)
+
+    def flattened(statements: Statements, kept: set[str]) -> Program:
+        return Flattener(taken, _symbols(), _elements(s), _sections()).program(statements, scope, given, kept)
+
+    flat = flattened(body, {value.name for value in outputs})
+    words = _words(list(flat.statements))
+    stored = {text for text, _ in MEMORY.values()} & words
+    begin = ast.parse("\n".join(_start(design, settings, s, words))).body
+    first = flattened(begin, stored).statements
+    used = _words([*flat.statements, *first])
     return Block(
         identifier(design.name), "tracker", f"Friction tracker of {design.name}, extended Kalman filter",
         inputs, outputs, flat,
         constants=tuple(value for value in constants if value.name in used),
-        arrays={long: shape for long, shape in _ARRAYS.values() if long in used}, start=first,
-        linear=design.motion == "linear",
+        arrays={long: shape for long, (shape, _) in _ARRAYS.items() if long in used}, start=first,
+        linear=design.motion == "linear", notes=_notes(settings),
     )  # fmt: skip
 
 
@@ -135,7 +117,7 @@ def _outputs(settings: Settings) -> tuple[Value, ...]:
     for text in settings.estimate:
         extra += [
             Value(f"{text}_hat", f"{_UNITS[text]}, estimate"),
-            Value(f"sd_{text}", f"{_UNITS[text]}, its deviation"),
+            Value(f"sd_{text}", f"{_UNITS[text]}, its standard deviation"),
         ]
     return (
         Value("F_c", "N m, Coulomb friction"),
@@ -164,22 +146,61 @@ def _motor(design: Design) -> dict[str, Value]:
 
 
 def _settings(s: NDArray[np.float64]) -> dict[str, Value]:
-    return {key: Value(text, meaning, float(s[vars(model)[key]])) for key, (text, meaning) in _SETTINGS.items()}
+    return {key: Value(text, meaning, float(s[vars(model)[key]])) for key, (text, meaning) in SETTINGS.items()}
+
+
+def _elements(s: NDArray[np.float64]) -> dict[tuple[str, int], ast.expr]:
+    """Return what the elements of the filter's memory and of its fixed numbers are in the program."""
+    found: dict[tuple[str, int], ast.expr] = {
+        ("settings", vars(model)[k]): constant(v.number, v.name) for k, v in _settings(s).items()
+    }
+    found["settings", model.FROM_ANGLE] = constant(s[model.FROM_ANGLE])
+    for first, (long, _) in SECTIONS.items():
+        for k, text in enumerate(STATES):
+            at = ast.Subscript(name(long), ast.Tuple([constant(k, f"STATE_{text}")]))
+            found["settings", vars(model)[first] + k] = at
+    return found | {("memory", vars(model)[key]): name(text) for key, (text, _) in MEMORY.items()}
+
+
+def _notes(settings: Settings) -> dict[str, str]:
+    """Return what the variables are, with the unit of the measured channel."""
+    unit = "rad" if settings.measure == "theta" else "rad/s"
+    square = "rad^2" if settings.measure == "theta" else "(rad/s)^2"
+    notes = NOTES | {long: meaning for long, (_, meaning) in _ARRAYS.items()}
+    one = {"rad or rad/s": unit, "rad^2 or (rad/s)^2": square, "angle or speed": "angle" if unit == "rad" else "speed"}
+    for both, chosen in one.items():
+        notes = {key: text.replace(both, chosen) for key, text in notes.items()}
+    return notes
+
+
+def _sections() -> dict[tuple[str, str], str]:
+    return {("settings", first): long for first, (long, _) in SECTIONS.items()}
+
+
+def _words(statements: Statements) -> set[str]:
+    """Return the names of variables, arrays and constants in a program."""
+    return set(symbols_of(statements)).union(assigned(statements), *(read(e) for e in expressions(statements)))
 
 
 def _symbols() -> dict[str, str]:
     """Return the names that the source's constants get in the program."""
-    found = {text: f"STATE_{text}" for text in _STATES} | {text: f"EVENT_{text}" for text in _EVENTS}
-    return found | {text: f"MEMORY_{text}" for text in _MEMORY} | {text: text for text in _AS_THEY_ARE}
+    found = {text: f"STATE_{text}" for text in STATES} | {text: f"EVENT_{text}" for text in EVENTS}
+    return found | {text: text for text in (*AS_THEY_ARE, *SECTIONS)}
 
 
 def _sources() -> list[Value]:
+    notes = {
+        f"STATE_{text}": f"position of {state} in the state" for text, state in zip(STATES, model.STATES, strict=True)
+    }
+    notes |= {f"EVENT_{text}": f"event: {meaning}" for text, meaning in zip(EVENTS, model.EVENTS, strict=True)}
     kinds = {int: "integer", float: "real"}
-    return [Value(long, "", vars(model)[text], kinds[type(vars(model)[text])]) for text, long in _symbols().items()]
+    numbered = ((long, vars(model)[text]) for text, long in _symbols().items() if text not in SECTIONS)
+    return [Value(long, {**notes, **AS_THEY_ARE}[long], number, kinds[type(number)]) for long, number in numbered]
 
 
 def _given(settings: Settings, inputs: tuple[Value, ...], terms: Terms, motor: dict[str, Value]) -> dict[str, ast.expr]:
-    given: dict[str, ast.expr] = {text: name(long) for text, (long, _) in _ARRAYS.items()}
+    given: dict[str, ast.expr] = {text: name(long) for text, (long, _, _) in VECTORS.items()}
+    given |= {"m": name("memory"), "s": name("settings")} | {text: name(text) for text in _STORED}
     given |= {value.name: name(value.name) for value in inputs}
     given |= {text: constant(value.number, value.name) for text, value in motor.items()} | terms.given
     slow = 1 + max(k for k in settings.active if k != model.THETA)
@@ -239,16 +260,15 @@ def _unlogged(statements: Statements) -> Statements:
     return out
 
 
-def _start(design: Design, settings: Settings, s: NDArray[np.float64]) -> list[str]:
-    """Return the lines that set the memory before the first sample."""
+def _start(design: Design, settings: Settings, s: NDArray[np.float64], used: set[str]) -> list[str]:
+    """Return the lines that set the memory before the first sample; `used` are the names in the program."""
     lines = [f"for start_i in range({model.SIZE}):", f"    for start_j in range({model.SIZE}):"]
-    lines += [
-        "        P[start_i, start_j] = 0.0",
-        *(f"    {array}[start_i] = 0.0" for array in ("a", "h", "K", "u", "v")),
-    ]
-    lines += [f"for start_i in range({model.MEMORY}):", "    m[start_i] = 0.0"]
-    for name_of, value, variance in zip(_STATES, start(design), np.diag(covariance(s, settings)), strict=True):
+    lines += ["        P[start_i, start_j] = 0.0"]
+    lines += [f"    {key}[start_i] = 0.0" for key in ("a", "h", "K", "u", "v") if VECTORS[key][0] in used]
+    for name_of, value, variance in zip(STATES, start(design), np.diag(covariance(s, settings)), strict=True):
         lines += [f"x[{name_of}] = {float(value)!r}", f"P[{name_of}, {name_of}] = {float(variance)!r}"]
-    lines.append(f"m[T_LAST] = {float(memory()[model.T_LAST])!r}")
-    drifting = (k for first in (model.DRIFT, model.PRIOR) for k in range(first, first + model.SIZE))
-    return [*lines, *(f"s[{k}] = {float(s[k])!r}" for k in drifting)]
+    numbers_of = zip(MEMORY.values(), memory(), strict=True)
+    lines += [f"{text} = {float(value)!r}" for (text, _), value in numbers_of if text in used]
+    for first, (long, _) in SECTIONS.items():
+        lines += [f"{long}[{text}] = {float(s[vars(model)[first] + k])!r}" for k, text in enumerate(STATES)]
+    return lines

@@ -14,7 +14,7 @@ __all__ = [
 
 Statements = list[ast.stmt]
 
-INTRINSIC = ("abs", "min", "max", "sqrt", "sin", "cos", "exp", "isfinite")
+INTRINSIC = ("abs", "min", "max", "sqrt", "sin", "cos", "exp", "tanh", "isfinite")
 _COMPUTED: dict[type[ast.AST], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Eq: operator.eq, ast.NotEq: operator.ne,
 }  # fmt: skip

@@ -35,7 +35,7 @@ class Language:
         First condition, further condition, what is left, end.
     loop : tuple of str
         Head with counter {0}, first {1} and last {2}, and end.
-    assignment, remark, negated, power, is_number : str
+    assignment, remark, negated, power, tanh, is_number : str
     powers_of_magnitudes : bool
         Whether `power` is wrong for a negative base.
     between : str
@@ -51,6 +51,7 @@ class Language:
     remark: str
     negated: str
     power: str
+    tanh: str
     is_number: str
     between: str
     flags: tuple[str, str]
@@ -66,6 +67,7 @@ C = Language(
     remark="/* {} */",
     negated="!({})",
     power="pow({}, {})",
+    tanh="tanh({})",
     is_number="is_number({})",
     between="][",
     flags=("0", "1"),
@@ -79,6 +81,8 @@ _IEC = Language(
     remark="(* {} *)",
     negated="NOT ({})",
     power="EXPT({}, {})",
+    # the standard has none; beyond 20 it is 1 to the last digit, and EXP does not overflow
+    tanh="(1.0 - 2.0 / (EXP(2.0 * MIN(MAX({}, -20.0), 20.0)) + 1.0))",
     is_number="({0} >= -1.0E300 AND {0} <= 1.0E300)",
     between=", ",
     flags=("FALSE", "TRUE"),
@@ -213,6 +217,8 @@ class Writer:
     def _call(self, function: str, arguments: list[str]) -> str:
         if function == "isfinite":
             return self.language.is_number.format(*arguments)
+        if function == "tanh":
+            return self.language.tanh.format(*arguments)
         return f"{self.language.functions.get(function, function)}({', '.join(arguments)})"
 
     def _power(self, node: ast.BinOp) -> str:

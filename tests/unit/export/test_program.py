@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable
+from math import tanh
 from typing import Any
 
 import numpy as np
@@ -89,6 +90,11 @@ def reused(a: float, b: float) -> float:
     return kept - weigh(a, b) + math.pi * 0.0 + kept
 
 
+def bent(a: float, b: float) -> float:
+    """Use the hyperbolic tangent, which Structured Text does not have."""
+    return tanh(30.0 * a) + tanh(b) * a
+
+
 def flat(function: Callable[..., Any]) -> Block:
     """Return a block that calls the function."""
     body = ast.parse("result = f(a, b)").body
@@ -98,7 +104,7 @@ def flat(function: Callable[..., Any]) -> Block:
     return Block("axis", "part", "test", values, (Value("result", "what comes out"),), program)
 
 
-@pytest.mark.parametrize("function", [early, swapped, guarded, nested, weigh])
+@pytest.mark.parametrize("function", [early, swapped, guarded, nested, weigh, bent])
 def test_flat_programs_do_what_python_does(function: Callable[..., float]) -> None:
     block = parsed(st_block(flat(function)))
     rng = np.random.default_rng(11)

@@ -194,6 +194,29 @@ def test_structured_text_runs_as_the_twin_does(design: Design, log: Any, flavour
     block(restart=False)
 
 
+@pytest.mark.parametrize("variant", ["angle", "speed, load and inertia"])
+def test_every_variable_has_a_name_a_unit_and_a_use(design: Design, variant: str) -> None:
+    c = export(design, "c", part="tracker", settings=VARIANTS[variant])
+    st = export(design, "st", part="tracker", settings=VARIANTS[variant])
+    declarations = (
+        (c, r"^    (?:double|int) (\w+)(?:\[\d+\])*(?: = 0)?;(.*)$", "/*"),
+        (c, r"^static const double (\w+) = [^;]+;(.*)$", "/*"),
+        (c, r"^    ([A-Z_]+) = \d+,?(.*)$", "/*"),
+        (st, r"^    (\w+) : (?:ARRAY\[[^]]+\] OF )?(?:LREAL|INT|BOOL)(?: := [^;]+)?;(.*)$", "(*"),
+    )
+    for text, pattern, remark in declarations:
+        found = re.findall(pattern, text, flags=re.MULTILINE)
+        assert len(found) > 4, pattern
+        bare = re.sub(r"/\*.*?\*/|\(\*.*?\*\)", "", text, flags=re.DOTALL)
+        for name, comment in found:
+            assert comment.strip().startswith(remark), name
+            assert len(name) <= 32
+            assert len(re.findall(rf"\b{name}\b", bare)) > 1, f"{name} is declared and not used"
+    for text in (c, st):
+        assert not re.search(r"\b(memory|settings)\b *\[", text)
+        assert not re.search(r"\b\w+\[(?:[1-9]\d*)(?:, [1-9]\d*)?\] *:?=[^=]", text)  # an element without a name
+
+
 def test_a_tracker_that_could_not_work_is_refused(design: Design) -> None:
     with pytest.raises(RequestError, match=r"sensor\.current_noise is 0"):
         export(design.replace(sensor={"current_noise": 0.0}), "c", part="tracker")
