@@ -15,6 +15,7 @@ __all__ = ["Delay", "delays", "lag"]
 
 SAMPLES = 1 << 17
 MAX_LAG = 200
+SMOOTHED = 9  # samples; both signals alike, which changes no delay
 
 
 @dataclass(frozen=True)
@@ -52,8 +53,10 @@ def delays(log: Log) -> tuple[Delay, ...]:
 def lag(first: Array, second: Array) -> tuple[float, float] | None:
     """Return (samples by which `second` follows `first`, correlation), None when they are not correlated.
 
-    Whole samples come from the largest cross-correlation, the fraction from the first-order expansion
-    ``second(t) = g first(t) - g d first'(t)`` (Taylor), fitted by least squares on the aligned signals.
+    Whole samples come from the largest cross-correlation, the fraction d from the first-order expansion
+    ``second(t) = g first(t) - g d first'(t)`` (Taylor): multiplied by the slope of the first signal and averaged, with
+    the product of both slopes in place of ``g first'^2``. The noise of either signal has no share in that product;
+    least squares would make d smaller by the noise of the first.
     """
     start = max(0, (first.size - SAMPLES) // 2)
     a, b = (x[start : start + SAMPLES] - np.mean(x[start : start + SAMPLES]) for x in (first, second))
@@ -66,15 +69,32 @@ def lag(first: Array, second: Array) -> tuple[float, float] | None:
     cross = np.fft.irfft(np.fft.rfft(b, size) * np.conj(np.fft.rfft(a, size)), size)
     shifts = np.concatenate((np.arange(reach + 1), np.arange(-reach, 0)))
     whole = int(shifts[np.argmax(np.abs(cross[shifts]))])
-    slope = np.gradient(a)
     inner = slice(reach, a.size - reach)
-    moved = np.roll(b, -whole)[inner]
-    columns = np.column_stack([a[inner], slope[inner], np.ones(moved.size)])
-    (gain, derivative, _), *_ = np.linalg.lstsq(columns, moved, rcond=None)
-    fitted = columns @ np.array([gain, derivative, 0.0])
-    size_b = float(np.sqrt(np.mean((moved - moved.mean()) ** 2)))
-    correlation = float(np.mean((fitted - fitted.mean()) * (moved - moved.mean()))) / (float(np.std(fitted)) * size_b)
-    fraction = -derivative / gain if gain else math.nan
+    fraction = _fraction(a[inner], np.roll(b, -whole)[inner])
+    smooth_a, smooth_b = _means(a[inner]), _means(np.roll(b, -whole)[inner])
+    correlation = float(np.corrcoef(smooth_a, smooth_b)[0, 1])
     if not correlation > 0.7 or not abs(fraction) < 2.0:
         return None
-    return whole + float(fraction), correlation
+    return whole + fraction, correlation
+
+
+def _fraction(a: Array, b: Array) -> float:
+    """Return the samples by which `b` follows `a`, less than a few."""
+    x, y = (_centred(np.convolve(values, np.full(SMOOTHED, 1.0 / SMOOTHED), "valid")) for values in (a, b))
+    slope_x, slope_y = np.gradient(x), np.gradient(y)
+    both = float(slope_x @ slope_y)
+    if not both > 0.0:
+        return math.nan
+    # the product of a signal and its own slope is what its ends leave, small unless they differ
+    ends = float(slope_x @ x) * math.copysign(float(np.std(y)) / float(np.std(x)), both)
+    return (ends - float(slope_x @ y)) / both
+
+
+def _centred(values: Array) -> Array:
+    return np.asarray(values - values.mean())
+
+
+def _means(values: Array) -> Array:
+    """Return means over a few samples, in which noise counts less."""
+    width = 8 if values.size >= 256 else 1
+    return np.asarray(values[: values.size // width * width].reshape(-1, width).mean(axis=1))

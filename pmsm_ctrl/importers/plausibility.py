@@ -2,7 +2,8 @@
 
 The speed is compared with the derivative of the position (a public bench of geared servos is off by 1.99 and
 1.66 there), K_t i_q with a torque column, the sign of the torque with the sign of the acceleration. All
-comparisons use integrals over blocks of samples, which are robust against noise and quantisation.
+comparisons use integrals over blocks of samples, which are robust against noise and quantisation, and instruments,
+which noise does not bias.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import notices as say
 from pmsm_ctrl.importers.lost import lost_samples
-from pmsm_ctrl.importers.table import Array
+from pmsm_ctrl.importers.relations import BLOCKS, block_edges, drive_balance, drive_factor, integral, rate_factor, ratio
 from pmsm_ctrl.importers.timebase import growing_steps, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
@@ -22,6 +23,7 @@ from pmsm_ctrl.section import Notice
 __all__ = ["check", "torque_factor", "velocity_factor"]
 
 MIN_SAMPLES = 32
+CERTAIN, INTERVAL = 12.0, 3.0  # standard errors of an inertia: that it counts at all, and that it is beyond a limit
 _RPM = math.pi / 30.0
 
 
@@ -79,46 +81,12 @@ def _standing(log: Log) -> list[Notice]:
     ]
 
 
-def _edges(n: int, blocks: int) -> np.ndarray:
-    length = max(2, n // blocks)
-    return np.arange(0, n, length)
-
-
-def _integral(t: Array, values: Array) -> Array:
-    """Cumulative trapezoidal integral, shape (n,), starting at 0."""
-    out = np.zeros(t.size)
-    np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t), out=out[1:])
-    return out
-
-
-def _ratio(numerator: Array, denominator: Array) -> tuple[float, float]:
-    """Return (ratio, its relative spread) over the entries with a large denominator."""
-    size = np.abs(denominator)
-    top = np.percentile(size, 95) if size.size else 0.0
-    large = size > 0.2 * top
-    if not top > 0.0 or np.count_nonzero(large) < 8:
-        return math.nan, math.nan
-    x, y = denominator[large], numerator[large]
-    middle = float(np.median(y / x))
-    error = np.abs(y / x - middle)
-    spread = 1.4826 * float(np.median(error))
-    # the ratio of sizes is not biased by a delay between the two, unlike the mean of ratios; jumps are left out
-    kept = error <= 6.0 * spread + 1e-9 * abs(middle)
-    factor = math.copysign(math.sqrt(float(np.sum(y[kept] ** 2) / np.sum(x[kept] ** 2))), middle)
-    return factor, spread / abs(middle) if middle else math.inf
-
-
 def velocity_factor(log: Log) -> tuple[float, float]:
     """Return the factor dtheta/dt over omega and its relative spread; NaN when the axis hardly moves."""
     if "theta" not in log or "omega" not in log or len(log) < MIN_SAMPLES:
         return math.nan, math.nan
-    edges = _edges(len(log), 500)
-    travelled = np.diff(log["theta"][edges])
-    integrated = np.diff(_integral(log.t, log["omega"])[edges])
     step = quantum(log["theta"])
-    if np.percentile(np.abs(travelled), 95) < 5.0 * (step if math.isfinite(step) else 0.0):
-        return math.nan, math.nan
-    return _ratio(travelled, integrated)
+    return rate_factor(log.t, log["theta"], log["omega"], step if math.isfinite(step) else 0.0)
 
 
 def _near(value: float, known: float, tolerance: float = 0.02) -> bool:
@@ -164,10 +132,8 @@ def _suspect(factor: float, known: list[tuple[float, str]]) -> str:
 def _reference(log: Log) -> list[Notice]:
     if "omega" not in log or "omega_ref" not in log:
         return []
-    edges = _edges(len(log), 500)
-    followed = np.diff(_integral(log.t, log["omega"])[edges])
-    asked = np.diff(_integral(log.t, log["omega_ref"])[edges])
-    factor, spread = _ratio(followed, asked)
+    edges = block_edges(len(log), BLOCKS)
+    factor, spread = ratio(*(np.diff(integral(log.t, log[name])[edges]) for name in ("omega", "omega_ref")))
     if math.isnan(factor) or not spread < 0.1 or abs(factor - 1.0) < 0.2:
         return []
     known = [
@@ -182,15 +148,7 @@ def torque_factor(log: Log, design: Design | None) -> tuple[float, float]:
     """Return the factor torque over K_t i_q and their correlation; NaN without both channels or a design."""
     if design is None or "torque" not in log or "i_q" not in log or len(log) < MIN_SAMPLES:
         return math.nan, math.nan
-    current, torque = log["i_q"], log["torque"]
-    predicted = design.K_t_assumed * current
-    scale = float(np.max(np.abs(predicted))), float(np.max(np.abs(torque)))
-    if not min(scale) > 0.0 or not np.isfinite(max(scale)):
-        return math.nan, math.nan
-    x, y = predicted / scale[0], torque / scale[1]
-    factor = float(np.dot(x, y) / np.dot(x, x)) * scale[1] / scale[0]
-    correlation = float(np.dot(x, y) / np.sqrt(np.dot(x, x) * np.dot(y, y)))
-    return factor, correlation
+    return drive_factor(design.K_t_assumed * log["i_q"], log["torque"])
 
 
 def _torque(log: Log, design: Design | None) -> list[Notice]:
@@ -219,38 +177,6 @@ def _torque(log: Log, design: Design | None) -> list[Notice]:
     return [say.TORQUE_FACTOR(factor=factor, cause=_suspect(factor, known))]
 
 
-def _balance(log: Log, torque: Array) -> tuple[float, float]:
-    """Return (inertia, its t value) of torque = J alpha + F_c sgn + F_v omega + T_0 over blocks."""
-    t, n = log.t, len(log)
-    edges = _edges(n, 1000)
-    if edges.size < 16:
-        return math.nan, 0.0
-    if "omega" in log:
-        speed = log["omega"]
-    else:
-        # blocks of position, so that quantisation is divided by the length of a block
-        speed = np.interp(t, 0.5 * (t[edges[1:]] + t[edges[:-1]]), np.diff(log["theta"][edges]) / np.diff(t[edges]))
-    length = np.diff(t[edges])
-    alpha = np.diff(speed[edges]) / length
-    columns = [np.diff(_integral(t, part)[edges]) / length for part in (np.sign(speed), speed)]
-    target = np.diff(_integral(t, torque)[edges]) / length
-    matrix = np.column_stack([alpha, *columns, np.ones(alpha.size)])
-    scale = np.max(np.abs(matrix), axis=0)
-    if not np.isfinite(matrix).all() or not np.isfinite(target).all() or not (scale > 0.0).all():
-        return math.nan, 0.0
-    try:
-        u, singular, vt = np.linalg.svd(matrix / scale, full_matrices=False)
-    except np.linalg.LinAlgError:
-        return math.nan, 0.0
-    if not singular[-1] > 1e-8 * singular[0]:
-        return math.nan, 0.0  # not excited
-    solution = vt.T @ ((u.T @ target) / singular)
-    residual = target - matrix / scale @ solution
-    noise = float(residual @ residual) / max(1, target.size - 4)
-    spread = math.sqrt(noise * float(np.sum((vt[:, 0] / singular) ** 2)))
-    return float(solution[0] / scale[0]), float(solution[0] / spread) if spread > 0.0 else math.inf * solution[0]
-
-
 def _sign(log: Log, design: Design | None) -> list[Notice]:
     """The sign of the torque against the sign of the acceleration, friction taken out, and the size of J."""
     if "torque" in log:
@@ -261,16 +187,18 @@ def _sign(log: Log, design: Design | None) -> list[Notice]:
         return []
     if np.ptp(torque) == 0.0:
         return []
-    inertia, t_value = _balance(log, torque)
-    # neighbouring blocks are correlated, so the limit is far above the nominal 2
-    if not math.isfinite(inertia) or abs(t_value) < 12.0:
+    motion = {"position": log["theta"]} if "theta" in log else {"speed": log["omega"]}
+    found = drive_balance(log.t, torque, **motion)
+    inertia = found.inertia
+    # the scatter over stretches of time is itself uncertain, so the limit is far above the nominal 2
+    if not math.isfinite(inertia) or found.certain < CERTAIN:
         return []
     if inertia < 0.0:
         return [say.TORQUE_SIGN(channel=name)]
     if design is None:
         return []
-    factor = inertia / design.J
-    if 0.5 <= factor <= 2.0:
+    factor, error = inertia / design.J, INTERVAL * found.stderr / design.J
+    if factor + error >= 0.5 and factor - error <= 2.0:
         return []
     unit = "kg" if log.motion == "linear" else "kg m^2"
     return [say.UNLIKELY_INERTIA(channel=name, inertia=inertia, unit=unit, factor=factor)]

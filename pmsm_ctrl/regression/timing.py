@@ -34,6 +34,7 @@ LATE = 0.5
 # A step of more periods is a hole. What bridges one that is longer than the low-pass's memory is no measurement: it
 # spreads as far as that remembers, in periods of the cutoff.
 HOLE, AROUND_HOLES = 5.0, 5.0
+LOST = 1.9  # periods between two samples from which on at least one is missing
 # Time at the end of a record from which its speed there is taken, s, and the fewest samples.
 END, FEWEST_END = 0.01, 5
 LONGEST_BRIDGE = 50.0  # times the usual time between two records
@@ -69,7 +70,8 @@ def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]
             "cut the log there"
         )
     period = float(np.mean(step[~holes]))
-    jitter = 100.0 * float(np.max(np.abs(step[~holes] - period))) / period
+    usual = step[step < LOST * period]  # a sample that was lost is a gap, and no jitter
+    jitter = 100.0 * float(np.max(np.abs(usual - period))) / period
     if "theta" in channels:
         channels["theta"] = unwrapped(channels["theta"])
     if not holes.any() and (even := _clocked(t, channels)) is not None:

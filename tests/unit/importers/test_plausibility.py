@@ -10,6 +10,8 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import check
 from pmsm_ctrl.importers.notices import FEW_SAMPLES
+from pmsm_ctrl.importers.plausibility import torque_factor
+from pmsm_ctrl.importers.relations import drive_balance
 from pmsm_ctrl.importers.timebase import growing_steps, longest_run, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
 
@@ -203,3 +205,38 @@ def test_real_files_raise_only_true_doubts(measured, designs) -> None:
         assert len(warnings) == 2
         assert "jitter" in warnings[0]
         assert "gaps" in warnings[1]
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize("noise", [0.3, 3.0, 30.0])
+def test_the_noise_of_the_speed_makes_no_inertia_smaller(seed: int, noise: float) -> None:
+    rng = np.random.default_rng(seed)
+    channels = axis(rng)
+    speed = channels["omega"] + rng.normal(0, noise, 8000)
+    found = drive_balance(channels["t"], K_T * channels["i_q"], speed=speed)
+    assert abs(found.inertia / J - 1.0) < 0.02 + 3.0 * found.stderr / J
+    assert found.stderr < 0.1 * J
+
+
+@pytest.mark.parametrize("seconds", [600, 3600])
+def test_the_inertia_of_a_long_log_of_positions_is_the_same(seconds: int, design: Design) -> None:
+    # blocks of a fixed number would be longer than the motion
+    n = 100 * seconds
+    t = 0.01 * np.arange(n)
+    rates = 2 * np.pi * np.array([0.11, 0.37, 0.83])
+    theta, alpha = (sum(a * r**k * np.sin(r * t) for a, r in zip((90, 13, 4), rates, strict=True)) for k in (0, 2))
+    omega = sum(a * r * np.cos(r * t) for a, r in zip((90, 13, 4), rates, strict=True))
+    torque = -J * alpha + F_C * np.sign(omega) + F_V * omega
+    found = drive_balance(t, torque, position=theta)
+    assert found.inertia == pytest.approx(J, rel=0.05)  # means at the edges round the fastest motion off
+    assert check(Log({"t": t, "theta": theta, "i_q": torque / K_T}), design) == ()
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1])
+def test_the_noise_of_a_current_makes_no_torque_smaller(rng: np.random.Generator, design: Design, noise: float) -> None:
+    channels = axis(rng)
+    noisy = channels["i_q"] + rng.normal(0, noise, 8000)
+    torque = K_T * channels["i_q"] + rng.normal(0, 0.02, 8000)
+    log = Log(channels | {"i_q": noisy, "torque": torque})
+    assert torque_factor(log, design)[0] == pytest.approx(1.0, abs=0.05)
+    assert not [one for one in check(log, design) if one.code in ("torque_factor", "torque_unrelated")]

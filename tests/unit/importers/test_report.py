@@ -152,3 +152,19 @@ def test_measured_files(measured, designs: Path, tmp_path: Path) -> None:
     assert steps["theta"] == pytest.approx(2 * np.pi / 20000, rel=1e-3)  # its encoder has 20000 counts
     assert steps["i_q"] == pytest.approx(2.0**-10, rel=1e-3)
     reproduce(path, tmp_path)
+
+
+@pytest.mark.parametrize("counts", [2000, 131072])
+@pytest.mark.parametrize("late", [0.5e-3, 1.3e-3])
+def test_neither_noise_nor_a_coarse_encoder_changes_a_delay(rng: np.random.Generator, counts: int, late: float) -> None:
+    t = 1e-3 * np.arange(8000)
+    step = 2 * np.pi / counts
+
+    def speed(t: np.ndarray) -> np.ndarray:
+        return 40 * np.pi * np.sin(np.pi * t) + 18 * np.pi * np.cos(6 * np.pi * t)
+
+    theta = np.round((40 * (1 - np.cos(np.pi * t)) + 3 * np.sin(6 * np.pi * t)) / step) * step
+    for noise in (0.0, 1.0, 3.0):
+        omega = speed(t - late) + rng.normal(0, noise, t.size)
+        (found,) = delays(Log({"t": t, "theta": theta, "omega": omega}))
+        assert found.seconds == pytest.approx(late, abs=1e-5 + 5e-5 * noise)
