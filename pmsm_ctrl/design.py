@@ -356,9 +356,6 @@ class Design(Part):
             if Path(path).stat().st_size > MAX_FILE:
                 raise DesignError(f"{path}: larger than {MAX_FILE >> 20} MB; a design in TOML was expected")
             text = Path(path).read_bytes().decode("utf-8")
-            if _DEEP.search(text):  # tomllib takes memory with the square of the depth
-                raise DesignError(f"{path}: a key of more than {DEEPEST} parts; a design in TOML was expected")
-            data = tomllib.loads(text)
         except FileNotFoundError:
             message = f"{path}: no such file; a design in TOML was expected"
             raise DesignError(message, next_command=NextCommand.INIT) from None
@@ -366,13 +363,41 @@ class Design(Part):
             raise DesignError(f"{path}: cannot be read ({error.strerror})") from None
         except UnicodeDecodeError as error:
             raise DesignError(f"{path}: not UTF-8 text at byte {error.start}; a design in TOML was expected") from None
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise DesignError(f"{path}: not valid TOML: {error}") from None
         except ValueError as error:  # a name with a zero byte
             raise DesignError(f"{os.fspath(path)!r}: cannot be read ({error})") from None
+        return cls.from_toml(text, source=str(path))
+
+    @classmethod
+    def from_toml(cls, text: str, source: str = "") -> Design:
+        """Build a design from TOML text.
+
+        Parameters
+        ----------
+        text : str
+        source : str
+            File the text comes from, for messages.
+
+        Returns
+        -------
+        Design
+
+        Raises
+        ------
+        DesignError
+            When it is not TOML, or has a field that is wrong.
+        """
+        where = f"{source}: " if source else ""
+        if _DEEP.search(text):  # tomllib takes memory with the square of the depth
+            raise DesignError(f"{where}a key of more than {DEEPEST} parts; a design in TOML was expected")
+        try:
+            data = tomllib.loads(text)
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise DesignError(f"{where}not valid TOML: {error}") from None
+        except ValueError as error:  # a number of 5000 digits
+            raise DesignError(f"{source!r}: cannot be read ({error})") from None
         if not data:
-            raise DesignError(f"{path}: empty; a design needs at least a [motor] table")
-        return cls.from_dict(data, source=str(path))
+            raise DesignError(f"{where}empty; a design needs at least a [motor] table")
+        return cls.from_dict(data, source=source)
 
 
 def _plain(value: Any) -> Any:

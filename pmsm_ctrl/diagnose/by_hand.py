@@ -5,29 +5,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.contributions import Contributions, contributions_of
-from pmsm_ctrl.diagnose.diagnosis import condition, offered_effects, without_what_happened_once
+from pmsm_ctrl.diagnose.diagnosis import (
+    condition,
+    finished,
+    offered_effects,
+    searched,
+    without_what_happened_once,
+)
+from pmsm_ctrl.diagnose.explorer import coordinates_of
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.preview import beside_model
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
-from pmsm_ctrl.diagnose.result import Errors, Ranked
-from pmsm_ctrl.diagnose.selection import judged_trials, name_of, with_trial
+from pmsm_ctrl.diagnose.result import Diagnosis, Errors, Ranked
+from pmsm_ctrl.diagnose.search import Trial
+from pmsm_ctrl.diagnose.selection import Selection, judged_trials, name_of, with_trial
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import LogError, RequestError, nearest
-from pmsm_ctrl.log import Logs, as_logs
+from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.result import jsonable
 
 __all__ = ["Rung", "Stepwise", "stepwise"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -63,6 +77,7 @@ class Stepwise:
     names: tuple[str, ...]
     _case: Case = field(repr=False)
     _fit: Fitted = field(repr=False)
+    _holdouts: tuple[Log, ...] = field(default=(), repr=False)
 
     @property
     def design(self) -> Design:
@@ -101,12 +116,7 @@ class Stepwise:
         RequestError
             For a name that is not among the candidates, or one that this log cannot determine.
         """
-        trials = [trial for trial in self._fit.trials if effect in (name_of(trial), trial.candidate.effect.id)]
-        if not trials:
-            known = dict.fromkeys(name_of(trial) for trial in self._fit.trials)
-            closed = next((one.why_not for one in self._fit.closed if one.effect.id == effect), "")
-            raise RequestError(f"effect '{effect}': {closed or f'no candidate on this log{nearest(effect, known)}'}")
-        trial = min(trials, key=lambda one: one.singular)
+        trial = self._trial(effect)
         if trial.singular:
             needs = trial.candidate.effect.needs
             raise RequestError(
@@ -154,6 +164,116 @@ class Stepwise:
         """
         return contributions_of(self._fit, channel, self._case.record.signals["direction"])
 
+    @property
+    def balances(self) -> tuple[str, ...]:
+        """The balances of the log: ``torque`` and, with voltages, ``u_d`` and ``u_q``."""
+        return self._fit.record.channels
+
+    @property
+    def held_out_names(self) -> tuple[str, ...]:
+        """The names of the held-out records."""
+        return self._case.holdout_names
+
+    def held_out(self, number: int, channel: str = "torque") -> Contributions:
+        """Return the prediction of a held-out record, not taken apart.
+
+        Parameters
+        ----------
+        number : int
+            Which of them, from 0.
+        channel : str
+
+        Returns
+        -------
+        Contributions
+            Without effects.
+
+        Raises
+        ------
+        RequestError
+            When there is no such record, or it has no such balance.
+        """
+        if not 0 <= number < len(self._case.holdouts):
+            raise RequestError(f"held-out record {number}: there are {len(self._case.holdouts)}")
+        record, left = self._case.held_out(self._fit, number)
+        if channel not in record.channels:
+            raise RequestError(f"unknown balance '{channel}': this log has {', '.join(record.channels)}")
+        row = record.channels.index(channel)
+        measured, predicted = record.target[row], record.target[row] - left[row]
+        return Contributions(channel, record.unit(channel), record.t, measured, predicted, predicted, {}, record.mask)
+
+    def coordinates(self, held_out: int | None = None) -> dict[str, Array]:
+        """Return what a residual can be drawn over, by label.
+
+        Parameters
+        ----------
+        held_out : int, optional
+            Of this held-out record, and not of the fitted ones.
+
+        Returns
+        -------
+        dict of label to array, shape (m,)
+            On the time axis of `contributions`, or of `held_out`; the speed first.
+        """
+        return coordinates_of(self._fit.record if held_out is None else self._case.holdouts[held_out])
+
+    def preview(self, effect: str, channel: str = "torque") -> Array:
+        """Return what a candidate would take from the residual, before anything is fitted again.
+
+        Parameters
+        ----------
+        effect : str
+            A name of `rank`, or an id, of which the best is taken.
+        channel : str
+
+        Returns
+        -------
+        array, shape (m,)
+            On the time axis of `contributions`. Only what the model cannot explain by its own parameters.
+
+        Raises
+        ------
+        RequestError
+            For an unknown name or balance.
+        """
+        if channel not in self.balances:
+            raise RequestError(f"unknown balance '{channel}': this log has {', '.join(self.balances)}")
+        curve: Array = beside_model(self._fit, self._trial(effect))[self.balances.index(channel)]
+        return curve
+
+    def find(
+        self, *, plan: bool = False, progress: Callable[[float], None] | None = None,
+        each: Callable[[Rung], None] | None = None,
+    ) -> tuple[Stepwise, Diagnosis]:  # fmt: skip
+        """Let the diagnosis choose, from the base model on: what was added so far does not count.
+
+        Parameters
+        ----------
+        plan : bool
+            Whether to look for the next experiment, as in `diagnose`.
+        progress : function, optional
+            Called with the share done, 0 to 1, at least once a step. What it raises ends the search.
+        each : function, optional
+            Called with the errors after every effect that is accepted. Later ones may replace it.
+
+        Returns
+        -------
+        (Stepwise, Diagnosis)
+            The model with the effects that were found, and what `diagnose` returns.
+        """
+        case, advance = replace(self._case, fits=self._case.fits[:1]), progress or (lambda share: None)
+
+        def report(selection: Selection) -> None:
+            if each is not None:
+                each(_rung(case, selection.fit, f"+ {name_of(selection.steps[-1].trial)}"))
+
+        found = finished(case, searched(case, plan, advance, report), self._holdouts)
+        fits = found.selection.fits
+        names = tuple(one.effect.label(one.shape) for one in found.selection.accepted)
+        titles = ("base parameters", *(f"+ {name}" for name in names))
+        rungs = tuple(_rung(case, fit, title) for fit, title in zip(fits, titles, strict=True))
+        return replace(self, rungs=rungs, names=names, _case=case, _fit=fits[-1]), found
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
         rungs = [{"name": rung.name, "errors": rung.errors, "holdout": rung.holdout} for rung in self.rungs]
@@ -167,6 +287,14 @@ class Stepwise:
             held = f", held out {percent(rung.holdout['torque']['relative'])}" if rung.holdout else ""
             lines.append(f"{rung.name:<32} {percent(rung.errors['torque']['relative'])}{held}")
         return "\n".join(lines)
+
+    def _trial(self, effect: str) -> Trial:
+        trials = [trial for trial in self._fit.trials if effect in (name_of(trial), trial.candidate.effect.id)]
+        if not trials:
+            known = dict.fromkeys(name_of(trial) for trial in self._fit.trials)
+            closed = next((one.why_not for one in self._fit.closed if one.effect.id == effect), "")
+            raise RequestError(f"effect '{effect}': {closed or f'no candidate on this log{nearest(effect, known)}'}")
+        return min(trials, key=lambda one: one.singular)
 
     def _with(self, fit: Fitted, name: str, names: tuple[str, ...]) -> Stepwise:
         self._case.keep(fit)
@@ -214,7 +342,7 @@ def stepwise(
         raise LogError(f"{case.name}: {case.believed.contradictions[0].text}")
     case = without_what_happened_once(case)
     fit = case.keep(case.fit(()))
-    return Stepwise((_rung(case, fit, "base parameters"),), (), case, fit)
+    return Stepwise((_rung(case, fit, "base parameters"),), (), case, fit, holdouts)
 
 
 def _rung(case: Case, fit: Fitted, name: str) -> Rung:

@@ -46,9 +46,10 @@ from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import name_of
 from pmsm_ctrl.regression.timed_record import timed_record
 
-__all__ = ["condition", "diagnose", "offered_effects", "without_what_happened_once"]
+__all__ = ["condition", "diagnose", "finished", "offered_effects", "searched", "without_what_happened_once"]
 
 Progress = Callable[[float], None]
+Taken = Callable[[Selection], None]
 
 
 def diagnose(
@@ -119,13 +120,7 @@ def diagnose(
     share = 1.0 / (1.0 + calibrate)
     case = condition(design, logs, holdouts, offered, policy)
     found = _answer(case, plan, lambda done: advance(share * done))
-    found = as_written(case, with_polish(case, found) if polish else found)
-    case.record.kept.clear()  # what was remembered of the log stays with no result
-    found = replace(
-        found,
-        log_name=names_of(logs, "the given log"),
-        holdout_name=names_of(holdouts, "the held-out log"),
-    )
+    found = finished(case, with_polish(case, found) if polish else found, holdouts)
     if calibrate:
         again = partial(diagnose, found.design, candidates=offered, plan=False, policy=policy)
         rate = calibrated(found.design, logs[0], calibrate, again, lambda done: advance(share + (1.0 - share) * done))
@@ -138,8 +133,29 @@ def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
     """Accept effects, swap those that another one explains better, and add what they do not explain."""
     if case.believed is not None and case.believed.contradictions:
         return outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
-    case = without_what_happened_once(case)
-    selection = swap(case, _select(case, progress=progress), _select)
+    return searched(without_what_happened_once(case), plan, progress)
+
+
+def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = None) -> Diagnosis:
+    """Accept effects, swap those that another one explains better, and judge what is left.
+
+    Parameters
+    ----------
+    case : Case
+        Without what happened once.
+    plan : bool
+        Whether to look for the next experiment.
+    progress : function
+        Called with the share done, 0 to 1; what it raises ends the search.
+    taken : function, optional
+        Called with the selection after every accepted effect, before any of them is swapped for another one.
+
+    Returns
+    -------
+    Diagnosis
+    """
+    first = _select(case, progress=progress, taken=taken)
+    selection = swap(case, first, partial(_select, progress=lambda share: progress(0.9)))
     last = with_shapes_fitted(case.design, selection.fit)
     selection = replace(selection, fits=(*selection.fits[:-1], last))
     case.record.kept.clear()  # hundreds of columns that no test of a candidate needs any more
@@ -150,6 +166,24 @@ def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
         selection = Selection(selection.fits[:1], (), selection.refused)
     experiment = next_experiment(case, selection) if plan else None
     return outcome(case, selection, structure, experiment)
+
+
+def finished(case: Case, found: Diagnosis, holdouts: tuple[Log, ...]) -> Diagnosis:
+    """Return a diagnosis with the names of its logs, and what `compare` will say of its design.
+
+    Parameters
+    ----------
+    case : Case
+    found : Diagnosis
+    holdouts : tuple of Log
+
+    Returns
+    -------
+    Diagnosis
+    """
+    found = as_written(case, found)
+    case.record.kept.clear()  # what was remembered of the log stays with no result
+    return replace(found, log_name=case.name, holdout_name=names_of(holdouts, "the held-out log"))
 
 
 def without_what_happened_once(case: Case) -> Case:
@@ -169,7 +203,9 @@ def without_what_happened_once(case: Case) -> Case:
     return replace(case, record=without_events(case.record, events), events=events, fits=[])
 
 
-def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None = None) -> Selection:
+def _select(
+    case: Case, start: tuple[str, ...] = (), progress: Progress | None = None, taken: Taken | None = None
+) -> Selection:
     """Accept effects until no candidate passes; with `start` the first ones are these, or none is accepted at all."""
     selection = Selection((case.keep(case.fit(())),))
     while (found := best(case, selection, start)).accepted:
@@ -177,6 +213,8 @@ def _select(case: Case, start: tuple[str, ...] = (), progress: Progress | None =
         case.keep(selection.fit)
         if progress is not None:
             progress(0.9 - 0.7 * 0.8 ** len(selection.steps))  # how many are to come is not known
+        if taken is not None:
+            taken(selection)
     if len(selection.steps) < len(start):
         return Selection(selection.fits[:1], (), found.refused)
     return selection.plus(found)

@@ -7,7 +7,7 @@ Guesses stand in ``log.provenance.notes``, doubts in ``log.provenance.notices``.
 from __future__ import annotations
 
 from pmsm_ctrl.importers import present as present
-from pmsm_ctrl.importers.confirmation import require_confirmed
+from pmsm_ctrl.importers.confirmation import require_confirmed, unconfirmed
 from pmsm_ctrl.importers.folders import log_files
 from pmsm_ctrl.importers.plausibility import check
 from pmsm_ctrl.importers.reading import open_table, read_all, read_log
@@ -15,4 +15,5 @@ from pmsm_ctrl.importers.report import ImportReport, describe
 
 __all__ = [
     "ImportReport", "check", "describe", "log_files", "open_table", "read_all", "read_log", "require_confirmed",
+    "unconfirmed",
 ]  # fmt: skip

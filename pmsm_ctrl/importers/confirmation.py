@@ -13,7 +13,7 @@ from pmsm_ctrl.importers.notices import SPEED_FACTOR, TORQUE_FACTOR, TORQUE_SIGN
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
 
-__all__ = ["require_confirmed"]
+__all__ = ["require_confirmed", "unconfirmed"]
 
 # Times the design's inertia; less is a load that the design does not know.
 INERTIA = 3.0
@@ -38,14 +38,7 @@ def require_confirmed(log: Log, design: Design | None, mapping: Mapping[str, str
         In one line: the doubt, and how to correct or confirm the unit. Also for a number beyond reason.
     """
     log.check_evaluable(1)
-    stated = {**(design.log.channels if design is not None else {}), **(mapping or {})}
-    scaled = design.log.scale if design is not None else {}
-    sure = {name for name, column in stated.items() if split_header(column)[1] or name in scaled}
-    for notice in log.provenance.notices:
-        channels = _concerned(notice, log)
-        if not channels or sure & set(channels):
-            continue
-        name = channels[-1]
+    for notice, name in unconfirmed(log, design, mapping):
         label = f"{log.provenance.file}: " if log.provenance.file else ""
         minus = f"--map {name}='-COLUMN [{log.unit(name)}]' turns its sign, and "
         raise LogError(
@@ -53,6 +46,25 @@ def require_confirmed(log: Log, design: Design | None, mapping: Mapping[str, str
             f"{minus if notice.code == TORQUE_SIGN.code else ''}"
             f"--map {name}='COLUMN [{log.unit(name)}]' confirms it"
         )
+
+
+def unconfirmed(log: Log, design: Design | None, mapping: Mapping[str, str] | None) -> list[tuple[Notice, str]]:
+    """Return the doubts of a factor or a sign that no stated unit has settled, each with the channel it concerns.
+
+    Parameters
+    ----------
+    log, design, mapping
+        As `require_confirmed`.
+
+    Returns
+    -------
+    list of (Notice, str)
+    """
+    stated = {**(design.log.channels if design is not None else {}), **(mapping or {})}
+    scaled = design.log.scale if design is not None else {}
+    sure = {name for name, column in stated.items() if split_header(column)[1] or name in scaled}
+    doubts = ((notice, _concerned(notice, log)) for notice in log.provenance.notices)
+    return [(notice, channels[-1]) for notice, channels in doubts if channels and not sure & set(channels)]
 
 
 def _concerned(notice: Notice, log: Log) -> tuple[str, ...]:

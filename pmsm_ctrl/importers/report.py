@@ -103,7 +103,11 @@ class ImportReport(Result):
 
 
 def describe(
-    path: str | os.PathLike[str], design: Design | None = None, mapping: Mapping[str, str] | None = None
+    path: str | os.PathLike[str],
+    design: Design | None = None,
+    mapping: Mapping[str, str] | None = None,
+    *,
+    name: str = "",
 ) -> ImportReport:
     """Read a log and report what was understood of the file.
 
@@ -111,6 +115,8 @@ def describe(
     ----------
     path, design, mapping
         As `pmsm_ctrl.importers.read_log`.
+    name : str
+        What messages and the report call the file; the path where it is left out.
 
     Returns
     -------
@@ -121,7 +127,7 @@ def describe(
     LogError
         As `pmsm_ctrl.importers.read_log`.
     """
-    log, table, assignment = read_all(path, design, mapping)
+    log, table, assignment = read_all(path, design, mapping, name)
     used = {source.column for source in assignment.sources}
     unused = [c.label for i, c in enumerate(table.columns) if i not in used and not c.is_time]
     with np.errstate(all="ignore"):

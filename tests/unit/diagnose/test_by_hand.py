@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, simulate
@@ -43,6 +44,46 @@ def test_what_is_hidden_is_ranked_first_and_brings_the_error_down(begun: Stepwis
     assert by_id["stribeck"]["dF_s"] == pytest.approx(STRIBECK["dF_s"], rel=0.15)
     # nothing is missing any more
     assert not any(one.refusal is None for one in whole.rank())
+
+
+def test_a_preview_is_what_adding_takes_from_the_residual(begun: Stepwise) -> None:
+    curve, before = begun.preview("cogging 24"), begun.contributions()
+    after = begun.add("cogging 24").contributions()
+    used = before.used
+    taken = (before.residual() - after.residual())[used]
+    assert np.corrcoef(curve[used], taken)[0, 1] > 0.97  # the rest is other parameters that were fitted again
+    assert np.std(curve[used]) == pytest.approx(np.std(taken), rel=0.1)
+    with pytest.raises(RequestError, match=r"no candidate on this log; did you mean 'cogging 24'"):
+        begun.preview("coging")
+    with pytest.raises(RequestError, match="unknown balance 'force': this log has torque"):
+        begun.preview("cogging", "force")
+
+
+def test_a_held_out_record_has_the_error_of_its_rung(begun: Stepwise) -> None:
+    held = begun.held_out(0)
+    assert held.error() == pytest.approx(begun.rungs[0].holdout["torque"]["relative"], rel=1e-9)
+    assert next(iter(begun.coordinates(0))) == "speed [rad/s]"
+    assert all(values.shape == held.t.shape for values in begun.coordinates(0).values())
+    with pytest.raises(RequestError, match="held-out record 1: there are 1"):
+        begun.held_out(1)
+
+
+def test_the_search_is_the_diagnosis_and_can_be_ended(begun: Stepwise) -> None:
+    seen: list[str] = []
+    shares: list[float] = []
+    found, diagnosis = begun.find(progress=shares.append, each=lambda rung: seen.append(rung.name))
+    assert {step.effect for step in diagnosis.steps} == {"cogging", "stribeck"}
+    assert [f"+ {name}" for name in found.names] == [rung.name for rung in found.rungs[1:]]
+    assert sorted(seen) == sorted(rung.name for rung in found.rungs[1:])
+    assert shares == sorted(shares)
+    last = found.rungs[-1].errors["torque"]["relative"]
+    assert last == pytest.approx(diagnosis.errors["final"]["torque"]["relative"], rel=1e-5)  # shapes fitted last
+
+    def stop(share: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        begun.find(progress=stop)
 
 
 def test_steps_are_undone_and_reordered(begun: Stepwise) -> None:
