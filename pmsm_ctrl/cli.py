@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.models import CommandFunctionType
@@ -29,6 +29,7 @@ from pmsm_ctrl.log_commands import LOG_COMMANDS
 from pmsm_ctrl.options import (
     DesignArgument,
     EffectsOption,
+    ForceOption,
     HoldoutOption,
     JsonOption,
     LogsOption,
@@ -46,6 +47,9 @@ from pmsm_ctrl.options import (
     scenario_names,
     write_design,
 )
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.design import Design
 
 __all__ = ["app", "main"]
 
@@ -106,6 +110,7 @@ def simulate(
     seed: SeedOption = 0,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Simulate the sampled drive and write its log."""
     from pmsm_ctrl.simulate import scenario as named_scenario
@@ -149,6 +154,7 @@ def tune(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Tune the loops from the datasheet. Status 1 when a margin is too small."""
     from pmsm_ctrl.errors import RequestError
@@ -189,6 +195,7 @@ def sweep(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Run the reference experiment: friction from a speed staircase."""
     from pmsm_ctrl.errors import RequestError
@@ -223,6 +230,7 @@ def compensate(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Compare friction compensations and find the safe gains. Status 1 when the acceptance fails."""
     from pmsm_ctrl.compensate import compensate as run_compensation
@@ -251,21 +259,29 @@ def export_code(
         Path | None,
         typer.Option("--output", "-o", metavar="PATH", help="a file, or without suffix a folder for all parts"),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="export a gain of the compensation that is not safe")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="overwrite existing files, and export a gain that is not safe")
+    ] = False,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Write gains, compensator and tracker as source code. A folder also gets the tables of the drives."""
-    from pmsm_ctrl.export import export as run_export
-    from pmsm_ctrl.export import export_files
-    from pmsm_ctrl.files import write_text
+    from pmsm_ctrl.errors import UnsafeGainError
+    from pmsm_ctrl.files import require_new, write_text
 
     axis = read_design(design, effects)
-    if output is not None and not output.suffix:
-        files = export_files(axis, language, flavour=flavour, force=force)
-        output.mkdir(parents=True, exist_ok=True)
-    else:
-        files = {output.name if output else "": run_export(axis, language, part=part, flavour=flavour, force=force)}
+    folder = output if output is not None and not output.suffix else None
+    name = None if folder is not None else output.name if output else ""
+    try:
+        files = _sources(axis, language, flavour, part, name)
+    except UnsafeGainError as error:
+        if not force:
+            raise
+        print(f"pmsm-ctrl: warning: {error}", file=sys.stderr)
+        files = _sources(axis, language, flavour, part, name, unsafe=True)
+    if folder is not None:
+        require_new(() if force else (folder / name for name in files))
+        folder.mkdir(parents=True, exist_ok=True)
     for name, text in files.items():
         if output is None:
             print(text, end="")
@@ -278,12 +294,23 @@ def export_code(
         write_json(json_file, "export", {"language": language, "flavour": flavour} | whole)
 
 
+def _sources(
+    design: Design, language: str, flavour: str, part: str, name: str | None, *, unsafe: bool = False
+) -> dict[str, str]:
+    """Return the texts to export by file name: of one part under this name, or of all."""
+    from pmsm_ctrl.export import export, export_files
+
+    if name is None:
+        return export_files(design, language, flavour=flavour, force=unsafe)
+    return {name: export(design, language, part=part, flavour=flavour, force=unsafe)}
+
+
 @app.command()
 def study(
     design: DesignArgument,
     log: LogsOption = None,
     holdout: HoldoutOption = None,
-    output: Annotated[Path | None, output_option("FILE", "the report; default: reports/NAME.html")] = None,
+    output: Annotated[Path | None, output_option("FILE", "the report; default: reports/NAME.html, or NAME-2")] = None,
     history: Annotated[
         Path | None,
         typer.Option("--history", metavar="FILE", help="parameters of earlier studies; this study is added"),
@@ -295,19 +322,27 @@ def study(
     seed: SeedOption = 0,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Run the whole chain and write one HTML report."""
     from pmsm_ctrl.errors import RequestError
+    from pmsm_ctrl.files import unused_name
+    from pmsm_ctrl.report import report_path
     from pmsm_ctrl.report import study as run_study
 
     axis = read_design(design, effects)
     if holdout is not None and log is None:
         raise RequestError("--holdout: needs --log, from which the model is identified")
+    page = report_path(axis, output)
+    if not force:
+        page = page if output is not None else unused_name(page)
+        if complete and page.with_suffix("").exists():
+            raise RequestError(f"{page.with_suffix('')}: exists; --force writes the exported files into it")
     measured = logs_if_given(log, axis, mapping)
     other = logs_if_given(holdout, axis, mapping)
     with progress_bar(f"study {axis.name}") as progress:
         result = run_study(
-            axis, measured, holdout=other, output=output, seed=seed, history=history, complete=complete,
+            axis, measured, holdout=other, output=page, seed=seed, history=history, complete=complete,
             command=command_line(), progress=progress,
         )  # fmt: skip
     print(result.summary())
@@ -324,14 +359,16 @@ def import_log(
     output: Annotated[Path | None, output_option("LOG", "write it as canonical CSV")] = None,
     mapping: MapOption = None,
     json_file: JsonOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Show how a log file is read. Ends with the [log] table that reads it again."""
-    from pmsm_ctrl.files import require_distinct, write_text
+    from pmsm_ctrl.files import require_distinct, require_new, write_text
     from pmsm_ctrl.importers import describe
 
     beside = output.with_name(f"{output.stem}.log.toml") if output is not None else None
     if beside is not None:
         require_distinct([beside, *([json_file] if json_file else [])], [file, *([design] if design else [])])
+        require_new(() if force else [beside])
     result = describe(file, design_if_given(design), parse_map(mapping))
     finish("import", result, json_file=json_file)
     if output is not None and beside is not None:
@@ -351,6 +388,7 @@ def effects(
     own: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
+    force: ForceOption = False,
 ) -> None:
     """List the effects of the catalogue. A named one is shown in full with its signature."""
     from pmsm_ctrl.effects import catalogue_with, lookup

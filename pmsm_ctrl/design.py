@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import tomllib
 import unicodedata
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,6 +33,7 @@ from pmsm_ctrl.design_parts import (
     Sensor,
     SpeedLoop,
 )  # fmt: skip
+from pmsm_ctrl.design_text import edited_text, rounded
 from pmsm_ctrl.errors import DesignError, NextCommand, nearest
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.units import psi_f_from
@@ -70,6 +73,7 @@ class Design(Part):
     source: str = Field(default="", exclude=True, repr=False, description="file the design was read from")
     # Code, so no field: a design file cannot name it, and equality and text ignore it.
     _own_effects: tuple[Any, ...] = PrivateAttr(default=())
+    _text: str = PrivateAttr(default="")  # of the file it was read from, which a changed copy is written like
 
     @field_validator("name")
     @classmethod
@@ -230,13 +234,15 @@ class Design(Part):
         """
         return self.model_copy(update={"effects": effects})
 
-    def with_parameters(self, **values: float) -> Design:
+    def with_parameters(self, *, stderr: Mapping[str, float] | None = None, **values: float) -> Design:
         """Return a copy with SI motor parameters changed (`J`, `psi_f`, `R`, `L_d`, `L_q`, `K_t`).
 
         `J` is the total inertia at the motor shaft; the change is taken by the rotor's share.
 
         Parameters
         ----------
+        stderr : dict of symbol to value, optional
+            Standard errors, SI. A value is rounded to two digits of its own.
         **values : float
             SI.
 
@@ -247,6 +253,7 @@ class Design(Part):
         changed = dict(values)
         if "J" in changed:
             changed["J"] -= self.load.J / self.load.gear**2
+        changed = {name: rounded(value, (stderr or {}).get(name, math.nan)) for name, value in changed.items()}
         if "K_t" in changed and self.motor.p is not None:
             changed["psi_f"] = psi_f_from(changed.pop("K_t"), self.motor.p)
         return self.replace(motor=changed)
@@ -276,7 +283,9 @@ class Design(Part):
                 data[part] = data.get(part, {}) | fields
             else:
                 data[part] = fields
-        return Design.from_dict(data, source=self.source).with_own_effects(*self._own_effects)
+        changed = Design.from_dict(data, source=self.source).with_own_effects(*self._own_effects)
+        changed._text = self._text
+        return changed
 
     def to_dict(self) -> dict[str, Any]:
         """Return the design as plain SI values, fit for TOML; defaults are left out."""
@@ -297,6 +306,8 @@ class Design(Part):
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the design as TOML, atomically.
 
+        One that was read from a file keeps the comments, the order and the datasheet fields of that file.
+
         Parameters
         ----------
         path : path
@@ -306,7 +317,21 @@ class Design(Part):
         Path
             The same path.
         """
-        return write_text(path, self.to_toml())
+        return write_text(path, self._edited() or self.to_toml())
+
+    def _edited(self) -> str | None:
+        """Return the text that the design was read from with its changes; None where that would be another design."""
+        if not self._text:
+            return None
+        wanted = self.to_dict()
+        text = edited_text(self._text, Design.from_toml(self._text).to_dict(), wanted)
+        if text is None:
+            return None
+        try:
+            read_back = Design.from_toml(text)
+        except DesignError:
+            return None
+        return text if _close(read_back.to_dict(), wanted) else None
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], source: str = "") -> Design:
@@ -397,7 +422,9 @@ class Design(Part):
             raise DesignError(f"{source!r}: cannot be read ({error})") from None
         if not data:
             raise DesignError(f"{where}empty; a design needs at least a [motor] table")
-        return cls.from_dict(data, source=source)
+        design = cls.from_dict(data, source=source)
+        design._text = text
+        return design
 
 
 def _plain(value: Any) -> Any:
@@ -406,6 +433,17 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return value
+
+
+def _close(one: Any, other: Any) -> bool:
+    """Whether two designs as plain values are the same, but for the rounding of a change of unit."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_close(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_close, one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=1e-14) or one == other
+    return bool(one == other)
 
 
 def _lists_to_tuples(value: Any) -> Any:

@@ -8,7 +8,7 @@ from enum import Enum
 
 __all__ = [
     "CacheWarning", "DesignError", "LogError", "NextCommand", "PmsmCtrlError", "RequestError", "SimulationError",
-    "nearest",
+    "UnsafeGainError", "nearest",
 ]  # fmt: skip
 
 
@@ -50,6 +50,10 @@ class LogError(PmsmCtrlError):
 
 class RequestError(PmsmCtrlError):
     """A call asks for something that does not exist or cannot be done."""
+
+
+class UnsafeGainError(RequestError):
+    """A compensation is to be exported whose gain is not safe."""
 
 
 class SimulationError(PmsmCtrlError):

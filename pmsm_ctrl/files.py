@@ -9,11 +9,12 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 from pmsm_ctrl.errors import RequestError
 
-__all__ = ["atomic_path", "require_distinct", "require_writable", "sha256", "write_text"]
+__all__ = ["atomic_path", "require_distinct", "require_new", "require_writable", "sha256", "unused_name", "write_text"]
 
 # A killed process leaves its temporary file. No command writes for a day, so that older ones can be deleted.
 STALE = 86400.0
@@ -114,6 +115,43 @@ def require_distinct(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
         if any(_same(output, one) for one in written):
             raise RequestError(f"{output}: is given for two outputs; name another file for one of them")
         written.append(output)
+
+
+def require_new(outputs: Iterable[Path]) -> None:
+    """Refuse an output that exists and holds something; an empty file, a device and a pipe may be written to.
+
+    Parameters
+    ----------
+    outputs : iterable of Path
+
+    Raises
+    ------
+    RequestError
+        For the first file that would be overwritten.
+    """
+    for output in outputs:
+        try:
+            occupied = output.is_file() and output.stat().st_size > 0
+        except (OSError, ValueError):  # what cannot be looked at is refused where it is written
+            continue
+        if occupied:
+            raise RequestError(f"{output}: exists; --force overwrites it, or name another file")
+
+
+def unused_name(path: Path) -> Path:
+    """Return `path`, or where it exists the first of ``NAME-2``, ``NAME-3``... that does not.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Path
+        In the same folder, with the same suffix.
+    """
+    names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in count(2))
+    return path if not path.exists() else next(name for name in names if not name.exists())
 
 
 def _same(one: Path, other: Path) -> bool:

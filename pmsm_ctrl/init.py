@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pmsm_ctrl.options import output_option
+from pmsm_ctrl.options import ForceOption, output_option
 
 if TYPE_CHECKING:
     from pmsm_ctrl.datasheet import Question
@@ -27,7 +27,7 @@ def _option(example: str) -> Any:
 def init(
     name: Annotated[str, typer.Argument(metavar="NAME", help="name of the axis")] = "axis",
     output: Annotated[Path | None, output_option("DESIGN", "the design to write; default: NAME.toml")] = None,
-    force: Annotated[bool, typer.Option("--force", help="overwrite an existing design")] = False,
+    force: ForceOption = False,
     machine: Annotated[
         Text,
         typer.Option(
@@ -76,14 +76,14 @@ def _write_example(name: str, target: Path, *, force: bool, json_file: Path | No
     from pmsm_ctrl.console import write_json
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.errors import RequestError, nearest
-    from pmsm_ctrl.files import write_text
+    from pmsm_ctrl.files import require_new, write_text
 
     here = Path(__file__).resolve().parent
     folder = next((place for place in (here / "examples", here.parent / "designs") if place.is_dir()), here)
     known = sorted(path.stem for path in folder.glob("*.toml"))
     if name not in known:
         raise RequestError(f"--example '{name}': no such design{nearest(name, known)} (known: {', '.join(known)})")
-    _require_new(target, force)
+    require_new(() if force else [target])
     source = folder / f"{name}.toml"
     design = Design.read(source)
     write_text(target, source.read_text(encoding="utf-8"))
@@ -91,13 +91,6 @@ def _write_example(name: str, target: Path, *, force: bool, json_file: Path | No
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target)})
     print(f"design: {target}")
     _print_next(target, simulated=design.motor.electrical)
-
-
-def _require_new(target: Path, force: bool) -> None:
-    from pmsm_ctrl.errors import RequestError
-
-    if target.exists() and not force:
-        raise RequestError(f"{target}: exists; --force overwrites it, --output names another file")
 
 
 def _write(
@@ -109,11 +102,11 @@ def _write(
     from pmsm_ctrl.datasheet import answers_from, design_toml, plausibility
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.errors import RequestError
-    from pmsm_ctrl.files import write_text
+    from pmsm_ctrl.files import require_new, write_text
 
     if os.sep in name or not name.strip():
         raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output names the file")
-    _require_new(target, force)
+    require_new(() if force else [target])
     ask = _asking(input) if sys.stdin.isatty() else None
     if machine is None:
         machine = "motor" if ask is None else _machine(input)

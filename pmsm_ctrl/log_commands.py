@@ -12,6 +12,7 @@ from pmsm_ctrl.gates import FailOnOption, MaxErrorOption, require_accepted
 from pmsm_ctrl.options import (
     DesignOption,
     EffectsOption,
+    ForceOption,
     HoldoutOption,
     JsonOption,
     LogArgument,
@@ -43,6 +44,7 @@ def identify(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Identify inertia and friction from a log. Status 1, and no design, when the given one is better."""
     from pmsm_ctrl.identify import identify as run_identification
@@ -65,6 +67,7 @@ def compare(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Compare the predictions of a design with a log. Errors are given by channel."""
     from pmsm_ctrl.compare import compare as run_comparison
@@ -98,6 +101,7 @@ def diagnose(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Find the physical effects that a design lacks. Status 1, and no design, when the given one is better."""
     from pmsm_ctrl.diagnose import diagnose as run_diagnosis
@@ -125,6 +129,7 @@ def add(
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Add an effect to a design, its parameters fitted to a log."""
     from pmsm_ctrl.diagnose.adding import added
@@ -166,6 +171,7 @@ def track(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Track F_c and F_v over a log with an extended Kalman filter."""
     from pmsm_ctrl.log import as_logs

@@ -12,7 +12,7 @@ import typer
 import typer.core
 
 from pmsm_ctrl.console import STDOUT, json_to_stdout, parse_map, writable
-from pmsm_ctrl.files import require_distinct
+from pmsm_ctrl.files import require_distinct, require_new
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from pmsm_ctrl.log import Log
 
 __all__ = [
-    "DesignArgument", "DesignOption", "EffectsOption", "HoldoutOption", "JsonOption", "LogArgument", "LogsOption",
-    "MapOption", "MethodOption", "NewDesignOption", "PolishOption", "ReportOption", "SeedOption", "TruthOption", "Verb",
-    "design_if_given", "effect_ids", "load_logs", "logs_if_given", "output_option", "read_design",
-    "scenario_names", "write_design",
+    "DesignArgument", "DesignOption", "EffectsOption", "ForceOption", "HoldoutOption", "JsonOption",
+    "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption", "ReportOption",
+    "SeedOption", "TruthOption", "Verb", "design_if_given", "effect_ids", "load_logs", "logs_if_given",
+    "output_option", "read_design", "scenario_names", "write_design",
 ]  # fmt: skip
 
 
@@ -33,9 +33,10 @@ def output_option(metavar: str, text: str, *names: str) -> Any:
 
 
 class Verb(typer.core.TyperCommand):
-    """A command that is not run where one of its outputs is also one of its inputs."""
+    """A command that is not run where an output is also an input, or exists, unless ``--force`` is given."""
 
     OUTPUTS = ("output", "json_file", "report", "history")
+    EXTENDED = ("history",)  # is added to
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command after a look at the files that it names."""
@@ -43,6 +44,8 @@ class Verb(typer.core.TyperCommand):
         inputs = [one for name, value in ctx.params.items() if name not in self.OUTPUTS for one in _paths(value)]
         if outputs:
             require_distinct(outputs, inputs)
+        if not ctx.params.get("force"):
+            require_new(path for path in outputs if path not in [ctx.params.get(name) for name in self.EXTENDED])
         with json_to_stdout() if ctx.params.get("json_file") == STDOUT else nullcontext():
             return super().invoke(ctx)
 
@@ -108,6 +111,8 @@ HoldoutOption = Annotated[
         "--holdout", metavar="LOG2", help="another log, for validation; nothing is fitted to it; may be repeated"
     ),
 ]
+# Of every command that writes a file; `Verb` reads it. Commands use it for files whose names they make themselves.
+ForceOption = Annotated[bool, typer.Option("--force", help="overwrite existing files")]
 NewDesignOption = Annotated[Path | None, output_option("NEW_DESIGN", "write the design with the result")]
 MethodOption = Annotated[
     str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")

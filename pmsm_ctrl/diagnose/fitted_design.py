@@ -45,9 +45,10 @@ def fitted_design(design: Design, fit: Fitted) -> Design:
                     stderr[symbol] = float(fit.estimate.stderr[k])
         entries[group.entry] = entry.model_copy(update={"parameters": found, "stderr": stderr})
     out = design.replace_effects(tuple(entries))
-    J = dict(zip(fit.model.names, fit.estimate.values, strict=True))["J"]
+    k = fit.model.names.index("J")
+    J, J_stderr = float(fit.estimate.values[k]), float(fit.estimate.stderr[k])
     if design.load.J / design.load.gear**2 < J:
-        out = out.with_parameters(J=float(J))
+        out = out.with_parameters(J=J, stderr={"J": J_stderr})
     for number, one in enumerate(fit.accepted):
         parameters = fitted_parameters(fit, number)
         values = {symbol: e.value for symbol, e in parameters.items()}

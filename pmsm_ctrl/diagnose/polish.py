@@ -99,7 +99,7 @@ def _written(design: Design, loop: OpenLoop, values: Array, fit: Fit) -> Design:
     entries = list(design.effects)
     for column, value in zip(loop.columns, values.tolist(), strict=True):
         if column.is_inertia and value > design.load.J / design.load.gear**2:
-            design = design.with_parameters(J=value)
+            design = design.with_parameters(J=value, stderr={"J": fit.stderr.get(column.name, float("nan"))})
         if column.entry < 0:
             continue
         entry = entries[column.entry]

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.errors import RequestError, UnsafeGainError
 from pmsm_ctrl.export.blocks import Block, identifier
 from pmsm_ctrl.export.compensator import compensator, exported_gain
 from pmsm_ctrl.export.files import br_library, c_header, c_source, st_block, tcpou
@@ -45,7 +45,7 @@ def export(
     settings : pmsm_ctrl.track.Settings, optional
         Settings of the tracker.
     force : bool
-        Export a compensation whose gain is not safe.
+        Export a compensation whatever its gain, which is then not judged; the text says so.
 
     Returns
     -------
@@ -55,7 +55,8 @@ def export(
     Raises
     ------
     RequestError
-        For another language, part or flavour, an effect that a drive cannot evaluate, or a gain that is not safe.
+        For another language, part or flavour, an effect that a drive cannot evaluate, or a gain that is not safe
+        (`UnsafeGainError`).
     """
     _check(language, flavour, part)
     if flavour == "br":
@@ -81,7 +82,7 @@ def export_files(
         Settings of the tracker. Without them, a design that a tracker cannot work with gets a file with the reason
         in its place.
     force : bool
-        Export a compensation whose gain is not safe.
+        Export a compensation whatever its gain, which is then not judged; the text says so.
 
     Returns
     -------
@@ -122,7 +123,7 @@ def _block(design: Design, part: str, settings: Settings | None, force: bool) ->
     if part == "compensation":
         block = compensator(design)
         if force:
-            return replace(block, title=f"{block.title}; the safety of its gain was not checked (--force)")
+            return replace(block, title=f"{block.title}; its gain is not known to be safe (--force)")
         why = _require_safe(design)
         return replace(block, title=f"{block.title}; the safety of its gain is not known: {why}") if why else block
     from pmsm_ctrl.export.tracker import tracker
@@ -139,7 +140,7 @@ def _require_safe(design: Design) -> str:
     source = design.compensation.source
     by = source if source == "observer" else f"{source} speed"
     if verdict.safe is False:
-        raise RequestError(
+        raise UnsafeGainError(
             f"{design.source or design.name}: compensation.gain: {100.0 * gain:g} % with the "
             f"{by} is not safe: {verdict.why}. `pmsm-ctrl compensate` finds the highest "
             "safe gain; --force exports this one"

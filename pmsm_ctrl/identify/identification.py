@@ -352,7 +352,7 @@ def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tup
         value = fit.values[column.name]
         if column.entry < 0:
             if value - design.load.J / design.load.gear**2 >= SMALL:
-                design = design.with_parameters(J=value)
+                design = design.with_parameters(J=value, stderr={"J": fit.stderr.get(column.name, float("nan"))})
             continue
         entry = changed.get(column.entry, design.effects[column.entry])
         stderr = {s: e for s, e in entry.stderr.items() if s != column.symbol}

@@ -31,7 +31,7 @@ from pmsm_ctrl.section import Notice
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.tune import Tuning, tune
 
-__all__ = ["study"]
+__all__ = ["report_path", "study"]
 
 
 def study(
@@ -79,7 +79,7 @@ def study(
     RequestError
         When the report cannot be written.
     """
-    path = _target(design, output)
+    path = report_path(design, output)
     before = read_history(history) if history is not None else ()  # refused before the computation
     advance = progress or (lambda share: None)
     results, left_out = _simulated_parts(design, log is None, seed, advance)
@@ -186,8 +186,25 @@ def is_reference(design: Design) -> bool:
     )
 
 
-def _target(design: Design, output: str | os.PathLike[str] | None) -> Path:
-    """Return where the report goes. A name from a file must not lead out of reports/."""
+def report_path(design: Design, output: str | os.PathLike[str] | None) -> Path:
+    """Return where the report of a design goes. A name from a file must not lead out of reports/.
+
+    Parameters
+    ----------
+    design : Design
+    output : path, optional
+        A name that was asked for.
+
+    Returns
+    -------
+    Path
+        `output`, or ``reports/NAME.html``; its folder is made.
+
+    Raises
+    ------
+    RequestError
+        When the folder cannot be made.
+    """
     if output is not None:
         return Path(output)
     stem = re.sub(r"[^\w.-]+", "_", design.name).strip("._") or "axis"

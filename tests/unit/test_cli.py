@@ -598,7 +598,7 @@ def test_several_logs_by_name_pattern_and_folder(
     page = tmp_path / "found.json"
     files = [folder / f"run_{k}.csv" for k in (1, 2, 10)]
     for logs in (files, [folder], [folder / "run_*.csv"]):
-        assert call("identify", *logs, "--design", design, "--json", page) == 0
+        assert call("identify", *logs, "--design", design, "--json", page, "--force") == 0
         names = [row["name"] for row in json.loads(page.read_text("utf-8"))["records"]]
         assert names == [str(path) for path in files]
         capsys.readouterr()

@@ -14,7 +14,7 @@ from pmsm_ctrl import Design, Log, compare, simulate
 from pmsm_ctrl.cli import app, main
 from pmsm_ctrl.console import run
 from pmsm_ctrl.errors import DesignError, RequestError
-from pmsm_ctrl.files import atomic_path, require_distinct, write_text
+from pmsm_ctrl.files import atomic_path, require_distinct, require_new, unused_name, write_text
 from pmsm_ctrl.log import Provenance
 from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.report.history import Entry
@@ -70,6 +70,92 @@ def test_an_output_that_is_an_input_is_refused(line: str, folder: Path, capsys: 
     assert "name another file" in said
     assert said.count("\n") == 1
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+OVERWRITING = {
+    "init": [
+        "init axis -o kept",
+        "init --example seed_motor -o kept",
+        "init --example seed_motor -o n.toml --json kept",
+    ],
+    "simulate": ["simulate d.toml -o kept", "simulate d.toml -o n.csv --json kept"],
+    "tune": ["tune d.toml -o kept", "tune d.toml --json kept", "tune d.toml --report kept"],
+    "sweep": ["sweep d.toml -o kept", "sweep d.toml --json kept", "sweep d.toml --report kept"],
+    "identify": [f"identify l.csv -d d.toml {option} kept" for option in ("-o", "--json", "--report")],
+    "compare": [f"compare l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
+    "diagnose": [f"diagnose l.csv -d d.toml {option} kept" for option in ("-o", "--json", "--report")],
+    "add": ["add stribeck -d d.toml --log l.csv -o kept", "add stribeck -d d.toml --log l.csv -o n.toml --json kept"],
+    "track": [f"track l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
+    "compensate": [f"compensate d.toml {option} kept" for option in ("--json", "--report")],
+    "export": [
+        "export d.toml -l c -o kept.c",
+        "export d.toml -l c --part tracker -o kept",
+        "export d.toml -l c --json kept",
+    ],
+    "study": ["study d.toml -o kept", "study d.toml --json kept", "study d.toml --complete -o kept.html"],
+    "import": ["import l.csv -o kept", "import l.csv -o table.csv", "import l.csv --json kept"],
+    "effects": ["effects stribeck -d d.toml -o kept", "effects --json kept", "effects stribeck --report kept"],
+}
+
+
+def test_the_table_of_overwriting_has_every_command() -> None:
+    assert set(OVERWRITING) == {c.name or c.callback.__name__ for c in app.registered_commands if c.callback}
+
+
+@pytest.mark.parametrize("line", [line for lines in OVERWRITING.values() for line in lines])
+def test_no_command_overwrites_a_file(line: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("kept", "kept.c", "table.log.toml"):
+        (folder / name).write_text("mine", encoding="utf-8")
+    (folder / "kept.html").symlink_to("kept")
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with pytest.raises(SystemExit) as left:
+        main(line.split())
+    assert left.value.code == 2
+    assert "exists; --force overwrites it" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("more", [[], ["--force"]])
+def test_a_design_is_never_written_over_itself(
+    more: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["tune", "d.toml", "-o", "d.toml", *more])
+    assert left.value.code == 2
+    assert "d.toml: is an input" in capsys.readouterr().err
+    assert (folder / "d.toml").read_bytes() == SEED_MOTOR.read_bytes()
+
+
+def test_a_command_repeated_says_so_and_force_overwrites(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["import", "l.csv", "-m", "torque=torque [N m]", "-o", "n.csv", "--json", "n.json"]
+    for more, status in ([], 0), ([], 2), (["--force"], 0):
+        with pytest.raises(SystemExit) as left:
+            main([*line, *more])
+        assert (left.value.code or 0) == status
+    assert "n.csv: exists; --force overwrites it" in capsys.readouterr().err
+
+
+def test_a_folder_of_exported_files_is_not_overwritten(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["export", str(SEED_MOTOR.with_name("emps.toml")), "-l", "c", "-o", "axis"]
+    for more, status in ([], 0), ([], 2), (["--force"], 0):
+        with pytest.raises(SystemExit) as left:
+            main([*line, *more])
+        assert (left.value.code or 0) == status, more
+    assert ": exists; --force overwrites it" in capsys.readouterr().err
+
+
+def test_an_empty_file_and_a_device_may_be_written_to(folder: Path) -> None:
+    (folder / "empty").touch()
+    require_new([folder / "empty", Path(os.devnull), folder])
+
+
+def test_the_next_free_name_of_a_report(folder: Path) -> None:
+    page = folder / "axis.html"
+    names = []
+    for _ in range(3):
+        names.append(unused_name(page))
+        names[-1].touch()
+    assert [name.name for name in names] == ["axis.html", "axis-2.html", "axis-3.html"]
 
 
 def test_the_table_beside_an_imported_log_does_not_replace_the_design(

@@ -62,13 +62,16 @@ def test_a_gain_that_is_not_safe_is_refused(seed_motor: Design, tmp_path: Path) 
         export(eager, "c")
     with pytest.raises(RequestError, match="--force"):
         export_files(eager, "st")
-    assert "was not checked (--force)" in export(eager, "c", force=True)
+    assert "not known to be safe (--force)" in export(eager, "c", force=True)
     path = eager.write(tmp_path / "eager.toml")
     runner = CliRunner()
     command = ["export", str(path), "-l", "c", "-o", str(tmp_path / "a.c")]
     assert isinstance(runner.invoke(app, command).exception, RequestError)
     assert not (tmp_path / "a.c").exists()
-    assert runner.invoke(app, [*command, "--force"]).exit_code == 0
+    forced = runner.invoke(app, [*command, "--force"])
+    assert forced.exit_code == 0
+    assert "warning: " in forced.stderr
+    assert "is not safe" in forced.stderr
     # the tracker adds no current
     assert "tracker" in export(eager, "c", part="tracker")
 

@@ -1,0 +1,185 @@
+"""Text of a design that was read from a file and then changed: comments, order, units and fields of the file stay."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pmsm_ctrl.units import DATASHEET
+
+__all__ = ["edited_text", "rounded"]
+
+DIGITS = 2  # of the standard error that a rounded value keeps, as the GUM (7.2.6) has it
+
+
+def rounded(value: float, stderr: float) -> float:
+    """Return a value without the digits that its standard error makes meaningless.
+
+    Parameters
+    ----------
+    value, stderr : float
+        Where the standard error is not known (NaN, infinite or 0) the value stays as it is.
+
+    Returns
+    -------
+    float
+    """
+    if not (math.isfinite(stderr) and stderr > 0.0 and math.isfinite(value)):
+        return value
+    return round(value, DIGITS - 1 - math.floor(math.log10(stderr)))
+
+
+def edited_text(text: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> str | None:
+    """Return the text of a design file, changed where the design was changed.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    before : dict
+        The design in this text, as plain SI values with defaults left out.
+    after : dict
+        The design to be written, in the same form.
+
+    Returns
+    -------
+    str or None
+        None where the text cannot be edited.
+    """
+    try:
+        import tomlkit
+        from tomlkit.exceptions import TOMLKitError
+    except ImportError:  # an environment older than this dependency
+        return None
+    try:
+        document = tomlkit.parse(text)
+        _edit(document, before, after)
+        changed = tomlkit.dumps(document)
+    except (TOMLKitError, AttributeError, KeyError, TypeError, ValueError):  # the caller writes the design anew
+        return None
+    return changed if "\n\n\n" in text else re.sub(r"\n{3,}", "\n\n", changed)
+
+
+def _edit(table: Any, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
+    """Change what differs between two versions of a table."""
+    for key in before:
+        if key not in after:
+            for name in _names_of(table, key):
+                table.remove(name)
+    for key, value in after.items():
+        if before.get(key) == value:
+            continue
+        old = before.get(key)
+        if isinstance(value, Mapping) and isinstance(old, Mapping) and key in table:
+            _edit(table[key], old, value)
+        elif key == "effects" and isinstance(old, Sequence) and _is_array_of_tables(table.get(key)):
+            _edit_effects(table, old, value)
+        else:
+            _set(table, key, value, after)
+
+
+def _edit_effects(document: Any, before: Sequence[Mapping[str, Any]], after: Sequence[Mapping[str, Any]]) -> None:
+    """Edit the effects that stay, each known by its id and its place among those of this id."""
+    from tomlkit.items import AoT
+
+    entries = document["effects"]
+    known = dict(zip(_keys(before), zip(entries, before, strict=True), strict=True))
+    chosen = []
+    for key, effect in zip(_keys(after), after, strict=True):
+        entry, old = known.get(key, (None, {}))
+        if entry is None:
+            entry = _table(effect)
+        else:
+            _edit(entry, old, effect)
+        chosen.append(entry)
+    if [id(one) for one in chosen[: len(entries)]] == [id(one) for one in entries]:
+        for entry in chosen[len(entries) :]:
+            entry.trivia.indent = "\n"
+            entries.append(entry)
+    else:
+        document["effects"] = AoT(chosen)
+
+
+def _keys(effects: Sequence[Mapping[str, Any]]) -> list[tuple[str, int]]:
+    ids = [str(effect["id"]) for effect in effects]
+    return [(name, ids[:k].count(name)) for k, name in enumerate(ids)]
+
+
+def _set(table: Any, key: str, value: Any, fields: Mapping[str, Any]) -> None:
+    """Set a field under the name that it has in the table, which may be that of a datasheet value."""
+    names = _names_of(table, key)
+    sheet = DATASHEET.get(names[0]) if names else None
+    if sheet is not None and (sheet.field == key or fields.get("L_d") == fields.get("L_q")):
+        table[names[0]] = _in_unit(float(value), sheet.to_si(1.0, int(fields.get("p", 1))))
+        return
+    if sheet is not None:  # one inductance for both axes, which now differ
+        table.remove(names[0])
+        for name in ("L_d", "L_q"):
+            _add(table, name, fields[name])
+        return
+    if isinstance(value, Sequence) and value and isinstance(value[0], Mapping):
+        import tomlkit
+
+        array = tomlkit.aot()
+        for one in value:
+            array.append(_table(one))
+        if key in table:
+            table.remove(key)
+        table.append(key, array)
+    else:
+        item = value if not isinstance(value, Mapping) else _inline(value) if key == "stderr" else _table(value)
+        if names:
+            table[key] = item
+        else:
+            _add(table, key, item)
+
+
+def _add(table: Any, key: str, item: Any) -> None:
+    """Add a field behind the last one, before the comments that stand above the next table."""
+    body = [] if hasattr(table, "body") else table.value.body  # a document keeps its tables apart itself
+    tail = []
+    while body and body[-1][0] is None:
+        tail.append(body.pop())
+    table.append(key, item)
+    body.extend(reversed(tail))
+
+
+def _names_of(table: Any, key: str) -> list[str]:
+    """Names under which a table holds a field."""
+    fields = {key, "L"} if key in ("L_d", "L_q") else {key}
+    return [name for name in table if name == key or (name in DATASHEET and DATASHEET[name].field in fields)]
+
+
+def _in_unit(value: float, factor: float) -> float:
+    """Return a value in the unit of its field, with no more digits than it takes to give the same SI value back."""
+    for digits in range(1, 18):
+        found = float(f"{value / factor:.{digits}g}")
+        if math.isclose(found * factor, value, rel_tol=1e-14):
+            return found
+    return value / factor
+
+
+def _is_array_of_tables(item: Any) -> bool:
+    return type(item).__name__ == "AoT"
+
+
+def _table(values: Mapping[str, Any]) -> Any:
+    import tomlkit
+
+    table = tomlkit.table()
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            table.append(key, _inline(value) if key == "stderr" else _table(value))
+        else:
+            table.append(key, value)
+    return table
+
+
+def _inline(values: Mapping[str, Any]) -> Any:
+    import tomlkit
+
+    table = tomlkit.inline_table()
+    table.update(values)
+    return table
