@@ -6,8 +6,9 @@ controller's output is the logged current reference less what the speed controll
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.identify.notices import CURRENT_LIMIT, REPLAYED_CURRENT
 from pmsm_ctrl.identify.policy import ADDED_CURRENT
+from pmsm_ctrl.identify.references import held, running
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.inverse_dynamics import Column
 from pmsm_ctrl.regression.timing import uniform, unwrapped
@@ -27,6 +29,11 @@ from pmsm_ctrl.simulate.run import simulate
 __all__ = ["Replay", "build_replay", "plant_with", "replayable"]
 
 Array = NDArray[np.float64]
+Between = Callable[[Array, Array, Array], Array]
+Sampled = Literal["on ticks", "interpolated", "held"]
+
+REFERENCES = ("omega_ref", "theta_ref", "alpha_ref")  # channels that the controller's source may hold
+HELD = 0.9  # of the current that a running reference leaves, at most what a held one must leave
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +49,10 @@ class Replay:
     t, channels : array and dict of arrays, shape (n,)
         The log on a uniform time base, s from its begin.
     divider : int
-        Control periods per sample.
+        Control periods per sample of the simulated log.
+    sampled : {"on ticks", "interpolated", "held"}
+        How the recorder sampled the drive. At a rate that does not divide the speed controller's, it interpolates
+        between two ticks or holds the values of the last one.
     notes : tuple of Notice
         On a current beside the speed controller's output.
     """
@@ -52,6 +62,7 @@ class Replay:
     t: Array
     channels: Mapping[str, Array]
     divider: int
+    sampled: Sampled = "on ticks"
     notes: tuple[Notice, ...] = ()
 
     @property
@@ -65,10 +76,16 @@ class Replay:
         log = simulate(self.controller, self.scenario, truth=ideal)
         if len(log) == len(self.t) and abs(log.t[-1] - self.t[-1]) < 0.01 * log.period:
             return log
-        from scipy.interpolate import CubicSpline
-
         grid = np.minimum(self.t, log.t[-1])
-        channels = {name: CubicSpline(log.t, values)(grid) for name, values in log.channels.items() if name != "t"}
+        channels = {name: values for name, values in log.channels.items() if name != "t"}
+        if self.sampled == "held":
+            channels = {name: held(grid, log.t, values) for name, values in channels.items()}
+        elif self.sampled == "interpolated":
+            channels = {name: np.interp(grid, log.t, values) for name, values in channels.items()}
+        else:
+            from scipy.interpolate import CubicSpline
+
+            channels = {name: CubicSpline(log.t, values)(grid) for name, values in channels.items()}
         return Log({"t": self.t, **channels}, log.motion)
 
 
@@ -114,7 +131,8 @@ def build_replay(design: Design, log: Log) -> Replay:
     controller = Controller.of(design, "position" if position else "speed")
     names: list[str] = ["omega_ref", "T_load", "i_d_ref", *(["theta_ref"] if position else [])]
     inputs = {name: raw[name] for name in names if name in raw}
-    added, notes = _added(design, controller, raw, t)
+    reading = _read(design, controller, raw, t)
+    added = reading.added
     if added is None:
         if position and "omega_ref" in raw:
             inputs["alpha_ref"] = raw["alpha_ref"] if "alpha_ref" in raw else np.gradient(raw["omega_ref"], t[1])
@@ -125,16 +143,27 @@ def build_replay(design: Design, log: Log) -> Replay:
             inputs["i_q_add"] = added
     return Replay(
         controller=design,
-        scenario=_scenario(inputs, raw, t, rate, position),
+        scenario=_scenario(inputs, raw, (t, _made(design, t, reading.sampled)), rate, position, reading.between),
         t=t,
         channels=raw,
-        divider=max(1, round(design.drive.f_control / rate)),
-        notes=notes,
+        divider=_divider(design, rate, reading.sampled),
+        sampled=reading.sampled,
+        notes=reading.notes,
     )
 
 
-def _scenario(inputs: Mapping[str, Array], raw: Mapping[str, Array], t: Array, rate: float, position: bool) -> Scenario:
-    smooth = {name: _knots(t, values) for name, values in inputs.items() if name != "i_q_add"}
+def _divider(design: Design, rate: float, sampled: Sampled) -> int:
+    """Return the control periods between two samples of the simulated log."""
+    if sampled == "on ticks":
+        return max(1, round(design.drive.f_control / rate))
+    return 1 if sampled == "held" else design.drive.speed_divider
+
+
+def _scenario(
+    inputs: Mapping[str, Array], raw: Mapping[str, Array], times: tuple[Array, Array], rate: float, position: bool,
+    between: Between,
+) -> Scenario:  # fmt: skip
+    t, made = times
     added = inputs.get("i_q_add")
     spline = None
     if added is not None:
@@ -142,17 +171,18 @@ def _scenario(inputs: Mapping[str, Array], raw: Mapping[str, Array], t: Array, r
 
         spline = CubicSpline(t, added)
 
-    made: dict[tuple[int, float, float], Mapping[str, Array]] = {}
+    known: dict[tuple[int, float, float], Mapping[str, Array]] = {}
 
     def references(at: Array) -> Mapping[str, Array]:
         # Every run of a fit asks for the same times.
         asked = len(at), float(at[0]), float(at[-1])
-        if asked not in made:
-            made[asked] = evaluated(at)
-        return made[asked]
+        if asked not in known:
+            known[asked] = evaluated(at)
+        return known[asked]
 
     def evaluated(at: Array) -> Mapping[str, Array]:
-        out = {name: np.interp(at, *knots) for name, knots in smooth.items()}
+        ways = {name: between if name in REFERENCES else running for name in inputs if name != "i_q_add"}
+        out = {name: way(at, made if name in REFERENCES else t, inputs[name]) for name, way in ways.items()}
         if spline is not None:
             out["i_q_add"] = spline(np.minimum(at, t[-1]))
         return out
@@ -175,75 +205,104 @@ def _starting_speed(raw: Mapping[str, Array], t: Array) -> float:
     return start if abs(start) > 0.01 * float(np.quantile(np.abs(omega), 0.99)) else 0.0
 
 
-def _knots(t: Array, values: Array) -> tuple[Array, Array]:
-    """Return times and values between which the reference runs straight; jumps and corners stay what they are.
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """How a log is read.
 
-    A reference that jumps is new at the sample that shows it first: a knot just before holds the old value. A corner
-    between two samples lies where the straight pieces on either side meet.
+    Attributes
+    ----------
+    between : callable
+        The reference between two samples, `running` or `held`.
+    sampled : {"on ticks", "interpolated", "held"}
+        As of `Replay`.
+    added : array, shape (n,), or None
+        What was added to the speed controller's output, A; None where the log does not tell.
+    notes : tuple of Notice
     """
-    step = np.diff(values)
-    size = np.abs(step)
-    around = np.maximum(np.concatenate([[0.0], size[:-1]]), np.concatenate([size[1:], [0.0]]))
-    jumps = np.flatnonzero(size > np.maximum(5.0 * around, 1e-9 * (float(np.ptp(values)) or 1.0)))
-    corners, at = _corners(step)
-    times = np.concatenate([t, t[jumps + 1] - 1e-6 * t[1], t[corners] + at * (t[1] - t[0])])
-    order = np.argsort(times, kind="stable")
-    held = np.concatenate([values, values[jumps], values[corners] + at * step[corners - 1]])
-    return times[order], held[order]
+
+    between: Between
+    sampled: Sampled
+    added: Array | None = None
+    notes: tuple[Notice, ...] = ()
 
 
-def _corners(step: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return the steps inside which two straight pieces meet, and where in them, as a share of the step."""
-    if len(step) < 5:
-        return np.zeros(0, dtype=np.intp), np.zeros(0)
-    k = np.arange(2, len(step) - 2)
-    same = 1e-6 * float(np.max(np.abs(step))) + 1e-300
-    before, after = step[k - 1], step[k + 1]
-    straight = (np.abs(before - step[k - 2]) < same) & (np.abs(after - step[k + 2]) < same)
-    bent = (np.abs(step[k] - before) > same) & (np.abs(step[k] - after) > same) & (np.abs(before - after) > same)
-    k = k[straight & bent]
-    at = (step[k] - step[k + 1]) / (step[k - 1] - step[k + 1])
-    inside = (at > 0.0) & (at < 1.0)
-    return k[inside], at[inside]
+def _read(design: Design, controller: Controller, raw: Mapping[str, Array], t: Array) -> _Reading:
+    """Return how the log was sampled, and what was added to the speed controller's output.
+
+    A wrong reading of the samples adds a current that was not there: of all readings that leave the least is taken.
+    """
+    T_s = design.drive.speed_period
+    aligned = _whole((t - t[0]) / T_s) or _whole((t - t[0]) * design.drive.f_control)
+    default = _Reading(running, "on ticks" if aligned else "interpolated")
+    if not {"theta", "omega", "omega_ref", "i_q_ref"} <= raw.keys() or controller.speed_gain == 0.0:
+        return default
+    if (np.abs(raw["i_q_ref"]) > 0.999 * controller.i_max).any():
+        return replace(default, notes=(CURRENT_LIMIT(),))
+    kept = _ticks(raw["i_q_ref"], max(1, round(T_s / t[1])))
+    ways: tuple[Sampled, ...] = ("on ticks",) if aligned else ("interpolated", "held")
+    between: Between
+    found: list[tuple[float, Between, Sampled, Array]] = []
+    for between in (running, held):
+        for sampled in ways:
+            left = _added(design, controller, raw, t, kept, between, sampled)
+            power = float(np.mean(left**2)) * (1.0 if between is running else 1.0 / HELD**2)
+            found.append((power, between, sampled, left))
+    _, between, sampled, left = min(found, key=lambda way: way[0])
+    size, rms = (float(np.sqrt(np.mean(values**2))) for values in (raw["i_q_ref"], left))
+    if rms < ADDED_CURRENT * size:
+        return _Reading(between, sampled, np.zeros_like(t))
+    whole = left if len(kept) == len(t) else np.interp(t, t[kept], left)
+    return _Reading(between, sampled, whole, (REPLAYED_CURRENT(rms=rms),))
 
 
 def _added(
-    design: Design, controller: Controller, raw: Mapping[str, Array], t: Array
-) -> tuple[Array | None, tuple[Notice, ...]]:
-    """Return what was added to the speed controller's output, A, shape (n,); None where the log does not tell.
+    design: Design, controller: Controller, raw: Mapping[str, Array], t: Array, kept: NDArray[np.intp],
+    between: Between, sampled: Sampled,
+) -> Array:  # fmt: skip
+    """Return what was added to the speed controller's output at the kept samples, A.
 
     Between two samples the controller's integrator grows by its gain times the sum of its errors. The sum of the
     filtered speed over those ticks follows from the angle turned and from the filter's own equation, exactly.
     """
-    if not {"theta", "omega", "omega_ref", "i_q_ref"} <= raw.keys() or controller.speed_gain == 0.0:
-        return None, ()
-    limited = np.abs(raw["i_q_ref"]) > 0.999 * controller.i_max
-    if limited.any():
-        return None, (CURRENT_LIMIT(),)
-    T_s = design.drive.speed_period
-    kept = _ticks(raw["i_q_ref"], max(1, round(T_s / t[1])))
-    when, theta, omega = t[kept], unwrapped(raw["theta"])[kept], raw["omega"][kept]
+    when, theta, omega, T_s = t[kept], unwrapped(raw["theta"])[kept], raw["omega"][kept], design.drive.speed_period
     ticks = when[0] + np.arange(round((when[-1] - when[0]) / T_s) + 1) * T_s
-    reference = np.interp(ticks, *_knots(t, raw["omega_ref"]))
-    wanted = controller.velocity_feedforward * reference
+    made = _made(design, t, sampled)
+    wanted = controller.velocity_feedforward * between(ticks, made, raw["omega_ref"])
     if controller.reference_filter < 1.0:
         from scipy.signal import lfilter
 
         a, first = controller.reference_filter, _starting_speed(raw, t)
         wanted = first + lfilter([a], [1.0, a - 1.0], wanted - first)
     if controller.position_gain > 0.0:
-        wanted = wanted + controller.position_gain * np.interp(ticks, *_knots(t, raw["theta_ref"]))
-        wanted -= controller.position_gain * np.interp(ticks, when, theta)
-    sums = np.concatenate([[0.0], np.cumsum(wanted)])  # of all ticks before this one
-    at = np.round((when - when[0]) / T_s).astype(np.intp)
+        wanted = wanted + controller.position_gain * between(ticks, made, raw["theta_ref"])
+        from scipy.interpolate import CubicSpline
+
+        # a straight line between two angles misses the curve that the reference follows
+        wanted -= controller.position_gain * CubicSpline(when, theta)(ticks)
+    elapsed = (when - when[0]) / T_s
+    at = {"on ticks": np.round(elapsed), "interpolated": elapsed, "held": np.floor(elapsed + 1e-6)}[sampled]
+    n = np.arange(len(wanted) + 1)
+    if sampled == "held":
+        # the angle is that of the last control period, speed and current reference are older
+        T = 1.0 / design.drive.f_control
+        theta = theta - omega * (np.floor((when - when[0]) / T + 1e-6) * T - at * T_s)
+    sums = np.interp(at, n, np.concatenate([[0.0], np.cumsum(wanted)]))  # of all ticks before the sample's
     turned = (theta - theta[0]) / T_s - (omega - omega[0]) / controller.speed_filter
     gain = controller.speed_gain
-    integral = controller.speed_integral * gain * (sums[at] - turned)
-    added = raw["i_q_ref"][kept] - gain * (wanted[at] - omega) - integral
-    size, rms = (float(np.sqrt(np.mean(values**2))) for values in (raw["i_q_ref"], added))
-    if rms < ADDED_CURRENT * size:
-        return np.zeros_like(t), ()
-    return added if len(kept) == len(t) else np.interp(t, when, added), (REPLAYED_CURRENT(rms=rms),)
+    integral = controller.speed_integral * gain * (sums - turned)
+    left: Array = raw["i_q_ref"][kept] - gain * (np.interp(at, n[:-1], wanted) - omega) - integral
+    return left
+
+
+def _made(design: Design, t: Array, sampled: Sampled) -> Array:
+    """Return when the controller made the references that the log shows at `t`."""
+    T_s = design.drive.speed_period
+    return np.floor(t / T_s + 1e-6) * T_s if sampled == "held" else t
+
+
+def _whole(ticks: Array) -> bool:
+    """Return whether samples at these multiples of the speed controller's period fall on its ticks."""
+    return float(np.max(np.abs(ticks - np.round(ticks)))) < 0.05
 
 
 def _ticks(i_q_ref: Array, every: int) -> NDArray[np.intp]:

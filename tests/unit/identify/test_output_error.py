@@ -21,8 +21,7 @@ TRUE = {"J": 9e-5, "F_c": 0.0213, "F_v": 0.000168}
 
 @pytest.fixture(scope="module")
 def design(designs) -> Design:
-    """Soft loops: what the samples of a reference do not hold becomes the more current the stiffer the loops are."""
-    return Design.read(designs / "hand_tuned.toml")
+    return Design.read(designs / "seed_motor.toml")
 
 
 @pytest.fixture(scope="module")
