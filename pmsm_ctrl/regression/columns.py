@@ -50,6 +50,11 @@ class Group:
         return self.sampling if self.effect is None else self.effect.falsifies_current
 
     @property
+    def delays(self) -> bool:
+        """Whether this is a delay of the drive signal, an effect."""
+        return self.effect is not None and self.effect.structure.delays
+
+    @property
     def entering(self) -> Iterator[tuple[int, Array]]:
         """The balances that the columns enter, by number, with the columns, shape (k, m)."""
         return ((row, columns) for row, columns in enumerate(self.rows) if columns is not None)

@@ -1,9 +1,10 @@
-"""The delay of the drive signal from the reference alone: what noise that moves the axis cannot bias.
+"""Inertia, and delay of the drive signal, from the reference alone: what noise that moves the axis cannot bias.
 
 Noise of the torque that no channel holds (the current sensor's, which the current loop turns into torque) moves the
 axis, and the speed controller answers it. Slopes of the modelled torque go with it: least squares finds a delay that is
 too early by up to the loop's time constant, and a variance that is too large, the more so where the weights leave
-little else. The reference knows nothing of the noise: instruments made of it have no such bias.
+little else. Its share of the acceleration makes the inertia too small. The reference knows nothing of the noise:
+instruments made of it have no such bias.
 
 Source: T. Soderstrom, P. Stoica, Instrumental Variable Methods for System Identification, Springer 1983, ch. 3 and 8;
 the test of least squares: J. A. Hausman, Econometrica 46 (1978) 1251.
@@ -17,16 +18,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.evidence.blocks import block_sums
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, SPREAD
 from pmsm_ctrl.regression.model import Model
 
-__all__ = ["Referred", "sampling_by_reference"]
+__all__ = ["Referred", "by_reference"]
 
 Array = NDArray[np.float64]
 
 # Columns that hold noise of the motion.
 NOISY = ("J", LATENESS, SPREAD, EMF)
+FOUND = ("J", LATENESS, SPREAD)
 # Samples of the thinned grid by which the reference is shifted: 2.5 in a period of the cutoff. A loop of 8 Hz and more
 # has settled within the last one.
 SHIFTS = (-3, -2, -1, 0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
@@ -37,24 +40,29 @@ RANK = 1e-6  # of the largest singular value
 
 @dataclass(frozen=True)
 class Referred:
-    """Delay and half the variance of the impulse response by instruments, with their standard errors.
+    """Inertia, delay and half the variance of the impulse response by instruments: values and standard errors.
 
     Attributes
     ----------
-    late, late_stderr : float
+    inertia : (float, float)
+        kg m^2 (kg).
+    late : (float, float)
         s.
-    spread, spread_stderr : float
+    spread : (float, float)
         s^2.
+    noise : float
+        Share of the acceleration's power, as the fit weighs it, that the reference does not explain: by so much least
+        squares may find the inertia too small.
     """
 
-    late: float
-    late_stderr: float
-    spread: float
-    spread_stderr: float
+    inertia: tuple[float, float]
+    late: tuple[float, float]
+    spread: tuple[float, float]
+    noise: float
 
 
-def sampling_by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
-    """Estimate how the drive signal was sampled by instruments made of the reference.
+def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
+    """Estimate the inertia, and how the drive signal was sampled, by instruments made of the reference.
 
     Parameters
     ----------
@@ -74,7 +82,7 @@ def sampling_by_reference(record: Record, model: Model, sigma: float) -> Referre
     weight = record.weight[0] * record.mask / sigma
     entering = np.flatnonzero(np.any(model.matrix[0], axis=0))
     names = [model.names[k] for k in entering]
-    noisy = [k for k, name in enumerate(names) if name in NOISY]
+    noisy = [k for k, name in enumerate(names) if name in NOISY or model.group_of(int(entering[k])).delays]
     columns, target = model.matrix[0][:, entering] * weight[:, None], record.target[0] * weight
     instruments = np.column_stack([*_instruments(record), *_of_speed(model, names, entering)]) * weight[:, None]
     size = np.linalg.norm(instruments, axis=0)
@@ -84,15 +92,34 @@ def sampling_by_reference(record: Record, model: Model, sigma: float) -> Referre
     seen[:, noisy] = basis @ (basis.T @ columns[:, noisy])
     size = np.linalg.norm(columns, axis=0)
     known = np.where(np.isfinite(model.sigma[entering]), model.sigma[entering], np.inf)
-    known[[k for k, name in enumerate(names) if name in ("J", LATENESS)]] = np.inf
+    known[[k for k, name in enumerate(names) if name == "J" or (name == LATENESS and not record.sampling_told)]] = (
+        np.inf
+    )
     prior = 1.0 / (known * size) ** 2
     products = (seen / size).T @ (columns / size) + np.diag(prior)
     inverse = np.linalg.pinv(products, rcond=RANK**2)
     values = inverse @ ((seen / size).T @ target + prior * size * model.nominal[entering]) / size
-    covariance = inverse @ ((seen / size).T @ (seen / size) + np.diag(prior)) @ inverse.T
-    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / size
-    late, spread = names.index(LATENESS), names.index(SPREAD)
-    return Referred(float(values[late]), float(stderr[late]), float(values[spread]), float(stderr[spread]))
+    stderr = _errors(seen / size, prior, inverse, (target - columns @ values, _place(record.mask))) / size
+    found = {name: (float(values[names.index(name)]), float(stderr[names.index(name)])) for name in FOUND}
+    alpha = names.index("J")
+    noise = 1.0 - float(np.sum(seen[:, alpha] ** 2) / max(float(np.sum(columns[:, alpha] ** 2)), 1e-300))
+    return Referred(found["J"], found[LATENESS], found[SPREAD], noise)
+
+
+def _errors(seen: Array, prior: Array, inverse: Array, left: tuple[Array, Array]) -> Array:
+    """Return the standard errors by the noise of the samples, or by leaving out blocks, whichever is larger."""
+    covariance = inverse @ (seen.T @ seen + np.diag(prior)) @ inverse.T
+    basis, triangle = np.linalg.qr(np.vstack([seen, np.diag(np.sqrt(prior))]))
+    changes = block_sums(basis[: len(seen)], *left) @ triangle @ inverse.T
+    sure = inverse * np.sqrt(prior)
+    by_blocks = np.sum(changes**2, axis=0) + np.sum(sure**2, axis=1)
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), by_blocks)))
+
+
+def _place(mask: NDArray[np.bool_]) -> Array:
+    """Return where each sample stands between the first and the last that are used, from 0 to 1."""
+    first, last = np.flatnonzero(mask)[[0, -1]]
+    return np.asarray(np.clip((np.arange(len(mask)) - first) / max(last - first, 1), 0.0, 1.0))
 
 
 def _instruments(record: Record) -> Iterator[Array]:

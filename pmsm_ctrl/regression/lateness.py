@@ -1,7 +1,9 @@
-"""How late the drive signal of a fit was sampled, and how late it can have been."""
+"""What a fit must not take from noise: how late the drive signal was sampled, and, with a reference, the inertia."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +11,10 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD
-from pmsm_ctrl.regression.instruments import Referred, sampling_by_reference
+from pmsm_ctrl.regression.instruments import Referred, by_reference
 from pmsm_ctrl.regression.model import FIXED, Model, Solved
 
-__all__ = ["lateness", "stopped", "with_sampling_bounded"]
+__all__ = ["UNTOLD", "lateness", "stopped", "with_sampling_bounded"]
 
 Array = NDArray[np.float64]
 
@@ -58,7 +60,8 @@ def with_sampling_bounded(record: Record, model: Model, fit: Solved, sigma: floa
     """Hold the lateness of the drive signal inside what sampling can do: the rest is a delay, an effect.
 
     Where the log does not tell it, it stays where it was taken out. Where the reference tells another one than least
-    squares does, noise that moves the axis biases the latter; delay and variance are then those by the reference.
+    squares does, noise that moves the axis biases the latter; delay and variance are then those by the reference, and
+    so is the inertia where that noise makes it too small. What is held stays as uncertain as it is.
 
     Parameters
     ----------
@@ -71,25 +74,58 @@ def with_sampling_bounded(record: Record, model: Model, fit: Solved, sigma: floa
     """
     if LATENESS not in model.names:
         return model
-    nominal, known = model.nominal.copy(), model.sigma.copy()
+    told = by_reference(record, model, sigma)
+    model = _with_sampling_held(record, model, fit, told)
+    return model if told is None else _with_inertia_held(model, fit, told)
+
+
+def _with_sampling_held(record: Record, model: Model, fit: Solved, told: Referred | None) -> Model:
     k = model.names.index(LATENESS)
-    undone, value = _undone(record), float(fit.values[k])
-    delayed = any(group.effect is not None and group.effect.structure.delays for group in model.groups)
+    undone, value, stderr = _undone(record), float(fit.values[k]), float(fit.stderr[k])
+    delayed = any(group.delays for group in model.groups)
     untold = UNTOLD * record.sampling
-    told = None if delayed or record.sampling_told else sampling_by_reference(record, model, sigma)
-    biased = told is not None and _biased(model, fit, told)
-    if delayed or fit.stderr[k] > untold or (told is not None and biased and told.late_stderr > untold):
-        nominal[k] = 0.0
+    by = None if delayed or record.sampling_told or told is None or not _biased(model, fit, told) else told
+    held: dict[int, tuple[float, float]] = {}
+    if delayed or stderr > untold or (by is not None and by.late[1] > untold):
+        possible = (record.sampling + record.early) / math.sqrt(12.0)
+        held[k] = 0.0, 0.0 if delayed else min(stderr if by is None else by.late[1], possible)
     else:
-        late = undone + (told.late if told is not None and biased else value)
-        if not biased and -record.early <= late <= record.sampling:
+        late = undone + (value if by is None else by.late[0])
+        if by is None and -record.early <= late <= record.sampling:
             return model
-        nominal[k] = min(max(late, -record.early), record.sampling) - undone
-        if told is not None and biased:
-            j = model.names.index(SPREAD)
-            nominal[j], known[j] = told.spread, FIXED * record.sampling**2
-    known[k] = FIXED * record.sampling
-    return replace(model, nominal=nominal, sigma=known)
+        held[k] = min(max(late, -record.early), record.sampling) - undone, stderr if by is None else by.late[1]
+        if by is not None:
+            held[model.names.index(SPREAD)] = by.spread
+    return _holding(model, held, {k: record.sampling, model.names.index(SPREAD): record.sampling**2})
+
+
+def _with_inertia_held(model: Model, fit: Solved, told: Referred) -> Model:
+    """Return the model with the inertia by the reference, where that of least squares is known less well.
+
+    Noise of the motion makes the latter too small, by its share of the acceleration at most. Elsewhere it stays free,
+    and is as uncertain as the two estimates differ beyond the noise of the one by the reference.
+    """
+    k = model.names.index("J")
+    value, stderr = told.inertia
+    if value <= 0.0 or stderr <= 0.0:
+        return model
+    short = value - float(fit.values[k])
+    if stderr > told.noise * value and short < SURE * stderr:
+        return replace(model, bias={**model.bias, k: math.sqrt(max(short**2 - stderr**2, 0.0))})
+    tolerance = model.doubt.get(k, float(model.sigma[k]))  # of the datasheet, which counts as ever
+    known = 1.0 / stderr**2 + 1.0 / tolerance**2
+    value = (value / stderr**2 + float(model.nominal[k]) / tolerance**2) / known
+    return _holding(model, {k: (value, 1.0 / math.sqrt(known))}, {k: value})
+
+
+def _holding(model: Model, held: Mapping[int, tuple[float, float]], scale: Mapping[int, float]) -> Model:
+    """Return the model with columns held at values that are known to within their standard errors."""
+    nominal, known = model.nominal.copy(), model.sigma.copy()
+    doubt = dict(model.doubt)
+    for k, (value, stderr) in held.items():
+        nominal[k], known[k] = value, FIXED * scale[k]
+        doubt[k] = max(stderr, known[k])
+    return replace(model, nominal=nominal, sigma=known, doubt=doubt)
 
 
 def _biased(model: Model, fit: Solved, told: Referred) -> bool:
@@ -98,6 +134,6 @@ def _biased(model: Model, fit: Solved, told: Referred) -> bool:
     Anything else is an error of the model, which instruments do not bear better.
     """
     late, spread = (float(fit.values[model.names.index(name)]) for name in (LATENESS, SPREAD))
-    earlier = (told.late - late) / max(told.late_stderr, 1e-300)
-    wider = (spread - told.spread) / max(told.spread_stderr, 1e-300)
+    earlier = (told.late[0] - late) / max(told.late[1], 1e-300)
+    wider = (spread - told.spread[0]) / max(told.spread[1], 1e-300)
     return max(earlier, wider) > SURE and min(earlier, wider) > 0.0

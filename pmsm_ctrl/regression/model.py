@@ -70,6 +70,10 @@ class Model:
     sigma : array
         How far the value may lie from the nominal one, as a prior; infinite where nothing is known.
     matrix : array, shape (balances, m, columns)
+    doubt : dict of column to float
+        Of parameters that are held at a nominal value, its standard deviation, where that is not `sigma`.
+    bias : dict of column to float
+        By how much least squares may be off, as far as an estimate without bias from the same log tells.
     """
 
     groups: tuple[Group, ...]
@@ -77,6 +81,8 @@ class Model:
     nominal: Array
     sigma: Array
     matrix: Array
+    doubt: Mapping[int, float] = field(default_factory=dict)
+    bias: Mapping[int, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, groups: Sequence[Group], names: tuple[str, ...], nominal: Array, sigma: Array) -> Model:
@@ -105,7 +111,14 @@ class Model:
         count = sum(n.split("#")[0] in group.symbols for n in self.names) // max(k, 1)
         names = tuple(f"{s}#{count + 1}" if count else s for s in group.symbols)
         nominal, sigma = np.concatenate([self.nominal, np.zeros(k)]), np.concatenate([self.sigma, np.full(k, prior)])
-        return Model.of((*self.groups, group), (*self.names, *names), nominal, sigma)
+        made = Model.of((*self.groups, group), (*self.names, *names), nominal, sigma)
+        return replace(made, doubt=self.doubt, bias=self.bias)
+
+    @property
+    def prior_doubt(self) -> Array:
+        """Standard deviations of the priors, in units of those that they are solved with, shape (priors,)."""
+        known = np.flatnonzero(np.isfinite(self.sigma)).tolist()
+        return np.array([self.doubt.get(k, self.sigma[k]) / self.sigma[k] for k in known])
 
     def group_of(self, column: int) -> Group:
         """Group that a column belongs to."""
@@ -228,8 +241,9 @@ def base_groups(design: Design, record: Record, settled: bool = True) -> tuple[M
     groups += [Group(None, (term.name,), columns[term.name], {}, sampling=True) for term in timing]
     terms += timing
     nominal, sigma = [term.nominal for term in terms], [term.sigma for term in terms]
+    doubt = {}
     if noise_share(record, record.acceleration()) >= MOST_NOISE:
-        sigma[0] = HELD * design.J
+        doubt[0], sigma[0] = sigma[0], HELD * design.J
     notes = []
     for entry, (effect, values) in enumerate(bound_effects(design)):
         if effect.structure.replaces_direction:
@@ -253,7 +267,8 @@ def base_groups(design: Design, record: Record, settled: bool = True) -> tuple[M
         for s in group.symbols:
             twins = sum(n.split("#")[0] == s for n in names)
             names.append(f"{s}#{twins + 1}" if twins else s)
-    return Model.of(groups, tuple(names), np.array(nominal), np.array(sigma)), tuple(notes)
+    model = Model.of(groups, tuple(names), np.array(nominal), np.array(sigma))
+    return replace(model, doubt=doubt), tuple(notes)
 
 
 def _columns_of(record: Record, terms: Sequence[_Term], filtered: bool = False) -> dict[str, Rows]:

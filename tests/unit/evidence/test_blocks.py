@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pmsm_ctrl.evidence.blocks import equal_blocks, left_out_gains
+from pmsm_ctrl.evidence.blocks import BLOCKS, block_sums, equal_blocks, left_out_gains
 
 
 def test_gains_are_those_of_fits_without_the_block_and_its_gap(rng: np.random.Generator) -> None:
@@ -61,3 +61,22 @@ def test_blocks_share_the_information_equally(rng: np.random.Generator) -> None:
     assert len(blocks) == 8
     assert shares == pytest.approx([1 / 8] * 8, abs=0.01)
     assert equal_blocks(np.zeros_like(t), t, 8) == []
+
+
+def test_block_sums_of_white_noise_are_what_least_squares_states(rng: np.random.Generator) -> None:
+    # over all unit vectors of noise the sums of squares add up to the identity: no bias, whatever the leverage
+    n, k = 120, 4
+    basis = np.linalg.qr(rng.standard_normal((n, k)) * np.linspace(0.1, 3.0, n)[:, None])[0]
+    left = np.eye(n) - basis @ basis.T
+    place = np.linspace(0.0, 1.0, n)
+    total = sum(sums.T @ sums for sums in (block_sums(basis, column, place) for column in left.T))
+    assert total == pytest.approx(np.eye(k), abs=1e-9)
+
+
+def test_block_sums_of_a_mean_are_the_standard_error_of_the_mean_of_blocks(rng: np.random.Generator) -> None:
+    each = 10
+    noise = np.repeat(rng.standard_normal(BLOCKS), each)  # one error a block: a model of white noise finds it surer
+    n = len(noise)
+    sums = block_sums(np.full((n, 1), n**-0.5), noise - noise.mean(), (np.arange(n) + 0.5) / n)
+    expected = np.var(noise[::each], ddof=1) / BLOCKS
+    assert float(np.sum(sums**2)) / n == pytest.approx(expected, rel=1e-12)

