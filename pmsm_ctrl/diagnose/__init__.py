@@ -1,5 +1,6 @@
 """Diagnosis: which physical effect is missing from a design, how sure that is, and what would settle it."""
 
+from pmsm_ctrl.diagnose import ladder as ladder  # as below
 from pmsm_ctrl.diagnose.adding import add
 from pmsm_ctrl.diagnose.by_hand import Rung, Stepwise, stepwise
 from pmsm_ctrl.diagnose.contributions import Contributions

@@ -37,7 +37,8 @@ from pmsm_ctrl.errors import LogError, RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.rendering.numbers import percent
-from pmsm_ctrl.result import jsonable
+from pmsm_ctrl.result import Result, jsonable
+from pmsm_ctrl.section import Notice
 
 __all__ = ["Rung", "Stepwise", "stepwise"]
 
@@ -62,7 +63,7 @@ class Rung:
 
 
 @dataclass(frozen=True, eq=False)
-class Stepwise:
+class Stepwise(Result):
     """A design with the effects that were added so far, fitted to a log. It is frozen: undo is to keep the one before.
 
     Attributes
@@ -78,6 +79,17 @@ class Stepwise:
     _case: Case = field(repr=False)
     _fit: Fitted = field(repr=False)
     _holdouts: tuple[Log, ...] = field(default=(), repr=False)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Reasons to doubt the logs, or what was made of them."""
+        believed = self._case.believed.notices if self._case.believed is not None else ()
+        return tuple(dict.fromkeys((*believed, *self._case.remarks, *self._fit.record.notes)))
+
+    @property
+    def log_name(self) -> str:
+        """The name of the fitted log."""
+        return self._case.name
 
     @property
     def design(self) -> Design:

@@ -12,11 +12,14 @@ __all__ = ["beside_model"]
 
 Array = NDArray[np.float64]
 
+SLIGHT = 1e-3  # weight below which a sample says nothing of a curve's height
+
 
 def beside_model(fit: Fitted, trial: Trial) -> Array:
-    """Return the part of a candidate's columns that the model cannot imitate, at its estimated size.
+    """Return the part of the residual that a candidate explains and the model, its parameters freed, does not.
 
-    The projection uses the weights of the estimate; the priors of the parameters take no part.
+    With the weights of the estimate, and the priors of the parameters. Over samples that take no part the curve is
+    a straight line.
 
     Parameters
     ----------
@@ -29,13 +32,13 @@ def beside_model(fit: Fitted, trial: Trial) -> Array:
     array, shape (channels, m)
         Zero for a candidate that the model has already.
     """
-    record, matrix = fit.record, fit.model.matrix
-    own = trial.group.values @ trial.values if not trial.singular else np.zeros(record.target.shape)
-    sigma = np.array([channel.sigma for channel in fit.weights.channels])[:, None]
-    weight = np.where(record.mask, record.weight, 0.0) / sigma
-    inside = (weight[:, :, None] * matrix).reshape(-1, matrix.shape[2])
-    size = np.linalg.norm(inside, axis=0)
-    size[size == 0.0] = 1.0
-    values = np.linalg.lstsq(inside / size, (weight * own).ravel(), rcond=None)[0] / size
-    beside: Array = own - matrix @ values
-    return beside
+    record, used = fit.record, fit.weights.used
+    out = np.zeros(record.target.shape)
+    if trial.singular:
+        return out
+    told = trial.plain_direction[: len(used) * len(out)].reshape(len(out), len(used))
+    for row, channel in enumerate(fit.weights.channels):  # the estimate's weights know no correlation: one factor each
+        kept = channel.weight > SLIGHT
+        height = told[row, kept] / (channel.weight[kept] * channel.filters[0, 0])
+        out[row] = np.interp(record.t, record.t[used[kept]], height)
+    return out

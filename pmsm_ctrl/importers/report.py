@@ -27,7 +27,10 @@ __all__ = ["ChannelReport", "ImportReport", "describe"]
 
 @dataclass(frozen=True)
 class ChannelReport:
-    """One channel: where it comes from, and what its numbers look like (SI)."""
+    """One channel: where it comes from, and what its numbers look like (SI).
+
+    `number` is the place of its column in the file, from 1.
+    """
 
     channel: str
     column: str
@@ -40,6 +43,7 @@ class ChannelReport:
     maximum: float
     quantum: float
     saturated: float
+    number: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +162,7 @@ def _channel(log: Log, table: Table, source: Source) -> ChannelReport:
         maximum=float(values.max()),
         quantum=quantum(values),
         saturated=saturated_share(values) if source.channel != "t" else 0.0,
+        number=source.column + 1,
     )
 
 

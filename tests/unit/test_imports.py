@@ -20,8 +20,11 @@ MAX_MODULE = 500
 MAX_FUNCTION = 60
 
 ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "section", "rendering", "importers"}
-ONLY_IN = {"control": "tune", "filterpy": "track", "bokeh": "rendering"}
+ONLY_IN = {
+    "control": "tune", "filterpy": "track", "bokeh": "rendering", "starlette": "workbench", "uvicorn": "workbench",
+}  # fmt: skip
 NEVER_ON_IMPORT = ["numba", "scipy", "matplotlib", "control", "filterpy", "jinja2", "h5py", "bokeh"]
+NEVER_ON_IMPORT += ["starlette", "uvicorn"]
 
 
 def module_of(path: Path) -> str:

@@ -1,0 +1,186 @@
+"""The pages and the requests of the workbench, as an ASGI application; what they mean is in `desk`."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from pmsm_ctrl.errors import PmsmCtrlError, RequestError
+from pmsm_ctrl.workbench import sheet, views
+from pmsm_ctrl.workbench.desk import Desk
+from pmsm_ctrl.workbench.session import Session
+
+__all__ = ["make_app"]
+
+PAGES = Path(__file__).with_name("pages")
+OWN = ("workbench.css", "workbench.js", "dom.js", "design.js", "logs.js", "plots.js", "ladder.js", "takeaway.js")
+BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
+MOST_JSON = 1 << 20  # bytes of a request that is no upload
+Handler = Callable[[Request], Awaitable[Response]]
+
+
+def make_app(desk: Desk) -> Starlette:
+    """Return the application of a desk.
+
+    Parameters
+    ----------
+    desk : Desk
+
+    Returns
+    -------
+    Starlette
+    """
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        desk.workers.prepare()
+        yield
+        desk.workers.close()
+
+    answers, s = _Answers(desk), "/s/{session}"
+    routes: list[tuple[str, Handler, list[str]]] = [
+        ("/", answers.start, ["GET"]),
+        (f"{s}/", answers.page, ["GET"]),
+        ("/static/{name}", answers.static, ["GET"]),
+        (f"{s}/state", answers.state, ["GET"]),
+        (f"{s}/about", answers.about, ["GET"]),
+        (f"{s}/design", answers.design, ["POST"]),
+        (f"{s}/logs", answers.upload, ["PUT"]),
+        (f"{s}/logs/{{log}}", answers.change_log, ["POST", "DELETE"]),
+        (f"{s}/steps", answers.step, ["POST"]),
+        (f"{s}/stop", answers.stop, ["POST"]),
+        (f"{s}/view/{{what}}", answers.view, ["GET"]),
+        (f"{s}/take/{{kind}}", answers.take, ["GET"]),
+    ]
+    return Starlette(
+        routes=[Route(path, _refusing(handler), methods=methods) for path, handler, methods in routes],
+        lifespan=lifespan,
+    )
+
+
+class _Answers:
+    """One method for every kind of request."""
+
+    def __init__(self, desk: Desk) -> None:
+        self.desk = desk
+
+    def session(self, request: Request) -> Session:
+        return self.desk.sessions.get(request.path_params["session"])
+
+    def shown(self, request: Request) -> Response:
+        return JSONResponse(self.session(request).shown())
+
+    async def start(self, request: Request) -> Response:
+        return RedirectResponse(f"s/{self.desk.sessions.new().id}/", 303)
+
+    async def page(self, request: Request) -> Response:
+        self.session(request)
+        return FileResponse(PAGES / "workbench.html", media_type="text/html; charset=utf-8")
+
+    async def static(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        path = PAGES / name if name in OWN else _bokeh() / name if name in BOKEH else None
+        if path is None:
+            return JSONResponse({"error": "no such file"}, 404)
+        kept = "private, max-age=86400" if name in BOKEH else "no-cache"
+        return FileResponse(path, headers={"cache-control": kept})
+
+    async def state(self, request: Request) -> Response:
+        since = request.query_params.get("since", "")
+        if since.isdigit():
+            await self.desk.news(self.session(request), int(since))
+        return self.shown(request)
+
+    async def about(self, request: Request) -> Response:
+        known = {"form": sheet.form(), "examples": list(sheet.examples()), "channels": views.channels()}
+        return JSONResponse(known | {"sessions": await run_in_threadpool(self.desk.sessions.kept)})
+
+    async def design(self, request: Request) -> Response:
+        await self.desk.set_design(self.session(request), await _json(request))
+        return self.shown(request)
+
+    async def upload(self, request: Request) -> Response:
+        name = request.query_params.get("name", "log")[:200]
+        await self.desk.receive(self.session(request), name, request.stream())
+        return self.shown(request)
+
+    async def change_log(self, request: Request) -> Response:
+        session, identifier = self.session(request), request.path_params["log"]
+        if request.method == "DELETE":
+            self.desk.drop_log(session, identifier)
+        else:
+            self.desk.change_log(session, identifier, await _json(request))
+        return self.shown(request)
+
+    async def step(self, request: Request) -> Response:
+        self.desk.step(self.session(request), await _json(request))
+        return self.shown(request)
+
+    async def stop(self, request: Request) -> Response:
+        self.desk.stop(self.session(request))
+        return self.shown(request)
+
+    async def view(self, request: Request) -> Response:
+        what, session, asked = request.path_params["what"], self.session(request), dict(request.query_params)
+        if what not in views.VIEWS:
+            return JSONResponse({"error": "no such view"}, 404)
+        if what == "preview":
+            asked["curves"] = await self.desk.preview(session, asked)
+        body = await run_in_threadpool(views.VIEWS[what], session, asked)
+        return Response(body, media_type="application/octet-stream")
+
+    async def take(self, request: Request) -> Response:
+        name, kind, text = await self.desk.take(self.session(request), request.path_params["kind"])
+        headers = {"content-disposition": f'attachment; filename="{name}"'}
+        return Response(text, media_type=kind, headers=headers)
+
+
+def _refusing(handler: Handler) -> Handler:
+    """Answer an error that is raised on purpose with its message, and one at a field with the field."""
+
+    async def careful(request: Request) -> Response:
+        try:
+            return await handler(request)
+        except sheet.FormError as error:
+            return JSONResponse({"error": str(error), "fields": error.fields}, 422)
+        except PmsmCtrlError as error:
+            return JSONResponse({"error": str(error)}, 400)
+        except ClientDisconnect:
+            return JSONResponse({"error": "the upload ended early, or is larger than --max-upload"}, 413)
+        except KeyError as error:
+            return JSONResponse({"error": f"{error.args[0]}: missing or unknown"}, 400)
+
+    return careful
+
+
+async def _json(request: Request) -> Mapping[str, Any]:
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > MOST_JSON:
+            raise RequestError("larger than 1 MB; a design in TOML or a few words were expected")
+    try:
+        found = json.loads(body)
+    except (ValueError, RecursionError):
+        raise RequestError("JSON was expected") from None
+    if not isinstance(found, dict):
+        raise RequestError("a JSON object was expected")
+    return found
+
+
+def _bokeh() -> Path:
+    """Return the folder of Bokeh's scripts; the package itself is not imported."""
+    spec = find_spec("bokeh")
+    if spec is None or spec.origin is None:
+        raise RequestError("Bokeh is not installed: pip install 'pmsm-ctrl[workbench]'")
+    return Path(spec.origin).parent / "server" / "static" / "js"

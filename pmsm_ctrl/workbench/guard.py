@@ -1,0 +1,119 @@
+"""What keeps other pages, other machines and other users out: an ASGI layer around everything the server answers."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Awaitable, Callable, MutableMapping
+from typing import Any
+
+__all__ = ["POLICY", "Guard"]
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+# No inline script and no evaluation. Bokeh puts style sheets into its own shadow trees, which needs inline styles.
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS = {
+    "content-security-policy": POLICY,
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",  # the address holds the token
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "x-frame-options": "DENY",
+    "cache-control": "no-store",
+}
+SAFE = ("GET", "HEAD")
+
+
+class Guard:
+    """Answers only requests that name this server, come from its own pages and know the token.
+
+    A page of another site cannot read the token, and cannot reach the server under another name (DNS rebinding).
+
+    Parameters
+    ----------
+    app : ASGI application
+        Sees the path without the token.
+    token : str
+        The first part of every path.
+    hosts : frozenset of str
+        What ``Host`` may say, with the port.
+    limit : int
+        Bytes that a request may bring.
+    """
+
+    def __init__(self, app: App, token: str, hosts: frozenset[str], limit: int) -> None:
+        self.app = app
+        self.token = token
+        self.hosts = hosts
+        self.limit = limit
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+        refusal = self._refusal(scope)
+        if refusal is not None:
+            await _answer(send, *refusal)
+            return
+        rest = scope["path"][1 + len(self.token) :]
+        inner = dict(scope, path=rest or "/", raw_path=(rest or "/").encode())
+        inner["root_path"] = ""
+        await self.app(inner, self._bounded(receive), _with_headers(send))
+
+    def _refusal(self, scope: Scope) -> tuple[int, str] | None:
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        if headers.get("host", "").lower() not in self.hosts:
+            return 421, "this server does not answer under that name"
+        origin = headers.get("origin")
+        if origin is not None and origin.lower() not in {f"http://{host}" for host in self.hosts}:
+            return 403, "a page of another origin may not use this server"
+        if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+            return 403, "a page of another site may not use this server"
+        given = scope["path"].split("/")[1]
+        if not secrets.compare_digest(given.encode(), self.token.encode()):
+            return 404, "no such address; open the one that 'pmsm-ctrl workbench' has printed"
+        length = headers.get("content-length", "0")
+        if scope["method"] not in SAFE and (not length.isdigit() or int(length) > self.limit):
+            return 413, f"larger than {self.limit >> 20} MB; --max-upload sets another bound"
+        return None
+
+    def _bounded(self, receive: Receive) -> Receive:
+        """Count what comes, whatever was announced; beyond the limit the connection counts as closed."""
+        read = 0
+
+        async def bounded() -> Message:
+            nonlocal read
+            message = await receive()
+            read += len(message.get("body", b""))
+            return message if read <= self.limit else {"type": "http.disconnect"}
+
+        return bounded
+
+
+def _with_headers(send: Send) -> Send:
+    async def extended(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            have = {name.lower() for name, _ in message["headers"]}
+            more = [(k.encode(), v.encode()) for k, v in HEADERS.items() if k.encode() not in have]
+            message = dict(message, headers=[*message["headers"], *more])
+        await send(message)
+
+    return extended
+
+
+async def _answer(send: Send, status: int, text: str) -> None:
+    body = f"pmsm-ctrl workbench: {text}\n".encode()
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
+    sending = _with_headers(send)
+    await sending({"type": "http.response.start", "status": status, "headers": headers})
+    await sending({"type": "http.response.body", "body": body})

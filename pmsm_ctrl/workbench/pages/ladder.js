@@ -1,0 +1,196 @@
+// Step 3: the traces, the residual, the candidates, and the ladder of errors that falls with every effect.
+import { fill, h, number, percent } from "./dom.js";
+import { Traces } from "./plots.js";
+
+const view = { record: 0, balance: "torque", over: "", off: new Set(), drawn: "", traces: null, version: 0 };
+
+export function showLadder(section, app) {
+  const { model, job } = app.state;
+  if (!section.querySelector(".bench")) section.replaceChildren(frame(app));
+  const place = (name) => section.querySelector(`[data-part=${name}]`);
+  section.querySelector(".bench").hidden = !model;
+  fill(place("begin"), [!!model, !!job], () => (model ? [] : [
+    h("h2", {}, "Compare the design with the logs"),
+    job ? h("p", {}, "The base parameters are being fitted …") : h("p", {}, h("button", { type: "button", class: "main", id: "begin", onclick: () => app.act("steps", { begin: true }) }, "Compare")),
+  ]));
+  if (!model) return;
+  if (view.record >= model.records.length) view.record = 0;
+  const record = model.records[view.record];
+  if (!record.balances.some((one) => one.name === view.balance)) view.balance = record.balances[0].name;
+  if (!record.coordinates.includes(view.over)) view.over = record.coordinates[0];
+  for (const name of view.off) if (!model.names.includes(name)) view.off.delete(name);
+  const busy = !!job;
+  fill(place("ladder"), [model.rungs, model.names, model.verdict, busy, [...view.off], view.record, view.balance, job?.rungs?.length], () => ladder(app, record));
+  fill(place("candidates"), [model.candidates, busy], () => candidates(app));
+  fill(place("choices"), [model.records.map((one) => one.name), view.record, view.balance, view.over], () => choices(app, model, record));
+  draw(record, app);
+}
+
+function frame(app) {
+  addEventListener("scheme", () => (view.drawn = ""));
+  return h("div", {},
+    h("div", { "data-part": "begin" }),
+    h("div", { class: "bench", hidden: true },
+      h("div", { class: "left" }, h("div", { "data-part": "choices", class: "row choices" }), h("div", { class: "plot", "data-part": "traces", role: "group", "aria-label": "Traces over time: measured and predicted, residual, speed" }),
+        h("div", { class: "plot", "data-part": "scatter", role: "group", "aria-label": "Residual over a coordinate, with its mean" })),
+      h("div", { class: "right" }, h("div", { "data-part": "ladder" }), h("div", { "data-part": "candidates" }))));
+}
+
+async function draw(record, app) {
+  const section = document.getElementById("compare");
+  const place = section.querySelector("[data-part=traces]");
+  const balance = record.balances.find((one) => one.name === view.balance);
+  const kind = app.state.design.motion === "linear" && balance.name === "torque" ? "force" : balance.name;
+  const wanted = JSON.stringify([record.curves, [...view.off], view.balance, view.over]);
+  const frameKey = JSON.stringify([record.name, record.held_out, record.start, record.stop, view.balance, innerWidth < 700, matchMedia("(prefers-color-scheme: dark)").matches]);
+  if (view.drawn === wanted + frameKey) return;
+  const fresh = view.frame !== frameKey || !view.traces || view.drawn === "";
+  view.drawn = wanted + frameKey;
+  view.frame = frameKey;
+  const asked = { record: view.record, balance: view.balance, off: [...view.off].join("|"), over: view.over, version: record.curves };
+  if (!fresh) return view.traces.update(asked);
+  view.traces = new Traces(place, section.querySelector("[data-part=scatter]"));
+  await view.traces.build(record, kind, balance.unit, asked).catch((error) => {
+    view.drawn = "";
+    app.complaint = error.message;
+  });
+}
+
+function choose(app, key) {
+  return (event) => {
+    view[key] = key === "record" ? Number(event.target.value) : event.target.value;
+    showLadder(document.getElementById("compare"), app);
+  };
+}
+
+function choices(app, model, record) {
+  const select = (id, words, values, chosen, key) => h("label", {}, words, " ", h("select", { id, onchange: choose(app, key) }, values.map(([value, text]) => h("option", { value, selected: String(value) === String(chosen) }, text))));
+  const torque = app.state.design.motion === "linear" ? "force" : "torque";
+  return [
+    model.records.length > 1 ? select("record", "Record", model.records.map((one, k) => [k, `${one.name} (${one.held_out ? "held out" : "fitted"})`]), view.record, "record") : h("span", {}, `Record ${record.name}`),
+    record.balances.length > 1 ? select("balance", "Balance", record.balances.map((one) => [one.name, one.name === "torque" ? torque : one.name]), view.balance, "balance") : null,
+    select("over", "Residual over", record.coordinates.map((one) => [one, one]), view.over, "over"),
+    h("button", { type: "button", id: "whole", onclick: () => view.traces?.zoom(record.start, record.stop) }, "Whole record"),
+    h("span", { class: "zoom" }, ["In", "Out", "←", "→"].map((word) => h("button", { type: "button", "aria-label": { In: "Zoom in", Out: "Zoom out", "←": "Earlier", "→": "Later" }[word], onclick: () => step(word, record) }, word))),
+  ];
+}
+
+function step(word, record) {
+  const { start, end } = view.traces.range;
+  const middle = 0.5 * (start + end);
+  const half = (end - start) * { In: 0.25, Out: 1, "←": 0.5, "→": 0.5 }[word];
+  const shift = (end - start) * { In: 0, Out: 0, "←": -0.5, "→": 0.5 }[word];
+  const width = Math.min(2 * half, record.stop - record.start);
+  const from = Math.min(Math.max(record.start, middle + shift - 0.5 * width), record.stop - width);
+  view.traces.zoom(from, from + width);
+}
+
+// -- the ladder ------------------------------------------------------------------------------------------------
+
+const error = (errors, balance) => errors[balance]?.relative ?? errors.torque?.relative ?? NaN;
+
+function ladder(app, record) {
+  const { model, job } = app.state;
+  const balance = view.balance;
+  const held = model.rungs.some((rung) => Object.keys(rung.holdout).length);
+  const most = Math.max(...model.rungs.map((rung) => Math.max(error(rung.errors, balance), held ? error(rung.holdout, balance) || 0 : 0)));
+  const bar = (kind, share) => h("span", { class: `meter ${kind}` }, h("i", { style: { width: `${Math.min(100, (100 * share) / most)}%` } }), h("em", {}, percent(share)));
+  const rungs = model.rungs.map((rung) => h("li", {}, h("span", { class: "name" }, rung.name), bar("fitted", error(rung.errors, balance)), held ? bar("held", error(rung.holdout, balance)) : null));
+  const busy = !!job;
+  const last = model.rungs.at(-1);
+  return [
+    h("h2", {}, "The error falls"),
+    h("p", { class: "soft legend" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", `; rms of measured − predicted, relative to measured, ${balance}`),
+    model.verdict ? h("p", { class: "verdict", id: "verdict" }, model.verdict.text, model.verdict.reasons.map((text) => `: ${text}`), ".") : null,
+    h("ol", { class: "rungs", id: "rungs" }, rungs),
+    h("p", { class: "row" },
+      h("button", { type: "button", id: "find", class: "main", disabled: busy, onclick: () => app.act("steps", { find: true }) }, "Find all"),
+      h("button", { type: "button", id: "undo", disabled: busy || !app.state.steps.length, onclick: () => app.act("steps", { undo: true }) }, "Undo"),
+      h("button", { type: "button", disabled: busy, onclick: () => app.go("take"), id: "to-take" }, "Take away")),
+    model.names.length ? switches(app, record, busy) : null,
+    h("p", { class: "hidden", role: "status" }, `Error ${percent(error(last.errors, balance))}`),
+  ];
+}
+
+function switches(app, record, busy) {
+  const { names } = app.state.model;
+  const balance = record.balances.find((one) => one.name === view.balance);
+  const flip = (name) => (event) => {
+    if (event.target.checked) view.off.delete(name);
+    else view.off.add(name);
+    showLadder(document.getElementById("compare"), app);
+  };
+  const moved = (k, by) => {
+    const order = [...names];
+    [order[k], order[k + by]] = [order[k + by], order[k]];
+    app.act("steps", { order });
+  };
+  const off = balance.parts.filter((name) => view.off.has(name));
+  return h("div", { class: "added" },
+    h("h3", {}, "Added effects"),
+    h("ul", { class: "plain" }, names.map((name, k) => h("li", { class: "row" },
+      h("label", {}, h("input", { type: "checkbox", id: `switch-${k}`, checked: !view.off.has(name), disabled: record.held_out || !balance.parts.includes(name), onchange: flip(name) }), " ", h("span", {}, name)),
+      h("span", { class: "soft grow" }, parameters(app, name)),
+      k > 0 ? h("button", { type: "button", class: "plain", disabled: busy, "aria-label": `Add ${name} earlier`, title: "Add earlier", onclick: () => moved(k, -1) }, "↑") : null,
+      h("button", { type: "button", class: "plain", disabled: busy, id: `remove-${k}`, "aria-label": `Remove ${name}`, title: "Remove", onclick: () => app.act("steps", { remove: name }) }, "×")))),
+    record.held_out ? h("p", { class: "soft" }, "Effects are switched off on the fitted record.") : off.length
+      ? h("p", { class: "soft", role: "status" }, `Without ${off.join(", ")}: ${percent(without(balance, off))}; all other parameters held.`)
+      : h("p", { class: "soft" }, "Switch one off to see in the traces what it explains."));
+}
+
+// The residual without some parts is the residual with all of them plus those parts.
+function without(balance, off) {
+  const rows = [0, ...off.map((name) => balance.parts.indexOf(name) + 1)];
+  let sum = 0;
+  for (const a of rows) for (const b of rows) sum += balance.products[a][b];
+  return Math.sqrt(Math.max(sum, 0)) / balance.size;
+}
+
+function parameters(app, name) {
+  const id = name.split(" ")[0];
+  const entries = app.state.model.effects.filter((one) => one.id === id && !one.given);
+  const same = app.state.model.names.filter((one) => one.split(" ")[0] === id);
+  return entries[same.indexOf(name)]?.parameters.join(", ") || "";
+}
+
+// -- the candidates --------------------------------------------------------------------------------------------
+
+function candidates(app) {
+  const { model, job } = app.state;
+  const busy = !!job;
+  const advised = model.candidates.filter((one) => one.advised);
+  const others = model.candidates.filter((one) => !one.advised && one.possible);
+  const closed = model.candidates.filter((one) => !one.possible);
+  const row = (one, k, group) => {
+    const look = (on) => () => view.traces?.hover(on && !app.state.job ? one.name : null);
+    return h("tr", { tabindex: "0", id: `candidate-${group}-${k}`, "data-effect": one.name, onmouseenter: look(true), onmouseleave: look(false), onfocusin: look(true), onfocusout: look(false) },
+      h("td", {}, h("b", {}, one.title), h("span", { class: "soft" }, one.name), detail(one)),
+      h("td", { class: "share" }, h("span", { class: "meter thin" }, h("i", { style: { width: `${100 * one.explained}%` } })), h("em", {}, one.explained >= 0.0005 ? percent(one.explained) : "< 0.05 %")),
+      h("td", {}, h("button", { type: "button", id: `add-${group}-${k}`, disabled: busy, class: one.advised ? "main" : "", "aria-label": `Add ${one.title} (${one.name})`, onclick: () => add(app, one) }, "Add")));
+  };
+  const table = (list, group) => h("table", { class: "candidates" },
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "effect"), h("th", { scope: "col" }, "explains of the residual"), h("th", { scope: "col" }, h("span", { class: "hidden" }, "add")))),
+    h("tbody", {}, list.map((one, k) => row(one, k, group))));
+  return [
+    h("h2", {}, "What is missing?"),
+    advised.length
+      ? [h("p", { class: "soft" }, "Significant on this log. Move over one: the green curve over the residual is what it would take away."), table(advised, "a")]
+      : h("p", {}, "No candidate passes the tests: nothing of the catalogue is missing, as far as these logs show."),
+    h("details", { id: "refused" }, h("summary", {}, `${others.length} candidates that the log does not call for`), table(others, "b")),
+    closed.length ? h("details", { id: "closed" }, h("summary", {}, `${closed.length} that this log cannot evaluate`), h("ul", {}, closed.map((one) => h("li", {}, h("b", {}, one.title), `: ${one.why_not}`)))) : null,
+  ];
+}
+
+async function add(app, one) {
+  view.traces?.hover(null);
+  const failed = await app.act("steps", { add: one.name });
+  if (!failed) document.getElementById("rungs")?.scrollIntoView({ block: "nearest" });
+}
+
+function detail(one) {
+  const lines = [
+    one.why_not ? `${one.why_not[0].toUpperCase()}${one.why_not.slice(1)}.` : `p ${one.p < 1e-12 ? "< 1e-12" : `= ${number(one.p, 2)}`}.`,
+    one.look_alikes.length ? `Can be confused with ${one.look_alikes.join(", ")}.` : "",
+  ].filter(Boolean);
+  return h("span", { class: "soft detail" }, lines.join(" "));
+}

@@ -1,0 +1,192 @@
+"""The server of the workbench: an address of this machine alone, a random token in it, and the browser opened."""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import shutil
+import socket
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.workbench import sheet
+from pmsm_ctrl.workbench.app import make_app
+from pmsm_ctrl.workbench.desk import Desk
+from pmsm_ctrl.workbench.guard import Guard
+from pmsm_ctrl.workbench.session import Session, Sessions, default_folder
+from pmsm_ctrl.workbench.workers import Workers
+
+__all__ = ["Settings", "begun", "guarded", "serve"]
+
+LOCAL = "127.0.0.1"
+PORT = 8720  # tried first, so that a bookmark's history is not full of ports; any free one if it is taken
+GRACE = 2  # s for open connections when the server ends
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the server listens.
+
+    Attributes
+    ----------
+    host : str
+        Address to listen on; another one than the default can be reached from other machines.
+    port : int
+        0 for a usual one, or any that is free.
+    browser : bool
+        Whether the browser is opened.
+    upload : int
+        Bytes that a file may have.
+    folder : Path
+        Where sessions are kept.
+    token : str
+        Random; part of every address.
+    """
+
+    host: str = LOCAL
+    port: int = 0
+    browser: bool = True
+    upload: int = 2048 << 20
+    folder: Path = field(default_factory=default_folder)
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(18), repr=False)
+
+
+def guarded(desk: Desk, settings: Settings, port: int) -> Guard:
+    """Return the application behind its guard.
+
+    Parameters
+    ----------
+    desk : Desk
+    settings : Settings
+    port : int
+        That the server listens on.
+
+    Returns
+    -------
+    Guard
+    """
+    names = (
+        {LOCAL, "localhost", "[::1]"} if settings.host in (LOCAL, "localhost", "::1") else set(_names(settings.host))
+    )
+    return Guard(make_app(desk), settings.token, frozenset(f"{name}:{port}".lower() for name in names), settings.upload)
+
+
+def _names(host: str) -> list[str]:
+    """Return by which names a server that listens elsewhere is called."""
+    if host not in ("0.0.0.0", "::"):
+        return [host, LOCAL, "localhost"]
+    own = {socket.gethostname(), LOCAL, "localhost"}
+    with contextlib.suppress(OSError):
+        own |= {str(found[4][0]) for found in socket.getaddrinfo(socket.gethostname(), None)}
+    return [f"[{name}]" if ":" in name else name for name in own]
+
+
+def begun(desk: Desk, design: Path | None, logs: Sequence[Path]) -> Session:
+    """Return a session with the design and copies of the logs that the command line names.
+
+    Parameters
+    ----------
+    desk : Desk
+    design : Path or None
+    logs : sequence of Path
+
+    Returns
+    -------
+    Session
+
+    Raises
+    ------
+    RequestError
+        When logs are given without a design, or a log does not exist.
+    """
+    from pmsm_ctrl.design import Design
+
+    session = desk.sessions.new()
+    if design is None:
+        if logs:
+            raise RequestError("workbench: logs need a design that tells how they are read; name it first")
+        return session
+    session.changed(design=sheet.shown(Design.read(design).model_copy(update={"source": ""}), design.name))
+    entries: list[dict[str, Any]] = []
+    for path in logs:
+        identifier, copy = session.new_log(path.name)
+        try:
+            shutil.copyfile(path, copy)
+        except OSError as error:
+            raise RequestError(f"{path}: {error.strerror}; a log was expected") from None
+        entries.append({
+            "id": identifier, "file": copy.name, "name": path.name, "bytes": copy.stat().st_size, "mapping": {},
+            "window": None, "info": None, "role": "holdout" if len(entries) == 1 else "fit",
+        })  # fmt: skip
+    session.changed(logs=entries)
+    return session
+
+
+def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] = ()) -> None:
+    """Serve the workbench until it is interrupted.
+
+    Parameters
+    ----------
+    settings : Settings
+    design : Path, optional
+        With which a session begins.
+    logs : sequence of Path
+        They are copied into the session.
+
+    Raises
+    ------
+    RequestError
+        When the address cannot be listened on, or a package is missing.
+    """
+    import webbrowser
+
+    import uvicorn
+
+    desk = Desk(Sessions(settings.folder), Workers())
+    try:
+        settings.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError as error:
+        raise RequestError(f"{settings.folder}: cannot be made ({error.strerror})") from None
+    session = begun(desk, design, logs) if design is not None or logs else None
+    listening = _socket(settings.host, settings.port)
+    port = int(listening.getsockname()[1])
+    shown = LOCAL if settings.host in ("0.0.0.0", "::") else settings.host
+    address = f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/{settings.token}/"
+    if session is not None:
+        address += f"s/{session.id}/"
+    if settings.host not in (LOCAL, "localhost", "::1"):
+        print(
+            f"pmsm-ctrl: warning: listening on {settings.host}: whoever has this address can read and change the "
+            "sessions, unencrypted. Use a trusted network, or a tunnel (ssh -L) instead",
+            file=sys.stderr,
+        )
+    print(f"workbench: {address}\nsessions: {settings.folder}\nCtrl-C ends the server; sessions are kept", flush=True)
+    app: Any = guarded(desk, settings, port)
+    server = uvicorn.Server(uvicorn.Config(
+        app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=GRACE,
+        proxy_headers=False,
+    ))  # fmt: skip
+    if settings.browser:
+        webbrowser.open(address)
+    with contextlib.suppress(KeyboardInterrupt):
+        server.run(sockets=[listening])
+
+
+def _socket(host: str, port: int) -> socket.socket:
+    """Return a socket that listens; without a port the usual one, or any that is free."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for wanted in (port,) if port else (PORT, 0):
+        found = socket.socket(family, socket.SOCK_STREAM)
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            found.bind((host, wanted))
+            found.listen(64)
+            return found
+        except OSError as error:
+            found.close()
+            reason = error.strerror or str(error)
+    raise RequestError(f"--host {host} --port {port}: cannot listen there ({reason})")

@@ -1,0 +1,417 @@
+"""What the process of a session computes: it calls the verbs, and leaves curves in the session's folder.
+
+A task gets plain values and returns plain values. Logs and fits are kept from one call to the next; a fresh process
+makes them again from the same request.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pmsm_ctrl.errors import PmsmCtrlError, RequestError
+from pmsm_ctrl.files import write_text
+from pmsm_ctrl.workbench.curves import overview, write_curves
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.design import Design
+    from pmsm_ctrl.diagnose import Diagnosis, Rung, Stepwise
+    from pmsm_ctrl.importers import ImportReport
+    from pmsm_ctrl.log import Log
+
+__all__ = [
+    "PROGRESS",
+    "STOP",
+    "StoppedError",
+    "diagnosis_of",
+    "fitted",
+    "logs_of",
+    "prepare",
+    "preview",
+    "read",
+    "solve",
+]
+
+PROGRESS, STOP = "progress.json", "stop"  # files of the session's folder by which a task and the server talk
+KEPT = 24  # fits; a ladder of effects, its undone rungs among them
+Request = Mapping[str, Any]
+
+_designs: dict[str, Design] = {}
+_logs: OrderedDict[str, tuple[Log, ImportReport]] = OrderedDict()
+_fits: OrderedDict[str, tuple[Stepwise, Diagnosis | None]] = OrderedDict()
+
+
+class StoppedError(RequestError):
+    """The user has ended a search."""
+
+
+def prepare() -> None:
+    """Import the verbs, and leave Ctrl-C to the server."""
+    import signal
+    import warnings
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.simplefilter("ignore")  # what users have to know is a notice of a result
+    import pmsm_ctrl.diagnose
+    import pmsm_ctrl.importers  # noqa: F401
+
+
+def _digest(value: object) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def design_of(text: str) -> Design:
+    """Return the design of a TOML text; it is read once."""
+    from pmsm_ctrl.design import Design
+
+    if text not in _designs:
+        _designs[text] = Design.from_toml(text)
+    return _designs[text]
+
+
+# -- logs ---------------------------------------------------------------------------------------------------------
+
+
+def read(folder: str, entry: Request, design: str) -> dict[str, Any]:
+    """Read an uploaded file: its channels, what was understood, and what is doubtful.
+
+    Parameters
+    ----------
+    folder : str
+        Of the session.
+    entry : dict
+        ``id``, ``file``, ``name`` and ``mapping``.
+    design : str
+        As TOML.
+
+    Returns
+    -------
+    dict
+        ``columns`` of the file always; ``error``, or all the rest.
+    """
+    from pmsm_ctrl.importers import open_table
+    from pmsm_ctrl.importers.table import one_line
+
+    given = design_of(design)
+    columns: list[dict[str, str]] = []
+    try:
+        table = open_table(Path(folder) / entry["file"], given, entry["name"])
+        columns = [
+            {"label": one_line(column.label)[:80], "unit": one_line(column.unit)[:20]}
+            for column in table.columns[:MOST_COLUMNS]
+        ]
+        log, report = _described(folder, entry, design)
+        facts = _facts(log, report, given, entry)
+        curves = f"{entry['id']}.curves-{_digest([entry['mapping'], design])[:10]}"
+        if not (Path(folder) / curves / "index.json").exists():
+            write_curves(Path(folder) / curves, {"t": log.t} | {name: log[name] for name in log if name != "t"})
+        return {"columns": columns, "error": "", "curves": curves, **facts}
+    except PmsmCtrlError as error:
+        return {"columns": columns, "error": _without_options(str(error)), "curves": ""}
+
+
+MOST_COLUMNS = 400
+
+
+def _without_options(message: str) -> str:
+    """Leave out of a message what only a command line understands."""
+    return message.partition(" (name them in [log.channels]")[0].partition("; --map ")[0]
+
+
+def _described(folder: str, entry: Request, design: str) -> tuple[Log, ImportReport]:
+    """Return the whole log and the report on its file."""
+    from pmsm_ctrl.importers import describe
+
+    key = _digest([folder, entry["id"], entry["mapping"], design])
+    if key not in _logs:
+        report = describe(Path(folder) / entry["file"], design_of(design), entry["mapping"] or None, name=entry["name"])
+        report.log.check_evaluable(3)
+        _logs[key] = (report.log, report)
+        while len(_logs) > 1 and sum(len(log) * len(log.channels) for log, _ in _logs.values()) > MOST_VALUES:
+            _logs.popitem(last=False)
+    _logs.move_to_end(key)
+    return _logs[key]
+
+
+MOST_VALUES = 1.5e8  # of all logs that are kept, 1.2 GB
+
+
+def _facts(log: Log, report: ImportReport, design: Design, entry: Request) -> dict[str, Any]:
+    from pmsm_ctrl.importers import unconfirmed
+
+    open_doubts = unconfirmed(log, design, entry["mapping"])
+    blocked = {notice.text: channel for notice, channel in open_doubts}
+    return {
+        "format": report.log.provenance.importer,
+        "motion": log.motion,
+        "samples": len(log),
+        "start": float(log.t[0]),
+        "stop": float(log.t[-1]),
+        "rate": log.rate,
+        "channels": [
+            {
+                "channel": one.channel, "number": one.number, "label": one.column, "unit": one.unit,
+                "stated": one.stated_unit, "gain": one.gain, "how": one.how, "assumed": one.assumed_unit,
+                "low": one.minimum, "high": one.maximum,
+                "picture": overview(log[one.channel]) if one.channel != "t" else [],
+            }
+            for one in report.channels
+        ],
+        "unused": list(report.unused[:40]),
+        "notes": list(log.provenance.notes),
+        "doubts": [
+            {"code": notice.code, "text": notice.text, "channel": blocked.get(notice.text, "")}
+            for notice in report.notices
+        ],
+    }  # fmt: skip
+
+
+def logs_of(request: Request, role: str) -> list[Log]:
+    """Return the logs of a request that have a role, cut to their windows.
+
+    Parameters
+    ----------
+    request : dict
+    role : {"fit", "holdout"}
+
+    Returns
+    -------
+    list of Log
+
+    Raises
+    ------
+    RequestError
+        When a doubt about a unit or a sign is not settled.
+    """
+    from pmsm_ctrl.importers import unconfirmed
+
+    out = []
+    for entry in request["logs"]:
+        if entry["role"] != role:
+            continue
+        log, _ = _described(request["folder"], entry, request["design"])
+        for notice, channel in unconfirmed(log, design_of(request["design"]), entry["mapping"]):
+            raise RequestError(f"{entry['name']}: {notice.text}; choose the unit of {channel} in step 2")
+        window = entry.get("window")
+        out.append(log.between(*window) if window else log)
+    return out
+
+
+# -- fits ---------------------------------------------------------------------------------------------------------
+
+
+def fitted(request: Request, steps: Sequence[Mapping[str, Any]]) -> tuple[Stepwise, Diagnosis | None]:
+    """Return the model after some steps, and the diagnosis where the last of them was a search.
+
+    Parameters
+    ----------
+    request : dict
+        ``folder``, ``design`` and ``logs``.
+    steps : sequence of dict
+        ``{"add": name}``, ``{"remove": name}`` or ``{"find": true}``, from the base model on.
+
+    Returns
+    -------
+    (Stepwise, Diagnosis or None)
+
+    Raises
+    ------
+    RequestError
+        When no log is marked to be fitted, or a step is not possible.
+    """
+    from pmsm_ctrl.diagnose import stepwise
+
+    logs = [{k: entry.get(k) for k in ("id", "mapping", "role", "window")} for entry in request["logs"]]
+    key = _digest([request["folder"], request["design"], logs, list(steps)])
+    if key in _fits:
+        _fits.move_to_end(key)
+        return _fits[key]
+    made: tuple[Stepwise, Diagnosis | None]
+    if not steps:
+        fit, held = logs_of(request, "fit"), logs_of(request, "holdout")
+        if not fit:
+            raise RequestError("no log is marked 'fit'; mark at least one in step 2")
+        made = stepwise(design_of(request["design"]), fit, holdout=held or None), None
+    else:
+        before, last = fitted(request, steps[:-1])[0], steps[-1]
+        if "add" in last:
+            made = before.add(last["add"]), None
+        elif "remove" in last:
+            made = before.remove(last["remove"]), None
+        else:
+            talk = _Talk(Path(request["folder"]))
+            made = before.find(progress=talk.progress, each=talk.rung)
+    _fits[key] = made
+    while len(_fits) > KEPT:
+        _fits.popitem(last=False)
+    return made
+
+
+def diagnosis_of(request: Request) -> Diagnosis | None:
+    """Return the diagnosis, where the ladder as it stands is the result of a search."""
+    return fitted(request, request["steps"])[1]
+
+
+class _Talk:
+    """Tells the server through files how far a search is, and hears that it shall stop."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.share = 0.0
+        self.rungs: list[dict[str, Any]] = []
+
+    def progress(self, share: float) -> None:
+        if (self.folder / STOP).exists():
+            raise StoppedError("the search was stopped; the effects that were added before are kept")
+        self.share = max(share, self.share)
+        self._write()
+
+    def rung(self, rung: Rung) -> None:
+        self.rungs.append(_rung(rung))
+        self._write()
+
+    def _write(self) -> None:
+        write_text(self.folder / PROGRESS, json.dumps({"share": self.share, "rungs": self.rungs}))
+
+
+def _rung(rung: Rung) -> dict[str, Any]:
+    from pmsm_ctrl.result import jsonable
+
+    return jsonable({"name": rung.name, "errors": rung.errors, "holdout": rung.holdout})
+
+
+def solve(request: Request) -> dict[str, Any]:
+    """Fit the ladder as it stands, and return what a page shows of it.
+
+    Parameters
+    ----------
+    request : dict
+        ``folder``, ``design``, ``logs`` and ``steps``.
+
+    Returns
+    -------
+    dict
+    """
+    from pmsm_ctrl.effects.catalogue import catalogue_of
+    from pmsm_ctrl.rendering.numbers import with_error
+    from pmsm_ctrl.result import jsonable
+    from pmsm_ctrl.units import axis_unit
+
+    model, diagnosis = fitted(request, request["steps"])
+    design, catalogue = model.design, catalogue_of(design_of(request["design"]))
+    given = len(design_of(request["design"]).effects)
+    return jsonable({
+        "rungs": [_rung(rung) for rung in model.rungs],
+        "names": model.names,
+        "candidates": [_candidate(one, catalogue) for one in model.rank()],
+        "effects": [
+            {
+                "id": entry.id, "title": catalogue[entry.id].title, "given": k < given,
+                "parameters": [
+                    f"{symbol} = "
+                    + with_error(value, entry.stderr.get(symbol, 0.0),
+                                 axis_unit(catalogue[entry.id].parameter(symbol).unit, design.motion))
+                    for symbol, value in entry.parameters.items()
+                ],
+            }
+            for k, entry in enumerate(design.effects)
+        ],
+        "verdict": _verdict(diagnosis),
+        "records": _records(request, model),
+    })  # fmt: skip
+
+
+def _candidate(one: Any, catalogue: Mapping[str, Any]) -> dict[str, Any]:
+    identifier = one.effect.split(" ")[0]
+    effect = catalogue.get(identifier)
+    return {
+        "name": one.effect, "id": identifier, "title": effect.title if effect else identifier,
+        "explained": one.explained, "p": one.p_value, "why_not": one.why_not, "advised": one.refusal is None,
+        "needs": effect.needs if effect else "", "look_alikes": list(effect.look_alikes) if effect else [],
+        "possible": one.refusal is None or one.refusal.reason.value not in ("unavailable", "not_independent"),
+    }  # fmt: skip
+
+
+def _verdict(diagnosis: Diagnosis | None) -> dict[str, Any] | None:
+    from pmsm_ctrl.diagnose import verdict_text
+
+    if diagnosis is None:
+        return None
+    text = verdict_text(diagnosis)
+    reasons = [notice.text for notice in diagnosis.reasons[:1]]
+    return {"text": f"{text[0].upper()}{text[1:]}", "code": diagnosis.verdict.value, "reasons": reasons}
+
+
+def _records(request: Request, model: Stepwise) -> list[dict[str, Any]]:
+    """Write the curves of the fitted records and of every held-out one, and return what can be drawn of them."""
+    out = []
+    key = _digest([request["design"], request["logs"], request["steps"]])[:12]
+    for number in (None, *range(len(model.held_out_names))):
+        over = model.coordinates(number)
+        columns: dict[str, Any] = {}
+        balances = []
+        for channel in model.balances if number is None else _common(model, number):
+            parts = model.contributions(channel) if number is None else model.held_out(number, channel)
+            columns = columns or {"t": parts.t, "used": parts.used}
+            columns |= {f"{channel}:measured": parts.measured, f"{channel}:predicted": parts.predicted}
+            columns |= {f"{channel}:part:{name}": values for name, values in parts.effects.items()}
+            used = parts.used
+            rows = np.array([parts.residual()[used], *(values[used] for values in parts.effects.values())])
+            balances.append({
+                "name": channel, "unit": parts.unit, "parts": list(parts.effects),
+                "products": rows @ rows.T / max(rows.shape[1], 1),
+                "size": float(np.sqrt(np.mean(parts.measured[used] ** 2))),
+            })  # fmt: skip
+        columns |= {f"over:{label}": values for label, values in over.items()}
+        curves = f"model-{key}-{'fit' if number is None else number}"
+        write_curves(Path(request["folder"]) / curves, columns)
+        names = [
+            entry["name"] for entry in request["logs"] if entry["role"] == ("fit" if number is None else "holdout")
+        ]
+        out.append({
+            "curves": curves, "held_out": number is not None, "balances": balances, "coordinates": list(over),
+            "name": " + ".join(names) if number is None else names[number],
+            "start": float(columns["t"][0]), "stop": float(columns["t"][-1]), "samples": len(columns["t"]),
+        })  # fmt: skip
+    return out
+
+
+def _common(model: Stepwise, number: int) -> list[str]:
+    """Return the balances of a held-out record; it may have fewer channels."""
+    out = []
+    for channel in model.balances:
+        try:
+            model.held_out(number, channel)
+        except RequestError:
+            continue
+        out.append(channel)
+    return out
+
+
+def preview(request: Request, effect: str, balance: str, curves: str) -> str:
+    """Write what a candidate would take from the residual, and return the name of its curves.
+
+    Parameters
+    ----------
+    request : dict
+    effect, balance : str
+        As `Stepwise.preview`.
+    curves : str
+        Folder of the fitted records' curves, beside which it is written.
+
+    Returns
+    -------
+    str
+    """
+    name = f"{curves}-preview-{_digest([effect, balance])[:12]}"
+    if not (Path(request["folder"]) / name / "index.json").exists():
+        model, _ = fitted(request, request["steps"])
+        t = model.contributions(balance).t
+        write_curves(Path(request["folder"]) / name, {"t": t, "preview": model.preview(effect, balance)})
+    return name
