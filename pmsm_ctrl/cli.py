@@ -17,7 +17,6 @@ from pmsm_ctrl.console import (
     NEGATIVE,
     command_line,
     finish,
-    parse_map,
     parse_values,
     progress_bar,
     run,
@@ -39,6 +38,7 @@ from pmsm_ctrl.options import (
     SeedOption,
     TruthOption,
     Verb,
+    confirmed_import,
     design_if_given,
     effect_ids,
     logs_if_given,
@@ -358,18 +358,18 @@ def import_log(
     ] = None,
     output: Annotated[Path | None, output_option("LOG", "write it as canonical CSV")] = None,
     mapping: MapOption = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="take a proposed mapping without a question")] = False,
     json_file: JsonOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Show how a log file is read. Ends with the [log] table that reads it again."""
+    """Show how a log file is read, or propose how. Ends with the [log] table that reads it again."""
     from pmsm_ctrl.files import require_distinct, require_new, write_text
-    from pmsm_ctrl.importers import describe
 
     beside = output.with_name(f"{output.stem}.log.toml") if output is not None else None
     if beside is not None:
         require_distinct([beside, *([json_file] if json_file else [])], [file, *([design] if design else [])])
         require_new(() if force else [beside])
-    result = describe(file, design_if_given(design), parse_map(mapping))
+    result = confirmed_import(file, design, mapping, yes=yes, json_file=json_file)
     finish("import", result, json_file=json_file)
     if output is not None and beside is not None:
         result.log.write_csv(output)

@@ -304,6 +304,15 @@ class LogMap(Part):
     scale: dict[str, Finite] = Field(default_factory=dict, description="factor applied to a channel after units")
     separator: str | None = None
     decimal: Literal[".", ","] | None = None
+    rate: Positive | None = Field(
+        default=None, description="rate of a file without time, or whose time counts samples, Hz"
+    )
+    wrap: Positive | None = Field(
+        default=None, description="period at which the position wraps where that is no turn, rad"
+    )
+    window: tuple[Finite, Finite] | None = Field(
+        default=None, description="first and last time of the file that count, s"
+    )
     sampling: Literal["unknown", "instant", "mean", "command"] = Field(
         default="unknown", description="torque and currents beside the position: sampled at once, mean over the period "
         "before, or the drive's command"

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from enum import Enum
 
 __all__ = [
-    "CacheWarning", "DesignError", "LogError", "NextCommand", "PmsmCtrlError", "RequestError", "SimulationError",
-    "UnsafeGainError", "nearest",
+    "CacheWarning", "DesignError", "LogError", "MappingError", "NextCommand", "PmsmCtrlError", "RequestError",
+    "SimulationError", "UnsafeGainError", "nearest",
 ]  # fmt: skip
 
 
@@ -18,8 +18,9 @@ class NextCommand(Enum):
     INIT = "pmsm-ctrl init writes a design from a datasheet"
     ELECTRICAL_DATA = "pmsm-ctrl init asks for the electrical data"
     TUNE = "pmsm-ctrl tune DESIGN --output NEW_DESIGN"
-    MAP = "--map i_q='COLUMN [UNIT]' names its column"
+    MAP = "--map CHANNEL='COLUMN [UNIT]' names its column"
     IMPORT = "pmsm-ctrl import LOG"
+    PROPOSE = "pmsm-ctrl import LOG proposes a mapping"
     EFFECTS = "pmsm-ctrl effects lists them; --effects FILE.py adds your own"
     IDENTIFY = "pmsm-ctrl identify takes a log of any motion"
 
@@ -45,7 +46,21 @@ class DesignError(PmsmCtrlError):
 
 
 class LogError(PmsmCtrlError):
-    """A measured or simulated log is wrong or cannot answer the question."""
+    """A measured or simulated log is wrong or cannot answer the question.
+
+    Attributes
+    ----------
+    proposable : bool
+        Whether the columns of the file are the cause, so that another mapping may be proposed.
+    """
+
+    proposable = False
+
+
+class MappingError(LogError):
+    """Columns of a file that are no channel by themselves."""
+
+    proposable = True
 
 
 class RequestError(PmsmCtrlError):

@@ -11,19 +11,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import typer.core
 
-from pmsm_ctrl.console import STDOUT, json_to_stdout, parse_map, writable
+from pmsm_ctrl.console import STDOUT, json_to_stdout, parse_map, writable, write_json
 from pmsm_ctrl.files import require_distinct, require_new
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.effects import Effect
+    from pmsm_ctrl.importers import ImportReport, Proposal
     from pmsm_ctrl.log import Log
 
 __all__ = [
     "DesignArgument", "DesignOption", "EffectsOption", "ForceOption", "HoldoutOption", "JsonOption",
     "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption", "ReportOption",
-    "SeedOption", "TruthOption", "Verb", "design_if_given", "effect_ids", "load_logs", "logs_if_given",
-    "output_option", "read_design", "scenario_names", "write_design",
+    "SeedOption", "TruthOption", "Verb", "confirmed_import", "design_if_given", "effect_ids", "load_logs",
+    "logs_if_given", "output_option", "read_design", "scenario_names", "write_design",
 ]  # fmt: skip
 
 
@@ -149,6 +150,76 @@ def read_design(path: Path, own: Iterable[Effect] | None = None) -> Design:
 def design_if_given(path: Path | None, own: Iterable[Effect] | None = None) -> Design | None:
     """Return the design of an option that may be left out."""
     return None if path is None else read_design(path, own)
+
+
+def confirmed_import(
+    file: Path, design: Path | None, mapping: list[str] | None, *, yes: bool, json_file: Path | None
+) -> ImportReport:
+    """Return the import of a file; what names with units do not settle is proposed, and has to be confirmed.
+
+    Raises
+    ------
+    RequestError
+        With the command that takes the proposal, where nobody confirmed it.
+    LogError
+        When the file cannot be read, or a stated mapping does not fit it.
+    """
+    from pmsm_ctrl.errors import LogError, RequestError
+    from pmsm_ctrl.importers import describe, open_table, propose
+
+    axis, known = design_if_given(design), parse_map(mapping)
+    try:
+        report = describe(file, axis, known)
+        if not report.assumed:
+            return report
+        refused = None
+    except LogError as error:
+        if not error.proposable:
+            raise
+        refused = error
+    proposal = propose(open_table(file, axis), axis, known)
+    if refused is not None and not proposal.guesses:
+        raise refused
+    print(proposal.summary())
+    if proposal.complete and (yes or _agreed()):
+        return describe(file, axis, proposal.mapping)
+    if json_file is not None:
+        write_json(json_file, "proposal", proposal.to_dict())
+    raise RequestError(_to_confirm(file, design, proposal))
+
+
+def _agreed() -> bool:
+    """Ask on a terminal whether a proposal is taken; nobody can be asked elsewhere."""
+    if not sys.stdin.isatty():
+        return False
+    try:
+        return input("Read the file like this? [y/N] ").strip().lower() in (
+            "y",
+            "yes",
+            "j",
+            "ja",
+            "o",
+            "oui",
+            "s",
+            "si",
+        )
+    except EOFError:
+        return False
+
+
+def _to_confirm(file: Path, design: Path | None, proposal: Proposal) -> str:
+    """Return the message with the command that takes a proposal."""
+    import shlex
+
+    typed = ["pmsm-ctrl", "import", str(file), *(["--design", str(design)] if design is not None else [])]
+    for channel, column in proposal.mapping.items():
+        typed += ["--map", f"{channel}={column}"]
+    for group in proposal.missing:
+        typed += ["--map", f"{group.split()[-1]}=COLUMN [UNIT]"]
+    if proposal.complete:
+        return f"{file}: not read, the mapping has not been confirmed; --yes takes it, or: {shlex.join(typed)}"
+    lacking = [*proposal.missing, *(f"{g.open_question} of {g.channel}" for g in proposal.guesses if g.open_question)]
+    return f"{file}: not read, to be filled in: {', '.join(lacking)}: {shlex.join(typed)}"
 
 
 def write_design(design: Design, path: Path | None) -> None:

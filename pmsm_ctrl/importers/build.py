@@ -20,8 +20,12 @@ __all__ = ["channels_of"]
 FEWEST, NEAR, APART, APART_PERIODS = 100, 0.01, 2.0, 60.0
 
 
-def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array], tuple[str, ...], tuple[Notice, ...]]:
+def channels_of(
+    table: Table, assignment: Assignment, wrap: float | None = None, window: tuple[float, float] | None = None
+) -> tuple[dict[str, Array], tuple[str, ...], tuple[Notice, ...]]:
     """Load the assigned columns; return SI channels on one time base, notes on the conversions and reasons to doubt.
+
+    `wrap` is the period at which a position wraps, where it is stated; `window` the first and last time that count.
 
     Raises
     ------
@@ -52,7 +56,10 @@ def channels_of(table: Table, assignment: Assignment) -> tuple[dict[str, Array],
         group = table.columns[source.column].group
         channels[group][source.channel] = _convert(table, source, loaded[source.column])
     result, resampled = on_one_raster(rasters, channels, table.file)
-    turned, doubts = _unwrap(result) if assignment.motion == "rotary" else ([], [])
+    turned, doubts = _unwrap(result, wrap) if assignment.motion == "rotary" or wrap is not None else ([], [])
+    if window is not None:
+        result = _inside(result, window, table.file)
+        resampled = (*resampled, f"only t = {window[0]:g} to {window[1]:g} s read")
     for values in result.values():
         values.setflags(write=False)  # a log shares read-only arrays and copies others
     return result, (*notes, *resampled, *turned), tuple(doubts)
@@ -148,14 +155,34 @@ def _check_time(table: Table, index: int, values: Array, t: Array) -> Array:
     return t
 
 
-def _unwrap(channels: dict[str, Array]) -> tuple[list[str], list[Notice]]:
-    """Unwrap angles by the period at which they wrap, be it a turn or another one."""
+def _inside(channels: dict[str, Array], window: tuple[float, float], file: str) -> dict[str, Array]:
+    """Return the samples within a window of time.
+
+    Raises
+    ------
+    LogError
+        When there are none.
+    """
+    t = channels["t"]
+    kept = slice(int(np.searchsorted(t, window[0])), int(np.searchsorted(t, window[1], side="right")))
+    if kept.stop <= kept.start:
+        what = f"no sample between {window[0]:g} and {window[1]:g} s"
+        raise LogError(f"{file}: [log] window: {what}; the file has t = {t[0]:g} to {t[-1]:g} s")
+    return {name: values[kept].copy() for name, values in channels.items()}
+
+
+def _unwrap(channels: dict[str, Array], stated: float | None) -> tuple[list[str], list[Notice]]:
+    """Unwrap angles by the period at which they wrap, be it a turn or another one; a stated one is no doubt."""
     notes: list[str] = []
     doubts: list[Notice] = []
     for name in ("theta", "theta_ref", "theta_load"):
         if name not in channels or channels[name].size < 2:
             continue
         theta = channels[name]
+        if stated is not None:
+            channels[name] = unwrapped(theta, stated)
+            notes.append(f"{name} unwrapped at {stated:g}, as the design states")
+            continue
         with np.errstate(all="ignore"):
             period = wrap_period(theta)
         if period > 0.0:

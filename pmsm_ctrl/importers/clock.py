@@ -11,7 +11,7 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.names import unit_spelling
+from pmsm_ctrl.importers.names import split_header, unit_spelling
 from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.units import UNITS
 
@@ -26,12 +26,19 @@ def with_clock(
 ) -> tuple[Table, Mapping[str, str] | None]:
     """Return the table with a computed time column where the mapping of `t` asks for one, and the mapping to it.
 
+    A design's [log] table may state a rate instead, of files without time or whose time counts samples.
+
     Raises
     ------
     LogError
         When the period is not a positive time.
     """
     spec = (mapping or {}).get("t") or (design.log.channels.get("t") if design is not None else None)
+    rate = design.log.rate if design is not None else None
+    if rate is not None and spec and not _EVERY.match(spec):  # a time that counts samples
+        return table, {**(mapping or {}), "t": f"{1.0 / rate:.17g} * {split_header(spec)[0]} [s]"}
+    if rate is not None and not spec:
+        spec = f"every {1.0 / rate:.17g} s"
     asked = _EVERY.match(spec) if spec else None
     if asked is None:
         return table, mapping

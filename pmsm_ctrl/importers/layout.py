@@ -274,6 +274,8 @@ def place_header(lines: list[str], separator: str, encoding: str, file: str) -> 
     first = next((i for i, row in enumerate(rows) if _is_data(row, width, text_columns)), None)
     if first is None:
         raise LogError(f"{file}: line 1: no row below it holds numbers only; a header line and numbers were expected")
+    if separator == " ":
+        rows[:first] = [_blank_header(line, width) for line in lines[:first]]
     above = _above(rows, first, width)
     _refuse_text_above(rows, first, above, file)
     header, units, _ = above
@@ -308,6 +310,15 @@ def _text_columns(rows: list[list[str]], width: int) -> tuple[int, ...]:
 def _is_data(row: list[str], width: int, text_columns: tuple[int, ...]) -> bool:
     cells = [cell for i, cell in enumerate(row) if i not in text_columns]
     return len(row) == width and any(cells) and all(not cell or is_number(cell) for cell in cells)
+
+
+def _blank_header(line: str, width: int) -> list[str]:
+    """Split a line above columns of blanks: names and units may hold single blanks, ``Act speed [rpm]``."""
+    text = line.strip().lstrip("#%").strip()
+    joined = re.sub(r"\s+(?=[\[(][^\s\[\]()]*[\])])", "\x00", text)
+    ways = (text.split(), joined.split(), re.split(r"\s{2,}|\t", text))
+    cells = next((way for way in ways if len(way) == width), ways[0])
+    return [cell.replace("\x00", " ") for cell in cells]
 
 
 def _is_header(row: list[str], width: int) -> bool:

@@ -12,7 +12,7 @@ A design's table, here for the ``speed_test1.txt`` of the LAAS MN4004 bench, who
 A column is named by its header, its name without the unit, or its number (``"#3 [rpm]"``); a factor or
 a minus may stand before it (``"1.732 * Uq [V]"``, ``"-Iq [A]"``). A drive's own unit
 needs a factor: torque in per mille of 2.4 N m is ``torque = "Torque actual value [‰]"`` with
-``[log.scale] torque = 0.0024``.
+``[log.scale] torque = 0.0024``, or ``"Torque actual value [‰ of 2.4 N m]"``.
 """
 
 from __future__ import annotations
@@ -22,17 +22,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import LogError, NextCommand, nearest
-from pmsm_ctrl.importers.names import guess_channel, split_header, unit_spelling
+from pmsm_ctrl.errors import LogError, MappingError, NextCommand, nearest
+from pmsm_ctrl.importers.names import guess_channel, split_header, unit_of, unit_spelling
 from pmsm_ctrl.importers.table import Column, Table, one_line
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["Assignment", "Source", "assign", "find_column"]
+__all__ = ["FACTOR", "REQUIRED", "Assignment", "Source", "assign", "find_column"]
 
-_FACTOR = re.compile(
-    r"(?:(?P<factor>[-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*\*|(?P<minus>-))\s*(?P<column>\S.*)", re.IGNORECASE
-)
+FACTOR = re.compile(r"(?:(?P<factor>[-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*\*|(?P<minus>-))\s*(?P<column>\S.*)", re.IGNORECASE)
 # a log needs at least one channel of each group
 REQUIRED = (("t",), ("theta", "omega"), ("i_q", "torque"))
 
@@ -135,7 +133,7 @@ def _stated_factor(table: Table, spec: str) -> tuple[float, str]:
     """
     text = one_line(spec).strip()
     names = {name for column in table.columns for name in (column.header, column.name)}
-    match = _FACTOR.fullmatch(text)
+    match = FACTOR.fullmatch(text)
     if match is None or {text, split_header(text)[0]} & names:
         return 1.0, spec
     return (-1.0 if match["minus"] else float(match["factor"])), match["column"]
@@ -211,7 +209,7 @@ def _unmapped(table: Table, chosen: Mapping[str, tuple[int, str, str]], guess: b
 
 def _plausible(column: Column, channel: str) -> bool:
     """Whether the stated unit fits the channel on some kind of axis; no unit does, an unknown one does not."""
-    si = UNITS.get(unit_spelling(column.unit), ("", 0.0))[0]
+    si = (unit_of(column.unit) or ("", 0.0))[0]
     return not column.unit or si in CHANNELS[channel][:2]
 
 
@@ -227,7 +225,7 @@ def _motion(
     for channel in ("theta", "omega", "theta_ref", "omega_ref"):
         if channel in chosen and channel not in scales:
             index, unit, _ = chosen[channel]
-            si = UNITS.get(unit_spelling(unit or table.columns[index].unit), ("", 0.0))[0]
+            si = (unit_of(unit or table.columns[index].unit) or ("", 0.0))[0]
             if si in ("m", "m/s"):
                 return "linear"
     return "rotary"
@@ -239,22 +237,30 @@ def _source(table: Table, channel: str, index: int, stated: str, how: str, scale
     spelled = column.unit if column.is_date else stated or column.unit
     unit = unit_spelling(spelled) if spelled else target
     place = f"{table.file}: column {index + 1} ('{column.label}')"
-    if unit not in UNITS:
+    known = unit_of(unit)
+    if known is None:
         if scale is not None:
             return Source(channel, index, spelled, 1.0, scale, how, factor_unknown=True)
-        accepted = ", ".join(known for known, (si, _) in UNITS.items() if si == target)
+        accepted = ", ".join(name for name, (si, _) in UNITS.items() if si == target)
         near = nearest(spelled, UNITS)
         what = f"unknown unit [{spelled}] for '{channel}'{near}"
         message = f"{place}: {what} (accepted: {accepted}; or a factor in [log.scale])"
-        raise LogError(message, next_command=NextCommand.IMPORT)
-    si, factor = UNITS[unit]
+        raise _refused(message, how)
+    si, factor = known
     if si != target and scale is None:
-        accepted = ", ".join(known for known, (known_si, _) in UNITS.items() if known_si == target)
+        accepted = ", ".join(name for name, (known_si, _) in UNITS.items() if known_si == target)
         hint = '; for a linear axis the design needs motion = "linear"' if si in ("m", "m/s", "N") else ""
         message = f"{place}: unit [{spelled}] does not fit '{channel}' in {target} "
         message += f"(accepted: {accepted}; or a factor in [log.scale]){hint}"
-        raise LogError(message, next_command=NextCommand.IMPORT)
+        raise _refused(message, how)
     return Source(channel, index, unit, factor, 1.0 if scale is None else scale, how, not spelled, si != target)
+
+
+def _refused(message: str, how: str) -> LogError:
+    """Return the error of a unit: a mapping that states it is wrong, a column that was guessed may have another one."""
+    if how == "mapped":
+        return LogError(message, next_command=NextCommand.IMPORT)
+    return MappingError(message, next_command=NextCommand.PROPOSE)
 
 
 def _require(table: Table, sources: tuple[Source, ...]) -> None:
@@ -269,7 +275,7 @@ def _require(table: Table, sources: tuple[Source, ...]) -> None:
     examples = [f"{group[-1]} = 'column [unit]'" + " or 'every 1 ms'" * ("t" in group) for group in missing]
     message = f"{table.file}: no channel {', and no '.join(named)}; found the columns {_shown(table.columns)} "
     message += f"(name them in [log.channels] or as {', '.join(examples)})"
-    raise LogError(message, next_command=NextCommand.MAP)
+    raise MappingError(message, next_command=NextCommand.PROPOSE)
 
 
 def _explain_unit(table: Table, group: tuple[str, ...], wanted: str) -> None:
@@ -278,7 +284,8 @@ def _explain_unit(table: Table, group: tuple[str, ...], wanted: str) -> None:
         channel = guess_channel(column.name)
         if channel in group and column.unit:
             what = f"column '{column.label}' would be '{channel}', but its unit [{column.unit}] does not fit"
-            raise LogError(f"{table.file}: no channel {wanted}; {what}: map it and give its factor in [log.scale]")
+            message = f"{table.file}: no channel {wanted}; {what}: map it and give its factor in [log.scale]"
+            raise MappingError(message, next_command=NextCommand.PROPOSE)
 
 
 def _notes(table: Table, sources: tuple[Source, ...]) -> list[str]:

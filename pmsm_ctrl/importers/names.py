@@ -7,7 +7,7 @@ import re
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["guess_channel", "is_unit", "split_header", "unit_spelling"]
+__all__ = ["guess_channel", "is_unit", "split_header", "unit_of", "unit_spelling"]
 
 # spelling in files, without case -> spelling of pmsm_ctrl.units
 _SPELLINGS = {
@@ -105,6 +105,29 @@ def unit_spelling(unit: str) -> str:
     if text in UNITS:
         return text
     return _SPELLINGS.get(text.casefold()) or _FOLDED.get(text.casefold(), text)
+
+
+# "% of 2.4 N m": torque in per cent of the rated one
+_SHARE = re.compile(
+    r"(?P<part>%|‰|per ?cent|per ?mille?|pro ?mille)\s*+(?:of|von|de|di)\s++"
+    r"(?P<rated>\d{1,15}(?:\.\d{1,15})?(?:e[+-]?\d{1,3})?)\s*+(?P<unit>[^\s\d].*)",
+    re.IGNORECASE,
+)
+_SHARES = {"%": 0.01, "percent": 0.01, "per cent": 0.01}
+
+
+def unit_of(text: str) -> tuple[str, float] | None:
+    """Return (SI unit, factor) of a unit as a file or a mapping writes it, or None.
+
+    A share of a rated value is a unit as well: ``% of 2.4 N m``, ``‰ of 5 A rms``.
+    """
+    unit = unit_spelling(text)
+    if unit in UNITS:
+        return UNITS[unit]
+    match = _SHARE.fullmatch(unit)
+    if match is None or (whole := UNITS.get(unit_spelling(match["unit"]))) is None or not float(match["rated"]) > 0.0:
+        return None
+    return whole[0], whole[1] * float(match["rated"]) * _SHARES.get(match["part"].lower(), 1e-3)
 
 
 def is_unit(text: str) -> bool:

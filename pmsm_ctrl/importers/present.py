@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from pmsm_ctrl.importers.proposal import Proposal
 from pmsm_ctrl.importers.report import ChannelReport, ImportReport
 from pmsm_ctrl.rendering.numbers import number
 from pmsm_ctrl.section import Picture, Section, Table, present
@@ -37,6 +38,28 @@ def _(report: ImportReport) -> Section:
             Picture(lambda: _figure(report), "Every channel over time: check signs, sizes and units."),
             report.table,
             Section("Notes", report.log.provenance.notes, folded=True),
+        ),
+    )
+
+
+@present.register
+def _(proposal: Proposal) -> Section:
+    count = len(proposal.notices)
+    doubts = f"{count or 'no'} doubt{'' if count == 1 else 's'}"
+    state = "" if proposal.complete else ", and it is incomplete"
+    lacking = (f"Missing: {', '.join(proposal.missing)}.",) if proposal.missing else ()
+    rows = tuple((g.channel, g.mapping, "; ".join(g.reasons)) for g in proposal.guesses)
+    unused = [f"{label} ({what})" for label, what in proposal.unused[:LISTED]]
+    more = ", ..." if len(proposal.unused) > LISTED else ""
+    return Section(
+        f"Proposed mapping of {proposal.file}",
+        (
+            f"A proposal from names, units and physics, with {doubts}{state}. Nothing is read before it is confirmed.",
+            *proposal.notices,
+            *lacking,
+            Table(("channel", "column", "why"), rows, "The mapping"),
+            *([f"Columns not used: {', '.join(unused)}{more}."] if unused else []),
+            proposal.table,
         ),
     )
 

@@ -19,7 +19,7 @@ from pmsm_ctrl.importers.sources import Source, as_file, frame_digest, frame_tab
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.log import Log, Provenance
 
-__all__ = ["open_table", "read_all", "read_log"]
+__all__ = ["log_of", "open_table", "read_all", "read_log"]
 
 ACCEPTED = "CSV and other text, MAT, MDF4, TDMS, Parquet, NumPy"
 _REFUSED = {
@@ -89,6 +89,27 @@ def read_all(
     return _from_table(open_table(target, design, found), lambda _: sha256(target), design, mapping)
 
 
+def log_of(table: Table, design: Design | None = None, mapping: Mapping[str, str] | None = None) -> Log:
+    """Return the log of an opened table, as `read_log`, without the digest of the file.
+
+    Parameters
+    ----------
+    table : Table
+    design, mapping
+        As `read_log`.
+
+    Returns
+    -------
+    Log
+
+    Raises
+    ------
+    LogError
+        As `read_log`.
+    """
+    return _from_table(table, lambda _: "", design, mapping)[0]
+
+
 def _from_table(
     table: Table, digest_of: Callable[[Table], str], design: Design | None, mapping: Mapping[str, str] | None
 ) -> tuple[Log, Table, Assignment]:
@@ -98,7 +119,8 @@ def _from_table(
     with ThreadPoolExecutor(max_workers=1) as pool:
         digest = pool.submit(digest_of, table)
         try:
-            channels, notes, doubts = channels_of(table, assignment)
+            stated = (design.log.wrap, design.log.window) if design is not None else (None, None)
+            channels, notes, doubts = channels_of(table, assignment, *stated)
         except MemoryError:
             raise LogError(f"{file}: does not fit into memory") from None
     provenance = Provenance(file, digest.result(), table.format, (*table.notes, *assignment.notes, *notes))

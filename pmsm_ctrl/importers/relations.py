@@ -13,7 +13,10 @@ import numpy as np
 
 from pmsm_ctrl.importers.table import Array
 
-__all__ = ["Balance", "block_edges", "drive_balance", "drive_factor", "integral", "rate_factor", "ratio"]
+__all__ = [
+    "Balance", "block_edges", "drive_balance", "drive_factor", "integral", "rate_factor",
+    "rate_likeness", "ratio", "roughness",
+]  # fmt: skip
 
 BLOCKS = 500  # of a rate
 LAGS = 20_000  # samples in which the time scale of a motion is looked for
@@ -21,6 +24,7 @@ FEWEST_BLOCKS = 120  # of a balance
 MOST_BLOCKS = 4000
 WIDEST = 50  # samples beside an edge that a speed there is taken from
 STRETCHES = 24  # of time, over which the scatter is taken
+STEADY = 1e-4  # share of a speed's mean square that its changes make at least
 SMOOTHED = 9  # samples over which a correlation is taken: noise would make it smaller
 
 
@@ -92,6 +96,30 @@ def rate_factor(t: Array, position: Array, speed: Array, step: float = 0.0) -> t
     if not travelled.size or np.percentile(np.abs(travelled), 95) < 5.0 * step:
         return math.nan, math.nan
     return ratio(travelled, np.diff(integral(t, speed)[edges]))
+
+
+def rate_likeness(t: Array, position: Array, speed: Array) -> tuple[float, float]:
+    """Return the factor d(position)/dt over speed, and how much the two are alike, 0 to 1.
+
+    Distances and integrals over blocks of time are compared about their means, so that no constant looks like the speed
+    of a steady motion; where the speed hardly varies, nothing can be said.
+    """
+    if t.size < 4 * FEWEST_BLOCKS // 2 or position.size != t.size or speed.size != t.size:
+        return math.nan, 0.0
+    edges = block_edges(t.size, BLOCKS)
+    length = np.diff(t[edges])
+    moved, summed = np.diff(position[edges]) / length, np.diff(integral(t, speed)[edges]) / length
+    x, y = summed - summed.mean(), moved - moved.mean()
+    size = float(x @ x), float(y @ y)
+    if not (size[0] > STEADY * float(summed @ summed) and size[1] > STEADY * float(moved @ moved)):
+        return math.nan, 0.0
+    return ratio(moved, summed)[0], float(x @ y) / math.sqrt(size[0] * size[1])
+
+
+def roughness(values: Array) -> float:
+    """Return the size of the second differences over that of the signal: noise makes it large."""
+    size = float(np.std(values))
+    return float(np.std(np.diff(values, 2))) / size if size > 0.0 and values.size > 2 else 0.0
 
 
 def drive_balance(t: Array, drive: Array, *, speed: Array | None = None, position: Array | None = None) -> Balance:

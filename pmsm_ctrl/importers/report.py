@@ -18,7 +18,7 @@ from pmsm_ctrl.importers.plausibility import torque_factor, velocity_factor
 from pmsm_ctrl.importers.reading import read_all
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.importers.timebase import TimeBase, quantum, saturated_share, time_base
-from pmsm_ctrl.log import Log
+from pmsm_ctrl.log import CHANNELS, Log
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
 
@@ -77,6 +77,15 @@ class ImportReport(Result):
     delays: tuple[Delay, ...]
     table: str
     unused: tuple[str, ...] = field(default=())
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """Channels whose unit was assumed, of columns that are not named as the channels are."""
+        return tuple(
+            c.channel
+            for c in self.channels
+            if c.assumed_unit and c.channel != "t" and c.column.casefold() not in CHANNELS
+        )
 
     @property
     def notices(self) -> tuple[Notice, ...]:

@@ -430,7 +430,7 @@ def test_bad_requests_to_effects(
     ("words", "next_command"),
     [
         (["tune", "nowhere.toml"], "pmsm-ctrl init"),
-        (["identify", "LOG", "--design", "DESIGN"], "--map i_q="),
+        (["identify", "LOG", "--design", "DESIGN"], "pmsm-ctrl import LOG proposes a mapping"),
         (["effects", "cogginf"], "pmsm-ctrl effects"),
         (["import", "LOG", "--map", "omega=nothing"], ""),
     ],

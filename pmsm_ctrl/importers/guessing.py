@@ -1,0 +1,423 @@
+"""From columns to channels: names first, then what the numbers say of units and of columns without a name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.importers import notices as say
+from pmsm_ctrl.importers.motion_units import DriveUnit, SpeedPair, drive_unit, number, pair_units, speed_unit
+from pmsm_ctrl.importers.names import guess_channel, unit_of, unit_spelling
+from pmsm_ctrl.importers.relations import drive_balance, rate_likeness, roughness
+from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.vocabulary import meaning_of
+from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
+from pmsm_ctrl.log import CHANNELS
+from pmsm_ctrl.section import Notice
+
+__all__ = ["Guess", "guesses"]
+
+LOOKED_AT = 200_000  # samples of each column
+MOST = 40  # columns whose physics is looked at
+DERIVATIVE = 0.99  # correlation of travelled distance and integrated speed
+MOST_PAIRED = 12  # columns that are tried in pairs
+CLEARLY = 0.1  # share that is left unexplained where neither motion nor drive signal is known by name
+ALIKE = 0.02  # difference of such shares that tells nothing
+EXPLAINED = 0.5  # share of a drive signal that inertia and friction leave unexplained at most
+CERTAIN = 8.0  # standard errors of its inertia
+POSITIONS, SPEEDS, DRIVES = ("theta", "theta_ref"), ("omega", "omega_ref"), ("i_q", "torque")
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One channel: its column, how a mapping spells it, and why.
+
+    Attributes
+    ----------
+    channel : str
+    column : int
+        -1 for a computed time.
+    label : str
+        The column as the file names it.
+    mapping : str
+    reasons : tuple of str
+    open_question : str
+        What has to be filled in before the mapping can be used; empty where nothing has.
+    """
+
+    channel: str
+    column: int
+    label: str
+    mapping: str
+    reasons: tuple[str, ...]
+    open_question: str = ""
+
+
+class _Case:
+    """The columns of a file with what has been decided so far."""
+
+    def __init__(self, table: Table, design: Design | None, stated: Mapping[str, tuple[str, int, str]]) -> None:
+        self.table, self.design, self.stated = table, design, stated
+        self.columns = table.columns
+        self.usable = [i for i, c in enumerate(self.columns) if not c.is_text]
+        loaded = dict(zip(self.usable, table.load(self.usable), strict=True))
+        self.values: dict[int, Array] = {i: v[:LOOKED_AT] for i, v in loaded.items()}
+        self.role: dict[int, str] = {at: channel for channel, (_, at, _) in stated.items()}
+        self.why: dict[int, list[str]] = {at: ["as stated"] for at in self.role}
+        self.unit: dict[int, str] = {at: unit or self.columns[at].unit for _, at, unit in stated.values()}
+        self.factor: dict[int, float] = {}
+        self.open: dict[int, str] = {}
+        self.doubts: list[Notice] = []
+        self.assumed: list[tuple[str, str]] = []
+        self.seen_as: dict[int, str] = {}
+        self.clock: Guess | None = None
+        self.motion = design.motion if design is not None else "rotary"
+
+    def at(self, channel: str) -> int | None:
+        """Return the column that is this channel, None where there is none yet."""
+        return next((i for i, role in self.role.items() if role == channel), None)
+
+    def spoiled(self, i: int) -> bool:
+        """Whether a column has cells without a number."""
+        return not np.isfinite(self.values[i]).all()
+
+    def take(self, i: int, channel: str, *reasons: str) -> None:
+        """Decide that a column is a channel."""
+        self.role[i] = channel
+        self.why.setdefault(i, []).extend(reasons)
+        self.unit.setdefault(i, self.columns[i].unit)
+
+    def free(self, group: int) -> list[int]:
+        """Return the columns of a time base that vary and are no channel yet."""
+        return [
+            i for i in self.usable
+            if i not in self.role and self.columns[i].group == group and i not in self.seen_as
+        ][:MOST]  # fmt: skip
+
+
+def guesses(
+    table: Table, design: Design | None, stated: Mapping[str, tuple[str, int, str]]
+) -> tuple[list[Guess], list[tuple[str, str]], list[Notice]]:
+    """Return the proposed channels, the columns left over with what they seem to be, and the doubts.
+
+    Parameters
+    ----------
+    table : Table
+    design : Design, optional
+    stated : mapping of str to (str, int, str)
+        Channel to its mapping, column and unit, where they are known.
+    """
+    case = _Case(table, design, stated)
+    _leave_constants(case)
+    _by_name(case)
+    if design is None and _is_linear(case):
+        case.motion = "linear"
+    t = _time(case)
+    if t is not None:
+        _by_motion(case, t)
+        _units_of_motion(case, t)
+        _drives(case, t)
+    made = [_spelled(case, i) for i in case.role]
+    if case.assumed:
+        said = ", ".join(f"{unit} for {channel}" for channel, unit in dict.fromkeys(case.assumed))
+        case.doubts.append(say.UNIT_ASSUMED(channels=[channel for channel, _ in case.assumed], units=said))
+    made += [case.clock] if case.clock is not None else []
+    left = [(case.columns[i].label, case.seen_as.get(i, "not recognised")) for i in case.usable if i not in case.role]
+    return [guess for guess in made if guess is not None], left, case.doubts
+
+
+def _leave_constants(case: _Case) -> None:
+    for i, values in case.values.items():
+        if not np.isfinite(values).all():
+            case.seen_as[i] = "cells that hold no number"
+        elif values.size and np.ptp(values) == 0.0:
+            case.seen_as[i] = f"constant, {values[0]:.6g}"
+
+
+def _fits(column: Column, channel: str) -> bool:
+    """Whether a stated unit fits a channel; a share of a rated value fits drive signals."""
+    if not column.unit:
+        return True
+    if unit_spelling(column.unit) in ("%", "‰") and channel in ("torque", "i_q", "i_q_ref", "T_load"):
+        return True
+    return (unit_of(column.unit) or ("", 0.0))[0] in CHANNELS[channel][:2]
+
+
+def _by_name(case: _Case) -> None:
+    """Take the columns whose names say what they are: exact names first, then words; actual before commanded."""
+    exact: list[tuple[int, str]] = []
+    words: list[tuple[int, str, str, str]] = []
+    for i in case.usable:
+        if i in case.role:
+            continue
+        column = case.columns[i]
+        name = "t" if column.is_time or column.is_date else guess_channel(column.name)
+        if name is not None and _fits(column, name):
+            exact.append((i, name))
+        elif (meaning := meaning_of(column.name)) is not None and _fits(column, meaning.channel):
+            words.append((i, meaning.channel, ", ".join(meaning.words), meaning.unsure))
+    for i, channel in exact:
+        if channel not in case.role.values() and not case.spoiled(i):
+            case.take(i, channel, f"named '{case.columns[i].name}'")
+    for i, channel, said, unsure in sorted(words, key=lambda one: bool(one[3])):
+        if channel in case.role.values() or case.spoiled(i):
+            continue
+        if channel == "torque" and "command" in unsure and "i_q" in case.role.values():
+            case.seen_as[i] = unsure
+            continue
+        case.take(i, channel, f"the name says {said}", *([unsure] if unsure else []))
+        if unsure:
+            case.doubts.append(say.UNSURE_NAME(column=case.columns[i].label, channel=channel, reason=unsure))
+
+
+def _is_linear(case: _Case) -> bool:
+    units = [(unit_of(case.unit.get(i, "")) or ("",))[0] for i, role in case.role.items() if role in POSITIONS + SPEEDS]
+    return any(si in ("m", "m/s") for si in units)
+
+
+def _time(case: _Case) -> Array | None:
+    """Decide on the time of the columns; return it in s, None where nothing tells the rate."""
+    i = case.at("t")
+    if i is None:
+        i = next((k for k in case.free(_group(case)) if _is_clock(case.values[k])), None)
+        if i is not None:
+            case.take(i, "t", "increases by equal steps")
+    if i is None:
+        return _rate_from_motion(case, None)
+    values, stated = case.values[i], case.unit[i]
+    if case.columns[i].is_date or "t" in case.stated:
+        factor = 1.0 if case.columns[i].is_date else (unit_of(stated) or ("s", 1.0))[1]
+        return values * factor * _factor_of(case.stated.get("t", ("",))[0])
+    if stated:
+        return values * (unit_of(stated) or ("s", 1.0))[1]
+    step = float(np.median(np.diff(values))) if values.size > 1 else math.nan
+    if step == 1.0 and float(values[0]) in (0.0, 1.0) and np.all(np.diff(values) == 1.0):
+        return _rate_from_motion(case, i)
+    unit = next((u for u, top in (("s", 0.04), ("ms", 40.0), ("us", 4e4), ("ns", math.inf)) if step <= top), "s")
+    case.unit[i] = unit
+    case.why[i].append(f"a step of {step:.6g} is one of {step * (unit_of(unit) or ('', 1.0))[1] * 1e3:.6g} ms")
+    if unit != "s":
+        case.assumed.append(("t", unit))
+    return values * (unit_of(unit) or ("s", 1.0))[1]
+
+
+def _factor_of(spec: str) -> float:
+    from pmsm_ctrl.importers.mapping import FACTOR
+
+    match = FACTOR.fullmatch(spec.strip())
+    return 1.0 if match is None else -1.0 if match["minus"] else float(match["factor"])
+
+
+def _group(case: _Case) -> int:
+    """Return the time base of the motion, or of most columns."""
+    for channel in ("omega", "theta", "i_q", "torque"):
+        if (i := case.at(channel)) is not None:
+            return case.columns[i].group
+    groups = [case.columns[i].group for i in case.usable]
+    return max(set(groups), key=groups.count) if groups else 0
+
+
+def _is_clock(values: Array) -> bool:
+    step = np.diff(values)
+    return bool(step.size > 8 and (step > 0.0).all() and np.percentile(step, 90) < 1.5 * np.percentile(step, 10))
+
+
+def _rate_from_motion(case: _Case, ticks: int | None) -> Array | None:
+    """Find the rate from a position and a speed with units; without them it has to be stated."""
+    position, speed = case.at("theta"), case.at("omega")
+    label = "no time column" if ticks is None else f"'{case.columns[ticks].label}' counts samples"
+    some = next((values for i, values in case.values.items() if case.columns[i].group == _group(case)), np.empty(0))
+    index = np.arange(some.size, dtype=np.float64)
+    period = math.nan
+    if position is not None and speed is not None:
+        gains = [unit_of(case.unit.get(i, "")) for i in (position, speed)]
+        if gains[0] is not None and gains[1] is not None:
+            factor, likeness = rate_likeness(index, _unwound(case, position), case.values[speed])
+            period = factor * gains[0][1] / gains[1][1] if likeness > DERIVATIVE else math.nan
+    known = math.isfinite(period) and period > 0.0
+    if known:
+        period = _round(period)
+        case.doubts.append(say.RATE_FROM_MOTION(what=label, rate=1.0 / period))
+    question = "" if known else "the rate"
+    every = f"{number(1e3 * period)} ms" if known else "RATE ms"
+    reasons = (label, "the period makes the speed the derivative of the position" if known else "its rate is not known")
+    if ticks is None:
+        case.clock = Guess("t", -1, "none", f"every {every}", reasons, question)
+    else:
+        case.open[ticks] = question
+        case.factor[ticks] = period
+        case.unit[ticks] = "s"
+        case.why[ticks] = list(reasons)
+    if not known:
+        case.doubts.append(say.NO_RATE(what=label))
+        return None
+    return index * period
+
+
+def _round(period: float) -> float:
+    """Return the period a drive has where one lies within a hundredth: a round number of us or Hz."""
+    choices = [k * 10.0**e for e in range(-6, 1) for k in (1, 1.25, 2, 2.5, 4, 5, 8)] + [0.888e-3, 1.777e-3, 0.444e-3]
+    best = min(choices, key=lambda one: abs(math.log(one / period)))
+    return best if abs(best / period - 1.0) < 0.02 else float(f"{period:.3g}")
+
+
+def _unwound(case: _Case, i: int) -> Array:
+    with np.errstate(all="ignore"):
+        period = wrap_period(case.values[i])
+    return unwrapped(case.values[i], period) if period > 0.0 else case.values[i]
+
+
+def _by_balance(case: _Case, t: Array) -> None:
+    """Find a position or a speed that moves as a drive signal drives it, where nothing else tells the motion."""
+    free = [i for i in case.free(_group(case)) if case.values[i].size == t.size][:MOST_PAIRED]
+    known = next((i for name in DRIVES if (i := case.at(name)) is not None), None)
+    drives = free if known is None else [known]
+    found = []
+    for i in free:
+        for channel, kind in (("theta", "position"), ("omega", "speed")):
+            for k in drives:
+                if k == i or not _fits(case.columns[i], channel):
+                    continue
+                one = drive_balance(t, case.values[k], **{kind: _unwound(case, i)})
+                if one.left < CLEARLY and one.certain > CERTAIN and one.inertia > 0.0:
+                    found.append((one.left, i, channel, k))
+    if not found:
+        return
+    # a reference explains nearly as much as what follows it: the rougher one is measured
+    alike = [one for one in found if one[0] < min(found)[0] + ALIKE]
+    _, i, channel, k = max(alike, key=lambda one: roughness(case.values[one[1]]))
+    case.take(i, channel, f"'{case.columns[k].label}' drives it as a drive signal would")
+    case.doubts.append(say.FROM_PHYSICS(columns=case.columns[i].label, what="the motion"))
+
+
+def _by_motion(case: _Case, t: Array) -> None:
+    """Find the speed of a position, or both, among the columns without a name."""
+    group = _group(case)
+    position, speed = case.at("theta"), case.at("omega")
+    if position is not None and speed is not None:
+        return
+    free = [i for i in case.free(group) if case.values[i].size == t.size]
+    positions = [position] if position is not None else [i for i in free if _fits(case.columns[i], "theta")]
+    speeds = [speed] if speed is not None else [i for i in free if _fits(case.columns[i], "omega")]
+    found = [
+        (likeness, p, s)
+        for p in positions for s in speeds
+        if p != s and (likeness := rate_likeness(t, _unwound(case, p), case.values[s])[1]) > DERIVATIVE
+    ]  # fmt: skip
+    if not found:
+        if position is None and speed is None:
+            _by_balance(case, t)
+        return
+    best = max(found)
+    p = best[1]
+    # of several columns that are this derivative the rougher one is measured
+    rivals = sorted({s for likeness, q, s in found if q == p}, key=lambda s: roughness(case.values[s]))
+    s = rivals[-1]
+    said = f"its derivative is '{case.columns[s].label}' (correlation {best[0]:.4f})"
+    if position is None:
+        case.take(p, "theta", said)
+    if speed is None:
+        case.take(s, "omega", f"derivative of '{case.columns[p].label}' (correlation {best[0]:.4f})")
+        if len(rivals) > 1 and case.at("omega_ref") is None:
+            case.take(rivals[0], "omega_ref", "the same derivative, and smoother: the reference")
+    unnamed = [case.columns[i].label for i, old in ((p, position), (s, speed)) if old is None]
+    case.doubts.append(say.FROM_PHYSICS(columns=", ".join(unnamed), what="position and speed"))
+
+
+def _units_of_motion(case: _Case, t: Array) -> None:
+    """Decide on the units of position and speed where the file states none."""
+    position, speed = case.at("theta"), case.at("omega")
+    if position is not None and speed is not None:
+        factor, likeness = rate_likeness(t, _unwound(case, position), case.values[speed])
+        if likeness > DERIVATIVE:
+            pair = SpeedPair(factor, case.values[position], case.unit[position], case.unit[speed], case.motion)
+            chosen = pair_units(pair, case.design)
+            for i, unit, gain in ((position, chosen.position, chosen.gain), (speed, chosen.speed, 1.0)):
+                if not unit_of(case.unit[i]):
+                    case.unit[i] = unit
+                    case.factor[i] = gain
+                    case.why[i] += [f"dtheta/dt is {factor:.4g} times the speed, in raw numbers", *chosen.reasons]
+                    if not chosen.only:
+                        case.assumed.append((case.role[i], unit))
+    for i in [k for k, role in case.role.items() if role in POSITIONS + SPEEDS and not unit_of(case.unit[k])]:
+        channel = case.role[i]
+        measured = case.at("theta" if channel in POSITIONS else "omega")
+        if measured is not None and measured != i and unit_of(case.unit[measured]):
+            case.unit[i], case.factor[i] = case.unit[measured], case.factor.get(measured, 1.0)
+            case.why[i].append(f"unit as that of '{case.columns[measured].label}'")
+            continue
+        case.unit[i], why = speed_unit(case.values[i], channel, case.motion)
+        case.why[i].append(why)
+        case.assumed.append((channel, case.unit[i]))
+
+
+def _drives(case: _Case, t: Array) -> None:
+    """Find the drive signal: proportional to acceleration plus friction; decide on its unit."""
+    position, speed = case.at("theta"), case.at("omega")
+    moving = {}
+    if position is not None and case.values[position].size == t.size:
+        gain = (unit_of(case.unit[position]) or ("", 1.0))[1] * case.factor.get(position, 1.0)
+        moving = {"position": _unwound(case, position) * gain}
+    elif speed is not None and case.values[speed].size == t.size:
+        gain = (unit_of(case.unit[speed]) or ("", 1.0))[1] * case.factor.get(speed, 1.0)
+        moving = {"speed": case.values[speed] * gain}
+    if moving and not any(case.at(name) is not None for name in DRIVES):
+        tried = {
+            i: drive_balance(t, case.values[i], **moving)
+            for i in case.free(_group(case)) if case.values[i].size == t.size
+        }  # fmt: skip
+        fitting = [i for i, one in tried.items() if one.left < EXPLAINED and one.certain > CERTAIN]
+        if fitting:
+            # the rougher of several is measured; a commanded current is smoother
+            i = max(fitting, key=lambda k: roughness(case.values[k]))
+            share = f"acceleration and friction explain {100 * (1 - tried[i].left):.0f} % of it"
+            channel = "torque" if (unit_of(case.columns[i].unit) or ("",))[0] in ("N m", "N") else "i_q"
+            case.take(i, channel, share)
+            case.doubts.append(say.FROM_PHYSICS(columns=case.columns[i].label, what="the drive signal"))
+            for k in fitting:
+                if k != i:
+                    case.seen_as[k] = f"a drive signal as well, smoother than '{case.columns[i].label}'"
+    for i in [k for k, role in case.role.items() if role in (*DRIVES, "i_q_ref", "T_load")]:
+        if case.role[i] in case.stated:
+            continue
+        same = moving if case.values[i].size == t.size else {}
+        chosen = drive_unit(case.values[i], case.unit[i], case.role[i], t, same, case.design)
+        _settle(case, i, chosen)
+
+
+def _settle(case: _Case, i: int, chosen: DriveUnit) -> None:
+    if chosen.channel != case.role[i] and chosen.channel not in case.role.values():
+        case.role[i] = chosen.channel
+    case.unit[i], case.open[i] = chosen.unit, chosen.question
+    case.why[i] += chosen.reasons
+    facts = {"channel": case.role[i], "column": case.columns[i].label, "unit": chosen.unit}
+    if chosen.question:
+        case.doubts.append(say.RATED_UNKNOWN(**facts))
+    elif chosen.from_inertia:
+        case.doubts.append(say.RATED_FROM_INERTIA(**facts))
+    elif chosen.assumed:
+        case.assumed.append((case.role[i], chosen.unit))
+
+
+def _spelled(case: _Case, i: int) -> Guess:
+    """Return the guess with the mapping that reads this column: by name where it is the only one, else by number."""
+    channel, column = case.role[i], case.columns[i]
+    if channel in case.stated and case.stated[channel][0]:
+        return Guess(channel, i, column.label, case.stated[channel][0], ("as stated",))
+    same = [c for c in case.columns if c.name == column.name]
+    plain = (
+        column.name and len(same) == 1 and not set("[]*#") & set(column.name) and column.name[0] not in "-+.0123456789"
+    )
+    name = column.name if plain else f"#{i + 1}"
+    unit = case.unit.get(i) or column.unit or CHANNELS[channel][case.motion == "linear"]
+    if column.is_date:
+        unit = "s"
+    elif not case.unit.get(i):
+        case.assumed.append((channel, unit))
+    factor = case.factor.get(i, 1.0)
+    before = "RATE * " if case.open.get(i) == "the rate" else f"{number(factor)} * " if factor != 1.0 else ""
+    return Guess(channel, i, column.label, f"{before}{name} [{unit}]", tuple(case.why[i]), case.open.get(i, ""))

@@ -1,0 +1,164 @@
+"""What a column's name says, word by word: English, German, French, Italian and romanised Japanese.
+
+`names.guess_channel` knows whole names and is trusted; a name understood here is a proposal that somebody confirms.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from dataclasses import dataclass
+from functools import lru_cache
+
+__all__ = ["Meaning", "meaning_of"]
+
+_QUANTITIES = {
+    "time": "time zeit temps tempo jikan timestamp zeitstempel",
+    "position": "position pos angle winkel phi lage stellung drehwinkel rotorlage posizione angolo ichi kakudo theta "
+    "posicion istlage lagegeber",
+    "speed": "velocity velo vel speed drehzahl geschwindigkeit vitesse velocita velocite sokudo kaitensu kaitensuu "
+    "omega rpm velocidad regime giri",
+    "acceleration": "acceleration accel acc beschleunigung accelerazione kasokudo",
+    "current": "current cur curr strom courant corrente denryu denryuu isq isd iq id corriente amps",
+    "torque": "torque trq drehmoment moment couple coppia toruku torukku tau force kraft forza chikara par",
+    "voltage": "voltage volt spannung tension tensione denatsu uq ud vq vd usq usd",
+    "temperature": "temperature temperatur temperatura ondo temp",
+}
+_REFERENCES = (
+    "reference ref setpoint setpt set soll sollwert demand demanded command commanded cmd target desired des consigne "
+    "riferimento rif shirei mokuhyo mokuhyou sollw vorgabe commande"
+)
+# Words of quantities that are no channel: what stands behind one of them is left alone.
+_OTHERS = (
+    "error err deviation dev lag following droop abweichung fehler schlepp schleppfehler regelabweichung erreur ecart "
+    "errore scarto hensa limit grenze limite max min maximum minimum window offset override ratio status state zustand "
+    "alarm warning word mode feedforward ffw vorsteuerung kp ki kd gain pid power leistung puissance potenza energy "
+    "energie phase peak noise estimate integral stoerung disturbance flags digital bit activated function supply"
+)
+_AXES = {"q": "q iq isq uq vq usq quadrature quer", "d": "d id isd ud vd usd direct laengs"}
+_BUS = "dc bus link zwischenkreis zk vdc udc"
+_LOADS = "load last charge carico fuka abtrieb"
+_NEUTRAL = (
+    "actual act ist istwert istw value wert valeur valore atai measured meas measure feedback fbk fb effective reel "
+    "reelle reale mesure mesuree misurata misurato attuale effettiva effettivo jissai genzai genzaichi kenshutsu "
+    "averaged average mean filtered raw motor moteur motore axis achse axe asse jiku rotor shaft mechanical encoder "
+    "geber signal channel kanal data main gvl drive servo antrieb absolute abs multi turn single en n s von des der "
+    "du de la le del della di no ni my x of the producing generating rms eff standard detected fidobakku fiidobakku "
+    "internal display fine angular angulaire angolare mechanisch ch ax nc fb plc tag sensor monitor user process image"
+)
+
+
+_KIND: dict[str, tuple[str, str]] = {
+    **dict.fromkeys(_NEUTRAL.split(), ("neutral", "")),
+    **dict.fromkeys(_LOADS.split(), ("load", "")),
+    **dict.fromkeys(_BUS.split(), ("bus", "")),
+    **{word: ("axis", "") for words in _AXES.values() for word in words.split()},
+    **dict.fromkeys(_REFERENCES.split(), ("reference", "")),
+    **dict.fromkeys(_OTHERS.split(), ("other", "")),
+    # last, because "iq" is an axis and a current
+    **{word: ("quantity", quantity) for quantity, words in _QUANTITIES.items() for word in words.split()},
+}
+_SHORTEST_PART = 3  # letters of a word inside a compound; shorter ones stand in any word
+_LINKS = ("en", "s", "n", "e")  # what German puts between the parts of a compound
+_LONGEST = 40  # letters of a word that is taken apart
+
+_CHANNELS = {
+    ("time", False): "t", ("position", False): "theta", ("position", True): "theta_ref", ("speed", False): "omega",
+    ("speed", True): "omega_ref", ("acceleration", True): "alpha_ref", ("torque", False): "torque",
+    ("temperature", False): "temperature",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a name was understood as.
+
+    Attributes
+    ----------
+    channel : str
+    words : tuple of str
+        The words that decided.
+    unsure : str
+        Why it may be another channel; empty where nothing says so.
+    """
+
+    channel: str
+    words: tuple[str, ...]
+    unsure: str = ""
+
+
+def meaning_of(name: str) -> Meaning | None:
+    """Return the channel that the words of a name mean, or None.
+
+    Parameters
+    ----------
+    name : str
+        Of a column, with or without a path before it.
+    """
+    for text in (re.split(r"[./\\:|]", name.strip())[-1], name):
+        found = _understood(_parts(text))
+        if found is not None:
+            return found
+    return None
+
+
+def _parts(text: str) -> list[str]:
+    """Return the words of a name: without accents, split at signs and capitals, compounds taken apart."""
+    for letter, plain in (("ä", "ae"), ("ö", "oe"), ("ü", "ue"), ("ß", "ss")):
+        text = text.replace(letter, plain)
+    text = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", text)
+    return [part for word in re.split(r"[^A-Za-z]+", text) if word for part in _taken_apart(word.lower())]
+
+
+@lru_cache(maxsize=4096)
+def _taken_apart(word: str) -> tuple[str, ...]:
+    """Return a known word as it is, a compound of known words as those, and any other word unchanged."""
+    if word in _KIND or len(word) > _LONGEST:
+        return (word,)
+    # best[k]: the fewest words that make up the first k letters
+    best: list[tuple[str, ...] | None] = [()] + [None] * len(word)
+    for stop in range(_SHORTEST_PART, len(word) + 1):
+        for start in range(stop - _SHORTEST_PART + 1):
+            before, part = best[start], word[start:stop]
+            if before is None:
+                continue
+            stem = next((s for s in (part, *(part.removesuffix(link) for link in _LINKS)) if s in _KIND), "")
+            fits = len(stem) >= _SHORTEST_PART or (start == 0 and stem in ("iq", "id", "uq", "ud"))
+            if fits and (best[stop] is None or len(before) + 1 < len(best[stop] or ())):
+                best[stop] = (*before, stem)
+    return best[-1] or (word,)
+
+
+def _understood(words: list[str]) -> Meaning | None:
+    kinds = [_KIND.get(word, ("", "")) for word in words]
+    if any(kind == "other" for kind, _ in kinds):
+        return None
+    quantities = list(dict.fromkeys(quantity for kind, quantity in kinds if kind == "quantity"))
+    axis = next((axis for axis, own in _AXES.items() if set(words) & set(own.split())), "")
+    if set(quantities) == {"torque", "current"}:  # the torque current
+        quantities, axis = ["current"], axis or "q"
+    if set(quantities) == {"position", "speed"}:  # the speed of the angle
+        quantities = ["speed"]
+    if len(quantities) != 1:
+        return None
+    quantity, reference = quantities[0], any(kind == "reference" for kind, _ in kinds)
+    known = tuple(word for word, (kind, _) in zip(words, kinds, strict=True) if kind not in ("", "neutral"))
+    strange = [word for word, (kind, _) in zip(words, kinds, strict=True) if not kind and len(word) > 1]
+    unsure = f"'{strange[0]}' was not understood" if strange else ""
+    loaded = any(kind == "load" for kind, _ in kinds)
+    if quantity == "current":
+        if len(words) > 1 and words[-1] in ("u", "v", "w", "a", "b", "c") and not axis:
+            return None  # of a phase
+        channel = f"i_{axis or 'q'}" + ("_ref" if reference else "")
+        return Meaning(channel, known, unsure or ("" if axis else "the name does not say which current"))
+    if quantity == "voltage":
+        bus = any(kind == "bus" for kind, _ in kinds)
+        found = "u_dc" if bus else f"u_{axis}" if axis else ""
+        return Meaning(found, known, unsure) if found else None
+    if quantity == "torque" and reference:
+        return Meaning("torque", known, "it is a command, and no measured torque")
+    if loaded and quantity in ("position", "torque") and not reference:
+        return Meaning("theta_load" if quantity == "position" else "T_load", known, unsure)
+    found = _CHANNELS.get((quantity, reference), "")
+    return Meaning(found, known, unsure) if found else None
