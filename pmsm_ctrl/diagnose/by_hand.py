@@ -25,7 +25,7 @@ from pmsm_ctrl.diagnose.diagnosis import (
 from pmsm_ctrl.diagnose.explorer import coordinates_of
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
-from pmsm_ctrl.diagnose.outcome import errors_table
+from pmsm_ctrl.diagnose.outcome import errors_table, noise_floor
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.preview import beside_model
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
@@ -175,6 +175,11 @@ class Stepwise(Result):
             When the log has no such balance.
         """
         return contributions_of(self._fit, channel, self._case.record.signals["direction"])
+
+    @property
+    def noise_floor(self) -> Errors:
+        """The error of each balance that noise alone leaves on the fitted records."""
+        return noise_floor(self._case.record, self._fit)
 
     @property
     def balances(self) -> tuple[str, ...]:

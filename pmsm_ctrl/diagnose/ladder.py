@@ -32,6 +32,7 @@ def _rungs(found: Stepwise, kind: str) -> Table:
     names = list(found.rungs[0].errors)
     held = [name for name in names if name in found.rungs[0].holdout]
     words = {name: kind if name == "torque" else name for name in names}
+    floor = tuple(percent(found.noise_floor[name]["relative"]) for name in names)
     head = ("model", *(words[name] for name in names), *(f"held-out {words[name]}" for name in held))
     rows = tuple(
         (
@@ -41,7 +42,8 @@ def _rungs(found: Stepwise, kind: str) -> Table:
         )
         for rung in found.rungs
     )
-    return Table(head, rows, "Relative rms error of each balance, step by step")
+    last = ("noise floor", *floor, *("" for _ in held))
+    return Table(head, (*rows, last), "Relative rms error of each balance, step by step")
 
 
 def _effects(found: Stepwise) -> Table:

@@ -27,7 +27,7 @@ from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["errors_table", "outcome"]
+__all__ = ["errors_table", "noise_floor", "outcome"]
 
 
 def outcome(
@@ -189,16 +189,28 @@ def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
         if group.sampling or (free and nominal[k] == 0.0):
             nominal[k] = first.plain.values[k]
     residual = first.record.target - first.model.matrix @ nominal
-    floor = {}
-    for row, name in enumerate(record.channels):
-        size = max(float(np.sqrt(np.mean(record.target[row][record.mask] ** 2))), 1e-300)
-        floor[name] = (float(last.whitener.sigma[row]), float(last.whitener.sigma[row] / size))
     return {
         "nominal": errors_table(record, errors(first.record, residual)),
         "base": errors_table(record, errors(first.record, first.residual)),
         "final": errors_table(record, errors(last.record, last.residual)),
-        "noise_floor": errors_table(record, floor),
+        "noise_floor": noise_floor(record, last),
     }
+
+
+def noise_floor(record: Record, fit: Fitted) -> Errors:
+    """Return the error of each balance that noise alone leaves, as the whitened residual of a fit tells.
+
+    Parameters
+    ----------
+    record : Record
+        Whose measured balances the relative error is taken of.
+    fit : Fitted
+    """
+    floor = {}
+    for row, name in enumerate(record.channels):
+        size = max(float(np.sqrt(np.mean(record.target[row][record.mask] ** 2))), 1e-300)
+        floor[name] = (float(fit.whitener.sigma[row]), float(fit.whitener.sigma[row] / size))
+    return errors_table(record, floor)
 
 
 def _ranking(selection: Selection, hidden: Mapping[str, Refusal], policy: Policy) -> Iterator[Ranked]:

@@ -338,8 +338,14 @@ class Desk:
             raise RequestError("nothing to take away yet: compare the design with a log first (step 3)")
         if session.job is not None:
             raise RequestError("another step is being computed; wait for it")
-        text: str = await self.workers.run(session.id, takeaway.made, kind, self.request(session))
         suffix, media = takeaway.KINDS[kind]
+        session.job = {"kind": "take", "share": None, "rungs": []}
+        session.touched()
+        try:
+            text: str = await self.workers.run(session.id, takeaway.made, kind, self.request(session))
+        finally:
+            session.job = None
+            session.touched()
         return f"{takeaway.stem(session.state['design']['name'])}{suffix}", media, text
 
     def _sweep(self, session: Session, model: Mapping[str, Any]) -> None:

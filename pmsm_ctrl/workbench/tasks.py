@@ -309,6 +309,8 @@ def solve(request: Request) -> dict[str, Any]:
     return jsonable({
         "rungs": [_rung(rung) for rung in model.rungs],
         "names": model.names,
+        "floor": {name: error["relative"] for name, error in model.noise_floor.items()},
+        "titles": {name: effect.title for name, effect in catalogue.items()},
         "candidates": [_candidate(one, catalogue) for one in model.rank()],
         "effects": [
             {

@@ -80,6 +80,11 @@ def of_log(session: Session, asked: Asked) -> bytes:
     Returns
     -------
     bytes
+
+    Raises
+    ------
+    RequestError
+        When it was not read.
     """
     info = session.log(asked["log"])["info"]
     if not info or not info["curves"]:

@@ -20,7 +20,7 @@ export function showLadder(section, app) {
   if (!record.coordinates.includes(view.over)) view.over = record.coordinates[0];
   for (const name of view.off) if (!model.names.includes(name)) view.off.delete(name);
   const busy = !!job;
-  fill(place("ladder"), [model.rungs, model.names, model.verdict, busy, [...view.off], view.record, view.balance, job?.rungs?.length], () => ladder(app, record));
+  fill(place("ladder"), [model.rungs, model.names, model.verdict, busy, job?.kind, [...view.off], view.record, view.balance, job?.rungs?.length], () => ladder(app, record));
   fill(place("candidates"), [model.candidates, busy], () => candidates(app));
   fill(place("choices"), [model.records.map((one) => one.name), view.record, view.balance, view.over], () => choices(app, model, record));
   draw(record, app);
@@ -93,15 +93,18 @@ function ladder(app, record) {
   const { model, job } = app.state;
   const balance = view.balance;
   const held = model.rungs.some((rung) => Object.keys(rung.holdout).length);
+  const floor = model.floor?.[balance] ?? Infinity;
   const most = Math.max(...model.rungs.map((rung) => Math.max(error(rung.errors, balance), held ? error(rung.holdout, balance) || 0 : 0)));
-  const bar = (kind, share) => h("span", { class: `meter ${kind}` }, h("i", { style: { width: `${Math.min(100, (100 * share) / most)}%` } }), h("em", {}, percent(share)));
-  const rungs = model.rungs.map((rung) => h("li", {}, h("span", { class: "name" }, rung.name), bar("fitted", error(rung.errors, balance)), held ? bar("held", error(rung.holdout, balance)) : null));
+  const bar = (kind, share) => h("span", { class: `meter ${kind}` }, h("span", { class: "track" }, h("i", { style: { width: `${Math.min(100, (100 * share) / most)}%` } }), floor < most ? h("u", { style: { left: `${(100 * floor) / most}%` } }) : null), h("em", {}, percent(share)));
+  const searching = job?.kind === "find";
+  const shown = searching ? [model.rungs[0], ...(job.rungs || [])] : model.rungs;
+  const rungs = shown.map((rung) => h("li", { class: searching ? "live" : null }, h("span", { class: "name" }, words(model, rung.name)), bar("fitted", error(rung.errors, balance)), held ? bar("held", error(rung.holdout, balance)) : null));
   const busy = !!job;
-  const last = model.rungs.at(-1);
+  const last = shown.at(-1);
   return [
     h("h2", {}, "The error falls"),
-    h("p", { class: "soft legend" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", `; rms of measured − predicted, relative to measured, ${balance}`),
-    model.verdict ? h("p", { class: "verdict", id: "verdict" }, model.verdict.text, model.verdict.reasons.map((text) => `: ${text}`), ".") : null,
+    h("p", { class: "soft legend" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", floor < most ? [h("span", { class: "key floor" }), `noise floor ${percent(floor)}`] : null, `. Rms of measured − predicted, relative to measured: ${balance}`),
+    model.verdict && !searching ? h("p", { class: "verdict", id: "verdict" }, model.verdict.text, model.verdict.reasons.map((text) => `: ${text}`), ".") : null,
     h("ol", { class: "rungs", id: "rungs" }, rungs),
     h("p", { class: "row" },
       h("button", { type: "button", id: "find", class: "main", disabled: busy, onclick: () => app.act("steps", { find: true }) }, "Find all"),
@@ -110,6 +113,13 @@ function ladder(app, record) {
     model.names.length ? switches(app, record, busy) : null,
     h("p", { class: "hidden", role: "status" }, `Error ${percent(error(last.errors, balance))}`),
   ];
+}
+
+// A rung in words: what was added, and its id.
+function words(model, name) {
+  const [, sign, id, order] = /^([+-]) (\S+) ?(.*)$/.exec(name) || [];
+  const title = model.titles?.[id];
+  return title ? [`${sign === "-" ? "−" : "+"} ${title}`, h("small", {}, `${id} ${order}`)] : name[0].toUpperCase() + name.slice(1);
 }
 
 function switches(app, record, busy) {

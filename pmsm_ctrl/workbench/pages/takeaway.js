@@ -28,7 +28,9 @@ function button(app, kind, title) {
     const pressed = event.currentTarget;
     pressed.disabled = true;
     try {
-      const response = await fetch(`take/${kind}`);
+      const wanted = fetch(`take/${kind}`);
+      app.refresh();
+      const response = await wanted;
       if (!response.ok) throw new Error((await response.json()).error);
       const name = /filename="([^"]+)"/.exec(response.headers.get("content-disposition") || "")?.[1] || kind;
       const link = h("a", { href: URL.createObjectURL(await response.blob()), download: name });
@@ -36,9 +38,9 @@ function button(app, kind, title) {
       setTimeout(() => URL.revokeObjectURL(link.href), 10000);
     } catch (error) {
       app.complaint = error.message;
-      app.refresh();
     }
     pressed.disabled = false;
+    app.refresh();
   };
   return h("button", { type: "button", id: `take-${kind}`, "aria-label": `Download ${title}`, onclick: take }, "Download");
 }

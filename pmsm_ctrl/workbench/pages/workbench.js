@@ -1,5 +1,5 @@
 // The page: it asks the server for the state of its session and shows the step that is chosen.
-import { GONE, get, h, percent, send } from "./dom.js";
+import { GONE, get, h, send } from "./dom.js";
 import { showDesign } from "./design.js";
 import { showLogs } from "./logs.js";
 import { showLadder } from "./ladder.js";
@@ -71,7 +71,7 @@ async function listen() {
   listening = false;
 }
 
-const DOING = { read: "Reading", step: "Fitting", find: "Searching for missing effects" };
+const DOING = { read: "Reading", step: "Fitting", find: "Searching for missing effects", take: "Preparing the file; a compensator's gain is proven by simulation, up to a minute" };
 
 function status() {
   const bar = document.getElementById("status");
@@ -83,10 +83,8 @@ function status() {
   const parts = [busy ? h("span", { class: "busy" }, busy) : text];
   if (job?.kind === "find") {
     const share = job.share ?? 0;
-    const found = (job.rungs || []).map((rung) => `${rung.name.replace(/^\+ /, "")} (${percent(rung.errors.torque.relative)})`);
     parts.push(
       h("progress", { max: "1", value: share, "aria-label": "Share of the search that is done" }),
-      found.length ? h("span", {}, `found: ${found.join(", ")}`) : null,
       h("button", { type: "button", id: "stop", disabled: !!job.stopping, onclick: () => act("stop", {}) }, job.stopping ? "Stopping …" : "Stop"),
     );
   } else if (text && !busy) {
