@@ -96,8 +96,10 @@ def _edit_effects(document: Any, before: Sequence[Mapping[str, Any]], after: Seq
         chosen.append(entry)
     if [id(one) for one in chosen[: len(entries)]] == [id(one) for one in entries]:
         for entry in chosen[len(entries) :]:
+            tail = _take_tail(entries[-1].value.body)  # comments above what follows stay there
             entry.trivia.indent = "\n"
             entries.append(entry)
+            entry.value.body.extend(tail)
     else:
         document["effects"] = AoT(chosen)
 
@@ -139,11 +141,17 @@ def _set(table: Any, key: str, value: Any, fields: Mapping[str, Any]) -> None:
 def _add(table: Any, key: str, item: Any) -> None:
     """Add a field behind the last one, before the comments that stand above the next table."""
     body = [] if hasattr(table, "body") else table.value.body  # a document keeps its tables apart itself
+    tail = _take_tail(body)
+    table.append(key, item)
+    body.extend(tail)
+
+
+def _take_tail(body: list[Any]) -> list[Any]:
+    """Take the blank lines and comments behind the last field out of a table."""
     tail = []
     while body and body[-1][0] is None:
         tail.append(body.pop())
-    table.append(key, item)
-    body.extend(reversed(tail))
+    return tail[::-1]
 
 
 def _names_of(table: Any, key: str) -> list[str]:

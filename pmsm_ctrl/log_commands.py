@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from pmsm_ctrl.console import NEGATIVE, finish, progress_bar, write_json
+from pmsm_ctrl.console import NEGATIVE, finish, progress_bar
 from pmsm_ctrl.gates import FailOnOption, MaxErrorOption, require_accepted
 from pmsm_ctrl.options import (
     DesignOption,
@@ -125,34 +126,31 @@ def add(
         list[Path], typer.Option("--log", metavar="LOG", help="log its parameters are fitted to; may be repeated")
     ],
     output: Annotated[Path, output_option("NEW_DESIGN", "the design to write")],
+    holdout: HoldoutOption = None,
     polish: PolishOption = False,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
-    force: ForceOption = False,
+    report: ReportOption = None,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="overwrite files, and write an effect that the log does not support"),
+    ] = False,
 ) -> None:
-    """Add an effect to a design, its parameters fitted to a log."""
+    """Add an effect to a design, fitted to a log. Status 1, and no design, when the log does not support it."""
     from pmsm_ctrl.diagnose.adding import added
-    from pmsm_ctrl.effects import catalogue_of, lookup
-    from pmsm_ctrl.rendering.numbers import with_error
-    from pmsm_ctrl.units import axis_unit
 
     axis = read_design(design, effects)
-    result, notices = added(axis, load_logs(log, axis, mapping), effect, polish)
-    if result is axis:  # it would be worse than the one given
-        print(f"{output}: not written, {notices[0].text}")
+    other = logs_if_given(holdout, axis, mapping)
+    measured = load_logs(log, axis, mapping)
+    with progress_bar(f"add {effect}") as progress:
+        result = added(axis, measured, effect, holdout=other, polish=polish, progress=progress)
+    finish("add", result, json_file=json_file, report=report)
+    if not result.improved or not (result.supported or force):
+        why = f"{result.against[0]}; --force writes it" if result.improved else result.warnings[0]
+        print(f"pmsm-ctrl: {output}: not written: {why}", file=sys.stderr)
         raise typer.Exit(NEGATIVE)
-    result.write(output)
-    print(f"{output}: {axis.name} with {effect}")
-    for entry in result.effects:
-        for symbol, value in entry.parameters.items():
-            unit = axis_unit(lookup(entry.id, catalogue_of(axis)).parameter(symbol).unit, axis.motion)
-            print(f"  {entry.id:<28} {symbol:<8} {with_error(value, entry.stderr.get(symbol, 0.0), unit)}")
-    for notice in notices:
-        print(f"{'note' if notice.code == 'polished' else 'warning'}: {notice.text} [{notice.code}]")
-    if json_file is not None:
-        warned = {"warnings": [n.text for n in notices], "warning_codes": [n.code for n in notices]}
-        write_json(json_file, "add", {"effect": effect, **warned, "design": result.to_dict()})
+    write_design(result.design, output)
 
 
 def track(

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.addition import Addition
 from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.diagnosis import condition
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design
-from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design
+from pmsm_ctrl.diagnose.fitted_design import at_bounds, base_parameters, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.measures import squares
+from pmsm_ctrl.diagnose.outcome import errors_table
+from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.polish import polished
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, try_candidate
+from pmsm_ctrl.diagnose.selection import not_supported
 from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.effects.catalogue import catalogue_of, lookup
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.log import Logs
-from pmsm_ctrl.plausibility import doubts_about
+from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.regression.evaluated import with_evaluation
-from pmsm_ctrl.regression.kept import worse_than_given
-from pmsm_ctrl.regression.timed_record import timed_record
+from pmsm_ctrl.regression.kept import torque_error, worse_by_error
+from pmsm_ctrl.regression.prediction import errors, predict
+from pmsm_ctrl.regression.timed_record import FRICTION
 from pmsm_ctrl.section import Notice
 
 __all__ = ["add", "added"]
@@ -27,9 +35,9 @@ __all__ = ["add", "added"]
 def add(design: Design, log: Logs, effect: str, *, polish: bool = False) -> Design:
     """Return the design with an effect added, all parameters fitted to the log, standard errors included.
 
-    The effect is added whether or not the log calls for it: whether it does is what `diagnose` says. No parameter
-    leaves its bounds: one at its bound stays there, the others are fitted beside it, and it has no standard error. A
-    design that would be worse on this log than the given one is not returned: the given one is.
+    The effect is added whether or not the log calls for it: `added` says whether it does. No parameter leaves its
+    bounds: one at its bound stays there, the others are fitted beside it, and it has no standard error. A design that
+    would be worse on this log than the given one is not returned: the given one is.
 
     Parameters
     ----------
@@ -48,27 +56,44 @@ def add(design: Design, log: Logs, effect: str, *, polish: bool = False) -> Desi
     RequestError
         For an unknown effect, one that is in the design already, or one that this log cannot determine.
     """
-    return added(design, log, effect, polish)[0]
+    return added(design, log, effect, polish=polish).design
 
 
-def added(design: Design, log: Logs, effect: str, polish: bool = False) -> tuple[Design, tuple[Notice, ...]]:
-    """Return the same as `add`, which parameters stay at their bounds, and whether the design stays as it was.
+def added(
+    design: Design, log: Logs, effect: str, *, holdout: Logs | None = None, polish: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Addition:  # fmt: skip
+    """Add an effect to a design, with the errors before and after, and what speaks against it.
 
     Parameters
     ----------
     design, log, effect, polish
         As in `add`.
+    holdout : Log or sequence of Log, optional
+        Other records of the axis, to which nothing is fitted.
+    progress : function, optional
+        Called with the share done, 0 to 1.
+
+    Returns
+    -------
+    Addition
 
     Raises
     ------
-    RequestError
+    LogError, RequestError
         As in `add`.
     """
+    advance = progress or (lambda share: None)
     effects = catalogue_of(design)
     wanted = lookup(effect, effects)
-    believed = doubts_about(design, log).log
-    case = Case(design, timed_record(design, believed), effects)
+    advance(0.01)
+    logs, holdouts = as_logs(log), () if holdout is None else as_logs(holdout, "holdout")
+    case = condition(design, logs, holdouts, effects, POLICY)
+    if effect in FRICTION:
+        case = replace(case, design=design)  # it is to be added, not part of the base model
+    advance(0.2)
     fit = case.fit(())
+    advance(0.4)
     trial = next((t for t in fit.trials if t.candidate.effect.id == effect), None)
     if trial is None:
         why = next((c.why_not for c in fit.closed if c.effect.id == effect), "the design has it already")
@@ -77,22 +102,60 @@ def added(design: Design, log: Logs, effect: str, polish: bool = False) -> tuple
         raise RequestError(
             f"effect '{effect}': not distinguishable from the design's on this log; it needs {wanted.needs}"
         )
+    made = _best_made(case, fit, trial)
+    advance(0.7)
+    return _judged(case, fit, trial, made, polish, names_of(holdouts, "the held-out log"))
+
+
+def _best_made(case: Case, fit: Fitted, trial: Trial) -> Fitted:
+    """Fit the design with the effect, of the shape that is the best one beside parameters that stay at their bounds."""
     made = _made(case, refine(fit.record, fit.solved, fit.whitener, trial))
     base = {k: bound for k, bound in made.estimate.held.items() if k < len(fit.model.names)}
-    if base:  # beside parameters that stay at their bounds another shape is the best one
+    if base:
         held = holding(fit.plain, base)
         again = try_candidate(fit.record, held, fit.weights, trial.candidate)
         if again is not None:
             other = _made(case, refine(fit.record, held, fit.weights, again))
             made = min(made, other, key=lambda one: squares(one, one.residual, fit.weights.sigma))
-    written, said = fitted_design(design, made), tuple(at_bounds(made))
+    return made
+
+
+def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, holdout_name: str) -> Addition:
+    """Hold the fitted design against the given one, and the effect against the criteria of the diagnosis."""
+    assert case.believed is not None  # `condition` examines it
+    written, said = fitted_design(case.design, made), tuple(at_bounds(made))
+    remarks: tuple[Notice, ...] = ()
     if polish:
-        written, how = polished(written, case.record, believed)
-        said = (*said, *how)
-    written = with_evaluation(written, case.record, believed)
-    if worse := worse_than_given(design, written, case.record):
-        return design, (worse, *said)
-    return written, said
+        written, remarks = polished(written, case.record, case.believed.log)
+    written = with_evaluation(written, case.record, case.believed.log)
+    prediction = predict(case.as_given, case.record)
+    ladder = {
+        "nominal": errors_table(case.record, errors(prediction.record, prediction.residual)),
+        "base": errors_table(case.record, errors(fit.record, fit.residual)),
+        "final": errors_table(case.record, errors(made.record, made.residual)),
+    }
+    rms, relative = torque_error(written, case.record)
+    own = {"rms": rms, "unit": case.record.unit("torque"), "relative": relative}
+    ladder["final"] = {**ladder["final"], "torque": own}
+    worse = worse_by_error(relative, ladder["nominal"]["torque"]["relative"])
+    against = [str(refusal)] if (refusal := not_supported(case, fit, made, trial)) is not None else []
+    against += [one.text for one in case.believed.contradictions]
+    held = {rung: errors_table(case.record, case.holdout_errors(one)) for rung, one in (("base", fit), ("final", made))}
+    return Addition(
+        effect=trial.candidate.effect.id,
+        title=trial.candidate.effect.title,
+        design=case.as_given if worse else written,
+        parameters=fitted_parameters(made, 0),
+        base=base_parameters(case.as_given, made),
+        errors=ladder,
+        holdout=held if case.holdouts else {},
+        against=tuple(against),
+        notices=(*([worse] if worse else []), *case.believed.notices, *case.remarks, *said),
+        improved=worse is None,
+        remarks=remarks,
+        log_name=case.name,
+        holdout_name=holdout_name if case.holdouts else "",
+    )
 
 
 def _made(case: Case, trial: Trial) -> Fitted:

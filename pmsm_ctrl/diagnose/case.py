@@ -31,6 +31,7 @@ class Case:
     Attributes
     ----------
     design : Design
+        What is fitted: the given one, with friction where it states none.
     record : Record
     effects : dict of id to Effect
         The candidates.
@@ -47,6 +48,8 @@ class Case:
         What the record leaves out.
     name : str
         Of the log.
+    given : Design or None
+        The design as it was given, where that is another one.
     fits : list of Fitted
         Those of the selections made so far: the same effects of the same shapes are not fitted twice.
     """
@@ -61,7 +64,13 @@ class Case:
     remarks: tuple[Notice, ...] = ()
     events: tuple[Event, ...] = ()
     name: str = "the given log"
+    given: Design | None = None
     fits: list[Fitted] = field(default_factory=list, repr=False)
+
+    @property
+    def as_given(self) -> Design:
+        """The design as it was given."""
+        return self.design if self.given is None else self.given
 
     def fit(self, accepted: tuple[Accepted, ...]) -> Fitted:
         """Return the design with these effects fitted, and every candidate tried on the residual.

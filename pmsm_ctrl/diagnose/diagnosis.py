@@ -44,7 +44,7 @@ from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import name_of
-from pmsm_ctrl.regression.timed_record import timed_record
+from pmsm_ctrl.regression.timed_record import timed_record, with_friction
 
 __all__ = ["condition", "diagnose", "finished", "offered_effects", "searched", "without_what_happened_once"]
 
@@ -251,8 +251,8 @@ def condition(
         remarks += map(of_holdout, held_out.notices)
     names = tuple(name_of(one, number) for number, one in enumerate(holdouts, start=1))
     return Case(
-        design, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
-        name=names_of(as_logs(log), "the given log"),
+        with_friction(design), record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
+        name=names_of(as_logs(log), "the given log"), given=design,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["at_bounds", "fitted_design", "fitted_parameters"]
+__all__ = ["at_bounds", "base_parameters", "fitted_design", "fitted_parameters"]
 
 
 def fitted_design(design: Design, fit: Fitted) -> Design:
@@ -56,6 +56,32 @@ def fitted_design(design: Design, fit: Fitted) -> Design:
         add = out.add_effect if one.effect.repeated else out.with_effect
         out = add(one.effect.id, values, stderr)
     return out
+
+
+def base_parameters(given: Design, fit: Fitted) -> dict[str, Estimate]:
+    """Return inertia and linear effect parameters of a fit, with what the given design states; None where nothing.
+
+    Parameters
+    ----------
+    given : Design
+    fit : Fitted
+        Of the design without any other effect.
+    """
+    nominal: float | None
+    motion, stated = fit.record.prepared.motion, {entry.id for entry in given.effects}
+    found = {}
+    for k, name in enumerate(fit.model.names):
+        group = fit.model.group_of(k)
+        if name == "J":
+            unit, nominal = axis_unit("kg m^2", motion), given.J
+        elif group.effect is not None and group.entry >= 0:
+            unit = axis_unit(group.effect.parameter(name.split("#")[0]).unit, motion)
+            nominal = float(fit.model.nominal[k]) if group.effect.id in stated else None
+        else:
+            continue
+        stderr = float("nan") if k in fit.estimate.held else float(fit.estimate.stderr[k])
+        found[name] = Estimate(float(fit.estimate.values[k]), unit, stderr, nominal)
+    return found
 
 
 def at_bounds(fit: Fitted) -> Iterator[Notice]:

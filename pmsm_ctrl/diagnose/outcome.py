@@ -13,7 +13,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviations, winding_substitutes
 from pmsm_ctrl.diagnose.excitation import hidden_by_motion, not_excited
 from pmsm_ctrl.diagnose.fit import Fitted
-from pmsm_ctrl.diagnose.fitted_design import at_bounds, fitted_design, fitted_parameters
+from pmsm_ctrl.diagnose.fitted_design import at_bounds, base_parameters, fitted_design, fitted_parameters
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Structure, Verdict
@@ -59,7 +59,7 @@ def outcome(
     if steps and verdict not in (Verdict.IMPLAUSIBLE, Verdict.EFFECTS_MISSING):
         verdict, reasons = Verdict.EFFECTS_MISSING, ()
     if verdict is Verdict.IMPLAUSIBLE:  # no name and no parameter would mean anything
-        selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.design, None, None
+        selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.as_given, None, None
     warned = (
         *reasons,
         *(case.believed.notices if case.believed else ()),
@@ -93,6 +93,7 @@ def outcome(
             "base": _free_run(case, selection.fits[0]),
             "final": _free_run(case, selection.fit),
         },
+        base=base_parameters(case.as_given, selection.fits[0]),
         records=records,
         spreads=record_spreads(final.record, final.estimate),
         record=case.record,

@@ -120,7 +120,7 @@ def with_polish(case: Case, found: Diagnosis) -> Diagnosis:
     case : Case
     found : Diagnosis
     """
-    if case.believed is None or found.design is case.design:
+    if case.believed is None or found.design is case.as_given:
         return found
     design, said = polished(found.design, found.record, case.believed.log)
     steps = found.steps if design is found.design else tuple(_step(step, design) for step in found.steps)

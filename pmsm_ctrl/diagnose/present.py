@@ -8,12 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pmsm_ctrl.diagnose.addition import Addition
 from pmsm_ctrl.diagnose.explorer import traces_of
 from pmsm_ctrl.diagnose.notices import calibration_text
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
 from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table, spread_sentence
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
+from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.units import drives
 
@@ -53,6 +55,8 @@ def sentence(d: Diagnosis) -> str:
         verdict += f": {d.reasons[0].text}"
     elif d.verdict is Verdict.CONSISTENT:
         error, floor = (percent(d.errors[rung]["torque"]["relative"]) for rung in ("final", "noise_floor"))
+        if lacking := [symbol for symbol, found in d.base.items() if found.nominal is None]:
+            verdict += f" with {' and '.join(lacking)}, which it does not state"
         verdict += f" (error {error} of the {drives(d.design.motion)}, noise floor {floor})"
     return f"{verdict[0].upper()}{verdict[1:]}."
 
@@ -60,8 +64,10 @@ def sentence(d: Diagnosis) -> str:
 @present.register
 def _(result: Diagnosis) -> Section:
     d = result
-    doubts = (notice for notice in d.notices if notice not in d.reasons[:1])
+    doubts = [notice for notice in d.notices if notice not in d.reasons[:1]]
     blocks: list[Block] = [sentence(d), *doubts, traces_of(d), _errors(d)]
+    if d.base:
+        blocks.append(f"Base model: {', '.join(_beside_stated(s, e) for s, e in d.base.items())}.")
     blocks += [f"Note: {note.text}." for note in d.remarks]
     if (sampled := sampling_text(d.timing, drives(d.design.motion))) is not None:
         blocks.append(sampled)
@@ -81,6 +87,43 @@ def _(result: Diagnosis) -> Section:
     if d.parameter_deviations:
         blocks.append(_deviations(d, flagged=False))
     return Section(f"Diagnosis of {d.design.name} from {Path(d.log_name).name}", tuple(blocks))
+
+
+@present.register
+def _(result: Addition) -> Section:
+    a, drive = result, drives(result.design.motion)
+    before, after = (percent(a.errors[rung]["torque"]["relative"]) for rung in ("base", "final"))
+    verdict = f"The log does not support {a.title}: {a.against[0]}." if a.against else f"The log supports {a.title}."
+    verdict += f" The error of the {drive} is {before} without, {after} with it."
+    channels = list(a.errors["base"])
+    held = [c for c in channels if c in a.holdout.get("base", {})]
+    names = {"torque": drive}
+    rungs = (("design as given", "nominal"), ("parameters refitted", "base"), (f"+ {a.effect}", "final"))
+    errors = Table(
+        ("model", *(names.get(c, c) for c in channels), *(f"held-out {names.get(c, c)}" for c in held)),
+        tuple(
+            (name, *_relative(a.errors[rung], channels), *_relative(a.holdout.get(rung, {}), held))
+            for name, rung in rungs
+        ),
+        "Relative rms error of each balance",
+    )
+    found = Table(
+        ("parameter", "value", "unit", "design"),
+        tuple(
+            (symbol, with_error(e.value, e.stderr), e.unit, "-" if e.nominal is None else number(e.nominal, 4))
+            for symbol, e in {**a.base, **a.parameters}.items()
+        ),
+        "Parameters, fitted together",
+    )
+    remarks = (f"Note: {note.text}." for note in a.remarks)
+    more = (f"Also: {text}." for text in a.against[1:])
+    blocks: tuple[Block, ...] = (verdict, *more, *a.notices, errors, found, *remarks)
+    return Section(f"{a.design.name} with {a.effect}, fitted to {Path(a.log_name).name}", blocks)
+
+
+def _beside_stated(symbol: str, found: Estimate) -> str:
+    stated = "not in the design" if found.nominal is None else f"design: {number(found.nominal, 4)}"
+    return f"{symbol} = {with_error(found.value, found.stderr, found.unit)} ({stated})"
 
 
 def _errors(d: Diagnosis) -> Table:

@@ -215,6 +215,9 @@ class Diagnosis(Result):
         Stretches that were left out, and steps of the friction.
     free_run : dict of {"nominal", "base", "final"} to dict
         As in `DiagnosisStep`.
+    base : dict of symbol to Estimate
+        Inertia and friction of the base model, refitted, with what the design states: `nominal` is None for friction
+        that it does not state.
     records : tuple of RecordResult
         Every record, those that were held out last.
     spreads : tuple of RecordSpread
@@ -243,6 +246,7 @@ class Diagnosis(Result):
     reasons: tuple[Notice, ...] = ()
     events: tuple[Event, ...] = ()
     free_run: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    base: Mapping[str, Estimate] = field(default_factory=dict)
     records: tuple[RecordResult, ...] = ()
     spreads: tuple[RecordSpread, ...] = ()
     log_name: str = "the given log"
@@ -291,6 +295,7 @@ class Diagnosis(Result):
             "log": self.log_name,
             "holdout": self.holdout_name or None,
             "errors": self.errors,
+            "base": {"parameters": self.base},
             "free_run": self.free_run,
             "steps": [vars(step) for step in self.steps],
             "ranking": [row.to_dict() for row in self.ranking],

@@ -198,6 +198,24 @@ def judged_trials(fit: Fitted, policy: Policy = POLICY) -> list[tuple[Trial, flo
     return out
 
 
+def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Refusal | None:
+    """Return what speaks against an effect that somebody chose, by the criteria of the diagnosis; None where nothing.
+
+    Parameters
+    ----------
+    case : Case
+    before, after : Fitted
+        Everything fitted without and with it.
+    trial : Trial
+        One of those of `before`.
+    """
+    p_values = dict(zip(map(id, before.trials), holm([t.p_value for t in before.trials]), strict=True))
+    judged = _judge_trial(before, trial, p_values[id(trial)], case.policy)
+    if isinstance(judged, Refusal):
+        return judged
+    return _judge_refit(before, after, trial, case.policy) or _judge_holdout(case, before, after)
+
+
 def with_trial(case: Case, fit: Fitted, trial: Trial) -> Fitted:
     """Return the fit with one more effect, the nonlinear parameters of the others refined beside it.
 

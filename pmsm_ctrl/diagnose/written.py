@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors
 from pmsm_ctrl.regression.evaluated import with_evaluation
 from pmsm_ctrl.regression.kept import torque_error, worse_by_error
+from pmsm_ctrl.regression.prediction import errors as errors_of
+from pmsm_ctrl.regression.prediction import predict
 
 __all__ = ["as_written"]
 
@@ -22,20 +25,23 @@ def as_written(case: Case, found: Diagnosis) -> Diagnosis:
     case : Case
     found : Diagnosis
     """
-    if found.design is case.design or case.believed is None:
+    if case.believed is None:
         return found
     record = found.record
-    given, written = (torque_error(design, record) for design in (case.design, found.design))
-    errors = dict(found.errors)
-    for rung, (rms, relative) in (("nominal", given), ("final", written)):
-        own = {"rms": rms, "unit": record.unit("torque"), "relative": relative}
-        errors[rung] = {**errors[rung], "torque": own}
-    found = replace(found, errors=errors, steps=_ending_at(found, errors["final"]))
-    worse = worse_by_error(written[1], given[1])
+    prediction = predict(case.as_given, record)
+    nominal = errors_table(record, errors_of(prediction.record, prediction.residual))
+    found = replace(found, errors={**found.errors, "nominal": nominal})
+    if found.design is case.as_given:
+        return found
+    rms, relative = torque_error(found.design, record)
+    own = {"rms": rms, "unit": record.unit("torque"), "relative": relative}
+    final = {**found.errors["final"], "torque": own}
+    found = replace(found, errors={**found.errors, "final": final}, steps=_ending_at(found, final))
+    worse = worse_by_error(relative, nominal["torque"]["relative"])
     if worse is None:
         return replace(found, design=with_evaluation(found.design, record, case.believed.log))
     warned = dict.fromkeys((*found.reasons, worse, *found.notices))
-    return replace(found, design=case.design, improved=False, notices=tuple(warned))
+    return replace(found, design=case.as_given, improved=False, notices=tuple(warned))
 
 
 def _ending_at(found: Diagnosis, final: Errors) -> tuple[DiagnosisStep, ...]:

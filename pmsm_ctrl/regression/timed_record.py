@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pmsm_ctrl.design import Design
+from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.angle_zero import with_common_zero
@@ -35,8 +35,9 @@ from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
 from pmsm_ctrl.regression.weights import WRONG_TORQUE
 
-__all__ = ["of_one_axis", "sampling_of", "timed_record"]
+__all__ = ["FRICTION", "of_one_axis", "sampling_of", "timed_record", "with_friction"]
 
+FRICTION = {"coulomb": "F_c", "viscous": "F_v"}  # of every axis
 ROUNDS = 2  # in which the time of sampling is found: what is left then is met to first order
 # Angle, rad, up to which two moments describe a filtered signal: the third is 0.1 % of it then.
 EXPANDED = 0.2
@@ -47,6 +48,21 @@ WIDER = 1.25  # times the default band: less is not worth a second pass
 # what is worth a second pass.
 CLOSEST, CLOSER = 0.004, 0.7
 NOISIER = 3.0  # times the noise floor: white noise grows with the root of the band, by no more than this
+
+
+def with_friction(design: Design) -> Design:
+    """Return the design whose parameters a base model fits: with Coulomb and viscous friction, if it states neither.
+
+    Every axis has them. A design from a datasheet states none, and whatever is fitted in their place would be wrong.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    if any(entry.id in FRICTION for entry in design.effects):
+        return design
+    added = (EffectEntry(id=name, parameters={symbol: 0.0}) for name, symbol in FRICTION.items())
+    return design.replace_effects((*added, *design.effects))
 
 
 def timed_record(design: Design, log: Log) -> Record:
@@ -66,6 +82,7 @@ def timed_record(design: Design, log: Log) -> Record:
     -------
     Record
     """
+    design = with_friction(design)
     timed, fit = _timed(design, log)
     record = _widened(design, log, timed, fit)
     record, fit = _weighed(design, log, record, fit if record is timed else base_fit(design, record))

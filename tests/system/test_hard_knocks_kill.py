@@ -112,7 +112,10 @@ COMMANDS: dict[str, tuple[list[str], list[str]]] = {
         ["identify", "LOG", "--design", "DESIGN", "--json", "out.json", "--output", "out.toml", "--report", "out.html"],
         ["out.json", "out.html", "out.toml"],
     ),
-    "add": (["add", "unbalance", "--design", "DESIGN", "--log", "LOG", "--output", "out.toml"], ["out.toml"]),
+    "add": (
+        ["add", "unbalance", "--design", "DESIGN", "--log", "LOG", "--output", "out.toml", "--force"],
+        ["out.toml"],
+    ),
     "tune": (["tune", "DESIGN", "--no-prove", "--output", "out.toml"], ["out.toml"]),
     "import": (["import", "LOG", "--output", "out.csv"], ["out.csv", "out.log.toml"]),
     "export": (["export", "DESIGN", "--language", "c", "--output", "out.c"], ["out.c"]),

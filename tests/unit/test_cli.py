@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 
 from pmsm_ctrl import console
 from pmsm_ctrl.cli import app, main
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import NextCommand, PmsmCtrlError, RequestError
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
@@ -127,12 +129,49 @@ def test_identify_finds_the_axis_and_writes_what_was_asked(
     assert not list(tmp_path.glob(".*"))
 
 
-def test_add_prints_its_parameters_with_units(
+def test_add_shows_the_errors_before_and_after(
     tmp_path: Path, design: Path, log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call("add", "constant_load", "--design", design, "--log", log, "--output", tmp_path / "new.toml") == 0
-    units = {line.split()[1]: line.split(maxsplit=5)[5] for line in capsys.readouterr().out.splitlines()[1:]}
-    assert units == {"F_c": "N m", "F_v": "N m s/rad", "T_0": "N m"}
+    """The log with a constant torque of 5 mN m; the hold-out is the same motion with other noise."""
+    rows = np.loadtxt(log, delimiter=",", skiprows=1)
+    rows[:, 2] += 0.005
+    other = rows + np.random.default_rng(8).normal(0, 1e-3, len(rows))[:, None] * [0.0, 0.0, 1.0]
+    paths = [tmp_path / "pushed.csv", tmp_path / "other.csv"]
+    for path, values in zip(paths, (rows, other), strict=True):
+        np.savetxt(path, values, fmt="%.17g", delimiter=",", header="t [s],omega [rad/s],torque [N m]", comments="")
+    new, data, page = tmp_path / "new.toml", tmp_path / "a.json", tmp_path / "a.html"
+    words = ["add", "constant_load", "-d", design, "--log", paths[0], "--holdout", paths[1]]
+    assert call(*words, "-o", new, "--json", data, "--report", page) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"The log supports Constant [^:]+ with it\.", out)
+    assert re.search(r"T_0 0\.00[45]\d+ ± \S+ N m -", out)
+    told = json.loads(data.read_text(encoding="utf-8"))
+    assert told["supported"]
+    for errors in (told["errors"], told["holdout"]):
+        before, after = (errors[rung]["torque"]["relative"] for rung in ("base", "final"))
+        assert after < 0.5 * before
+    T_0 = told["parameters"]["T_0"]
+    assert abs(T_0["value"] - 0.005) < 4 * T_0["stderr"]
+    assert told["design"] == Design.read(new).to_dict()
+    assert "The log supports Constant" in page.read_text(encoding="utf-8")
+
+
+def test_add_refuses_what_the_log_does_not_support(
+    tmp_path: Path, design: Path, log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An effect-free log got a backlash of 0.038 rad with a load of 1e-12, and status 0."""
+    new, data = tmp_path / "new.toml", tmp_path / "a.json"
+    words = ["add", "constant_load", "--design", design, "--log", log, "--output", new, "--json", data]
+    assert call(*words) == 1
+    assert not new.exists()
+    shown = capsys.readouterr()
+    assert re.search(r"does not support Constant [^:.]+: not significant", " ".join(shown.out.split()))
+    assert "--force writes it" in shown.err
+    told = json.loads(data.read_text(encoding="utf-8"))
+    assert not told["supported"]
+    assert "not significant" in told["against"][0]
+    assert call(*words, "--force") == 0
+    assert Design.read(new).parameters("constant_load")
 
 
 def test_track(tmp_path: Path, design: Path, log: Path) -> None:

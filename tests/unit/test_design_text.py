@@ -102,6 +102,14 @@ def test_datasheet_fields_stay(sheet: Path, tmp_path: Path) -> None:
     assert [line for line in lines if "L_" in line and line[0] == "+"] == ["+ L_d = 0.0038", "+ L_q = 0.004"]
 
 
+def test_a_comment_stays_above_what_follows_the_effects(tmp_path: Path) -> None:
+    old = DESIGNS / "seed_motor.toml"
+    lines = changes(Design.read(old).with_effect("constant_load", {"T_0": 0.01}), old, tmp_path / "new.toml")
+    assert [line for line in lines if line.strip("+ ")] == ["+ [[effects]]", '+ id = "constant_load"', "+ T_0 = 0.01"]
+    text = (tmp_path / "new.toml").read_text(encoding="utf-8")
+    assert "checks them.\n[[acceptance]]" in text
+
+
 def test_tables_are_added_behind(sheet: Path, tmp_path: Path) -> None:
     loops = {"current": {"K_p": 2.0, "T_n": 1e-3}, "speed": {"K_p": 0.1, "T_n": 1e-2}, "position": {"K_v": 10.0}}
     lines = changes(Design.read(sheet).replace(loops=loops), sheet, tmp_path / "new.toml")

@@ -84,7 +84,9 @@ OVERWRITING = {
     "identify": [f"identify l.csv -d d.toml {option} kept" for option in ("-o", "--json", "--report")],
     "compare": [f"compare l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
     "diagnose": [f"diagnose l.csv -d d.toml {option} kept" for option in ("-o", "--json", "--report")],
-    "add": ["add stribeck -d d.toml --log l.csv -o kept", "add stribeck -d d.toml --log l.csv -o n.toml --json kept"],
+    "add": [
+        f"add stribeck -d d.toml --log l.csv {more}" for more in ("-o kept", "-o n --json kept", "-o n --report kept")
+    ],
     "track": [f"track l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
     "compensate": [f"compensate d.toml {option} kept" for option in ("--json", "--report")],
     "export": [
