@@ -40,6 +40,10 @@ def identify(
     log: LogArgument,
     design: DesignOption,
     method: MethodOption = "regression",
+    cutoff: Annotated[
+        float | None,
+        typer.Option("--cutoff", metavar="HZ", min=0.1, help="low-pass of both sides; found from the log if left out"),
+    ] = None,
     output: NewDesignOption = None,
     mapping: MapOption = None,
     effects: EffectsOption = None,
@@ -49,9 +53,12 @@ def identify(
 ) -> None:
     """Identify inertia and friction from a log. Status 1, and no design, when the given one is better."""
     from pmsm_ctrl.identify import identify as run_identification
+    from pmsm_ctrl.regression.conditioning import Processing
 
     axis = read_design(design, effects)
-    result = run_identification(axis, load_logs(log, axis, mapping), method=cast("Method", method))
+    records = load_logs(log, axis, mapping)
+    processing = None if cutoff is None else Processing(cutoff=cutoff)
+    result = run_identification(axis, records, method=cast("Method", method), processing=processing, check_cutoff=True)
     finish("identify", result, json_file=json_file, report=report)
     if not result.improved:
         raise typer.Exit(NEGATIVE)

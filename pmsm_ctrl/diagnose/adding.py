@@ -67,10 +67,12 @@ def added(
 
     Parameters
     ----------
-    design, log, effect, polish
+    design, log, effect
         As in `add`.
     holdout : Log or sequence of Log, optional
         Other records of the axis, to which nothing is fitted.
+    polish : bool
+        As in `add`.
     progress : function, optional
         Called with the share done, 0 to 1.
 

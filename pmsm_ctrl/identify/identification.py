@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -19,6 +19,7 @@ from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.open_loop_fit import by_open_loop
 from pmsm_ctrl.identify.output_error import output_error
+from pmsm_ctrl.identify.over_cutoff import inertia_over_cutoff, moved
 from pmsm_ctrl.identify.replay import Replay, build_replay, replayable
 from pmsm_ctrl.identify.several import Joint, joint, with_joint_errors
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
@@ -84,6 +85,8 @@ class Identification(Result):
         How the drive signal was sampled: stated, found and undone, or a nuisance of the fit.
     improved : bool
         Whether `design` is the identified one: False where that would be worse on this log than the given one.
+    over_cutoff : dict of float to Estimate
+        The inertia by cutoff in Hz, that of the answer included; empty where that was not asked for.
     """
 
     design: Design
@@ -106,6 +109,7 @@ class Identification(Result):
     spreads: tuple[RecordSpread, ...] = ()
     sampling: Sampling = SYNCHRONOUS
     improved: bool = True
+    over_cutoff: Mapping[float, Estimate] = field(default_factory=dict)
 
     @property
     def timing(self) -> DriveTiming:
@@ -136,6 +140,7 @@ class Identification(Result):
             "rate": self.problem.rate,
             "cutoff": self.problem.cutoff,
             "inertia_cutoff": self.problem.inertia_cutoff,
+            "inertia_over_cutoff": [{"cutoff": hz, **jsonable(found)} for hz, found in self.over_cutoff.items()],
             "timing": {
                 "late": self.timing.late, "filter": self.timing.lag, "stderr": self.sampling.stderr, "unit": "s",
             },
@@ -157,8 +162,9 @@ class _Solution:
 
 
 def identify(
-    design: Design, log: Logs, *, method: Method = "regression", processing: Processing | None = None
-) -> Identification:
+    design: Design, log: Logs, *, method: Method = "regression", processing: Processing | None = None,
+    check_cutoff: bool = False,
+) -> Identification:  # fmt: skip
     """Identify the inertia and the parameters of the design's effects from a log.
 
     ``T_em - T_load = J alpha + sum of effect terms``, both sides through the same zero-phase filter. Source of the
@@ -182,6 +188,9 @@ def identify(
         simulate work up to 100 Hz or an eighth of the log's rate, and up to 250 Hz or a quarter of it where an effect
         has a shape; least squares does so where the log tells much beyond 40 Hz and its angle is fine enough. Rests
         and reversals are blanked unless told otherwise.
+    check_cutoff : bool
+        Whether the inertia is found again at other cutoffs, with a warning where it moves beyond its interval. Of
+        "regression" only.
 
     Returns
     -------
@@ -218,6 +227,9 @@ def identify(
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
+    over: Mapping[float, Estimate] = {}
+    if check_cutoff and method == "regression":
+        over = inertia_over_cutoff(design, several.log, processing, problem, fit)
     return Identification(
         design=found if worse is None else design,
         improved=worse is None,
@@ -242,6 +254,7 @@ def identify(
             *solution.notices,
             *bounds,
             *_doubts(design, fit),
+            *moved(over, fit),
         ),
         contradictions=contradictions,
         records=several.rows,
@@ -249,6 +262,7 @@ def identify(
         method=method,
         bias=solution.bias,
         sampling=_sampled(processing.sampling, fit),
+        over_cutoff=over,
         remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
     )
 

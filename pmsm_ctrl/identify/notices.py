@@ -7,7 +7,8 @@ from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
     "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT", "FEW_DEGREES_OF_FREEDOM",
-    "ILL_CONDITIONED", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
+    "ILL_CONDITIONED", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF",
+    "INERTIA_OVER_CUTOFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
     "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "OPEN_LOOP", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
     "not_identifiable",
 ]  # fmt: skip
@@ -48,6 +49,11 @@ INERTIA_OFF = Template(
     "inertia_off",
     "J is {percent:+.0f} % off the design, beyond its tolerance of {tolerance:.0f} %: check the torque constant, the "
     "units and the load",
+)
+INERTIA_OVER_CUTOFF = Template(
+    "inertia_over_cutoff",
+    "J moves with the cutoff beyond its interval: {value:.4g} {unit} at {at:.3g} Hz, {other:.4g} at {cutoff:.3g} Hz; "
+    "noise in the acceleration lowers it as the band grows (--cutoff narrows it), or an effect is missing",
 )
 
 # -- of the methods that simulate

@@ -18,6 +18,9 @@ LARGE_ERROR = 0.4
 # Factor by which no inertia differs from its design's: another unit, another gear or another axis. Standard errors.
 IMPLAUSIBLE, SURE = 3.0, 3.0
 
+# Cutoffs at which the inertia is looked at again, as shares of its own; standard errors of both by which it has moved.
+CUTOFFS, MOVED = (0.25, 0.5, 2.0), 3.0
+
 # -- replay of the log's experiment ------------------------------------------------------------------------------
 
 # A current beside the speed controller's output below this share of the reference current is rounding.

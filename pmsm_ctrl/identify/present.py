@@ -14,7 +14,7 @@ from pmsm_ctrl.identify.policy import LARGE_ERROR
 from pmsm_ctrl.identify.staircase import SweepResult
 from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table, spread_sentence
-from pmsm_ctrl.rendering.numbers import number, percent
+from pmsm_ctrl.rendering.numbers import number, percent, with_error
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.units import drives
@@ -62,6 +62,9 @@ def _(result: Identification) -> Section:
     if result.unidentifiable:
         lost = tuple((name, why.text, why.code) for name, why in result.unidentifiable.items())
         blocks.append(Table(("parameter", "not identifiable, because", "code"), lost))
+    if len(result.over_cutoff) > 1:
+        over = tuple((number(hz, 3), with_error(e.value, e.stderr), e.unit) for hz, e in result.over_cutoff.items())
+        blocks.append(Table(("cutoff [Hz]", "J", "unit"), over, "Inertia over the cutoff", folded=True))
     if result.bias is not None and result.bias.bias:
         blocks.append(_bias_table(result))
     caption = "The residual below should look like noise; a pattern in it is a missing effect."

@@ -48,7 +48,8 @@ def test_an_effect_is_added_at_the_optimum_inside_the_bounds(seed: int) -> None:
     # a drag that rises with the root of the speed and falls again: with F_v free it comes out below zero
     log = made(seed, lambda t, w, theta: np.sign(w) * (0.1 + 1.2 * np.abs(w) ** 0.5 - 0.1 * np.abs(w)))
     believed = design(F_c=0.4, F_v=0.02)
-    written, notices = added(believed, log, "viscous_power")
+    found = added(believed, log, "viscous_power")
+    written, notices = found.design, found.notices
     assert add(believed, log, "viscous_power") == written
     assert "estimate_at_bound" in {notice.code for notice in notices}
     entries = {entry.id: entry for entry in written.effects}
