@@ -1,0 +1,254 @@
+"""The workbench as a person uses it: Debian's Chromium goes through the steps; errors on its console fail the test."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.unit.workbench.harness import DESIGN, moved
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="SELENIUM ABSENT: pip install 'pmsm-ctrl[dev]'")
+pytest.importorskip("bokeh", reason="BOKEH ABSENT: pip install 'pmsm-ctrl[workbench]'")
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+if CHROMIUM is None or DRIVER is None:
+    pytest.skip("CHROMIUM ABSENT: apt-get install chromium chromium-driver", allow_module_level=True)
+
+NAME = "<script>alert(1)</script>"
+WAIT = 60.0
+
+
+class Server:
+    """A server in a process of its own."""
+
+    def __init__(self, folder: Path, port: int = 0) -> None:
+        command = [sys.executable, "-m", "pmsm_ctrl", "workbench", "--no-browser", "--folder", str(folder)]
+        command += ["--port", str(port)] if port else []
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+        assert self.process.stdout is not None
+        self.address = self.process.stdout.readline().split()[1]
+
+    def close(self) -> None:
+        self.process.terminate()
+        try:
+            self.process.wait(20)
+        except subprocess.TimeoutExpired:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+class Person:
+    """What somebody does with mouse and keyboard."""
+
+    def __init__(self, width: int, height: int) -> None:
+        options = webdriver.ChromeOptions()
+        options.binary_location = CHROMIUM
+        for word in (
+            "headless=new",
+            "no-sandbox",
+            "disable-gpu",
+            "disable-dev-shm-usage",
+            f"window-size={width},{height}",
+        ):
+            options.add_argument(f"--{word}")
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        service = webdriver.ChromeService(DRIVER)
+        self.driver = webdriver.Chrome(options=options, service=service)
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+
+    def do(self, script: str, *arguments: Any) -> Any:
+        return self.driver.execute_script(script, *arguments)
+
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
+        begin = time.monotonic()
+        while time.monotonic() - begin < WAIT:
+            try:
+                if found := condition():
+                    return found
+            except Exception as error:
+                if "stale" not in str(error) and "no such element" not in str(error):
+                    raise
+            time.sleep(0.05)
+        raise AssertionError(f"waited {WAIT:g} s for {what}; status: {self.text('status')}")
+
+    def open(self, address: str) -> None:
+        self.driver.get(address)
+        self.until(lambda: self.do("return document.body.dataset.ready === 'yes'"), "the page")
+
+    def element(self, identifier: str) -> Any:
+        return self.driver.find_element("id", identifier)
+
+    def press(self, identifier: str) -> None:
+        self.until(lambda: self.element(identifier).is_enabled(), identifier)
+        self.do("arguments[0].scrollIntoView({block: 'center'})", self.element(identifier))
+        places = [-1.0]
+
+        def still() -> bool:
+            places.append(float(self.do("return arguments[0].getBoundingClientRect().y", self.element(identifier))))
+            return places[-1] == places[-2]
+
+        self.until(still, f"{identifier} to stand still")
+        self.element(identifier).click()
+
+    def text(self, identifier: str) -> str:
+        return str(self.do("return document.getElementById(arguments[0])?.textContent || ''", identifier))
+
+    def idle(self) -> None:
+        quiet = "return fetch('state').then((r) => r.json()).then((s) => s.job === null)"
+        self.until(lambda: self.do(quiet) and self.element("status").get_attribute("hidden") is not None, "quiet")
+
+    def rungs(self) -> int:
+        return int(self.do("return document.querySelectorAll('#rungs li').length"))
+
+    def errors(self) -> list[str]:
+        return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    found = Server(tmp_path_factory.mktemp("sessions"))
+    yield found
+    found.close()
+
+
+@pytest.fixture(params=[(1280, 800)], ids=["1280x800"])
+def person(request: pytest.FixtureRequest) -> Iterator[Person]:
+    found = Person(*request.param)
+    yield found
+    found.driver.quit()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a design and two logs whose names are markup."""
+    target = tmp_path_factory.mktemp("logs")
+    (target / "design.toml").write_text(DESIGN, encoding="utf-8")
+    for seed, name in enumerate(("<img src=x onerror=alert(1)>.csv", "b.csv")):
+        moved(seed).write_csv(target / name)
+    return target
+
+
+def through(person: Person, folder: Path, address: str) -> None:
+    """From nothing to a design with the missing effect."""
+    person.open(address)
+    person.element("toml").send_keys(str(folder / "design.toml"))
+    person.until(lambda: person.element("log-file").is_displayed(), "step 2")
+    person.element("log-file").send_keys("\n".join(str(path) for path in sorted(folder.glob("*.csv"))))
+    person.until(lambda: person.do("return document.querySelectorAll('article.log .tile').length >= 6"), "two logs")
+    person.idle()
+    assert person.do("return document.querySelectorAll('img, main script').length") == 0
+    assert "<img src=x onerror=alert(1)>.csv" in person.text("logs")
+    assert NAME in person.text("subject")
+    person.press("to-compare")
+    person.until(lambda: person.rungs() == 1, "the base parameters")
+    person.until(lambda: person.do("return !!document.querySelector('[data-part=traces]').dataset.drawn"), "traces")
+    person.idle()
+    assert person.do("return document.documentElement.scrollWidth <= innerWidth")
+    first = person.do("return document.querySelector('[data-effect]').dataset.effect")
+    assert first in ("quadratic_drag", "viscous_power")
+    person.press("add-a-0")
+    person.until(lambda: person.rungs() == 2, "the first rung")
+    person.idle()
+
+
+def test_a_stranger_finds_the_missing_effect(person: Person, server: Server, folder: Path) -> None:
+    through(person, folder, server.address)
+    drawn = "return Number(document.querySelector('[data-part=traces]').dataset.drawn)"
+    before = person.do(drawn)
+    person.do("document.querySelector('.zoom button').click()")
+    person.until(lambda: person.do(drawn) > before, "the zoom")
+    person.press("to-take")
+    assert "drag" in person.text("take")
+    person.driver.refresh()  # nothing is lost
+    person.until(lambda: person.do("return document.body.dataset.ready === 'yes'"), "the page again")
+    person.do("document.querySelector('[data-step=compare]').click()")
+    person.until(lambda: person.rungs() == 2, "the rungs again")
+    assert person.do("return document.documentElement.scrollWidth <= innerWidth")
+    assert person.errors() == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("person", [(390, 844)], indirect=True)
+def test_the_steps_on_a_phone(person: Person, server: Server, folder: Path) -> None:
+    through(person, folder, server.address)
+    for step in ("design", "logs", "compare", "take"):
+        person.do("document.querySelector(`[data-step=${arguments[0]}]`).click()", step)
+        assert person.do("return document.documentElement.scrollWidth <= innerWidth"), step
+    assert person.errors() == []
+
+
+@pytest.mark.slow
+def test_the_steps_by_keyboard(person: Person, server: Server) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    person.open(server.address)
+
+    def tab_to(identifier: str) -> Any:
+        for _ in range(60):
+            active = person.driver.switch_to.active_element
+            if active.get_attribute("id") == identifier:
+                return active
+            active.send_keys(Keys.TAB)
+        raise AssertionError(f"{identifier} is not reached with the tabulator")
+
+    tab_to("use-example").send_keys(Keys.ENTER)
+    person.until(lambda: person.element("log-file").is_displayed(), "step 2")
+    tab_to("log-file")
+    outline = person.do("return getComputedStyle(document.activeElement).outlineStyle")
+    assert outline != "none"
+    assert person.errors() == []
+
+
+@pytest.mark.slow
+def test_a_killed_worker_is_a_message_and_not_the_end(person: Person, tmp_path: Path, folder: Path) -> None:
+    server = Server(tmp_path / "sessions")
+    try:
+        through(person, folder, server.address)
+        found = subprocess.run(["pgrep", "-P", str(server.process.pid)], capture_output=True, text=True, check=True)
+        for child in found.stdout.split():
+            command = Path(f"/proc/{child}/cmdline").read_bytes()
+            if b"spawn_main" in command:
+                os.kill(int(child), signal.SIGKILL)
+        person.press("undo")
+        person.until(lambda: "has ended" in person.text("status"), "the message")
+        person.driver.find_element("css selector", "#status button").click()
+        person.press("undo")
+        person.until(lambda: person.rungs() == 1, "the step repeated")
+        server.process.kill()  # now the server itself
+        server.process.wait()
+        person.press("find")
+        person.until(lambda: "does not answer" in person.text("status"), "the message")
+    finally:
+        server.close()
+    again = Server(tmp_path / "sessions")
+    try:
+        session = next(path.parent.name for path in (tmp_path / "sessions").glob("*/session.json"))
+        person.open(f"{again.address}s/{session}/")
+        person.until(lambda: person.rungs() == 1, "the session after the restart")
+    finally:
+        again.close()
+
+
+@pytest.mark.slow
+def test_two_tabs_do_not_disturb_each_other(person: Person, server: Server, folder: Path) -> None:
+    through(person, folder, server.address)
+    first = person.driver.current_window_handle
+    person.driver.switch_to.new_window("tab")
+    person.open(server.address)
+    person.press("use-example")
+    person.until(lambda: person.text("subject") == "seed_motor", "the other design")
+    person.driver.switch_to.window(first)
+    assert NAME in person.text("subject")
+    assert person.rungs() == 2
+    assert person.errors() == []
