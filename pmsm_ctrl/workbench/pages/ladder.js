@@ -184,7 +184,7 @@ function candidates(app) {
   return [
     h("h2", {}, "What is missing?"),
     advised.length
-      ? [h("p", { class: "soft" }, "Significant on this log. Move over one: the green curve over the residual is what it would take away."), table(advised, "a")]
+      ? [h("p", { class: "soft" }, "Significant on this log. Move over one, or go there with the tabulator: the orange curve over the residual is what it would take away."), table(advised, "a")]
       : h("p", {}, "No candidate passes the tests: nothing of the catalogue is missing, as far as these logs show."),
     h("details", { id: "refused" }, h("summary", {}, `${others.length} candidates that the log does not call for`), table(others, "b")),
     closed.length ? h("details", { id: "closed" }, h("summary", {}, `${closed.length} that this log cannot evaluate`), h("ul", {}, closed.map((one) => h("li", {}, h("b", {}, one.title), `: ${one.why_not}`)))) : null,

@@ -70,7 +70,7 @@ export class Traces {
     this.asked = asked;
     const first = await this.ask(record.start, record.stop);
     const { Range1d, ColumnDataSource } = Bokeh;
-    const [ink, red, blue, soft, green] = ["--ink", "--red", "--blue", "--soft", "--green"].map(colour);
+    const [ink, red, blue, soft] = ["--ink", "--red", "--blue", "--soft"].map(colour);
     this.record = record;
     this.source = new ColumnDataSource({ data: first.traces });
     this.shade = new ColumnDataSource({ data: { t: [record.start], preview: [NaN] } });
@@ -87,7 +87,7 @@ export class Traces {
     draw(upper, "predicted", red, 1.1, { legend_label: "predicted" });
     upper.legend.setv({ orientation: "horizontal", location: "top_left", background_fill_alpha: 0.7, background_fill_color: colour("--paper"), label_text_color: ink, border_line_color: null, label_text_font_size: "11px", padding: 2, margin: 3 });
     draw(middle, "residual", blue, 1);
-    middle.line(field("t"), field("preview"), { source: this.shade, line_color: green, line_width: 2.2, line_alpha: 0.9 });
+    middle.line(field("t"), field("preview"), { source: this.shade, line_color: red, line_width: 2 });
     draw(lower, "speed", soft, 1);
     lower.below[0].axis_label = "time [s]";
     for (const figure of [upper, middle, lower]) styled(figure);
