@@ -137,7 +137,7 @@ class _Tracker:
         self._last = rows[-1:].copy()
         run(
             column["t"], column["theta"], torque, known[known.size - n :], self._s, self._x, self._P, self._m,
-            np.empty((n, SLOW)), np.empty((n, SLOW)), np.empty(n), np.empty((n, 2)), np.empty(n, dtype=np.int8),
+            np.empty((n, SLOW)), np.empty((n, SLOW)), np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int8),
         )  # fmt: skip
 
     def _known_torque(self, rows: Array) -> Array:

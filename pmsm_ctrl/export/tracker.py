@@ -7,6 +7,7 @@ something has converged.
 from __future__ import annotations
 
 import ast
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,23 +18,26 @@ from pmsm_ctrl.export.blocks import Block, Value, identifier
 from pmsm_ctrl.export.compensator import Terms, direction_lines
 from pmsm_ctrl.export.program import Flattener, Program, body_of
 from pmsm_ctrl.export.tracker_names import AS_THEY_ARE, EVENTS, MEMORY, NOTES, SECTIONS, SETTINGS, STATES, VECTORS
-from pmsm_ctrl.export.trees import Statements, assigned, base, constant, expressions, name, read
+from pmsm_ctrl.export.trees import Statements, assigned, constant, expressions, name, read
 from pmsm_ctrl.export.writers import symbols_of
 from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.track import model
 from pmsm_ctrl.track.inputs import KnownTorque
 from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
-from pmsm_ctrl.track.twin import run
+from pmsm_ctrl.track.twin import take
 from pmsm_ctrl.units import psi_f_from
 
 __all__ = ["tracker"]
 
+WAITED = "waited"  # s since the last valid sample, up to the last call
+LONG = 1e30  # s, the time since a sample that is not known
+
 # what stands in the block's memory: name -> shape, meaning
 _STORED: dict[str, tuple[tuple[int, ...], str]] = {text: ((), meaning) for text, meaning in MEMORY.values()}
 _STORED |= {long: ((model.SIZE,), meaning) for long, meaning in SECTIONS.values()}
+_STORED[WAITED] = ((), "s since the last valid sample")
 _ARRAYS = {long: (shape, meaning) for long, shape, meaning in VECTORS.values()} | _STORED
 _UNITS = {"T_load": "N m", "J": "kg m^2"}
-_LOGGED = {"estimates", "variances", "covariance", "innovations", "events"}  # history of a log, not exported
 
 
 def tracker(design: Design, settings: Settings | None = None, period: float | None = None) -> Block:
@@ -71,9 +75,9 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
     signals = {a for effect, _ in known.effects for a in effect.signals}
     inputs, outputs, motor = _inputs(design, settings, signals), _outputs(settings), _motor(design)
     constants = [*motor.values(), *_settings(s).values(), *terms.constants, *_sources()]
-    lines = _text(settings, inputs, terms, "i_d" in {v.name for v in inputs})
-    body = _with_loop(ast.parse("\n".join([*lines, *_reading(settings)])).body)
-    scope = {**vars(model), **body_of(run)[1], "torque_em": torque_em, **terms.scope}
+    lines = _text(design, settings, inputs, terms)
+    body = ast.parse("\n".join([*lines, *_reading(settings)])).body
+    scope = {**vars(model), **body_of(take)[1], "take": take, "torque_em": torque_em, **terms.scope}
     given = _given(settings, inputs, terms, motor)
     taken = [v.name for v in (*inputs, *outputs, *constants)] + list(_ARRAYS)
 
@@ -82,7 +86,7 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
 
     flat = flattened(body, {value.name for value in outputs})
     words = _words(list(flat.statements))
-    stored = {text for text, _ in MEMORY.values()} & words
+    stored = ({text for text, _ in MEMORY.values()} & words) | {WAITED}
     begin = ast.parse("\n".join(_start(design, settings, s, words))).body
     first = flattened(begin, stored).statements
     used = _words([*flat.statements, *first])
@@ -100,10 +104,12 @@ def tracker(design: Design, settings: Settings | None = None, period: float | No
 
 def _inputs(design: Design, settings: Settings, signals: set[str]) -> tuple[Value, ...]:
     measured = {settings.measure} | signals & {"theta"}
+    counted = "of the axis" if design.motion == "linear" else "within one turn or counted on"
     salient = design.motor.L_d is not None and design.motor.L_q is not None and design.motor.p is not None
     wanted = [
-        (True, Value("time_s", "time of the sample, s; it must rise from call to call")),
-        ("theta" in measured, Value("theta", "measured angle, rad, counted on beyond a turn")),
+        (True, Value("dt_s", "time since the last call, s")),
+        ("t" in signals, Value("time_s", "time since the start, s")),
+        ("theta" in measured, Value("theta", f"measured angle, rad, {counted}")),
         ("omega" in measured, Value("omega", "measured speed, rad/s")),
         (salient or "i_d" in signals, Value("i_d", "d-axis current, A peak")),
         (True, Value("i_q", "q-axis current, A peak")),
@@ -193,9 +199,11 @@ def _sources() -> list[Value]:
         f"STATE_{text}": f"position of {state} in the state" for text, state in zip(STATES, model.STATES, strict=True)
     }
     notes |= {f"EVENT_{text}": f"event: {meaning}" for text, meaning in zip(EVENTS, model.EVENTS, strict=True)}
+    notes |= AS_THEY_ARE
     kinds = {int: "integer", float: "real"}
-    numbered = ((long, vars(model)[text]) for text, long in _symbols().items() if text not in SECTIONS)
-    return [Value(long, {**notes, **AS_THEY_ARE}[long], number, kinds[type(number)]) for long, number in numbered]
+    numbered = {long: vars(model)[text] for text, long in _symbols().items() if text not in SECTIONS}
+    found = [Value(long, notes[long], number, kinds[type(number)]) for long, number in numbered.items()]
+    return [Value("TURN", "rad, one turn", 2.0 * math.pi), *found]
 
 
 def _given(settings: Settings, inputs: tuple[Value, ...], terms: Terms, motor: dict[str, Value]) -> dict[str, ast.expr]:
@@ -204,27 +212,52 @@ def _given(settings: Settings, inputs: tuple[Value, ...], terms: Terms, motor: d
     given |= {value.name: name(value.name) for value in inputs}
     given |= {text: constant(value.number, value.name) for text, value in motor.items()} | terms.given
     slow = 1 + max(k for k in settings.active if k != model.THETA)
-    now = {"t[k]": "time_s", "t": "time_s", "z[k]": settings.measure, "torque[k]": "drive", "known[k]": "known_torque",
-           "y": "innovation", "S": "innovation_variance"}  # fmt: skip
-    return given | {text: name(own) for text, own in now.items()} | {"slow": constant(slow)}
+    numbers_of = {"slow": constant(slow), "turn": constant(2.0 * math.pi, "TURN"), "long": constant(LONG)}
+    return given | {"t": name("time_s")} | numbers_of
 
 
-# -- the text around the filter's own loop ----------------------------------------------------------------------------
+# -- the text around the filter's own step ----------------------------------------------------------------------------
 
 
-def _text(settings: Settings, inputs: tuple[Value, ...], terms: Terms, salient: bool) -> list[str]:
-    """Return the lines of one call, with the filter's loop to be put at `...`."""
-    valid = " and ".join(f"isfinite({value.name})" for value in inputs)
+def _text(design: Design, settings: Settings, inputs: tuple[Value, ...], terms: Terms) -> list[str]:
+    """Return the lines of one call.
+
+    Neither time nor angle is kept: a controller in single precision would lose the motion in them after some hours.
+    Calls whose sample is no number add up to the time of the next one.
+    """
+    valid = " and ".join(f"isfinite({value.name})" for value in inputs if value.name != "dt_s")
+    salient = "i_d" in {value.name for value in inputs}
     torque = "torque_em(p, psi_f, L_d, L_q, i_d, i_q)" if salient else "K_t * i_q"
-    inner = [f"torque = {torque}", "drive = torque - T_load"]
-    if terms.calls:
-        if settings.measure == "theta":
-            inner += ["omega = 0.0", "if m[T_LAST] > NEVER and time_s > m[T_LAST]:",
-                      "    omega = (theta - m[Z_LAST]) / (time_s - m[T_LAST])"]  # fmt: skip
-        inner += direction_lines()
-    inner += [*terms.lines("known_torque"), "..."]
-    head = ["innovation = 0.0", "innovation_variance = 0.0", "event = INVALID", f"if {valid}:"]
-    return head + [f"    {line}" for line in inner]
+    inner = [f"torque = {torque}", "drive = torque - T_load", *_turned(design, settings, terms)]
+    inner += terms.lines("known_torque")
+    step = "moved" if settings.measure == "theta" else "omega"
+    arrays = "a, u, v, h, K"
+    call = f"take(x, P, m, s, slow, {WAITED}, {step}, drive, known_torque, {arrays})"
+    inner += [f"event, innovation, innovation_variance = {call}", f"{WAITED} = 0.0"]
+    inner += ["m[Z_LAST] = theta"] if settings.measure == "theta" else []
+    return [
+        "innovation = 0.0", "innovation_variance = 0.0", "event = INVALID",
+        "if not isfinite(dt_s):", f"    {WAITED} = long",
+        "elif dt_s > 0.0:", f"    {WAITED} = min({WAITED} + dt_s, long)",
+        f"    if {valid}:", *(f"        {line}" for line in inner),
+    ]  # fmt: skip
+
+
+def _turned(design: Design, settings: Settings, terms: Terms) -> list[str]:
+    """Return the lines for the angle turned since the last sample, and the speed that further effects need.
+
+    Where the angle wraps at a turn, the turn is taken that the last speed expects.
+    """
+    lines = []
+    if settings.measure == "theta":
+        lines += ["moved = theta - m[Z_LAST]"]
+        if design.motion != "linear":
+            lines += [f"if {WAITED} <= s[MAX_GAP]:", f"    ahead = moved - m[SPEED_LAST] * {WAITED}",
+                      "    if ahead > 0.5 * turn:", "        moved = moved - turn",
+                      "    elif ahead < -0.5 * turn:", "        moved = moved + turn"]  # fmt: skip
+        if terms.calls:
+            lines += ["omega = 0.0", f"if {WAITED} < long:", f"    omega = moved / {WAITED}"]
+    return [*lines, *(direction_lines() if terms.calls else [])]
 
 
 def _reading(settings: Settings) -> list[str]:
@@ -236,30 +269,6 @@ def _reading(settings: Settings) -> list[str]:
     return [*lines, "omega_hat = x[OMEGA]"]
 
 
-def _with_loop(body: Statements) -> Statements:
-    """Put what the compiled filter does with one sample of a log where the text says `...`."""
-    loop = next(s for s in body_of(run)[0].body if isinstance(s, ast.For))
-    for statement in body:
-        if isinstance(statement, ast.If) and ast.unparse(statement.body[-1]) == "...":
-            statement.body[-1:] = _unlogged(loop.body)
-    return body
-
-
-def _unlogged(statements: Statements) -> Statements:
-    """Leave out what only writes a log's history."""
-    out: Statements = []
-    for statement in statements:
-        if isinstance(statement, ast.Assign) and base(statement.targets[0]) in _LOGGED:
-            continue
-        if isinstance(statement, ast.If | ast.For):
-            statement.body = _unlogged(statement.body)
-            statement.orelse = _unlogged(statement.orelse)
-            if not statement.body:
-                continue
-        out.append(statement)
-    return out
-
-
 def _start(design: Design, settings: Settings, s: NDArray[np.float64], used: set[str]) -> list[str]:
     """Return the lines that set the memory before the first sample; `used` are the names in the program."""
     lines = [f"for start_i in range({model.SIZE}):", f"    for start_j in range({model.SIZE}):"]
@@ -269,6 +278,7 @@ def _start(design: Design, settings: Settings, s: NDArray[np.float64], used: set
         lines += [f"x[{name_of}] = {float(value)!r}", f"P[{name_of}, {name_of}] = {float(variance)!r}"]
     numbers_of = zip(MEMORY.values(), memory(), strict=True)
     lines += [f"{text} = {float(value)!r}" for (text, _), value in numbers_of if text in used]
+    lines.append(f"{WAITED} = long")
     for first, (long, _) in SECTIONS.items():
         lines += [f"{long}[{text}] = {float(s[vars(model)[first] + k])!r}" for k, text in enumerate(STATES)]
     return lines

@@ -105,8 +105,11 @@ class FrictionTracker:
 
     @property
     def state(self) -> dict[str, float]:
-        """The present estimates by name."""
-        return dict(zip(model.STATES, self._kf.x.tolist(), strict=True))
+        """The present estimates by name; the angle counts on from the last measured one."""
+        found = dict(zip(model.STATES, self._kf.x.tolist(), strict=True))
+        if self._s[model.FROM_ANGLE] and self._m[model.T_LAST] > model.NEVER:
+            found["theta"] += float(self._m[model.Z_LAST])
+        return found
 
     @property
     def P(self) -> Array:
@@ -179,21 +182,22 @@ class FrictionTracker:
         """
         m, s, kf = self._m, self._s, self._kf
         friction = abs(kf.x[F_C]) + abs(kf.x[F_V] * kf.x[OMEGA])
-        before = m[model.T_LAST]
-        event = model.classify(m, t, z, torque, known, friction, s)
+        turned = z - m[model.Z_LAST] if s[model.FROM_ANGLE] else z
+        event = model.classify(m, t - m[model.T_LAST], turned, torque, known, friction, s)
         judged = (math.nan, math.nan)
-        if m[model.T_LAST] > before:
-            twin.grow.py_func(kf.P, s, SIZE - 1, m[model.DT])
+        if event != model.INVALID:
+            m[model.T_LAST], m[model.Z_LAST] = t, z
+            twin.advance.py_func(kf.x, kf.P, m, s, turned, SIZE - 1)
         if event == model.PREDICTED:
             direction = 1.0 if m[model.SPEED] > 0.0 else -1.0
             self._predict(direction)
             if m[model.DUE]:
-                event, judged = self._measure(z, direction)
+                event, judged = self._measure(direction)
                 self._innovation = judged
         elif event == model.STARTED:
-            twin.restart.py_func(kf.x, kf.P, m, s, z)
+            twin.restart.py_func(kf.x, kf.P, m, s)
         elif event == model.STANDSTILL:
-            twin.rest.py_func(kf.x, kf.P, m, s, z)
+            twin.rest.py_func(kf.x, kf.P, m, s)
         x, sd = kf.x.tolist(), np.sqrt(np.diag(kf.P)).tolist()
         nis = judged[0] ** 2 / judged[1] if judged[1] > 0.0 else math.nan
         return Reading(t, x[OMEGA], x[F_C], x[F_V], sd[F_C], sd[F_V], model.EVENTS[event], nis)
@@ -232,15 +236,16 @@ class FrictionTracker:
         kf.predict()
         kf.P = 0.5 * (kf.P + kf.P.T)
 
-    def _measure(self, z: float, direction: float) -> tuple[int, tuple[float, float]]:
+    def _measure(self, direction: float) -> tuple[int, tuple[float, float]]:
         """Use a measurement or reject it; return the event, the innovation and its variance."""
         m, s, kf = self._m, self._s, self._kf
         h = np.zeros(SIZE)
         predicted = twin.measure.py_func(kf.x, m, s, direction, h)
+        z = 0.0 if s[model.FROM_ANGLE] else float(m[model.SPEED])  # the angle is counted from the last sample
         y, S = z - predicted, float(h @ kf.P @ h + s[model.R])
         event = model.judge(m, s, y, S, direction)
         if event == model.REJECTED:
-            twin.restart.py_func(kf.x, kf.P, m, s, z)
+            twin.restart.py_func(kf.x, kf.P, m, s)
             return event, (y, S)
         if event == model.CHANGE:
             twin.distrust.py_func(kf.P, m, s, y)
@@ -255,5 +260,5 @@ class FrictionTracker:
             kf.x, kf.P = x + K * y, rest @ P @ rest.T + s[model.R] * np.outer(K, K)
             event = model.CONSTANT if event == model.UPDATED else event
         kf.P = 0.5 * (kf.P + kf.P.T)
-        model.keep_past_speed(m, s, z)
+        model.keep_past_speed(m, s)
         return event, (y, S)

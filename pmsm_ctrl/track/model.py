@@ -18,8 +18,8 @@ from pmsm_ctrl.effects.viscous import term as viscous
 from pmsm_ctrl.kernels import OPTIONS, soundly_cached
 
 __all__ = [
-    "EVENTS", "MEMORY", "NEVER", "SETTINGS", "STATES", "acceleration", "classify", "constant_speed", "fresh_speed",
-    "judge", "keep_past_speed", "keep_split", "process_variance",
+    "EVENTS", "MEMORY", "NEVER", "SETTINGS", "STATES", "acceleration", "adapt", "classify", "constant_speed",
+    "fresh_speed", "judge", "keep_past_speed", "keep_split", "process_variance",
 ]  # fmt: skip
 
 
@@ -42,17 +42,19 @@ EVENTS = (
 PREDICTED, UPDATED, CONSTANT, STANDSTILL, STARTED, REJECTED, IMPLAUSIBLE, INVALID, GAP, CHANGE = range(len(EVENTS))
 
 # Numbers fixed for a run.
-FROM_ANGLE, R, TORQUE_DENSITY, LAG, SPEED_NOISE, THRESHOLD, INTERVAL, MAX_GAP, GATE, J_NOMINAL = range(10)
-DRIFT = 10  # variance growth per second, SIZE numbers
+FROM_ANGLE, R, TORQUE_DENSITY, LAG, SPEED_NOISE, THRESHOLD, INTERVAL, MAX_GAP, GATE, J_NOMINAL, ADAPTS = range(11)
+DRIFT = 11  # variance growth per second, SIZE numbers
 PRIOR = DRIFT + SIZE  # prior variance, SIZE numbers
 SETTINGS = PRIOR + SIZE
 
-# Numbers carried from sample to sample.
+# Numbers carried from sample to sample. Time and angle are not among those that the equations use: they grow, and a
+# controller in single precision would lose the motion in them. T_LAST and Z_LAST only serve to take differences.
 (
     T_LAST, Z_LAST, TORQUE_LAST, KNOWN_LAST, SPEED_LAST, RUNNING, ELAPSED, MEAN, SPREAD, REJECTS, DT, SPEED,
-    TORQUE, KNOWN, SURGE, DUE, TREND, CALM, SEEN, PAST_SPEED, PAST_ALPHA, Z_USED, SINCE,
-) = range(23)  # fmt: skip
-MEMORY = 23
+    TORQUE, KNOWN, SURGE, DUE, TREND, CALM, SEEN, PAST_SPEED, PAST_ALPHA, MOVED, SPEED_USED, SINCE, EXCESS, NOISE,
+    SIGNED,
+) = range(27)  # fmt: skip
+MEMORY = 27
 NEVER = -1e30  # time of the last sample before the first one; not NaN, which stops some controllers
 
 SPREAD_TIME = 1.0  # s over which the spread of abs(omega) is judged
@@ -63,6 +65,14 @@ REJECTS_ARE_CHANGE = 3.0  # consecutive rejected updates that count as a change 
 TREND_WEIGHT = 0.1
 TREND_LIMIT = 5.5 * (TREND_WEIGHT / (2.0 - TREND_WEIGHT)) ** 0.5
 CALM_TIME = 0.5  # s of motion after a change before the next one is detected
+# The torque noise is raised where innovations scatter more than it explains: unmodelled torque. Half the squared
+# difference of two successive normalised innovations is 1 on average for white ones, and small for a persistent error,
+# which is a changed friction and no noise. Its mean is exponential over about 100, of standard deviation 0.17. Once it
+# has exceeded 1.5 the variance of the noise follows it, as fast as the mean itself, until it is back at that of the
+# design. Differences beyond three standard deviations count as those: a jump of the angle is no noise.
+EXCESS_WEIGHT = 0.02
+EXCESS_LIMIT = 1.5
+EXCESS_MOST = 9.0
 
 
 @shared
@@ -101,24 +111,24 @@ def acceleration(
 
 
 @shared
-def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-def]
+def classify(m, dt, step, torque, known, friction, s):  # type: ignore[no-untyped-def]
     """Classify a new sample, update the memory `m` and return the event.
 
-    `friction` is the estimated level in N m; it widens the range of plausible accelerations.
+    `dt` is the time since the last valid sample, huge before the first one; `step` the angle turned in it, or the
+    measured speed. `friction` is the estimated level in N m; it widens the range of plausible accelerations.
     """
-    if not (isfinite(t) and isfinite(z) and isfinite(torque) and isfinite(known)):
+    if not (isfinite(dt) and isfinite(step) and isfinite(torque) and isfinite(known)):
         return INVALID
-    dt = t - m[T_LAST]  # huge before the first sample
     if dt <= 0.0:
         return INVALID
-    speed = (z - m[Z_LAST]) / dt if s[FROM_ANGLE] != 0.0 else z
+    speed = step / dt if s[FROM_ANGLE] != 0.0 else step
     last, seen = m[SPEED_LAST], m[SEEN]
     m[DT] = dt
     m[SPEED] = speed
     m[TORQUE] = 0.5 * (torque + m[TORQUE_LAST])
     m[KNOWN] = 0.5 * (known + m[KNOWN_LAST])
     m[SURGE] = torque - m[TORQUE_LAST]
-    m[T_LAST], m[Z_LAST], m[TORQUE_LAST], m[KNOWN_LAST], m[SPEED_LAST] = t, z, torque, known, speed
+    m[TORQUE_LAST], m[KNOWN_LAST], m[SPEED_LAST] = torque, known, speed
     m[SEEN] = 1.0
     if not dt <= s[MAX_GAP]:
         m[RUNNING] = 0.0
@@ -126,10 +136,10 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
             m[SEEN] = 0.0  # the mean speed over the gap is no measurement
         return GAP
     # Three times the change of speed that the torque can cause, and eight standard deviations of noise.
-    step = abs(speed - last) - 8.0 * s[SPEED_NOISE]
-    if seen != 0.0 and step > 0.0:
+    change = abs(speed - last) - 8.0 * s[SPEED_NOISE]
+    if seen != 0.0 and change > 0.0:
         reach = 3.0 * dt * (abs(m[TORQUE]) + abs(m[SURGE]) + abs(m[KNOWN]) + friction)
-        if step * s[J_NOMINAL] > reach + 8.0 * (s[TORQUE_DENSITY] * dt) ** 0.5:
+        if change * s[J_NOMINAL] > reach + 8.0 * (m[NOISE] * s[TORQUE_DENSITY] * dt) ** 0.5:
             m[RUNNING] = 0.0
             return IMPLAUSIBLE
     floor = s[THRESHOLD]
@@ -142,22 +152,24 @@ def classify(m, t, z, torque, known, friction, s):  # type: ignore[no-untyped-de
         if not ending:
             return STANDSTILL
         m[SINCE] += dt
+        m[MOVED] += step
         m[DUE] = 1.0
         return PREDICTED
     weight = dt / SPREAD_TIME
-    step = abs(speed) - m[MEAN]
+    apart = abs(speed) - m[MEAN]
     if m[MEAN] == 0.0:
         m[MEAN] = abs(speed)
     else:
-        m[MEAN] += weight * step
-        m[SPREAD] = (1.0 - weight) * (m[SPREAD] + weight * step * step)
+        m[MEAN] += weight * apart
+        m[SPREAD] = (1.0 - weight) * (m[SPREAD] + weight * apart * apart)
     if m[RUNNING] == 0.0:
         m[RUNNING] = 1.0
         m[ELAPSED] = 0.0
         return STARTED
     m[ELAPSED] += dt
     m[SINCE] += dt
-    m[CALM] += dt
+    m[MOVED] += step
+    m[CALM] = min(m[CALM] + dt, 2.0 * CALM_TIME)
     m[DUE] = 0.0
     if m[ELAPSED] > s[INTERVAL] - 0.5 * dt:
         m[DUE] = 1.0
@@ -173,8 +185,19 @@ def constant_speed(m, s):  # type: ignore[no-untyped-def]
 
 
 @shared
+def adapt(m, s, innovation):  # type: ignore[no-untyped-def]
+    """Raise the torque noise where normalised innovations scatter by much more than 1, and lower it again."""
+    apart = innovation - m[SIGNED]
+    m[SIGNED] = innovation
+    m[EXCESS] += EXCESS_WEIGHT * (min(0.5 * apart * apart, EXCESS_MOST) - m[EXCESS])
+    if s[ADAPTS] != 0.0 and (m[EXCESS] > EXCESS_LIMIT or m[NOISE] > 1.0):
+        m[NOISE] = max(m[NOISE] * (1.0 + EXCESS_WEIGHT * (m[EXCESS] - 1.0)), 1.0)
+
+
+@shared
 def judge(m, s, y, S, direction):  # type: ignore[no-untyped-def]
     """Decide whether an innovation `y` of variance `S` is used, rejected, or shows a change of the axis."""
+    adapt(m, s, direction * y / S**0.5)
     if y * y > s[GATE] * S:
         m[REJECTS] += 1.0
         if m[REJECTS] < REJECTS_ARE_CHANGE:
@@ -192,16 +215,15 @@ def judge(m, s, y, S, direction):  # type: ignore[no-untyped-def]
 
 
 @shared
-def keep_past_speed(m, s, z):  # type: ignore[no-untyped-def]
+def keep_past_speed(m, s):  # type: ignore[no-untyped-def]
     """Note speed and acceleration up to the interval that a measurement ends, for the next one.
 
     The speed is the mean between two used angles; of measured speeds the one before, whose noise has left the estimate.
     """
-    speed = (z - m[Z_USED]) / m[SINCE] if s[FROM_ANGLE] != 0.0 else m[Z_USED]
+    speed = m[MOVED] / m[SINCE] if s[FROM_ANGLE] != 0.0 else m[SPEED_USED]
     m[PAST_ALPHA] = (speed - m[PAST_SPEED]) / m[SINCE]
-    m[PAST_SPEED] = speed
-    m[Z_USED] = z
-    m[SINCE] = 0.0
+    m[PAST_SPEED], m[SPEED_USED] = speed, m[SPEED]
+    m[MOVED], m[SINCE] = 0.0, 0.0
 
 
 @shared
@@ -215,14 +237,14 @@ def fresh_speed(m, s, by_F_c, P_cc, alpha):  # type: ignore[no-untyped-def]
         lag, variance, shared = s[LAG], s[R], 0.0
     spread = lag * m[SURGE] / s[J_NOMINAL]
     variance += lag * lag * by_F_c * by_F_c * P_cc + spread * spread
-    variance += lag * s[TORQUE_DENSITY] / (s[J_NOMINAL] * s[J_NOMINAL])
+    variance += lag * m[NOISE] * s[TORQUE_DENSITY] / (s[J_NOMINAL] * s[J_NOMINAL])
     return m[SPEED] + lag * alpha, variance, shared
 
 
 @shared
 def process_variance(m, s):  # type: ignore[no-untyped-def]
     """Variance of the torque's integral over a step, (N m s)^2: noise, and the unknown instant of a torque step."""
-    white = s[TORQUE_DENSITY] * m[DT]
+    white = m[NOISE] * s[TORQUE_DENSITY] * m[DT]
     surge = m[SURGE] * m[DT]
     return white + max(surge * surge - 18.0 * white, 0.0) / 12.0  # 3 standard deviations of a difference are noise
 

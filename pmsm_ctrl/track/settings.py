@@ -58,6 +58,9 @@ class Settings:
         Noise of the drive torque per logged sample, N m rms. None: from the design's current noise.
     angle_noise : float or None
         Noise of the angle, rad rms. None: the quantisation of the design's encoder.
+    adapt : bool
+        Raise the torque noise while the innovations are much larger than it explains (unmodelled torque), and lower it
+        again.
     """
 
     measure: Literal["theta", "omega"] = "theta"
@@ -75,6 +78,7 @@ class Settings:
     max_gap: float = 0.02
     torque_noise: float | None = None
     angle_noise: float | None = None
+    adapt: bool = True
 
     def __post_init__(self) -> None:
         if self.measure not in ("theta", "omega"):
@@ -106,6 +110,7 @@ def memory() -> Array:
     """Return the filter's memory before the first sample."""
     m = np.zeros(model.MEMORY)
     m[model.T_LAST] = model.NEVER
+    m[model.EXCESS] = m[model.NOISE] = 1.0
     return m
 
 
@@ -132,7 +137,7 @@ def numbers(design: Design, settings: Settings, log_period: float) -> Array:
     s[model.LAG], s[model.SPEED_NOISE] = lag, speed_noise
     s[model.THRESHOLD] = 5.0 * speed_noise if settings.standstill is None else settings.standstill
     s[model.INTERVAL], s[model.MAX_GAP], s[model.GATE] = settings.interval, settings.max_gap, settings.gate
-    s[model.J_NOMINAL] = design.J
+    s[model.J_NOMINAL], s[model.ADAPTS] = design.J, float(settings.adapt)
     prior, drift = _slow_states(design, settings)
     s[model.PRIOR : model.PRIOR + model.SIZE] = prior**2
     s[model.DRIFT : model.DRIFT + model.SIZE] = drift**2

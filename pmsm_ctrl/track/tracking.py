@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 
 SLOW, EITHER = 0.05, 0.1  # share of the top speed that counts as motion; of the motion, in either direction
 SPAN, SURGE = 0.02, 0.5  # s between two speeds; accelerating torque, as a share of F_c, that shows the inertia
-WIDE = 1.5  # mean normalised innovation squared above which the torque noise is raised
 
 
 def track(
@@ -48,8 +47,7 @@ def track(
         By default the angle is used where the log has one; T_load is estimated as well where the axis turns in both
         directions, and J where it also accelerates: taken as known, their errors are mistaken for friction.
     adapt : bool
-        Raise the torque noise where the innovations are much larger than it explains (unmodelled torque), and
-        say so; otherwise leave it.
+        False leaves the torque noise as the settings say, whatever the innovations are; see `Settings.adapt`.
 
     Returns
     -------
@@ -73,11 +71,11 @@ def track(
     samples = samples_of(design, log, settings.measure)
     settings = noise_from_log(design, settings, samples, log)
     doubts = [*believed.notices, *samples.notices]
+    settings = settings if adapt else replace(settings, adapt=False)
     s = numbers(design, settings, log.period)
-    first = s[model.TORQUE_DENSITY]
-    out = _filtered(design, settings, s, samples, adapt)
-    raised = math.sqrt(s[model.TORQUE_DENSITY] / first) if first else 1.0
-    if raised > 1.0:
+    out = filter_samples(design, settings, s, samples)
+    raised = math.sqrt(out.noise)
+    if out.noise > model.EXCESS_LIMIT:
         missing = ",".join(name for name in ("T_load", "J") if name not in settings.estimate)
         remedy = f"; a load or an inertia that the design does not know: --estimate {missing}" if missing else ""
         doubts.append(notices.UNMODELLED_TORQUE(factor=raised, remedy=remedy))
@@ -96,7 +94,7 @@ def track(
         nis=out.nis,
         normalised=out.innovations[:, 0] / np.sqrt(out.innovations[:, 1]),
         events=out.events,
-        torque_noise=math.sqrt(s[model.TORQUE_DENSITY] / log.period),
+        torque_noise=raised * math.sqrt(s[model.TORQUE_DENSITY] / log.period),
         log_name=names_of(logs, "the given log"),
         records=log.records,
         notices=tuple(doubts),
@@ -120,17 +118,6 @@ def _default_settings(design: Design, log: Log) -> Settings:
     surge = design.J * float(np.std(speed[span:] - speed[:-span])) / (span * log.period)
     excited = surge > SURGE * design.parameters("coulomb").get("F_c", 0.0)
     return Settings(measure=measure, estimate=("T_load", "J") if excited else ("T_load",))
-
-
-def _filtered(design: Design, settings: Settings, s: Array, samples: Samples, adapt: bool) -> Filtered:
-    """Filter; raise the torque noise in `s` and filter again while the innovations are much larger than it explains."""
-    for _ in range(12):
-        out = filter_samples(design, settings, s, samples)
-        mean = mean_of_judged(out.nis)
-        if not adapt or mean is None or mean < WIDE:
-            break
-        s[model.TORQUE_DENSITY] *= mean
-    return out
 
 
 def _correlation(covariance: Array, scale: Array) -> Array:
@@ -164,6 +151,12 @@ class Filtered:
         """Normalised innovation squared where a measurement was judged, NaN elsewhere, shape (n,)."""
         return self.innovations[:, 0] ** 2 / self.innovations[:, 1]
 
+    @property
+    def noise(self) -> float:
+        """Mean factor on the variance of the torque noise over the judged measurements, 1 without one."""
+        mean = mean_of_judged(self.innovations[:, 2])
+        return 1.0 if mean is None else mean
+
 
 def filter_samples(design: Design, settings: Settings, s: Array, samples: Samples) -> Filtered:
     """Run the compiled twin over samples, from the design's start values.
@@ -190,7 +183,7 @@ def filter_samples(design: Design, settings: Settings, s: Array, samples: Sample
     x, P, m = start(design), covariance(s, settings), memory()
     slow = 1 + max(k for k in settings.active if k != model.THETA)
     out = Filtered(
-        x, P, np.empty((n, slow)), np.empty((n, slow)), np.empty(n), np.empty((n, 2)), np.empty(n, dtype=np.int8)
+        x, P, np.empty((n, slow)), np.empty((n, slow)), np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int8)
     )
     run(
         samples.t, samples.z, samples.torque, samples.known, s, x, P, m, out.estimates, out.variances,

@@ -22,9 +22,12 @@ from pmsm_ctrl.track.model import (
     FROM_ANGLE,
     INERTIA,
     INTERVAL,
+    INVALID,
     KNOWN,
     KNOWN_LAST,
     LAG,
+    MOVED,
+    NOISE,
     OMEGA,
     PAST_ALPHA,
     PAST_SPEED,
@@ -34,6 +37,7 @@ from pmsm_ctrl.track.model import (
     SINCE,
     SIZE,
     SPEED,
+    SPEED_USED,
     STANDSTILL,
     STARTED,
     T_LAST,
@@ -42,7 +46,7 @@ from pmsm_ctrl.track.model import (
     TORQUE,
     TORQUE_LAST,
     UPDATED,
-    Z_USED,
+    Z_LAST,
     R,
     acceleration,
     classify,
@@ -58,12 +62,14 @@ __all__ = ["run"]
 
 
 @inlined
-def grow(P, s, slow, dt):
-    """Add the random walk of the slow states over `dt`, up to the prior variance."""
+def advance(x, P, m, s, step, slow):
+    """Count the angle from the new sample, `step` further, and let the slow states drift up to the prior variance."""
+    if s[FROM_ANGLE] != 0.0:
+        x[THETA] -= step
     for i in range(1, slow):
         room = s[PRIOR + i] - P[i, i]
         if room > 0.0:
-            P[i, i] += min(s[DRIFT + i] * dt, room)
+            P[i, i] += min(s[DRIFT + i] * m[DT], room)
 
 
 @inlined
@@ -113,7 +119,7 @@ def predict(x, P, m, s, slow, a, u):
 
 
 @inlined
-def restart(x, P, m, s, z):
+def restart(x, P, m, s):
     """Initialise speed and angle from the last samples; friction and its covariance stay."""
     direction = 1.0 if m[SPEED] > 0.0 else -1.0
     alpha, _, d_c, _, _, _ = acceleration(
@@ -121,19 +127,20 @@ def restart(x, P, m, s, z):
         m[PAST_SPEED], m[PAST_ALPHA], 0.0,
     )  # fmt: skip
     x[OMEGA], variance, shared = fresh_speed(m, s, d_c, P[F_C, F_C], alpha)
-    m[PAST_SPEED], m[PAST_ALPHA], m[Z_USED], m[SINCE] = m[SPEED], alpha, z, 0.0
+    m[PAST_SPEED], m[PAST_ALPHA], m[SPEED_USED] = m[SPEED], alpha, m[SPEED]
+    m[MOVED], m[SINCE] = 0.0, 0.0
     for i in range(SIZE):
         P[OMEGA, i] = P[i, OMEGA] = 0.0
         P[THETA, i] = P[i, THETA] = 0.0
     P[OMEGA, OMEGA] = variance
     if s[FROM_ANGLE] != 0.0:
-        x[THETA] = z
+        x[THETA] = 0.0
         P[OMEGA, THETA] = P[THETA, OMEGA] = shared
         P[THETA, THETA] = s[R]
 
 
 @inlined
-def rest(x, P, m, s, z):
+def rest(x, P, m, s):
     """At standstill: use the measured speed; friction is set-valued there and stays."""
     x[OMEGA] = m[SPEED]
     for i in range(SIZE):
@@ -143,7 +150,7 @@ def rest(x, P, m, s, z):
         P[OMEGA, OMEGA] = 2.0 * s[R] / (m[DT] * m[DT])
         P[OMEGA, THETA] = P[THETA, OMEGA] = s[R] / m[DT]
         P[THETA, THETA] = s[R]
-        x[THETA] = z
+        x[THETA] = 0.0
     else:
         P[OMEGA, OMEGA] = s[R]
 
@@ -209,14 +216,14 @@ def joseph(P, K, h, u, v, noise):
 
 
 @inlined
-def update(x, P, m, s, z, direction, h, u, v, K):
+def update(x, P, m, s, direction, h, u, v, K):
     """Use the measurement or reject it; return the event, the innovation and its variance."""
-    y = z - measure(x, m, s, direction, h)
+    y = -measure(x, m, s, direction, h) if s[FROM_ANGLE] != 0.0 else m[SPEED] - measure(x, m, s, direction, h)
     S = innovation_variance(P, h, s, u)
     innovation, variance = y, S
     event = judge(m, s, y, S, direction)
     if event == REJECTED:
-        restart(x, P, m, s, z)
+        restart(x, P, m, s)
         return event, innovation, variance
     if event == CHANGE:
         distrust(P, m, s, y)
@@ -232,9 +239,32 @@ def update(x, P, m, s, z, direction, h, u, v, K):
         event = CONSTANT if event == UPDATED else event
     for i in range(SIZE):
         x[i] += K[i] * y
-    keep_past_speed(m, s, z)
+    keep_past_speed(m, s)
     joseph(P, K, h, u, v, s[R])
     return event, innovation, variance
+
+
+@inlined
+def take(x, P, m, s, slow, dt, step, torque, known, a, u, v, h, K):
+    """Take one sample; return the event, the innovation and its variance, both 0 unless a measurement was judged.
+
+    `dt` is the time since the last valid sample, `step` the angle turned in it or the measured speed.
+    """
+    y, S = 0.0, 0.0
+    friction = abs(x[F_C]) + abs(x[F_V] * x[OMEGA])
+    event = classify(m, dt, step, torque, known, friction, s)
+    if event != INVALID:
+        advance(x, P, m, s, step, slow)
+    if event == PREDICTED:
+        # a constant bound lets the compiler unroll the loops of the usual case
+        direction = predict(x, P, m, s, 3, a, u) if slow == 3 else predict(x, P, m, s, slow, a, u)
+        if m[DUE] != 0.0:
+            event, y, S = update(x, P, m, s, direction, h, u, v, K)
+    elif event == STARTED:
+        restart(x, P, m, s)
+    elif event == STANDSTILL:
+        rest(x, P, m, s)
+    return event, y, S
 
 
 @kernel
@@ -256,32 +286,23 @@ def run(t, z, torque, known, s, x, P, m, estimates, variances, covariance, innov
         Filled with the first states; `slow` is 3 for omega, F_c and F_v, 4 with T_load, 5 with J.
     covariance : array, shape (n,)
         Filled with the covariance of F_c and F_v.
-    innovations : array, shape (n, 2)
-        Filled with innovation and variance where a measurement was judged, NaN elsewhere.
+    innovations : array, shape (n, 3)
+        Filled with innovation, its variance and the factor on the variance of the torque noise where a measurement was
+        judged, NaN elsewhere.
     events : int8 array, shape (n,)
     """
     a, u, v = np.zeros(SIZE), np.zeros(SIZE), np.zeros(SIZE)
     h, K = np.zeros(SIZE), np.zeros(SIZE)
     slow = estimates.shape[1]
     for k in range(t.size):
-        friction = abs(x[F_C]) + abs(x[F_V] * x[OMEGA])
-        before = m[T_LAST]
-        event = classify(m, t[k], z[k], torque[k], known[k], friction, s)
-        innovations[k, 0] = np.nan
-        innovations[k, 1] = np.nan
-        if m[T_LAST] > before:
-            grow(P, s, slow, m[DT])
-        if event == PREDICTED:
-            # a constant bound lets the compiler unroll the loops of the usual case
-            direction = predict(x, P, m, s, 3, a, u) if slow == 3 else predict(x, P, m, s, slow, a, u)
-            if m[DUE] != 0.0:
-                event, y, S = update(x, P, m, s, z[k], direction, h, u, v, K)
-                innovations[k, 0] = y
-                innovations[k, 1] = S
-        elif event == STARTED:
-            restart(x, P, m, s, z[k])
-        elif event == STANDSTILL:
-            rest(x, P, m, s, z[k])
+        step = z[k] - m[Z_LAST] if s[FROM_ANGLE] != 0.0 else z[k]
+        event, y, S = take(x, P, m, s, slow, t[k] - m[T_LAST], step, torque[k], known[k], a, u, v, h, K)
+        if event != INVALID:
+            m[T_LAST], m[Z_LAST] = t[k], z[k]
+        judged = S > 0.0
+        innovations[k, 0] = y if judged else np.nan
+        innovations[k, 1] = S if judged else np.nan
+        innovations[k, 2] = m[NOISE] if judged else np.nan
         for i in range(slow):
             estimates[k, i] = x[i]
             variances[k, i] = P[i, i]

@@ -55,7 +55,7 @@ def speeds(design: Design, log: Log, pairs: int = 5) -> tuple[float, float]:
 
 def difference(design: Design, log: Log) -> float:
     """Return the largest difference of estimates and deviations, relative to the largest of each."""
-    tracker, found = FrictionTracker(design), track(design, log, Settings(), adapt=False)
+    tracker, found = FrictionTracker(design), track(design, log, Settings())
     rows = zip(*(log[name].tolist() for name in ("t", "i_q", "theta", "i_d")), strict=True)
     readings = [tracker.update(t, i_q=i_q, theta=theta, i_d=i_d) for t, i_q, theta, i_d in rows]
     pairs = [([getattr(r, n) for r in readings], found.history[n]) for n in ("F_c", "F_v")]
@@ -69,7 +69,7 @@ def exported(design: Design, log: Log) -> tuple[float, float]:
     loop = f"""#include "{axis}.h"
     void loop(int n, const double *t, const double *theta, const double *i_d, const double *i_q, double *F_c) {{
         {axis}_t self; {axis}_init(&self);
-        for (int k = 0; k < n; k++) {{ {axis}_update(&self, t[k], theta[k], i_d[k], i_q[k], 0.0); F_c[k] = self.F_c; }}
+        for (int k = 0; k < n; k++) {{ {axis}_update(&self, k ? t[k] - t[k - 1] : 1.0, theta[k], i_d[k], i_q[k], 0.0); F_c[k] = self.F_c; }}
     }}"""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -88,7 +88,7 @@ def exported(design: Design, log: Log) -> tuple[float, float]:
             start = time.process_time()
             run(len(log), *arguments)
             took.append((time.process_time() - start) / len(log))
-    wanted = track(design, log, Settings(), adapt=False).history["F_c"]
+    wanted = track(design, log, Settings()).history["F_c"]
     return 1e9 * float(np.median(took)), float(np.abs(F_c - wanted).max() / np.abs(wanted).max())
 
 

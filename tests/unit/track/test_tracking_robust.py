@@ -62,7 +62,7 @@ def damaged(samples: Samples, rng: np.random.Generator) -> Samples:
 def test_twin_agrees_with_filterpy(design: Design, log: Log, measure: str, estimate: tuple[str, ...]) -> None:
     chosen = Settings(measure=measure, estimate=estimate)
     readings = feed(FrictionTracker(design, chosen), log)
-    found = track(design, log, chosen, adapt=False)
+    found = track(design, log, chosen)
     for name, values in (("F_c", found.history["F_c"]), ("F_v", found.history["F_v"]), ("omega", found.omega)):
         assert np.allclose([getattr(r, name) for r in readings], values, rtol=1e-9, atol=1e-12)
     assert np.allclose([r.stderr_F_c for r in readings], found.stderr["F_c"], rtol=1e-9)
@@ -96,7 +96,7 @@ def test_twin_agrees_with_filterpy_through_a_change_and_constant_speed(design: D
     log = simulate(design, Scenario("both", 11.0, references), truth=truth, seed=4)
     for measure in ("theta", "omega"):
         chosen = Settings(measure=measure)
-        found = track(design, log, chosen, adapt=False)
+        found = track(design, log, chosen)
         assert {"change", "constant speed"} <= set(found.counts)
         readings = feed(FrictionTracker(design, chosen), log)
         assert np.allclose([r.F_c for r in readings], found.history["F_c"], rtol=1e-9)
@@ -108,7 +108,19 @@ def test_twin_agrees_with_filterpy_through_known_effects(design: Design) -> None
     full = with_known_effects(design)
     log = simulate(full, scenario("triangle", design, speed=60.0, period=1.0, cycles=2.0), seed=2)
     readings = feed(FrictionTracker(full), log)
-    assert np.allclose([r.F_c for r in readings], track(full, log, Settings(), adapt=False).history["F_c"], rtol=1e-9)
+    assert np.allclose([r.F_c for r in readings], track(full, log, Settings()).history["F_c"], rtol=1e-9)
+
+
+def test_noise_that_is_twice_as_large_is_found_while_the_axis_runs(design: Design) -> None:
+    """The filter raises its torque noise itself, sample by sample: a log and a live stream get the same."""
+    loud = design.replace(sensor={"current_noise": 2.0 * design.sensor.current_noise})
+    log = simulate(loud, scenario("triangle", design, speed=150.0, period=2.0, cycles=10.0), seed=7)
+    found, told, deaf = track(design, log), track(loud, log), track(design, log, adapt=False)
+    assert found.torque_noise == pytest.approx(told.torque_noise, rel=0.1)
+    assert "unmodelled_torque" in [notice.code for notice in found.notices]
+    late = log.t > 5.0
+    error, best, worst = (np.sqrt(np.mean((one.history["F_c"][late] - F_C) ** 2)) for one in (found, told, deaf))
+    assert error < 1.25 * best < worst
 
 
 def test_covariance_stays_positive_definite_whatever_comes(design: Design, log: Log, rng: np.random.Generator) -> None:
