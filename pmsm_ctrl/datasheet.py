@@ -127,6 +127,7 @@ _PLAIN = (
     Question("torque_constant", "torque constant", "motor", {
         "N m/A peak": ("K_t", 1.0), "N m/A rms": ("K_t", math.sqrt(0.5)), "N m/A dc": ("K_t", 1.0)}),
     *(_BY_KEY[key] for key in ("inertia", "load_inertia", "gear")),
+    replace(_BY_KEY["pole_pairs"], text="pole pairs, if known: they tell electrical orders", default=""),
     replace(_BY_KEY["current_limit"], default=""),
     *(_BY_KEY[key] for key in ("encoder", "friction", "viscous")),
 )  # fmt: skip
@@ -184,6 +185,8 @@ def read_answer(question: Question, text: str) -> Answer:
     RequestError
         When there is no number, no unit where one is needed, or a unit that does not fit.
     """
+    if question.key == "inertia" and text.strip().casefold() == "unknown":
+        return Answer("J", math.nan, "")
     found = _NUMBER.fullmatch(text.strip())
     if found is None or not math.isfinite(float(found[1])):
         raise RequestError(f"{question.option} '{text}': a number with its unit was expected: {question.accepted}")
@@ -310,6 +313,7 @@ def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
+UNKNOWN = "unknown"  # of an inertia
 Entry = tuple[str, float | int, str]
 
 
@@ -353,6 +357,8 @@ def _divider(f_control: float, rate: float) -> Entry:
 
 
 def _line(field: str, value: float | int, comment: str) -> str:
+    if math.isnan(value):
+        return f"{f'{field} = {_quoted(UNKNOWN)}':<30}# a log with fast reversals tells it"
     whole = field in ("p", "speed_divider", "encoder_counts")
     if whole and value != int(value):
         raise RequestError(f"{field}: found {value:g}, but a whole number was expected")
@@ -399,7 +405,7 @@ def plausibility(design: Design, answers: Mapping[str, Answer]) -> tuple[list[st
         speed = design.drive.u_dc / math.sqrt(3.0) / (motor.p * motor.psi_f)
         figures["electrical time constant L/R"] = motor.L_q / motor.R, f"{1e3 * motor.L_q / motor.R:.3g} ms"
         figures["no-load speed"] = speed, f"{speed / RPM:.4g} rpm at {design.drive.u_dc:.4g} V dc"
-    if math.isfinite(design.drive.i_max):
+    if math.isfinite(design.drive.i_max) and motor.J is not None:
         torque = design.K_t * design.drive.i_max
         name = "force at the current limit over the mass" if linear else "torque at the current limit over J"
         shown = f"{torque:.3g} {'N' if linear else 'N m'}, {torque / design.J:.3g} {'m' if linear else 'rad'}/s^2"

@@ -115,7 +115,16 @@ class Design(Part):
 
     @property
     def J(self) -> float:
-        """Total inertia at the motor shaft: J_motor + J_load / gear^2."""
+        """Total inertia at the motor shaft: J_motor + J_load / gear^2.
+
+        Raises
+        ------
+        DesignError
+            When the motor's inertia is unknown.
+        """
+        if self.motor.J is None:
+            where = f"{self.source or self.name}: " if self.source or self.name else ""
+            raise DesignError(f"{where}motor.J is unknown; a number was expected", next_command=NextCommand.INERTIA)
         return self.motor.J + self.load.J / self.load.gear**2
 
     @property
@@ -254,7 +263,7 @@ class Design(Part):
         if "J" in changed:
             changed["J"] -= self.load.J / self.load.gear**2
         changed = {name: rounded(value, (stderr or {}).get(name, math.nan)) for name, value in changed.items()}
-        if "K_t" in changed and self.motor.p is not None:
+        if "K_t" in changed and self.motor.p is not None and self.motor.psi_f is not None:
             changed["psi_f"] = psi_f_from(changed.pop("K_t"), self.motor.p)
         return self.replace(motor=changed)
 
@@ -291,6 +300,8 @@ class Design(Part):
         """Return the design as plain SI values, fit for TOML; defaults are left out."""
         data = self.model_dump(mode="python", exclude_none=True, exclude_defaults=True)
         data["motor"] = self.motor.model_dump(exclude_none=True)
+        if self.motor.J is None:
+            data["motor"] = {"J": "unknown", **data["motor"]}
         if self.effects:
             data["effects"] = [
                 {"id": e.id, **e.parameters} | ({"stderr": dict(e.stderr)} if e.stderr else {}) for e in self.effects

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from pmsm_ctrl.units import DATASHEET, torque_constant
 
@@ -77,7 +77,9 @@ class Motor(SheetPart):
     accepted in place of the SI fields and converted once, here.
     """
 
-    J: Positive = Field(description="rotor inertia, kg m^2 (moving mass in kg for a linear axis)")
+    J: Positive | None = Field(
+        description="rotor inertia, kg m^2 (moving mass in kg for a linear axis), or 'unknown': a log then tells it"
+    )
     p: int | None = Field(default=None, ge=1, le=1000, description="pole pairs")
     psi_f: Positive | None = Field(default=None, description="permanent-magnet flux linkage, Wb")
     R: Positive | None = Field(default=None, description="phase resistance, Ohm")
@@ -91,12 +93,24 @@ class Motor(SheetPart):
         description="relative datasheet tolerance of each parameter",
     )
 
+    @field_validator("J", mode="before")
+    @classmethod
+    def _unknown(cls, value: Any) -> Any:
+        if value is None:
+            raise ValueError("a number, or 'unknown' in quotes, was expected")
+        return None if value == "unknown" else value
+
     @model_validator(mode="after")
     def _complete(self) -> Motor:
         electrical = {name: getattr(self, name) for name in ("p", "psi_f", "R", "L_d", "L_q")}
+        if self.K_t is not None and all(value is None for name, value in electrical.items() if name != "p"):
+            return self  # a plain axis; its pole pairs tell electrical orders
         missing = [name for name, value in electrical.items() if value is None]
         if len(missing) == len(electrical) and self.K_t is None:
-            raise ValueError("give p, psi_f (or K_t_peak, K_e_...), R, L_d and L_q, or K_t alone for a plain axis")
+            raise ValueError(
+                "give p, psi_f (or K_t_peak, K_e_...), R, L_d and L_q, or K_t alone for a plain axis "
+                "(p may stand beside it)"
+            )
         if missing and len(missing) < len(electrical):
             raise ValueError(f"electrical data incomplete: {', '.join(missing)} missing")
         if not missing and self.K_t is not None:

@@ -17,6 +17,7 @@ class NextCommand(Enum):
 
     INIT = "pmsm-ctrl init writes a design from a datasheet"
     ELECTRICAL_DATA = "pmsm-ctrl init asks for the electrical data"
+    INERTIA = "pmsm-ctrl identify LOG --design DESIGN --output NEW_DESIGN finds it"
     TUNE = "pmsm-ctrl tune DESIGN --output NEW_DESIGN"
     MAP = "--map CHANNEL='COLUMN [UNIT]' names its column"
     IMPORT = "pmsm-ctrl import LOG"

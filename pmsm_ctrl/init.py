@@ -43,7 +43,7 @@ def init(
     resistance: Annotated[Text, _option("'1.1 Ohm line'")] = None,
     inductance: Annotated[Text, _option("'7.6 mH line'")] = None,
     inductance_q: Annotated[Text, _option("'9 mH line'")] = None,
-    inertia: Annotated[Text, _option("'1.6 kg cm2'; linear: '95 kg'")] = None,
+    inertia: Annotated[Text, _option("'1.6 kg cm2' or unknown; linear: '95 kg'")] = None,
     load_inertia: Annotated[Text, _option("'200 kg cm2', at the load's own shaft")] = None,
     gear: Annotated[Text, _option("10, motor turns per load turn")] = None,
     current_limit: Annotated[Text, _option("'9 A rms'")] = None,
@@ -90,7 +90,7 @@ def _write_example(name: str, target: Path, *, force: bool, json_file: Path | No
     if json_file is not None:
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target)})
     print(f"design: {target}")
-    _print_next(target, simulated=design.motor.electrical)
+    _print_next(target, simulated=design.motor.electrical and design.motor.J is not None)
 
 
 def _write(
@@ -122,7 +122,7 @@ def _write(
         said = {"warnings": [d.text for d in doubts], "warning_codes": [d.code for d in doubts]}
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target), **said})
     print(f"design: {target}")
-    _print_next(target, simulated=design.motor.electrical)
+    _print_next(target, simulated=design.motor.electrical and design.motor.J is not None)
 
 
 def _print_next(target: Path, *, simulated: bool) -> None:

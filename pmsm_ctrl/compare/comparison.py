@@ -21,7 +21,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.log import Log, Logs, Span, as_logs, names_of
-from pmsm_ctrl.plausibility import doubts_about, of_holdout
+from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, make_record
 from pmsm_ctrl.regression.balances import Record as Balances
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
@@ -277,6 +277,7 @@ def compare(
     logs, holdouts = as_logs(log), () if holdout is None else as_logs(holdout, "holdout")
     for record in (*logs, *holdouts):
         record.check_evaluable(100)
+    design = with_inertia(design, logs)
     believed = doubts_about(design, log)
     advance = progress or (lambda share: None)
     part = 1.0 / (1 + len(holdouts))

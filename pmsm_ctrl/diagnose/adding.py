@@ -22,6 +22,7 @@ from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.effects.catalogue import catalogue_of, lookup
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Logs, as_logs, names_of
+from pmsm_ctrl.plausibility import with_inertia
 from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.regression.evaluated import with_evaluation
 from pmsm_ctrl.regression.kept import torque_error, worse_by_error
@@ -90,6 +91,7 @@ def added(
     wanted = lookup(effect, effects)
     advance(0.01)
     logs, holdouts = as_logs(log), () if holdout is None else as_logs(holdout, "holdout")
+    design = with_inertia(design, logs)
     case = condition(design, logs, holdouts, effects, POLICY)
     if effect in FRICTION:
         case = replace(case, design=design)  # it is to be added, not part of the base model

@@ -39,7 +39,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
-from pmsm_ctrl.plausibility import doubts_about, of_holdout
+from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.fast_orders import orders_beyond
@@ -113,6 +113,7 @@ def diagnose(
     logs, holdouts = as_logs(log), () if holdout is None else as_logs(holdout, "holdout")
     if calibrate and len(logs) > 1:
         raise RequestError(f"calibrate: found {len(logs)} logs; one, whose experiment is simulated, was expected")
+    design = with_inertia(design, logs)
     if calibrate:
         replay_of(design, logs[0])  # what cannot be simulated is said before the work, not after it
     offered = offered_effects(catalogue_of(design), candidates)

@@ -23,7 +23,7 @@ from pmsm_ctrl.identify.over_cutoff import inertia_over_cutoff, moved
 from pmsm_ctrl.identify.replay import Replay, build_replay, replayable
 from pmsm_ctrl.identify.several import Joint, joint, with_joint_errors
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
-from pmsm_ctrl.plausibility import doubts_about
+from pmsm_ctrl.plausibility import doubts_about, with_inertia
 from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
@@ -210,9 +210,8 @@ def identify(
     logs = as_logs(log)
     _check_method(method, len(logs))
     processing = processing or Processing()
-    if processing.blank is None:
-        processing = replace(processing, blank=True)
-    believed = doubts_about(design, log)
+    processing = processing if processing.blank is not None else replace(processing, blank=True)
+    believed = doubts_about(design := with_inertia(design, logs), log)
     log, processing = _sampled_log(design, believed.log, processing, method)
     several = joint(design, log) if method != "iv" else Joint(log)
     solution = _solved(method, design, several.log, processing)
@@ -227,9 +226,8 @@ def identify(
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
-    over: Mapping[float, Estimate] = {}
-    if check_cutoff and method == "regression":
-        over = inertia_over_cutoff(design, several.log, processing, problem, fit)
+    checked = check_cutoff and method == "regression"
+    over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
     return Identification(
         design=found if worse is None else design,
         improved=worse is None,

@@ -9,7 +9,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.names import split_header
-from pmsm_ctrl.importers.notices import SPEED_FACTOR, TORQUE_FACTOR, TORQUE_SIGN, UNLIKELY_INERTIA
+from pmsm_ctrl.importers.notices import SPEED_FACTOR, TORQUE_FACTOR, TORQUE_SIGN, UNIT_ASSUMED, UNLIKELY_INERTIA
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
 
@@ -69,6 +69,8 @@ def unconfirmed(log: Log, design: Design | None, mapping: Mapping[str, str] | No
 
 def _concerned(notice: Notice, log: Log) -> tuple[str, ...]:
     """Return the channels that a doubt of a unit or a sign concerns, the likeliest last; none for any other notice."""
+    if notice.code == UNIT_ASSUMED.code:  # a current in A is what nearly every drive writes
+        return tuple(name for name in notice.detail["channels"] if name in ("theta", "omega", "torque"))
     if notice.code == SPEED_FACTOR.code:
         return "theta", "omega"
     if notice.code == TORQUE_FACTOR.code:

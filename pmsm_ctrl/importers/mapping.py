@@ -69,6 +69,11 @@ class Source:
         """The factor from the file's number to SI."""
         return self.factor * self.scale
 
+    def doubtful(self, table: Table) -> bool:
+        """Whether a unit was assumed for a column that is not named as the channel is."""
+        named = table.columns[self.column].name.casefold() in CHANNELS
+        return self.how == "guessed" and self.assumed_unit and self.channel != "t" and not named
+
 
 @dataclass(frozen=True)
 class Assignment:

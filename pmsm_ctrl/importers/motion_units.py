@@ -185,7 +185,8 @@ def drive_unit(
     si = "A" if channel in ("i_q", "i_q_ref") else "N" if linear else "N m"
     found = drive_balance(t, values, **motion) if motion else None
     scale = math.nan  # SI for a unit of the file, by the design's inertia
-    if found is not None and design is not None and found.certain > 8.0 and found.inertia != 0.0:
+    known = design is not None and design.motor.J is not None
+    if known and design is not None and found is not None and found.certain > 8.0 and found.inertia != 0.0:
         scale = abs(design.J / found.inertia) / (design.K_t_assumed if si == "A" else 1.0)
     part = {"%": 100.0, "‰": 1000.0}.get(unit_spelling(stated))
     if part is not None:

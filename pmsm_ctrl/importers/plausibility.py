@@ -195,7 +195,7 @@ def _sign(log: Log, design: Design | None) -> list[Notice]:
         return []
     if inertia < 0.0:
         return [say.TORQUE_SIGN(channel=name)]
-    if design is None:
+    if design is None or design.motor.J is None:
         return []
     factor, error = inertia / design.J, INTERVAL * found.stderr / design.J
     if factor + error >= 0.5 and factor - error <= 2.0:

@@ -14,6 +14,7 @@ from pmsm_ctrl.files import sha256
 from pmsm_ctrl.importers.build import channels_of
 from pmsm_ctrl.importers.clock import with_clock
 from pmsm_ctrl.importers.mapping import Assignment, assign
+from pmsm_ctrl.importers.notices import UNIT_ASSUMED
 from pmsm_ctrl.importers.plausibility import check
 from pmsm_ctrl.importers.sources import Source, as_file, frame_digest, frame_table, is_frame
 from pmsm_ctrl.importers.table import Table
@@ -125,6 +126,10 @@ def _from_table(
             raise LogError(f"{file}: does not fit into memory") from None
     provenance = Provenance(file, digest.result(), table.format, (*table.notes, *assignment.notes, *notes))
     log = Log(channels, motion=assignment.motion, provenance=provenance)
+    assumed = tuple(source for source in assignment.sources if source.doubtful(table))
+    if assumed:
+        units = ", ".join(f"{source.unit} for {source.channel}" for source in assumed)
+        doubts = (*doubts, UNIT_ASSUMED(channels=[source.channel for source in assumed], units=units))
     return replace(log, provenance=replace(provenance, notices=(*doubts, *check(log, design)))), table, assignment
 
 

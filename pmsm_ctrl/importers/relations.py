@@ -14,7 +14,7 @@ import numpy as np
 from pmsm_ctrl.importers.table import Array
 
 __all__ = [
-    "Balance", "block_edges", "drive_balance", "drive_factor", "integral", "rate_factor",
+    "NOTHING", "Balance", "block_edges", "drive_balance", "drive_factor", "integral", "rate_factor",
     "rate_likeness", "ratio", "roughness",
 ]  # fmt: skip
 
@@ -47,6 +47,8 @@ class Balance:
     @property
     def certain(self) -> float:
         """The inertia over its standard error."""
+        if not math.isfinite(self.inertia):
+            return 0.0
         return abs(self.inertia) / self.stderr if self.stderr > 0.0 else math.inf
 
 

@@ -14,11 +14,12 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers.delays import Delay, delays
 from pmsm_ctrl.importers.mapping import Assignment, Source, find_column
+from pmsm_ctrl.importers.notices import UNIT_ASSUMED
 from pmsm_ctrl.importers.plausibility import torque_factor, velocity_factor
 from pmsm_ctrl.importers.reading import read_all
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.importers.timebase import TimeBase, quantum, saturated_share, time_base
-from pmsm_ctrl.log import CHANNELS, Log
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
 
@@ -81,11 +82,8 @@ class ImportReport(Result):
     @property
     def assumed(self) -> tuple[str, ...]:
         """Channels whose unit was assumed, of columns that are not named as the channels are."""
-        return tuple(
-            c.channel
-            for c in self.channels
-            if c.assumed_unit and c.channel != "t" and c.column.casefold() not in CHANNELS
-        )
+        found = (notice for notice in self.notices if notice.code == UNIT_ASSUMED.code)
+        return tuple(channel for notice in found for channel in notice.detail["channels"])
 
     @property
     def notices(self) -> tuple[Notice, ...]:

@@ -18,7 +18,7 @@ from pmsm_ctrl.files import sha256, write_text
 from pmsm_ctrl.identify import Identification, SweepResult, identify, paper_table, sweep
 from pmsm_ctrl.identify.paper import PAPER_CASES
 from pmsm_ctrl.log import Log, Logs, as_logs
-from pmsm_ctrl.plausibility import doubts_about, of_holdout
+from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.report.drive_parts import drive_parts
 from pmsm_ctrl.report.headline import of_diagnosis, of_simulation
 from pmsm_ctrl.report.history import Entry, add_entry, extended, read_history
@@ -82,6 +82,7 @@ def study(
     path = report_path(design, output)
     before = read_history(history) if history is not None else ()  # refused before the computation
     advance = progress or (lambda share: None)
+    design = design if log is None else with_inertia(design, log)
     results, left_out = _simulated_parts(design, log is None, seed, advance)
     tuned = results.get("tune")
     drive = tuned.design if design.loops is None and isinstance(tuned, Tuning) else design

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
-from pmsm_ctrl.plausibility import doubts_about
+from pmsm_ctrl.plausibility import doubts_about, with_inertia
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model, notices
 from pmsm_ctrl.track.inputs import Samples, located, noise_from_log, samples_of
@@ -65,6 +65,7 @@ def track(
         if len(one) < 3:
             raise LogError(f"{located(one)}{len(one)} samples; tracking needs at least 3")
         one.check_evaluable()
+    design = with_inertia(design, logs)
     believed = doubts_about(design, log)
     log = believed.log
     settings = settings or _default_settings(design, log)

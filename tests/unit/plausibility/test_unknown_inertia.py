@@ -1,0 +1,99 @@
+"""An inertia that the design does not know: a log tells it, without a prior; without a log it is asked for."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.cli import app
+from pmsm_ctrl.console import run
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import CATALOGUE
+from pmsm_ctrl.errors import DesignError, LogError
+from pmsm_ctrl.identify import identify
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.plausibility import with_inertia
+from pmsm_ctrl.regression.signals import missing_signals, term_signals
+from pmsm_ctrl.simulate import simulate
+
+T = np.zeros(1)
+PLAIN = {"effects": [{"id": "coulomb", "F_c": 0.01}, {"id": "viscous", "F_v": 1e-4}]}
+
+
+def recorded(J: float, seed: int = 3, seconds: float = 10.0) -> Log:
+    """Return a log of an axis by closed form: two sines, dry and viscous friction, K_t = 0.5 N m/A."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(1e3 * seconds)) * 1e-3
+    omega = 60 * np.sin(2 * np.pi * 0.4 * t) + 20 * np.sin(2 * np.pi * 1.3 * t + 0.5)
+    alpha = 48 * np.pi * np.cos(2 * np.pi * 0.4 * t) + 52 * np.pi * np.cos(2 * np.pi * 1.3 * t + 0.5)
+    theta = -75 / np.pi * np.cos(0.8 * np.pi * t) - 20 / (2.6 * np.pi) * np.cos(2.6 * np.pi * t + 0.5)
+    torque = J * alpha + 0.02 * np.sign(omega) + 2e-4 * omega
+    return Log({"t": t, "theta": theta, "i_q": torque / 0.5 + rng.normal(0, 0.004, t.size)})
+
+
+@pytest.mark.parametrize("J", [8e-5, 3e-4, 5e-3])
+def test_identify_finds_what_the_design_does_not_know(J: float) -> None:
+    unknown = Design.from_dict({"motor": {"J": "unknown", "K_t": 0.5}, **PLAIN})
+    found = identify(unknown, recorded(J))
+    assert found.estimates["J"].value == pytest.approx(J, rel=0.01)
+    assert found.estimates["F_c"].value == pytest.approx(0.02, rel=0.02)
+    assert pytest.approx(J, rel=0.01) == found.design.motor.J
+
+
+def test_no_prior_is_left() -> None:
+    log = recorded(3e-4)
+    unknown = Design.from_dict({"motor": {"J": "unknown", "K_t": 0.5}, **PLAIN})
+    free = with_inertia(unknown, log)
+    assert pytest.approx(3e-4, rel=0.05) == free.motor.J
+    assert free.motor.tolerance["J"] > 0.99
+    # an inertia twice as large to start from leads to the same one
+    twice = free.replace(motor={"J": 2 * free.J})
+    assert identify(twice, log).estimates["J"].value == pytest.approx(
+        identify(free, log).estimates["J"].value, rel=1e-3
+    )
+    known = Design.from_dict({"motor": {"J": 1e-4, "K_t": 0.5}})
+    assert with_inertia(known, log) is known
+
+
+def test_a_log_that_does_not_tell_it_is_refused() -> None:
+    t = 1e-3 * np.arange(5000)
+    steady = Log({"t": t, "theta": 20.0 * t, "i_q": 0.1 + 0.01 * np.random.default_rng(1).normal(size=t.size)})
+    with pytest.raises(LogError, match=r"motor\.J is unknown and the log does not tell it"):
+        with_inertia(Design.from_dict({"motor": {"J": "unknown", "K_t": 0.5}}), steady)
+
+
+def test_what_needs_a_number_asks_for_it(tmp_path: Path, designs: Path) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    data = design.to_dict()
+    data["motor"]["J"] = "unknown"
+    unknown = Design.from_dict(data)
+    with pytest.raises(DesignError, match=r"motor\.J is unknown"):
+        simulate(unknown, "triangle")
+    written = unknown.write(tmp_path / "unknown.toml")
+    assert 'J = "unknown"' in written.read_text()
+    assert Design.read(written) == unknown
+
+
+def test_pole_pairs_alone_are_enough_for_electrical_orders() -> None:
+    design = Design.from_dict({"motor": {"J": 1e-4, "K_t": 0.5, "p": 5}, **PLAIN})
+    assert not design.motor.electrical
+    assert design.K_t == 0.5
+    assert Design.from_dict(design.to_dict()) == design
+    assert term_signals(design, {})["p"] == 5.0
+    torque_ripple = CATALOGUE["torque_ripple"]
+    assert (
+        missing_signals(torque_ripple, term_signals(design, dict.fromkeys(("omega", "theta", "torque", "i_q"), T)))
+        == ""
+    )
+
+
+def test_init_takes_an_unknown_inertia_and_pole_pairs(tmp_path: Path) -> None:
+    path = tmp_path / "axis.toml"
+    words = ["init", "axis", "--machine", "plain", "--torque-constant", "0.5 N m/A peak", "--inertia", "unknown"]
+    assert run(app, [*words, "--pole-pairs", "5", "--output", str(path)]) == 0
+    motor = tomllib.loads(path.read_text())["motor"]
+    assert (motor["J"], motor["p"]) == ("unknown", 5)
+    assert Design.read(path).motor.J is None
