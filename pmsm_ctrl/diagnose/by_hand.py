@@ -102,11 +102,12 @@ class Stepwise(Result):
         Returns
         -------
         tuple of Ranked
-            `refusal` says what speaks against it before everything is fitted again with it; None where nothing does.
+            `explained` is the share of the residual's sum of squares, as the estimate weighs it. `refusal` says what
+            speaks against it before everything is fitted again with it; None where nothing does.
         """
-        left = self._fit.solved.chi2
+        left = self._fit.plain.chi2
         out = [
-            Ranked(name_of(trial), min(1.0, max(0.0, trial.gain / left)) if left > 0.0 else 0.0, p_value, refusal)
+            Ranked(name_of(trial), min(1.0, max(0.0, trial.plain_gain / left)) if left > 0.0 else 0.0, p_value, refusal)
             for trial, p_value, refusal in judged_trials(self._fit, self._case.policy)
         ]
         closed = [

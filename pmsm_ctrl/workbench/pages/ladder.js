@@ -9,8 +9,9 @@ export function showLadder(section, app) {
   if (!section.querySelector(".bench")) section.replaceChildren(frame(app));
   const place = (name) => section.querySelector(`[data-part=${name}]`);
   section.querySelector(".bench").hidden = !model;
-  fill(place("begin"), [!!model, !!job], () => (model ? [] : [
+  fill(place("begin"), [!!model, !!job, app.state.message], () => (model ? [] : [
     h("h2", {}, "Compare the design with the logs"),
+    app.state.message && !job ? h("p", { class: "complaint" }, app.state.message) : null,
     job ? h("p", {}, "The base parameters are being fitted …") : h("p", {}, h("button", { type: "button", class: "main", id: "begin", onclick: () => app.act("steps", { begin: true }) }, "Compare")),
   ]));
   if (!model) return;

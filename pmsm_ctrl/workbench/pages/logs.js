@@ -13,18 +13,13 @@ export function showLogs(section, app) {
     h("p", { class: "lead" }, "Any motion that reverses and changes speed. Parameters and effects are fitted to the logs marked Fit; a log marked Held out is only predicted, and shows whether an effect is real."),
     drop(app),
     state.logs.map((entry) => card(app, entry)),
-    state.logs.length ? h("p", {}, h("button", { type: "button", class: "main", id: "to-compare", disabled: !usable(state), onclick: () => compare(app) }, "Next: compare")) : null,
+    state.logs.length ? h("p", {}, h("button", { type: "button", class: "main", id: "to-compare", disabled: !usable(state), onclick: () => app.enter("compare") }, "Next: compare")) : null,
   ]);
   for (const place of section.querySelectorAll("[data-closer]")) drawChannel(place, state.logs.find((one) => one.id === place.dataset.closer));
 }
 
-const usable = (state) =>
+export const usable = (state) =>
   state.logs.some((one) => one.role === "fit") && state.logs.filter((one) => one.role !== "off").every((one) => one.info && !one.info.error && !one.info.doubts.some((doubt) => doubt.channel));
-
-function compare(app) {
-  app.go("compare");
-  if (!app.state.model && !app.state.job) app.act("steps", { begin: true });
-}
 
 function drop(app) {
   const take = async (files) => {

@@ -1,13 +1,13 @@
 // The page: it asks the server for the state of its session and shows the step that is chosen.
 import { GONE, get, h, send } from "./dom.js";
 import { showDesign } from "./design.js";
-import { showLogs } from "./logs.js";
+import { showLogs, usable } from "./logs.js";
 import { showLadder } from "./ladder.js";
 import { showTakeaway } from "./takeaway.js";
 
 const STEPS = ["design", "logs", "compare", "take"];
 const VIEWS = { design: showDesign, logs: showLogs, compare: showLadder, take: showTakeaway };
-const app = { state: null, about: null, step: "design", complaint: "", act, go, refresh, upload };
+const app = { state: null, about: null, step: "design", complaint: "", act, go, enter, refresh, upload };
 let listening = false;
 
 function go(step, focus = true) {
@@ -122,8 +122,15 @@ function draw() {
   }
 }
 
+// The third step compares by itself where it can.
+function enter(step) {
+  go(step);
+  const { state } = app;
+  if (step === "compare" && !state.model && !state.job && usable(state)) act("steps", { begin: true });
+}
+
 async function begin() {
-  for (const button of document.querySelectorAll("#steps button")) button.addEventListener("click", () => go(button.dataset.step));
+  for (const button of document.querySelectorAll("#steps button")) button.addEventListener("click", () => enter(button.dataset.step));
   addEventListener("hashchange", () => go(location.hash.slice(1), false));
   document.addEventListener("visibilitychange", () => !document.hidden && refresh());
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
