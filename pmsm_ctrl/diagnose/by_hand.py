@@ -22,7 +22,7 @@ from pmsm_ctrl.diagnose.diagnosis import (
     searched,
     without_what_happened_once,
 )
-from pmsm_ctrl.diagnose.explorer import coordinates_of
+from pmsm_ctrl.diagnose.explorer import coordinates_of, traces_between
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.outcome import errors_table, noise_floor
@@ -38,7 +38,7 @@ from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.result import Result, jsonable
-from pmsm_ctrl.section import Notice
+from pmsm_ctrl.section import Notice, Traces
 
 __all__ = ["Rung", "Stepwise", "stepwise"]
 
@@ -234,6 +234,10 @@ class Stepwise(Result):
             On the time axis of `contributions`, or of `held_out`; the speed first.
         """
         return coordinates_of(self._fit.record if held_out is None else self._case.holdouts[held_out])
+
+    def traces(self) -> Traces:
+        """Return the balances for a page on which one zooms, and switches the added effects on and off."""
+        return traces_between(self._case.fits[0], self._fit, self.contributions, self.noise_floor)
 
     def preview(self, effect: str, channel: str = "torque") -> Array:
         """Return what a candidate would take from the residual, before anything is fitted again.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,9 +14,11 @@ from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.section import Balance, Traces
 
 if TYPE_CHECKING:
-    from pmsm_ctrl.diagnose.result import Diagnosis
+    from pmsm_ctrl.diagnose.contributions import Contributions
+    from pmsm_ctrl.diagnose.fit import Fitted
+    from pmsm_ctrl.diagnose.result import Diagnosis, Errors
 
-__all__ = ["coordinates_of", "traces_of"]
+__all__ = ["coordinates_of", "traces_between", "traces_of"]
 
 Array = NDArray[np.float64]
 
@@ -33,13 +36,35 @@ def traces_of(d: Diagnosis) -> Traces:
     -------
     Traces
     """
-    fit = d.selection.fit
+    return traces_between(d.selection.fits[0], d.selection.fit, d.contributions, d.errors["noise_floor"])
+
+
+def traces_between(first: Fitted, fit: Fitted, contributions: Callable[[str], Contributions], floor: Errors) -> Traces:
+    """Return the torque balance over time, and every other balance that an effect enters.
+
+    Parameters
+    ----------
+    first : Fitted
+        Before the first effect; where it fails worst, the stretches are.
+    fit : Fitted
+        With all of them.
+    contributions : function
+        Of a balance by its name.
+    floor : dict of balance to rms, unit and relative error
+        What noise alone leaves.
+
+    Returns
+    -------
+    Traces
+    """
     record, linear = fit.record, fit.record.linear
-    balances = [_balance(d, channel) for channel in record.channels]
+    balances = [
+        _balance(contributions(channel), record.drive, float(floor[channel]["relative"])) for channel in record.channels
+    ]
     shown = tuple(b for k, b in enumerate(balances) if k == 0 or b.parts)
     coordinates = coordinates_of(record)
-    first = d.selection.fits[0].residual[0]
-    stretches = worst_stretches(record.t, first, record.mask, next(iter(coordinates.values())), STRETCHES)
+    speed = next(iter(coordinates.values()))
+    stretches = worst_stretches(record.t, first.residual[0], record.mask, speed, STRETCHES)
     unit = "m/s" if linear else "rad/s"
     words = tuple((s.start, s.stop, motion_words(s.motion, unit)) for s in stretches)
     return Traces(record.t, coordinates, shown, words)
@@ -67,17 +92,16 @@ def coordinates_of(record: Record) -> dict[str, Array]:
     }
 
 
-def _balance(d: Diagnosis, channel: str) -> Balance:
-    parts = d.contributions(channel)
+def _balance(parts: Contributions, drive: str, floor: float) -> Balance:
     used = parts.used
     rows = np.array([parts.residual()[used], *(values[used] for values in parts.effects.values())])
     return Balance(
-        d.record.drive if channel == "torque" else channel,
+        drive if parts.channel == "torque" else parts.channel,
         parts.unit,
         parts.measured,
         parts.predicted,
         parts.effects,
         rows @ rows.T / max(rows.shape[1], 1),
         float(np.sqrt(np.mean(parts.measured[used] ** 2))),
-        float(d.errors["noise_floor"][channel]["relative"]),
+        floor,
     )

@@ -20,7 +20,7 @@ def _(found: Stepwise) -> Section:
     added = ", then ".join(found.names)
     verdict = f"Chosen by hand: {added or 'no effect added'}. The {kind} error"
     verdict += f" falls from {first} to {last}." if found.names else f" is {last} with the parameters refitted."
-    blocks: tuple[Block, ...] = (verdict, *found.notices, _rungs(found, kind), _effects(found))
+    blocks: tuple[Block, ...] = (verdict, *found.notices, found.traces(), _rungs(found, kind), _effects(found))
     return Section(f"Ladder of {found.design.name} from {Path(found.log_name).name}", (*blocks, _candidates(found)))
 
 

@@ -56,6 +56,7 @@ def test_the_steps_from_the_design_to_the_files(page: Page, bench: Bench, files:
     report = page.get("take/report")
     assert "&lt;script&gt;alert(1)" in report.text
     assert NAME not in report.text
+    assert 'data-part="quadratic_drag"' in report.text  # its switch
     assert report.headers["content-disposition"] == 'attachment; filename="script_alert_1_script.html"'
     script = page.get("take/script").text
     assert "model = model.add('quadratic_drag')" in script
