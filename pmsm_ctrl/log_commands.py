@@ -1,4 +1,4 @@
-"""The commands that evaluate logs: identify, compare, diagnose, add and track."""
+"""The commands that evaluate logs: identify, compare, diagnose, add, track and frf."""
 
 from __future__ import annotations
 
@@ -193,4 +193,22 @@ def track(
     finish("track", result, json_file=json_file, report=report)
 
 
-LOG_COMMANDS = (identify, compare, diagnose, add, track)
+def frf(
+    log: LogArgument,
+    design: DesignOption,
+    output: NewDesignOption = None,
+    mapping: MapOption = None,
+    effects: EffectsOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+) -> None:
+    """Measure the frequency response of the axis from logs with excitation, and compare it with the design's."""
+    from pmsm_ctrl.frf import frf as measure
+
+    axis = read_design(design, effects)
+    result = measure(axis, load_logs(log, axis, mapping))
+    finish("frf", result, json_file=json_file, report=report)
+    write_design(result.measured, output)
+
+
+LOG_COMMANDS = (identify, compare, diagnose, add, track, frf)

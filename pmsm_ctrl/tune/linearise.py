@@ -24,11 +24,12 @@ from pmsm_ctrl.kernels import balance
 from pmsm_ctrl.simulate.parameters import Plant
 
 __all__ = [
-    "INPUTS", "STATES", "Linearisation", "OperatingPoint", "drive_system", "linearise", "operating_point", "rigid",
-    "second_mass",
+    "INPUTS", "STATES", "Linearisation", "OperatingPoint", "drive_system", "friction_slope", "linearise", "mobility",
+    "operating_point", "rigid", "second_mass",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 Derivative = Callable[[Array, Array], Array]
 
 STATES = ("i_d", "i_q", "omega", "theta")
@@ -87,16 +88,19 @@ class Linearisation:
 def _opposing_torque(design: Design) -> Callable[..., float]:
     """Return the sum of the design's torque effects as ``f(omega, theta, direction, i_d, i_q)`` in N m.
 
-    Effects with states of their own (a second mass, bristles) are left out.
+    Effects with states of their own (a second mass, bristles) are left out. Without winding data the torque is K_t i_q.
     """
-    m = Plant.of(design)
+    motor = design.motor
+    wound = motor.p is not None and motor.L_d is not None and motor.L_q is not None
+    m = Plant.of(design) if wound else None
+    p = float(motor.p or 0)
     bound = [(e, values) for e, values in bound_effects(design) if e.enters == "torque" and not e.has_state]
 
     def total(omega: float, theta: float, direction: float, i_d: float, i_q: float) -> float:
         signals = {
             "omega": omega, "theta": theta, "direction": direction, "i_d": i_d, "i_q": i_q,
-            "torque": _torque_em(m.p, m.psi_f, m.L_d, m.L_q, i_d, i_q),
-            "t": 0.0, "p": float(m.p), "di_d": 0.0, "di_q": 0.0,
+            "torque": design.K_t * i_q if m is None else _torque_em(m.p, m.psi_f, m.L_d, m.L_q, i_d, i_q),
+            "t": 0.0, "p": p, "di_d": 0.0, "di_q": 0.0,
         }  # fmt: skip
         return sum(
             float(effect.py_term(*((signals | values)[name] for name in effect.arguments))) for effect, values in bound
@@ -183,13 +187,28 @@ def operating_point(design: Design, speed: float = 0.0, load: float = 0.0) -> Op
             f"operating point {speed:g} rad/s, {load:g} N m: needs {math.hypot(u_d, u_q):.4g} V, but a dc link of "
             f"{m.u_dc:g} V gives at most {limit:.4g} V (peak, phase)"
         )
-    slope = 0.0
-    if not stuck:
-        h, direction = STEPS[2] * max(1.0, abs(speed)), _direction(speed)
-        slope = (opposing(speed + h, 0.0, direction, 0.0, i_q) - opposing(speed - h, 0.0, direction, 0.0, i_q)) / (
-            2.0 * h
-        )
+    slope = 0.0 if stuck else _slope(opposing, speed, i_q)
     return OperatingPoint(speed, load, 0.0, i_q, u_d, u_q, "stuck" if stuck else "sliding", slope)
+
+
+def _slope(opposing: Callable[..., float], speed: float, i_q: float) -> float:
+    h, direction = STEPS[2] * max(1.0, abs(speed)), _direction(speed)
+    return (opposing(speed + h, 0.0, direction, 0.0, i_q) - opposing(speed - h, 0.0, direction, 0.0, i_q)) / (2.0 * h)
+
+
+def friction_slope(design: Design, speed: float) -> float:
+    """Return the derivative of the torque effects with respect to speed, N m s/rad, without load.
+
+    Neither winding nor drive data are needed.
+
+    Parameters
+    ----------
+    design : Design
+    speed : float
+        rad/s.
+    """
+    opposing = _opposing_torque(design)
+    return _slope(opposing, speed, _holding_current(design, opposing, speed, 0.0))
 
 
 def linearise(
@@ -273,3 +292,31 @@ def _with_second_mass(design: Design, model: Linearisation, mass: SecondMass | N
     A[4, 2:] = np.array([mass.d, 0.0, -mass.d, mass.k]) / mass.J_load
     A[5, 2], A[5, 4] = 1.0, -1.0
     return Linearisation(model.point, A, B, (*STATES, "omega_load", "twist"))
+
+
+def mobility(s: Complex, J: float, slope: float, mass: SecondMass | None = None) -> Complex:
+    """Return the response from drive torque to motor speed in closed form, (rad/s)/(N m).
+
+    The transfer function of `linearise`'s matrices, for fits to measured responses. Source: G. Ellis, R. D. Lorenz,
+    Resonant load control methods for industrial servo drives, IEEE IAS Annual Meeting 2000.
+
+    Parameters
+    ----------
+    s : complex array, shape (n,)
+        rad/s.
+    J, slope : float
+        Total inertia, kg m^2, and slope of the friction at the motor, N m s/rad.
+    mass : SecondMass, optional
+        The load behind a spring; its inertia is part of the total.
+
+    Returns
+    -------
+    complex array, shape (n,)
+    """
+    if mass is None:
+        return np.asarray(1.0 / (s * J + slope))
+    spring = mass.k + s * mass.d
+    coupled = (
+        spring * mass.J_load / (spring + s * s * mass.J_load)
+    )  # the load's share of the inertia, at this frequency
+    return np.asarray(1.0 / (s * (J - mass.J_load + coupled) + slope))

@@ -1,0 +1,203 @@
+"""The verb: measured frequency responses, the axis fitted to them, and where the design's own response differs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.frf import notices as words
+from pmsm_ctrl.frf import policy
+from pmsm_ctrl.frf.fit import Axis, fit_axis
+from pmsm_ctrl.frf.measured import LOOPS, Stretch, closed_loop, plant, stretches
+from pmsm_ctrl.frf.result import Band, FrequencyResponse, Response
+from pmsm_ctrl.log import Logs, as_logs, names_of
+from pmsm_ctrl.rendering.numbers import with_error
+from pmsm_ctrl.result import Estimate
+from pmsm_ctrl.section import Notice
+from pmsm_ctrl.tune.linearise import friction_slope, mobility, second_mass
+from pmsm_ctrl.tune.margins import Margins, margins
+from pmsm_ctrl.tune.resonance import resonance_frequencies
+from pmsm_ctrl.tune.sampled import Cascade
+from pmsm_ctrl.tune.speed import open_loop
+from pmsm_ctrl.units import axis_unit
+
+__all__ = ["frf"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+UNITS = {
+    "J": "kg m^2", "friction_slope": "N m s/rad", "delay": "s", "antiresonance": "Hz", "resonance": "Hz",
+    "damping_ratio": "", "J_load": "kg m^2", "k": "N m/rad", "d": "N m s/rad",
+}  # fmt: skip
+MARGINS = {"phase_margin": "deg", "gain_margin_db": "dB", "crossover": "Hz", "sensitivity_peak": ""}
+
+
+def frf(design: Design, logs: Logs) -> FrequencyResponse:
+    """Measure the frequency response of an axis from logs with excitation, and compare it with the design's.
+
+    The response from drive torque to speed is taken by the local polynomial method, with the outermost reference that
+    follows the excitation as instrument, from the longest stretch of each record in which the axis keeps its direction.
+    A rigid axis or two masses are fitted to it by maximum likelihood.
+
+    Parameters
+    ----------
+    design : Design
+        Its torque constant turns currents into torque.
+    logs : Log or sequence of Log
+        With ``theta`` or ``omega``, and ``torque`` or ``i_q``; excited by a multisine, a chirp, noise or the like.
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    LogError
+        When a channel is missing, or nothing is excited.
+    """
+    given = as_logs(logs)
+    records = stretches(design, given)
+    response, found = plant(design, records)
+    axis = fit_axis(response, design.J, max(one.period for one in records))
+    speed = _mean_speed(records)
+    own = _own_response(design, speed, response)
+    estimates = _estimates(design, axis, speed)
+    measured = _measured_design(design, axis)
+    loops = {name: one for name in LOOPS if (one := closed_loop(name, records)) is not None}
+    return FrequencyResponse(
+        design, measured, names_of(given, "log"), speed, {"plant": response, **loops}, own,
+        axis.response(response.frequency), estimates, _bands(response, own, axis),
+        _margins(design, measured, axis, speed), axis.misfit, (*found, *_judged(design, axis, estimates)),
+    )  # fmt: skip
+
+
+def _mean_speed(records: Sequence[Stretch]) -> float:
+    means = [
+        float(np.ptp(one.channels["theta"])) / (one.period * (len(one.channels["theta"]) - 1))
+        if "theta" in one.channels and not one.reverses
+        else 0.0 if one.reverses else float(np.mean(one.channels["omega"]))
+        for one in records
+    ]  # fmt: skip
+    return float(np.mean(np.abs(means)))
+
+
+def _own_response(design: Design, speed: float, response: Response) -> Complex:
+    s = np.asarray(2j * math.pi * response.frequency, dtype=np.complex128)
+    return mobility(s, design.J, friction_slope(design, speed), second_mass(design))
+
+
+def _estimates(design: Design, axis: Axis, speed: float) -> dict[str, Estimate]:
+    mass, frequencies = second_mass(design), resonance_frequencies(design)
+    nominal: dict[str, float] = {"J": design.J, "friction_slope": friction_slope(design, speed), "delay": 0.0}
+    if mass is not None and frequencies is not None:
+        damping = mass.d / (2.0 * math.sqrt(mass.k * mass.J_load))
+        nominal |= {"antiresonance": frequencies[0], "resonance": frequencies[1], "damping_ratio": damping}
+        nominal |= {"J_load": mass.J_load, "k": mass.k, "d": mass.d}
+    return {
+        name: Estimate(value, axis_unit(UNITS[name], design.motion), stderr, nominal.get(name))
+        for name, (value, stderr) in axis.errors().items()
+    }
+
+
+def _measured_design(design: Design, axis: Axis) -> Design:
+    """Return the design with the inertia and the spring that were found."""
+    found = design.with_parameters(J=axis.J)
+    mass = axis.mass
+    if mass is None:
+        return found
+    return found.with_effect("compliance", {"J_load": mass.J_load, "k": mass.k, "d": mass.d})
+
+
+def _bands(response: Response, own: Complex, axis: Axis) -> tuple[Band, ...]:
+    """Return the third octaves in which the design's response differs, neighbouring ones joined; the delay is left out.
+
+    The mean deviation of a third octave is tested, with the chance shared out over all of them.
+    """
+    ratio = response.value / own * np.exp(2j * math.pi * response.frequency * float(axis.values[2]))
+    octave = np.floor(3.0 * np.log2(response.frequency / response.frequency[0])).astype(int)
+    weight = (np.abs(response.value) / response.stderr) ** 2
+    limit = float(chi2.isf(policy.DEVIATION / len(np.unique(octave)), 2))
+    bands: list[Band] = []
+    last = -2
+    for number, k in enumerate(np.unique(octave)):
+        inside = octave == k
+        share, total = weight[inside] / weight[inside].sum(), float(weight[inside].sum())
+        mean = complex(np.sum(share * np.log(ratio[inside])))
+        if 2.0 * total * abs(mean) ** 2 < limit or abs(mean) < policy.SMALLEST_DEVIATION:
+            continue
+        f = response.frequency[inside]
+        band = Band(float(f[0]), float(f[-1]), math.exp(mean.real), math.degrees(mean.imag))
+        same = bands and last == number - 1 and (bands[-1].ratio > 1.0) == (band.ratio > 1.0)
+        if same:
+            before = bands.pop()
+            further = max((before, band), key=lambda one: abs(math.log(one.ratio)))
+            band = replace(further, low=before.low, high=band.high)
+        bands.append(band)
+        last = number
+    return tuple(bands)
+
+
+def _speed_loop(design: Design, speed: float) -> Margins | None:
+    if design.loops is None:
+        return None
+    try:
+        cascade = Cascade.of(design, design.loops.current, at=speed)
+    except (DesignError, RequestError):  # no winding data, or a speed that the drive cannot hold
+        return None
+    return margins(open_loop(cascade, design.loops.speed))
+
+
+def _margins(design: Design, measured: Design, axis: Axis, speed: float) -> dict[str, tuple[Estimate, float]]:
+    """Return the margins of the speed loop around the fitted axis, with errors, and around the design's."""
+    before, after = _speed_loop(design, speed), _speed_loop(measured, speed)
+    if before is None or after is None:
+        return {}
+
+    def of(one: Axis) -> Array:
+        found = _speed_loop(_measured_design(design, one), speed)
+        return np.array([getattr(found, name) if found is not None else math.nan for name in MARGINS])
+
+    spread = axis.propagated(of)
+    return {
+        name: (Estimate(getattr(after, name), unit, float(stderr)), float(getattr(before, name)))
+        for (name, unit), stderr in zip(MARGINS.items(), spread, strict=True)
+    }
+
+
+def _judged(design: Design, axis: Axis, estimates: dict[str, Estimate]) -> list[Notice]:
+    """Return where the fitted axis is not the design's."""
+    found: list[Notice] = []
+    if axis.misfit > math.sqrt(2.0):
+        found.append(words.MISFIT(misfit=axis.misfit))
+    limit = float(norm.isf(0.5 * policy.DEVIATION / 3.0))
+
+    def differs(name: str) -> bool:
+        one = estimates[name]
+        away = abs(one.value - (one.nominal or 0.0))
+        return away > limit * one.stderr and away > policy.SMALLEST_DEVIATION * abs(one.nominal or 0.0)
+
+    def text(name: str, scale: float = 1.0) -> str:
+        return with_error(scale * estimates[name].value, scale * estimates[name].stderr)
+
+    if differs("J"):
+        share = estimates["J"].value / design.J - 1.0
+        found.append(words.INERTIA(found=text("J"), design=design.J, share=share))
+    own = resonance_frequencies(design)
+    if own is None and axis.mass is not None:
+        found.append(words.NEW_RESONANCE(antiresonance=text("antiresonance"), resonance=text("resonance")))
+    elif own is not None and axis.mass is None:
+        found.append(words.NO_RESONANCE(design=own[1]))
+    elif own is not None and differs("resonance"):
+        found.append(words.OTHER_RESONANCE(found=text("resonance"), design=own[1]))
+    delay = estimates["delay"]
+    if delay.value > limit * delay.stderr and delay.value > 0.5 * math.sqrt(12.0 * axis.spread):
+        found.append(words.LATE(found=text("delay", 1e3)))
+    return found

@@ -1,0 +1,313 @@
+"""From logs to frequency responses: stretches of steady motion, spectra, and the instrument.
+
+Noise of the measured torque makes a response that is taken directly too small. A reference has none of it: the response
+is that of the speed to the reference over that of the torque to the reference, and the noise drops out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError, NextCommand
+from pmsm_ctrl.evidence.local_polynomial import REACH, Local, local_polynomial, strongest_lines
+from pmsm_ctrl.frf import notices as words
+from pmsm_ctrl.frf import policy
+from pmsm_ctrl.frf.result import Response
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.joining import name_of, parts_of, with_records
+from pmsm_ctrl.regression.signals import logged_torque
+from pmsm_ctrl.regression.timing import uniform, unwrapped
+from pmsm_ctrl.section import Notice
+from pmsm_ctrl.units import drives
+
+__all__ = ["LOOPS", "Stretch", "closed_loop", "plant", "stretches"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+LOOPS = {"current": ("i_q_ref", "i_q"), "speed": ("omega_ref", "omega"), "position": ("theta_ref", "theta")}
+NEIGHBOURS = 7  # windows over which the noise is averaged: it is smooth, and its estimate in one window is not
+# The outermost reference that follows the excitation is the instrument; the inner one contains noise that the outer
+# controllers answer.
+REFERENCES = ("theta_ref", "omega_ref", "i_q_ref")
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A stretch of a record at an even rate in which the axis moves steadily.
+
+    Attributes
+    ----------
+    name : str
+    period : float
+        s.
+    channels : dict of name to array, shape (n,)
+        Those of the log, and ``torque``; ``speed`` as its spectrum needs it.
+    reverses : bool
+        Whether the axis reverses in it.
+    """
+
+    name: str
+    period: float
+    channels: Mapping[str, Array]
+    reverses: bool
+
+    @property
+    def rate(self) -> float:
+        """Samples per second."""
+        return 1.0 / self.period
+
+    def spectrum(self, name: str) -> Complex:
+        """Return the spectrum of a channel, shape (n // 2 + 1,); of an angle that of its speed."""
+        n = len(self.channels["torque"]) - 1
+        if name in ("theta", "theta_ref"):
+            # the difference of samples is exact: only its own response over a period is undone
+            turn = 2j * math.pi * np.fft.rfftfreq(n)
+            turn[0] = 1.0
+            step = np.where(turn == 1.0, 1.0, turn / np.expm1(turn))
+            return np.asarray(np.fft.rfft(np.diff(self.channels[name]) * self.rate) * step)
+        return np.asarray(np.fft.rfft(self.channels[name][:-1]))
+
+
+def stretches(design: Design, logs: Iterable[Log]) -> tuple[Stretch, ...]:
+    """Return the longest steady stretch of each record: one direction where the log has one, and not too slow.
+
+    Raises
+    ------
+    LogError
+        When no record has one of `policy.SHORTEST`, or a channel is missing.
+    """
+    found = []
+    for number, whole in enumerate(logs, start=1):
+        whole.check_evaluable(100)
+        log = with_records(whole, number)
+        names = [one.name for one in log.records] or [name_of(log, number)]
+        parts = zip(names, parts_of(log), strict=True)
+        found += [one for name, part in parts if (one := _stretch(design, part, name)) is not None]
+    if not found:
+        raise LogError(
+            f"no stretch of {policy.SHORTEST:g} s in which the axis moves; a frequency response needs excitation: "
+            "a multisine, a chirp or noise on the current or the speed reference"
+        )
+    return tuple(found)
+
+
+def _stretch(design: Design, log: Log, name: str) -> Stretch | None:
+    t, channels, _, _ = uniform(log)
+    period = float(t[1] - t[0])
+    channels["torque"] = logged_torque(design, channels, f"{name}: ")
+    for angle in {"theta", "theta_ref"} & channels.keys():
+        channels[angle] = unwrapped(channels[angle])
+    if "theta" in channels:
+        speed = np.gradient(channels["theta"], period)
+    elif "omega" in channels:
+        speed = channels["omega"]
+    else:
+        raise LogError(f"{name}: neither theta nor omega", next_command=NextCommand.MAP)
+    smooth = _running_mean(speed, max(1, round(0.1 / period)))
+    usual = float(np.median(np.abs(smooth)))
+    if usual == 0.0:
+        return None
+    one_way = max((smooth > policy.SLOWEST * usual, smooth < -policy.SLOWEST * usual), key=_longest)
+    start, stop = _run(one_way)
+    reverses = (stop - start) * period < policy.SHORTEST or (stop - start) < len(t) // 4
+    if reverses:
+        start, stop = 0, len(t)
+    if (stop - start) * period < policy.SHORTEST or stop - start < 4 * (2 * REACH + 1):
+        return None
+    return Stretch(name, period, {key: values[start:stop] for key, values in channels.items()}, reverses)
+
+
+def _running_mean(values: Array, count: int) -> Array:
+    from scipy.ndimage import uniform_filter1d
+
+    return np.asarray(uniform_filter1d(values, count, mode="nearest"))
+
+
+def _run(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the longest run of true samples, start and stop."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    if not edges.size:
+        return 0, 0
+    k = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[2 * k]), int(edges[2 * k + 1])
+
+
+def _longest(mask: NDArray[np.bool_]) -> int:
+    start, stop = _run(mask)
+    return stop - start
+
+
+def plant(design: Design, records: tuple[Stretch, ...]) -> tuple[Response, tuple[Notice, ...]]:
+    """Return the response from drive torque to speed, from all records, and what there is to doubt.
+
+    Raises
+    ------
+    LogError
+        When no frequency is excited.
+    """
+    output = "theta" if all("theta" in one.channels for one in records) else "omega"
+    instrument = next((name for name in REFERENCES if _follows(records, name)), "")
+    points = [_points(one, instrument or "torque", output, "torque") for one in records]
+    response, noisy = _passive(_merged("plant", points, instrument), max(one.period for one in records))
+    if not len(response):
+        raise LogError(
+            "no frequency is excited: the speed follows the torque nowhere above the noise; add a multisine, a chirp "
+            "or noise to the current or the speed reference"
+        )
+    found: list[Notice] = []
+    if any(one.reverses for one in records):
+        found.append(words.REVERSES())
+    if not instrument:
+        weakest = float(np.quantile(1.0 - response.coherence, 0.9))
+        found.append(words.NO_REFERENCE(quantity=drives(design.motion), bias=weakest))
+    if noisy is not None:
+        found.append(words.NOISE_ANSWERED(frequency=noisy))
+    return response, tuple(found)
+
+
+def closed_loop(name: str, records: tuple[Stretch, ...]) -> Response | None:
+    """Return the response of a closed loop, from its reference to what it controls; None where it is not excited."""
+    reference, output = LOOPS[name]
+    having = [one for one in records if {reference, output} <= one.channels.keys()]
+    points = [_points(one, reference, output) for one in having if np.ptp(one.channels[reference]) > 0.0]
+    response = _merged(name, points, reference) if points else None
+    return response if response is not None and len(response) > 2 * REACH else None
+
+
+def _lines(record: Stretch, spectrum: Complex) -> NDArray[np.intp]:
+    """Return the lines at which responses are evaluated: none is the skirt of a stronger one beside it."""
+    last = int(policy.HIGHEST * 2 * (len(spectrum) - 1))
+    lines = strongest_lines(spectrum, 1, min(last, len(spectrum) - 1))
+    size = np.abs(spectrum[lines])
+    near = np.diff(lines) <= REACH
+    weaker = np.zeros(len(lines), dtype=bool)
+    weaker[:-1] |= near & (size[:-1] < size[1:])
+    weaker[1:] |= near & (size[1:] <= size[:-1])
+    return lines[~weaker]
+
+
+def _follows(records: tuple[Stretch, ...], name: str) -> bool:
+    """Whether a reference has content where the torque has, in every record."""
+    for one in records:
+        if name not in one.channels or np.ptp(one.channels[name]) == 0.0:
+            return False
+        sent, torque = one.spectrum(name), one.spectrum("torque")
+        lines = _lines(one, torque)
+        seen = local_polynomial(sent, torque[:, None], lines)
+        strong = _strong(np.abs(torque[lines]) ** 2)
+        clear = np.abs(seen.response[:, 0]) > policy.SEEN * np.sqrt(seen.covariance[:, 0, 0].real)
+        if np.mean(clear[strong]) < policy.INSTRUMENT:
+            return False
+    return True
+
+
+def _strong(power: Array) -> NDArray[np.bool_]:
+    """Return the lines that hold nine tenths of the power."""
+    order = np.argsort(power)[::-1]
+    held = np.cumsum(power[order]) <= 0.9 * power.sum()
+    strong = np.zeros(len(power), dtype=bool)
+    strong[order[: int(held.sum()) + 1]] = True
+    return strong
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    frequency: Array
+    value: Complex
+    variance: Array
+    coherence: Array
+    width: float
+
+
+def _points(record: Stretch, source: str, output: str, through: str = "") -> _Points:
+    """Return the response of a channel to a source, or to a channel that the source drives as well."""
+    sent = record.spectrum(source)
+    outputs = [record.spectrum(output)]
+    direct = not through or through == source
+    if not direct:
+        outputs.append(record.spectrum(through))
+    local = local_polynomial(sent, np.stack(outputs, axis=1), _lines(record, sent))
+    width = record.rate / (2 * (len(sent) - 1))
+    value, variance, noise = _direct(local) if direct else _ratio(local)
+    with np.errstate(invalid="ignore"):
+        seen = np.isfinite(value) & (variance > 0.0) & (np.abs(value) > policy.SEEN * np.sqrt(variance))
+    value, variance, noise = value[seen], variance[seen], noise[seen]
+    # referred to the input the noise is smooth, also where the response bends
+    level = _smooth(noise / np.abs(value) ** 2, local.freedom[seen]) * np.abs(value) ** 2
+    explained = np.abs(local.response[seen, 0]) ** 2 * local.power[seen]
+    return _Points(
+        local.place[seen] * width, value, variance * level / noise, explained / (explained + level),
+        (2 * REACH + 1) * width,
+    )  # fmt: skip
+
+
+def _smooth(noise: Array, freedom: NDArray[np.intp]) -> Array:
+    """Return the noise averaged over neighbouring windows; a logarithm of few degrees of freedom is too low."""
+    from scipy.ndimage import uniform_filter1d
+    from scipy.special import digamma
+
+    if not len(noise):
+        return noise
+    logarithm = np.log(np.maximum(noise, np.finfo(float).tiny)) - digamma(freedom) + np.log(freedom)
+    return np.asarray(np.exp(uniform_filter1d(logarithm, min(NEIGHBOURS, len(noise)), mode="nearest")))
+
+
+def _direct(local: Local) -> tuple[Complex, Array, Array]:
+    return local.response[:, 0], local.covariance[:, 0, 0].real, local.noise[:, 0, 0].real
+
+
+def _ratio(local: Local) -> tuple[Complex, Array, Array]:
+    """Return a response over the other, the variance of the ratio, and the noise that is not common to both."""
+    above, below = local.response.T
+    with np.errstate(all="ignore"):  # a line without content is dropped by its variance
+        value = above / below
+        slope = np.stack([1.0 / below, -value / below], axis=1)
+        variance = np.einsum("nq,nqr,nr->n", slope, local.covariance, slope.conj()).real
+        beside = np.stack([np.ones_like(value), -value], axis=1)
+        noise = np.einsum("nq,nqr,nr->n", beside, local.noise, beside.conj()).real
+    return value, variance, noise
+
+
+def _merged(name: str, points: list[_Points], instrument: str) -> Response:
+    """Return one response from all records: those at the same frequency are averaged by their variances."""
+    frequency, value, variance, coherence = (
+        np.concatenate([getattr(one, key) for one in points]) for key in ("frequency", "value", "variance", "coherence")
+    )
+    width = max(one.width for one in points)
+    cell = np.floor(frequency / width) if len(points) > 1 else np.arange(len(frequency))
+    _, where = np.unique(cell, return_inverse=True)
+    weight = 1.0 / variance
+    total = np.bincount(where, weight)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.bincount(where, weight * values) / total)
+
+    merged = mean(value.real) + 1j * mean(value.imag) if len(value) else value
+    order = np.argsort(mean(frequency)) if len(value) else np.arange(0)
+    return Response(
+        name, mean(frequency)[order], merged[order], np.sqrt(1.0 / total)[order], mean(coherence)[order],
+        "" if instrument == "torque" else instrument, width,
+    )  # fmt: skip
+
+
+def _passive(response: Response, period: float) -> tuple[Response, float | None]:
+    """Return the response of a passive axis: what leads more is noise that the controller answered; from where on."""
+    late = 2.0 * math.pi * response.frequency * policy.APART * period
+    lead = np.angle(response.value) - 0.5 * math.pi
+    wrong = (lead > policy.LEAD) | (np.angle(response.value) < -0.5 * math.pi - policy.LEAD - late)
+    if not wrong.any():
+        return response, None
+    # a cut where most of what follows is wrong, and single ones dropped
+    share = np.cumsum(wrong[::-1])[::-1] / np.arange(len(wrong), 0, -1)
+    above = np.flatnonzero(share > 0.5)
+    cut = int(above[0]) if above.size else len(wrong)
+    kept = ~wrong & (np.arange(len(wrong)) < cut)
+    found = {key: getattr(response, key)[kept] for key in ("frequency", "value", "stderr", "coherence")}
+    return replace(response, **found), float(response.frequency[cut]) if cut < len(wrong) else None

@@ -1,0 +1,45 @@
+"""The words of every notice of the frequency responses."""
+
+from pmsm_ctrl.section import Template
+
+REVERSES = Template(
+    "frf_axis_reverses",
+    "the axis reverses while it is excited: Coulomb friction then acts like damping that falls with the amplitude, and "
+    "the friction slope holds for this amplitude only; excite around a constant speed",
+)
+NO_REFERENCE = Template(
+    "frf_no_reference",
+    "the log has no reference that follows the excitation: noise of the measured {quantity} makes the response too "
+    "small, by about {bias:.1%} where the {quantity} is weakest; log i_q_ref as well",
+)
+NOISE_ANSWERED = Template(
+    "frf_noise_answered",
+    "above {frequency:.4g} Hz the response leads by more than a passive axis can: there the controller answers the "
+    "noise of the measured speed; left out",
+)
+MISFIT = Template(
+    "frf_misfit",
+    "the fitted axis leaves {misfit:.2g} times the noise: the response holds more than one resonance, or friction that "
+    "is not linear; standard errors are widened by this factor",
+)
+INERTIA = Template(
+    "frf_inertia_deviates",
+    "the inertia is {found} kg m^2 and not the design's {design:.4g} kg m^2 ({share:+.1%})",
+)
+NEW_RESONANCE = Template(
+    "frf_resonance_not_in_design",
+    "an antiresonance at {antiresonance} Hz and a resonance at {resonance} Hz are not in the design: it lacks a "
+    "compliance",
+)
+OTHER_RESONANCE = Template(
+    "frf_resonance_deviates",
+    "the resonance is at {found} Hz and not at the design's {design:.4g} Hz",
+)
+NO_RESONANCE = Template(
+    "frf_resonance_not_seen",
+    "the design's resonance at {design:.4g} Hz is not seen in the measured response",
+)
+LATE = Template(
+    "frf_delay",
+    "the speed lags the torque by {found} ms: the channels are not sampled together, or one of them is filtered",
+)

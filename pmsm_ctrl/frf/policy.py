@@ -1,0 +1,23 @@
+"""Thresholds of the frequency responses, each with its unit and its reason."""
+
+from __future__ import annotations
+
+# Standard errors of its modulus above which a response counts: noise alone exceeds them in less than 1 of 1e5 lines.
+SEEN = 5.0
+# Share of the median speed below which samples are left out: friction is not linear near standstill.
+SLOWEST = 0.5
+# s; shorter stretches give no response that is worth a fit.
+SHORTEST = 1.0
+# Share of the lines in which a reference must be seen to be the instrument.
+INSTRUMENT = 0.5
+# Share of the log's rate up to which responses are evaluated: beyond, images of the excitation fold back.
+HIGHEST = 0.4
+# Periods of the log by which the channels may be apart before a response no longer counts as that of a passive axis,
+# and rad for its error. A response that leads more is that of the controller, driven by noise of the measured speed.
+APART, LEAD = 2.0, 0.35
+# Chance of a false resonance, over all frequencies that are tried.
+RESONANCE = 0.001
+# Chance of a false deviation from the design, over all third octaves, and over all parameters.
+DEVIATION = 0.01
+# Share of a response below which a deviation from the design is not reported, however surely it is seen: 0.4 dB.
+SMALLEST_DEVIATION = 0.05

@@ -1,0 +1,95 @@
+"""What measured frequency responses have to say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pmsm_ctrl.frf.result import FrequencyResponse
+from pmsm_ctrl.rendering.numbers import number, percent, with_error
+from pmsm_ctrl.section import Block, Picture, Section, Table, present
+from pmsm_ctrl.units import drives
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__: list[str] = []
+
+NAMES = {
+    "J": "inertia J", "friction_slope": "friction slope", "delay": "delay", "antiresonance": "antiresonance",
+    "resonance": "resonance", "damping_ratio": "damping ratio of the antiresonance", "J_load": "load inertia",
+    "k": "stiffness k", "d": "damping d", "phase_margin": "phase margin", "gain_margin_db": "gain margin",
+    "crossover": "crossover", "sensitivity_peak": "peak of the sensitivity",
+}  # fmt: skip
+
+
+@present.register
+def _(result: FrequencyResponse) -> Section:
+    plant, quantity = result.plant, drives(result.design.motion)
+    low, high = plant.frequency[0], plant.frequency[-1]
+    blocks: list[Block] = [
+        f"{_verdict(result)} {len(plant)} frequencies from {low:.3g} to {high:.4g} Hz at {result.speed:.3g} "
+        f"{'m/s' if result.design.motion == 'linear' else 'rad/s'}, resolution {plant.resolution:.2g} Hz; instrument: "
+        f"{plant.instrument or 'none, the ' + quantity + ' is taken as exact'}.",
+        *result.notices,
+        _axis(result),
+    ]
+    if result.bands:
+        blocks.append(_bands(result))
+    if result.margins:
+        blocks.append(_margins(result))
+    blocks.append(
+        Picture(
+            lambda: _draw(result, "plant"),
+            f"From {quantity} to speed: points with 95 % bars were measured, the line is the design. Where the points "
+            "leave the line, the ratio below shows by how much.",
+        )
+    )
+    if len(result.responses) > 1:
+        blocks.append(
+            Picture(
+                lambda: _draw(result, "loops"), "Closed loops: reference to what it controls; 0 dB is followed exactly."
+            )
+        )
+    return Section(f"Frequency response: {Path(result.log_name).name}", tuple(blocks))
+
+
+def _verdict(result: FrequencyResponse) -> str:
+    if not result.bands:
+        return "The design's response agrees with the measured one."
+    parts = " and ".join(f"{band.low:.3g} to {band.high:.4g} Hz" for band in result.bands)
+    return f"The design's response differs from {parts}."
+
+
+def _axis(result: FrequencyResponse) -> Table:
+    rows = tuple(
+        (
+            NAMES[name],
+            one.unit or "1",
+            with_error(one.value, one.stderr),
+            "-" if one.nominal is None else number(one.nominal),
+        )
+        for name, one in result.estimates.items()
+    )
+    return Table(("of the fitted axis", "unit", "measured", "design"), rows, "Axis fitted to the measured response")
+
+
+def _bands(result: FrequencyResponse) -> Table:
+    rows = tuple(
+        (f"{one.low:.3g} to {one.high:.4g}", percent(one.ratio - 1.0, 1), f"{one.phase:+.1f}") for one in result.bands
+    )
+    return Table(("frequency [Hz]", "measured over design", "phase [deg]"), rows, "Where the design's response differs")
+
+
+def _margins(result: FrequencyResponse) -> Table:
+    rows = tuple(
+        (NAMES[name], found.unit or "1", with_error(found.value, found.stderr), number(own))
+        for name, (found, own) in result.margins.items()
+    )
+    return Table(("of the speed loop", "unit", "measured axis", "design"), rows, "Margins with the design's gains")
+
+
+def _draw(result: FrequencyResponse, what: str) -> Figure:
+    from pmsm_ctrl.frf import figures
+
+    return figures.plant(result) if what == "plant" else figures.loops(result)

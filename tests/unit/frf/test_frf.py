@@ -1,0 +1,115 @@
+"""Measured frequency responses: against the design that was simulated, and python-control's own responses."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import control as ct
+import numpy as np
+import pytest
+
+from pmsm_ctrl import Design, Log, frf, simulate
+from pmsm_ctrl.effects.structures import SecondMass
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.frf import FrequencyResponse
+from pmsm_ctrl.simulate.scenarios import chirp, multisine
+from pmsm_ctrl.tune.linearise import linearise, mobility
+
+SPRING = {"J_load": 4e-5, "k": 15.0, "d": 0.002}
+ANTIRESONANCE = math.sqrt(15.0 / 4e-5) / (2.0 * math.pi)
+RESONANCE = math.sqrt(15.0 * (1.0 / 4e-5 + 1.0 / 5e-5)) / (2.0 * math.pi)
+
+
+@pytest.fixture(scope="module")
+def seed(designs: Path) -> Design:
+    return Design.read(designs / "seed_motor.toml")
+
+
+@pytest.fixture(scope="module")
+def sprung(seed: Design) -> Log:
+    return simulate(seed, multisine(design=seed), truth=seed.with_effect("compliance", SPRING), seed=7)
+
+
+@pytest.fixture(scope="module")
+def found(seed: Design, sprung: Log) -> FrequencyResponse:
+    return frf(seed, sprung)
+
+
+def test_mobility_is_what_python_control_makes_of_the_matrices(seed: Design) -> None:
+    axis = seed.with_effect("compliance", SPRING)
+    model = linearise(axis, 50.0)
+    mechanics = ct.ss(model.A[2:, 2:], model.A[2:, [1]] / axis.K_t, np.eye(4)[[0]], 0.0)
+    omega = np.geomspace(10.0, 3000.0, 40)
+    mass = SecondMass(J_load=4e-5, k=15.0, d=0.002)
+    closed = mobility(1j * omega, axis.J, model.point.friction_slope, mass)
+    np.testing.assert_allclose(closed, mechanics(1j * omega, squeeze=True), rtol=1e-6)
+
+
+def test_a_rigid_axis_agrees_with_its_design(seed: Design) -> None:
+    result = frf(seed, simulate(seed, chirp(design=seed), seed=5))
+    assert result.estimates["J"].value == pytest.approx(9e-5, rel=0.01)
+    assert abs(result.estimates["delay"].value) < 20e-6
+    assert not result.bands
+    assert "resonance" not in result.estimates
+    assert result.warnings == ()
+
+
+def test_two_masses_are_measured_through_the_closed_loop(found: FrequencyResponse) -> None:
+    values = {name: one.value for name, one in found.estimates.items()}
+    assert values["J"] == pytest.approx(9e-5, rel=0.01)
+    assert values["antiresonance"] == pytest.approx(ANTIRESONANCE, rel=0.005)
+    assert values["resonance"] == pytest.approx(RESONANCE, rel=0.005)
+    assert values["d"] == pytest.approx(0.002, rel=0.2)
+    assert values["k"] == pytest.approx(15.0, rel=0.01)
+    assert abs(values["delay"]) < 20e-6
+    assert found.misfit == pytest.approx(1.0, abs=0.35)
+    assert [one.code for one in found.notices] == ["frf_resonance_not_in_design"]
+
+
+def test_where_the_design_fails_is_said(found: FrequencyResponse) -> None:
+    assert any(band.low < ANTIRESONANCE < band.high and band.ratio < 0.5 for band in found.bands)
+    # the lines next to the resonance are at 115.5 and 138.8 Hz
+    assert any(RESONANCE < band.low < 140.0 and band.ratio > 2.0 for band in found.bands)
+    assert "The design's response differs from" in found.summary()
+
+
+def test_the_response_is_one_of_python_control(found: FrequencyResponse) -> None:
+    response = found.plant.frd
+    assert isinstance(response, ct.FrequencyResponseData)
+    assert response.omega[0] == pytest.approx(2.0 * math.pi * found.plant.frequency[0])
+
+
+def test_the_measured_design_holds_the_spring_and_its_margins(found: FrequencyResponse, sprung: Log) -> None:
+    again = frf(found.measured, sprung)
+    assert not again.bands
+    assert again.warnings == ()
+    margin, before = found.margins["phase_margin"]
+    assert margin.value < before - 2.0
+    assert again.margins["phase_margin"][1] == pytest.approx(margin.value, rel=1e-3)
+
+
+def test_a_wrong_inertia_is_said(seed: Design) -> None:
+    result = frf(seed.with_parameters(J=7e-5), simulate(seed, multisine(design=seed), seed=2))
+    assert [one.code for one in result.notices] == ["frf_inertia_deviates"]
+    assert result.estimates["J"].value == pytest.approx(9e-5, rel=0.01)
+
+
+def test_without_a_reference_the_bias_is_said(seed: Design, sprung: Log) -> None:
+    few = Log({name: sprung[name] for name in ("t", "theta", "i_q")})
+    assert "frf_no_reference" in [one.code for one in frf(seed, few).notices]
+
+
+def test_a_log_without_excitation_is_refused(seed: Design) -> None:
+    t = np.arange(5000) * 1e-3
+    still = Log({"t": t, "theta": np.zeros_like(t), "i_q": np.zeros_like(t)})
+    with pytest.raises(LogError, match="no stretch of 1 s in which the axis moves"):
+        frf(seed, still)
+
+
+def test_figures_and_json(found: FrequencyResponse) -> None:
+    assert [axes.get_ylabel() for axes in found.plot().axes] == [
+        "dB of (rad/s)/(N m)", "phase [deg]", "measured / design [dB]",
+    ]  # fmt: skip
+    assert json.loads(json.dumps(found.to_dict()))["responses"]["plant"]["instrument"] == "i_q_ref"
