@@ -20,6 +20,7 @@ from pmsm_ctrl.console import (
     parse_values,
     progress_bar,
     run,
+    say,
     write_json,
     write_report,
 )
@@ -89,8 +90,9 @@ def _options(
         bool, typer.Option("--version", help="show the version and exit", is_eager=True, callback=_show_version)
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="show tracebacks and warnings; may stand anywhere")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="print all of a result; may stand anywhere")] = False,
 ) -> None:
-    """Both options act before a command runs: `--version` exits, `--debug` is read by `console.run`."""
+    """All act before a command runs: `--version` exits, `--debug` and `--verbose` are read by `console.run`."""
 
 
 app.command()(init)
@@ -233,11 +235,11 @@ def compensate(
     force: ForceOption = False,
 ) -> None:
     """Compare friction compensations and find the safe gains. Status 1 when the acceptance fails."""
-    from pmsm_ctrl.compensate import compensate as run_compensation
-    from pmsm_ctrl.compensate import sweep_gains
+    with progress_bar(f"compensate {design.stem}") as progress:
+        from pmsm_ctrl.compensate import compensate as run_compensation
+        from pmsm_ctrl.compensate import sweep_gains
 
-    axis = read_design(design, effects)
-    with progress_bar(f"compensate {axis.name}") as progress:
+        axis = read_design(design, effects)
         plant, gains = design_if_given(truth, effects), sweep_gains(0.01 * step)
         result = run_compensation(axis, truth=plant, gains=gains, seed=seed, progress=progress)
     finish("compensate", result, json_file=json_file, report=report)
@@ -345,7 +347,7 @@ def study(
             axis, measured, holdout=other, output=page, seed=seed, history=history, complete=complete,
             command=command_line(), progress=progress,
         )  # fmt: skip
-    print(result.summary())
+    say(result)
     if json_file is not None:
         write_json(json_file, "study", result.to_dict())
 
@@ -370,7 +372,7 @@ def import_log(
         require_distinct([beside, *([json_file] if json_file else [])], [file, *([design] if design else [])])
         require_new(() if force else [beside])
     result = confirmed_import(file, design, mapping, yes=yes, json_file=json_file)
-    finish("import", result, json_file=json_file)
+    finish("import", result, json_file=json_file, whole=True)
     if output is not None and beside is not None:
         result.log.write_csv(output)
         print(f"log: {output}\nits [log] table, for a design: {write_text(beside, result.table)}")

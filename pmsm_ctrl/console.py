@@ -32,6 +32,8 @@ __all__ = [
     "parse_values",
     "progress_bar",
     "run",
+    "say",
+    "say_next",
     "writable",
     "write_json",
     "write_report",
@@ -43,6 +45,8 @@ INTERRUPTED = 128 + signal.SIGINT
 TERMINATED = 128 + signal.SIGTERM
 BROKEN_PIPE = 128 + getattr(signal, "SIGPIPE", 13)
 STDOUT = Path("-")  # of --json
+ANYWHERE = ("--debug", "--verbose")  # global options that may stand anywhere
+_shown: dict[str, Any] = {"brief": True, "verdict": ""}  # of the command that runs
 _answers: list[TextIO] = []  # the standard output that `json_to_stdout` keeps
 ISSUES = "the project's issue tracker"
 
@@ -54,6 +58,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
+    _shown["brief"] = "--verbose" not in words
     if not debug:
         # Warnings for users are notices of a result; warnings of libraries are for developers.
         warnings.simplefilter("ignore")
@@ -67,7 +72,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     if isinstance(sys.stdout, io.TextIOWrapper):  # a Greek letter must not raise on a pipe without UTF-8
         sys.stdout.reconfigure(errors="replace")
     try:
-        verb_words = [word for word in words if word != "--debug"] or ["--help"]
+        verb_words = [word for word in words if word not in ANYWHERE] or ["--help"]
         outcome = command(args=verb_words, prog_name="pmsm-ctrl", standalone_mode=False)
         sys.stdout.flush()
     except BaseException as error:
@@ -145,12 +150,13 @@ def parse_map(entries: Sequence[str] | None) -> dict[str, str]:
 def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
     """Show a bar on stderr, where stderr is a terminal; yields a function that takes the share done, 0 to 1."""
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(label, total=1.0)
-        yield lambda share: progress.update(task, completed=share)
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(label, total=None)  # it moves until the share is known
+        yield lambda share: progress.update(task, completed=share, total=1.0)
 
 
 def parse_values(entries: Sequence[str] | None) -> dict[str, float]:
@@ -183,7 +189,9 @@ def write_json(path: Path, verb: str, data: Mapping[str, Any]) -> None:
     from pmsm_ctrl.result import jsonable
 
     content = {"schema": f"pmsm-ctrl/{verb}/1", **jsonable(data)}
-    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    # a terminal or pipe of another encoding would get question marks
+    plain = path == STDOUT and (_answers[-1].encoding or "ascii").lower().replace("-", "") != "utf8"
+    text = json.dumps(content, indent=2, ensure_ascii=plain, allow_nan=False) + "\n"
     if path == STDOUT:
         print(text, end="", file=_answers[-1])
     else:
@@ -201,9 +209,26 @@ def json_to_stdout() -> Iterator[None]:
         _answers.pop()
 
 
-def finish(verb: str, result: Result, *, json_file: Path | None = None, report: Path | None = None) -> None:
+def say(result: Result, *, whole: bool = False) -> None:
+    """Print a result: the verdict and its most important numbers, or all of it with ``--verbose``."""
+    print(result.summary(brief=_shown["brief"] and not whole))
+    _shown["verdict"] = str(getattr(result, "verdict", ""))
+
+
+def say_next(verb: str, given: Mapping[str, Any]) -> None:
+    """Print the command that usually follows, where another one is known."""
+    from pmsm_ctrl.next_steps import next_step
+
+    line = next_step(verb, given, _shown["verdict"])
+    if line:  # source code on standard output stays as it is
+        print(f"next: {line}", file=sys.stderr if verb == "export" and given.get("output") is None else sys.stdout)
+
+
+def finish(
+    verb: str, result: Result, *, json_file: Path | None = None, report: Path | None = None, whole: bool = False
+) -> None:
     """Print a result's summary, and write its JSON and its one-section report where asked."""
-    print(result.summary())
+    say(result, whole=whole)
     if json_file is not None:
         write_json(json_file, verb, result.to_dict())
     if report is not None:

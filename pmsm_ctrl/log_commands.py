@@ -52,13 +52,15 @@ def identify(
     force: ForceOption = False,
 ) -> None:
     """Identify inertia and friction from a log. Status 1, and no design, when the given one is better."""
-    from pmsm_ctrl.identify import identify as run_identification
-    from pmsm_ctrl.regression.conditioning import Processing
+    with progress_bar("identify"):
+        from pmsm_ctrl.identify import identify as run_identification
+        from pmsm_ctrl.regression.conditioning import Processing
 
-    axis = read_design(design, effects)
-    records = load_logs(log, axis, mapping)
-    processing = None if cutoff is None else Processing(cutoff=cutoff)
-    result = run_identification(axis, records, method=cast("Method", method), processing=processing, check_cutoff=True)
+        axis = read_design(design, effects)
+        records = load_logs(log, axis, mapping)
+        processing = None if cutoff is None else Processing(cutoff=cutoff)
+        chosen = cast("Method", method)
+        result = run_identification(axis, records, method=chosen, processing=processing, check_cutoff=True)
     finish("identify", result, json_file=json_file, report=report)
     if not result.improved:
         raise typer.Exit(NEGATIVE)
@@ -78,12 +80,12 @@ def compare(
     force: ForceOption = False,
 ) -> None:
     """Compare the predictions of a design with a log. Errors are given by channel."""
-    from pmsm_ctrl.compare import compare as run_comparison
+    with progress_bar(f"compare {design.stem}") as progress:
+        from pmsm_ctrl.compare import compare as run_comparison
 
-    axis = read_design(design, effects)
-    other = logs_if_given(holdout, axis, mapping)
-    records = load_logs(log, axis, mapping)
-    with progress_bar(f"compare {axis.name}") as progress:
+        axis = read_design(design, effects)
+        other = logs_if_given(holdout, axis, mapping)
+        records = load_logs(log, axis, mapping)
         result = run_comparison(axis, records, holdout=other, progress=progress)
     finish("compare", result, json_file=json_file, report=report)
     require_accepted(result.verdict, result.records, fail_on, max_error)
@@ -112,12 +114,12 @@ def diagnose(
     force: ForceOption = False,
 ) -> None:
     """Find the physical effects that a design lacks. Status 1, and no design, when the given one is better."""
-    from pmsm_ctrl.diagnose import diagnose as run_diagnosis
+    with progress_bar(f"diagnose {log[0].name}{' and others' if len(log) > 1 else ''}") as progress:
+        from pmsm_ctrl.diagnose import diagnose as run_diagnosis
 
-    axis = read_design(design, effects)
-    other = logs_if_given(holdout, axis, mapping)
-    measured = load_logs(log, axis, mapping)
-    with progress_bar(f"diagnose {log[0].name if len(measured) == 1 else f'{len(measured)} logs'}") as progress:
+        axis = read_design(design, effects)
+        other = logs_if_given(holdout, axis, mapping)
+        measured = load_logs(log, axis, mapping)
         result = run_diagnosis(axis, measured, holdout=other, progress=progress, calibrate=calibrate, polish=polish)
     finish("diagnosis", result, json_file=json_file, report=report)
     if not result.improved:
@@ -145,12 +147,12 @@ def add(
     ] = False,
 ) -> None:
     """Add an effect to a design, fitted to a log. Status 1, and no design, when the log does not support it."""
-    from pmsm_ctrl.diagnose.adding import added
-
-    axis = read_design(design, effects)
-    other = logs_if_given(holdout, axis, mapping)
-    measured = load_logs(log, axis, mapping)
     with progress_bar(f"add {effect}") as progress:
+        from pmsm_ctrl.diagnose.adding import added
+
+        axis = read_design(design, effects)
+        other = logs_if_given(holdout, axis, mapping)
+        measured = load_logs(log, axis, mapping)
         result = added(axis, measured, effect, holdout=other, polish=polish, progress=progress)
     finish("add", result, json_file=json_file, report=report)
     if not result.improved or not (result.supported or force):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import typer.core
 
-from pmsm_ctrl.console import STDOUT, json_to_stdout, parse_map, writable, write_json
+from pmsm_ctrl.console import STDOUT, json_to_stdout, parse_map, say_next, writable, write_json
 from pmsm_ctrl.files import require_distinct, require_new
 
 if TYPE_CHECKING:
@@ -47,8 +47,11 @@ class Verb(typer.core.TyperCommand):
             require_distinct(outputs, inputs)
         if not ctx.params.get("force"):
             require_new(path for path in outputs if path not in [ctx.params.get(name) for name in self.EXTENDED])
+        given = dict(ctx.params)
         with json_to_stdout() if ctx.params.get("json_file") == STDOUT else nullcontext():
-            return super().invoke(ctx)
+            done = super().invoke(ctx)
+            say_next(str(self.name), given)
+        return done
 
 
 def _paths(value: Any) -> Iterator[Path]:

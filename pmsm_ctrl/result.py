@@ -103,17 +103,20 @@ class Result(ABC):
         """Return what the result has to say, as blocks."""
         return present(self)
 
-    def summary(self, width: int | None = None) -> str:
+    def summary(self, width: int | None = None, *, brief: bool = False) -> str:
         """Return the result as text, trust first.
 
         Parameters
         ----------
         width : int, optional
             Columns of the page; those of the terminal, and at least 80, if left out.
+        brief : bool
+            Whether to leave out what does not belong to the verdict and its most important numbers.
         """
         from pmsm_ctrl.rendering import to_text
 
-        return to_text(present(self), width)
+        section = present(self)
+        return to_text(section.brief() if brief else section, width)
 
     def plot(self) -> Figure:
         """Return the first figure of the section.

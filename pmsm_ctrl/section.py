@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["Balance", "Block", "Notice", "Picture", "Section", "Table", "Template", "Traces", "present"]
 
 Array = NDArray[np.float64]
+MOST_WARNINGS, MOST_ROWS = 3, 12  # of a brief section
 
 
 @dataclass(frozen=True)
@@ -172,11 +173,41 @@ class Section:
     blocks : tuple of str, Notice, Table, Picture, Traces and Section
     folded : bool
         Left out of the text, shown on demand in HTML.
+    essential : tuple of block
+        Those of the blocks that `brief` keeps beside the verdict and the first table.
     """
 
     title: str
     blocks: tuple[Block, ...] = ()
     folded: bool = False
+    essential: tuple[Block, ...] = ()
+
+    def brief(self) -> Section:
+        """Return the verdict, the first warnings and the table that matters most, for a terminal.
+
+        Returns
+        -------
+        Section
+            Its last sentence says what was left out.
+        """
+        kept: list[Block] = []
+        warnings, tables = 0, 0
+        for block in self.blocks:
+            own = any(block is one for one in self.essential)
+            if isinstance(block, Notice):
+                warnings += 1
+                own = warnings <= MOST_WARNINGS
+            elif isinstance(block, Table) and not block.folded:
+                tables += 1
+                own = own or tables == 1
+            elif isinstance(block, str):
+                own = own or tables == 0
+            if own:
+                kept.append(_shortened(block))
+        left = [f"{warnings - MOST_WARNINGS} more warnings"] if warnings > MOST_WARNINGS else []
+        left += ["everything else"] if len(kept) < len(self.blocks) else []
+        said = [f"--verbose shows {' and '.join(left)}."] if left else []
+        return replace(self, blocks=(*kept, *said))
 
     def without(self, elsewhere: Iterable[Notice | Picture]) -> Section:
         """Return a copy without some notices and pictures, which stand elsewhere on the page.
@@ -198,6 +229,13 @@ class Section:
             return not (isinstance(block, Picture) and block.caption in left_out)
 
         return replace(self, blocks=tuple(filter(kept, self.blocks)))
+
+
+def _shortened(block: Block) -> Block:
+    if not isinstance(block, Table) or len(block.rows) <= MOST_ROWS:
+        return block
+    rest = (f"... {len(block.rows) - MOST_ROWS + 1} more",)
+    return replace(block, rows=(*block.rows[: MOST_ROWS - 1], rest))
 
 
 Block: TypeAlias = str | Notice | Table | Picture | Traces | Section

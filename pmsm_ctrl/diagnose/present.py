@@ -71,10 +71,10 @@ def _(result: Diagnosis) -> Section:
     blocks += [f"Note: {note.text}." for note in d.remarks]
     if (sampled := sampling_text(d.timing, drives(d.design.motion))) is not None:
         blocks.append(sampled)
-    if d.steps:
-        blocks.append(_found(d))
+    essential = [_found(d)] if d.steps else []
     if any(v.flagged for v in d.parameter_deviations):
-        blocks.append(_deviations(d, flagged=True))
+        essential.append(_deviations(d, flagged=True))
+    blocks += essential
     if len(d.records) > 1:
         blocks.append(records_table(d.records, drives(d.design.motion), "refitted", "final"))
         if (drift := spread_sentence(d.spreads)) is not None:
@@ -86,7 +86,9 @@ def _(result: Diagnosis) -> Section:
     blocks += [*_pictures(d), _candidates(d)]
     if d.parameter_deviations:
         blocks.append(_deviations(d, flagged=False))
-    return Section(f"Diagnosis of {d.design.name} from {Path(d.log_name).name}", tuple(blocks))
+    return Section(
+        f"Diagnosis of {d.design.name} from {Path(d.log_name).name}", tuple(blocks), essential=tuple(essential)
+    )
 
 
 @present.register
@@ -118,7 +120,7 @@ def _(result: Addition) -> Section:
     remarks = (f"Note: {note.text}." for note in a.remarks)
     more = (f"Also: {text}." for text in a.against[1:])
     blocks: tuple[Block, ...] = (verdict, *more, *a.notices, errors, found, *remarks)
-    return Section(f"{a.design.name} with {a.effect}, fitted to {Path(a.log_name).name}", blocks)
+    return Section(f"{a.design.name} with {a.effect}, fitted to {Path(a.log_name).name}", blocks, essential=(found,))
 
 
 def _beside_stated(symbol: str, found: Estimate) -> str:

@@ -67,7 +67,8 @@ def _(study: Study) -> Section:
     headline = study.headline
     numbers = Table(("value", "what it is"), headline.numbers)
     blocks: tuple[Block, ...] = (headline.done, headline.verdict, *study.doubts_of_input, numbers, *parts(study))
-    return Section(f"Study of {study.design.name}", (*blocks, f"report: {study.path}"))
+    where = f"report: {study.path}"
+    return Section(f"Study of {study.design.name}", (*blocks, where), essential=(where,))
 
 
 @present.register

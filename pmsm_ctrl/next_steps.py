@@ -1,0 +1,77 @@
+"""The command that usually follows a command: its last line."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+__all__ = ["next_step"]
+
+NEW = "new.toml"
+
+
+def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
+    """Return the command that usually follows, fit to be pasted into a shell; empty where there is none.
+
+    Parameters
+    ----------
+    verb : str
+    given : dict of str to value
+        The arguments and options of the command.
+    verdict : str
+        That of a comparison or a diagnosis.
+    """
+    design = given.get("output") if verb in WRITING and given.get("output") else given.get("design")
+    logs = given.get("log") or ["LOG"]
+    logs = [logs] if isinstance(logs, str | Path) else logs
+    words: Sequence[Any] = ()
+    match verb:
+        case "simulate":
+            words = ("identify", given["output"], "--design", design)
+        case "tune":
+            words = ("study", design) if given.get("output") else ("tune", design, "--output", NEW)
+        case "sweep":
+            words = ("compensate", design) if given.get("output") else ("sweep", design, "--output", NEW)
+        case "import":
+            log = given.get("output") or given["file"]
+            words = ("compare", log, "--design", design) if design else ("study", "DESIGN", "--log", log)
+        case "identify":
+            words = ("diagnose", *logs, "--design", design)
+        case "compare":
+            following = ("compensate", design) if verdict == "consistent" else ("diagnose", *logs, "--design", design)
+            words = following
+        case "diagnose" if verdict == "effects_missing":
+            log = (given.get("holdout") or logs)[0]
+            written = given.get("output")
+            words = (
+                ("compare", log, "--design", design) if written else ("diagnose", *logs, "--design", design, "-o", NEW)
+            )
+        case "diagnose" if verdict == "consistent":
+            words = ("compensate", design)
+        case "diagnose":  # the log decides nothing: another motion may
+            words = ("effects",)
+        case "add":
+            words = ("compare", (given.get("holdout") or logs)[0], "--design", design)
+        case "track":
+            words = ("compensate", design)
+        case "compensate":
+            words = ("export", design, "--language", "st", "--output", Path(str(design)).stem)
+        case "export":
+            words = ("track", "LOG", "--design", design)
+        case "study":
+            words = ("compensate", design) if given.get("log") else ("import", "LOG", "--design", design)
+        case "effects" if not given.get("identifier"):
+            words = ("effects", "stribeck", "--design", "DESIGN")
+        case "effects":
+            words = ("add", given["identifier"], "--design", design or "DESIGN", "--log", "LOG", "--output", NEW)
+    return " ".join(["pmsm-ctrl", *(_shown(str(word)) for word in words)]) if words else ""
+
+
+# Commands whose output is a design, with which one goes on.
+WRITING = ("tune", "sweep", "identify", "diagnose", "add")
+
+
+def _shown(word: str) -> str:
+    return word if word.isidentifier() and word.isupper() else shlex.quote(word)

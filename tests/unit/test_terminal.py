@@ -1,0 +1,116 @@
+"""What a terminal of 80 columns shows: the verdict, a table, and the command that follows."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.main import get_command
+
+from pmsm_ctrl import console
+from pmsm_ctrl.cli import app, main
+from pmsm_ctrl.next_steps import next_step
+from pmsm_ctrl.rendering import to_text
+from pmsm_ctrl.section import Notice, Section, Table
+
+COMMANDS: dict[str, Any] = get_command(app).commands  # type: ignore[attr-defined]
+PLAIN = (
+    "[motor]\nJ = 1.1e-4\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 0.03\n[[effects]]\nid = 'viscous'\nF_v = 2e-4\n"
+)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Torque of a known axis in closed form, with white noise; the design is somewhat wrong."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    t = np.arange(0, 8, 1e-3)
+    omega = 80 * np.sin(2 * np.pi * 0.5 * t) + 40 * np.sin(2 * np.pi * 1.3 * t + 1)
+    alpha = 80 * np.pi * np.cos(2 * np.pi * 0.5 * t) + 40 * 2.6 * np.pi * np.cos(2 * np.pi * 1.3 * t + 1)
+    torque = 1e-4 * alpha + 0.02 * np.sign(omega) + 2e-4 * omega + np.random.default_rng(5).normal(0.0, 1e-3, t.size)
+    np.savetxt("my log.csv", np.column_stack((t, omega, torque)), fmt="%.9g", delimiter=",",
+               header="t [s],omega [rad/s],torque [N m]", comments="")  # fmt: skip
+    Path("d.toml").write_text(PLAIN, encoding="utf-8")
+    return tmp_path
+
+
+@pytest.mark.parametrize("verb", ["identify", "compare", "track"])
+def test_80_columns_verdict_first_and_the_next_command_last(
+    verb: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([verb, "my log.csv", "-d", "d.toml", "--json", "r.json"])
+    assert not left.value.code
+    brief = capsys.readouterr().out.splitlines()
+    assert len(brief) < 40
+    assert all(len(line) <= 80 for line in brief[:-1])  # a command is one line, to be pasted
+    assert brief[-1].startswith("next: pmsm-ctrl ")
+    assert (verb == "track") or "'my log.csv'" in brief[-1]
+    with pytest.raises(SystemExit):
+        main([verb, "my log.csv", "-d", "d.toml", "--verbose"])
+    whole = capsys.readouterr().out.splitlines()
+    assert len(whole) >= len(brief) - 2
+    assert not any(line.startswith("--verbose") for line in whole)
+
+
+GIVEN: dict[str, dict[str, Any]] = {
+    "simulate": {"design": Path("a.toml"), "output": Path("l.csv")}, "tune": {"design": Path("a.toml")},
+    "sweep": {"design": Path("a.toml"), "output": Path("b.toml")}, "compensate": {"design": Path("a.toml")},
+    "identify": {"design": Path("a.toml"), "log": [Path("l.csv")]},
+    "add": {"design": Path("a.toml"), "log": [Path("l.csv")], "output": Path("b.toml"), "holdout": [Path("h.csv")]},
+    "compare": {"design": Path("a.toml"), "log": [Path("l.csv"), Path("m.csv")]},
+    "diagnose": {"design": Path("a.toml"), "log": [Path("l.csv")], "holdout": None},
+    "track": {"design": Path("a.toml"), "log": [Path("l.csv")]}, "export": {"design": Path("a.toml")},
+    "study": {"design": Path("a.toml"), "log": None}, "import": {"file": Path("l.csv")}, "effects": {},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("verdict", ["consistent", "effects_missing", "inconclusive"])
+@pytest.mark.parametrize("verb", GIVEN)
+def test_the_next_command_exists(verb: str, verdict: str) -> None:
+    words = shlex.split(next_step(verb, GIVEN[verb], verdict))
+    assert words[0] == "pmsm-ctrl"
+    command = COMMANDS[words[1]]
+    known = {name for option in command.params for name in option.opts}
+    assert [word for word in words if word.startswith("-") and word not in known] == []
+    named = {name for option in command.params if option.param_type_name == "option" and option.required
+             for name in option.opts}  # fmt: skip
+    assert not named or named & set(words)
+
+
+def test_every_command_has_a_next_one() -> None:
+    """init and workbench say it themselves, a schema is no step of an evaluation."""
+    assert set(COMMANDS) - set(GIVEN) <= {"init", "workbench", "schema"}
+
+
+def test_a_brief_section_keeps_what_is_essential() -> None:
+    found = Table(("effect",), (("cogging",),))
+    long = Table(("n",), tuple((str(k),) for k in range(40)))
+    notices = tuple(Notice(f"code_{k}", f"doubt {k}") for k in range(5))
+    section = Section("Title", ("The verdict.", *notices, long, "A detail.", found, long), essential=(found,))
+    text = to_text(section.brief(), 80)
+    assert "The verdict." in text
+    assert re.findall(r"doubt \d", text) == ["doubt 0", "doubt 1", "doubt 2"]
+    assert "cogging" in text
+    assert "A detail" not in text
+    assert "... 29 more" in text
+    assert "--verbose shows 2 more warnings and everything else." in text
+    short = Section("Title", ("The verdict.", found))
+    assert to_text(short.brief()) == to_text(short)
+
+
+def test_json_on_a_console_of_another_encoding_keeps_its_letters(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A Windows console of code page 1252, or LC_ALL=C: a question mark would be another value."""
+    raw = io.BytesIO()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(raw, encoding="ascii", errors="replace", write_through=True))
+    with console.json_to_stdout():
+        console.write_json(console.STDOUT, "compare", {"unit": "°C", "name": "ψ_f"})
+    assert json.loads(raw.getvalue())["name"] == "ψ_f"
