@@ -410,7 +410,7 @@ def effects(
     if output is not None and design is None:
         raise RequestError("--output: the signature is simulated, which needs --design")
     entry = describe_effect(lookup(identifier, known), design_if_given(design, own))
-    finish("effects", entry, json_file=json_file, report=report)
+    finish("effects", entry, json_file=json_file, report=report, whole=True)
     if output is not None:
         save_figure(entry.plot(), output)
         print(f"signature: {output}")

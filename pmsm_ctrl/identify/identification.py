@@ -209,8 +209,7 @@ def identify(
     """
     logs = as_logs(log)
     _check_method(method, len(logs))
-    processing = processing or Processing()
-    processing = processing if processing.blank is not None else replace(processing, blank=True)
+    processing = _blanking(processing or Processing())
     believed = doubts_about(design := with_inertia(design, logs), log)
     log, processing = _sampled_log(design, believed.log, processing, method)
     several = joint(design, log) if method != "iv" else Joint(log)
@@ -268,6 +267,11 @@ def identify(
 def _estimates(problem: Problem, fit: Fit) -> dict[str, Estimate]:
     known = [column for column in problem.columns if column.name in fit.values]
     return {c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal) for c in known}
+
+
+def _blanking(processing: Processing) -> Processing:
+    """Return the processing with rests and reversals blanked, unless it says otherwise."""
+    return replace(processing, blank=True) if processing.blank is None else processing
 
 
 def _check_method(method: str, count: int) -> None:

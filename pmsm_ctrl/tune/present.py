@@ -38,7 +38,9 @@ def _(result: Tuning) -> Section:
         _verdict(result), *result.notices, _gains(result), _margins(result), *_checks(result), _tolerances(result),
         *_resonance(result), _resistance(result), *_loops(result), *_folded(result),
     )  # fmt: skip
-    return Section(f"Tuning of {result.design.name}", tuple(_along(block, result.design.motion) for block in blocks))
+    shown = tuple(_along(block, result.design.motion) for block in blocks)
+    margins = tuple(one for one, block in zip(shown, blocks, strict=True) if block is blocks[2 + len(result.notices)])
+    return Section(f"Tuning of {result.design.name}", shown, essential=margins)
 
 
 def _along(block: Block, motion: str) -> Block:
