@@ -257,6 +257,9 @@ def export_code(
     part: Annotated[
         str, typer.Option("--part", metavar="compensation|tracker", help="part to write into a single file")
     ] = "compensation",
+    precision: Annotated[
+        str, typer.Option("--precision", metavar="double|single", help="of the numbers in the program")
+    ] = "double",
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="PATH", help="a file, or without suffix a folder for all parts"),
@@ -275,12 +278,12 @@ def export_code(
     folder = output if output is not None and not output.suffix else None
     name = None if folder is not None else output.name if output else ""
     try:
-        files = _sources(axis, language, flavour, part, name)
+        files = _sources(axis, language, flavour, part, name, precision)
     except UnsafeGainError as error:
         if not force:
             raise
         print(f"pmsm-ctrl: warning: {error}", file=sys.stderr)
-        files = _sources(axis, language, flavour, part, name, unsafe=True)
+        files = _sources(axis, language, flavour, part, name, precision, unsafe=True)
     if folder is not None:
         require_new(() if force else (folder / name for name in files))
         folder.mkdir(parents=True, exist_ok=True)
@@ -297,14 +300,14 @@ def export_code(
 
 
 def _sources(
-    design: Design, language: str, flavour: str, part: str, name: str | None, *, unsafe: bool = False
+    design: Design, language: str, flavour: str, part: str, name: str | None, precision: str, *, unsafe: bool = False
 ) -> dict[str, str]:
     """Return the texts to export by file name: of one part under this name, or of all."""
     from pmsm_ctrl.export import export, export_files
 
     if name is None:
-        return export_files(design, language, flavour=flavour, force=unsafe)
-    return {name: export(design, language, part=part, flavour=flavour, force=unsafe)}
+        return export_files(design, language, flavour=flavour, force=unsafe, precision=precision)
+    return {name: export(design, language, part=part, flavour=flavour, force=unsafe, precision=precision)}
 
 
 @app.command()

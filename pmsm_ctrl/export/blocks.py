@@ -62,6 +62,8 @@ class Block:
         The loops' gains, as constants for whoever sets up the drive.
     linear : bool
         Whether the axis is linear: every torque is a force, and the meanings are given in its units.
+    single : bool
+        Whether all real numbers have single precision.
     notes : mapping of name to str
         What the arrays and the scalars of the program are, with their units.
     """
@@ -77,6 +79,7 @@ class Block:
     start: tuple[ast.stmt, ...] = ()
     gains: tuple[Value, ...] = ()
     linear: bool = False
+    single: bool = False
     notes: Mapping[str, str] = field(default_factory=dict)
 
     def note(self, text: str) -> str:

@@ -19,11 +19,12 @@ __all__ = ["export", "export_files"]
 LANGUAGES = ("c", "st")
 FLAVOURS = ("iec", "br", "beckhoff")
 PARTS = ("compensation", "tracker")
+PRECISIONS = ("double", "single")
 
 
 def export(
     design: Design, language: str, *, part: str = "compensation", flavour: str = "iec",
-    settings: Settings | None = None, force: bool = False,
+    settings: Settings | None = None, force: bool = False, precision: str = "double",
 ) -> str:  # fmt: skip
     """Return the design's gains and compensator, or its friction tracker, as one source text.
 
@@ -37,7 +38,7 @@ def export(
     design : Design
         Its ``[compensation]`` says what is compensated; without a gain, 1 is exported.
     language : {"c", "st"}
-        C99 with math.h alone, or a Structured Text function block (LREAL).
+        C99 with math.h alone, or a Structured Text function block.
     part : {"compensation", "tracker"}
         What to export.
     flavour : {"iec", "br", "beckhoff"}
@@ -46,6 +47,8 @@ def export(
         Settings of the tracker.
     force : bool
         Export a compensation whatever its gain, which is then not judged; the text says so.
+    precision : {"double", "single"}
+        Of all numbers in the program: double and LREAL, or float and REAL.
 
     Returns
     -------
@@ -55,21 +58,22 @@ def export(
     Raises
     ------
     RequestError
-        For another language, part or flavour, an effect that a drive cannot evaluate, or a gain that is not safe
-        (`UnsafeGainError`).
+        For another language, part, flavour or precision, an effect that a drive cannot evaluate, or a gain that is not
+        safe (`UnsafeGainError`).
     """
-    _check(language, flavour, part)
+    _check(language, flavour, part, precision)
     if flavour == "br":
         raise RequestError("flavour: found 'br', which is several files; name a folder, or take iec or beckhoff")
-    block = _block(design, part, settings, force)
+    block = replace(_block(design, part, settings, force), single=precision == "single")
     if language == "c":
         return c_source(block, with_header=True)
     return tcpou(block) if flavour == "beckhoff" else st_block(block)
 
 
 def export_files(
-    design: Design, language: str, *, flavour: str = "iec", settings: Settings | None = None, force: bool = False
-) -> dict[str, str]:
+    design: Design, language: str, *, flavour: str = "iec", settings: Settings | None = None, force: bool = False,
+    precision: str = "double",
+) -> dict[str, str]:  # fmt: skip
     """Return every file of the export: compensator, tracker, and the tables that drives accept.
 
     Parameters
@@ -83,6 +87,8 @@ def export_files(
         in its place.
     force : bool
         Export a compensation whatever its gain, which is then not judged; the text says so.
+    precision : {"double", "single"}
+        Of all numbers in the program: double and LREAL, or float and REAL.
 
     Returns
     -------
@@ -92,12 +98,12 @@ def export_files(
     Raises
     ------
     RequestError
-        For another language or flavour, an effect that a drive cannot evaluate, a gain that is not safe, or settings
-        for a tracker that cannot work.
+        For another language, flavour or precision, an effect that a drive cannot evaluate, a gain that is not safe, or
+        settings for a tracker that cannot work.
     """
     from pmsm_ctrl.export.tables import table_files
 
-    _check(language, flavour, "compensation")
+    _check(language, flavour, "compensation", precision)
     blocks = [_block(design, "compensation", settings, force)]
     missing = ""
     try:
@@ -106,6 +112,7 @@ def export_files(
         if settings is not None:
             raise
         missing = str(error)
+    blocks = [replace(block, single=precision == "single") for block in blocks]
     if language == "c":
         files = {f"{b.name}.h": c_header(b) for b in blocks} | {f"{b.name}.c": c_source(b) for b in blocks}
     elif flavour == "br":
@@ -148,8 +155,11 @@ def _require_safe(design: Design) -> str:
     return verdict.why
 
 
-def _check(language: str, flavour: str, part: str) -> None:
-    chosen = (("language", language, LANGUAGES), ("flavour", flavour, FLAVOURS), ("part", part, PARTS))
+def _check(language: str, flavour: str, part: str, precision: str) -> None:
+    chosen = (
+        ("language", language, LANGUAGES), ("flavour", flavour, FLAVOURS), ("part", part, PARTS),
+        ("precision", precision, PRECISIONS),
+    )  # fmt: skip
     for label, found, accepted in chosen:
         if found not in accepted:
             raise RequestError(f"{label}: found '{found}'; accepted: {', '.join(accepted)}")

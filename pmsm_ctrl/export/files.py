@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from pmsm_ctrl.export.blocks import Block, Value
 from pmsm_ctrl.export.trees import constant
-from pmsm_ctrl.export.writers import ST, C, Flavour, Writer, real
+from pmsm_ctrl.export.writers import ST, C, Flavour, Language, Writer, in_single, real
 
 __all__ = ["br_library", "c_header", "c_source", "st_block", "tcpou"]
 
@@ -24,6 +24,7 @@ static int is_number(double value)
     return (bits & UINT64_C(0x7FF0000000000000)) != UINT64_C(0x7FF0000000000000);
 }
 """
+_IN_SINGLE = {"double": "float", "uint64_t": "uint32_t", "UINT64_C(0x7FF0000000000000)": "UINT32_C(0x7F800000)"}
 # the same identity for every block of one name, so that version control sees no change
 _SPACE = uuid.UUID("5b1d0d0a-5f0e-5c3e-9a53-70736d736374")
 
@@ -33,17 +34,21 @@ _SPACE = uuid.UUID("5b1d0d0a-5f0e-5c3e-9a53-70736d736374")
 
 def c_header(block: Block) -> str:
     """Return the C header: the gains, the block's memory, and its functions."""
-    guard = f"{block.name}_H".upper()
-    gains = [f"#define {block.axis.upper()}_{g.name} {real(g.number)} /* {g.meaning} */" for g in block.gains]
+    guard, real_type = f"{block.name}_H".upper(), _c_type(block, "real")
+    language = _language(block, C)
+    gains = [
+        f"#define {block.axis.upper()}_{g.name} {language.literal.format(real(g.number))} /* {g.meaning} */"
+        for g in block.gains
+    ]
     lines = [f"/* {block.title}. {_MADE} C99. */", f"#ifndef {guard}", f"#define {guard}", "", *gains]
     lines += [""] if gains else []
     lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     if block.structured:
         lines += [
             "typedef struct {",
-            *(f"    double {text}{_dimensions(shape)};{_c_note(block, text)}" for text, shape in block.arrays.items()),
+            *(f"    {real_type} {text}{_dimensions(n)};{_c_note(block, text)}" for text, n in block.arrays.items()),
         ]
-        lines += [f"    {_C_TYPES[v.kind]} {v.name}; /* {v.meaning} */" for v in block.outputs]
+        lines += [f"    {_c_type(block, v.kind)} {v.name}; /* {v.meaning} */" for v in block.outputs]
         lines += [f"}} {block.name}_t;", "", "/* Call once, before the first sample and after every restart. */"]
         lines += [f"{_c_init(block)};", "", "/* One sample in; what is believed after it stands in the structure."]
     else:
@@ -56,7 +61,8 @@ def c_header(block: Block) -> str:
 def c_source(block: Block, *, with_header: bool = False) -> str:
     """Return the C source, with the header's text in it for one file that stands alone."""
     memory = [*block.arrays, *(v.name for v in block.outputs)] if block.structured else []
-    writer = Writer(C, {text: f"self->{text}" for text in memory})
+    language, real_type = _language(block, C), _c_type(block, "real")
+    writer = Writer(language, {text: f"self->{text}" for text in memory})
     body = [*writer.lines(block.start, 1), *writer.lines(block.program.statements, 1)]
     used = _words(body)
     integers = [c for c in block.constants if c.kind == "integer" and c.name in used]
@@ -64,21 +70,22 @@ def c_source(block: Block, *, with_header: bool = False) -> str:
     lines = [c_header(block)] if with_header else [f"/* {block.title}. {_MADE} C99. */", f'#include "{block.name}.h"']
     guarded = "is_number" in used
     lines += ["#include <math.h>", *(["#include <stdint.h>", "#include <string.h>"] if guarded else []), ""]
-    lines += [_IS_NUMBER] if guarded else []
+    lines += [_is_number(block)] if guarded else []
     lines += ["enum {", *whole, "};", ""] if whole else []
     reals = [c for c in block.constants if c.kind == "real" and c.name in used]
-    lines += [f"static const double {c.name} = {real(c.number)};{_c_remark(c)}" for c in reals] + [""]
+    numbers = {c: language.literal.format(real(c.number)) for c in reals}
+    lines += [f"static const {real_type} {c.name} = {number};{_c_remark(c)}" for c, number in numbers.items()] + [""]
     if block.structured:
         counters = [f"    int {text};{_c_note(block, text)}" for text in block.counters]
         lines += [_c_init(block), "{", *counters, *writer.lines(block.start, 1)]
         lines += [f"    self->{v.name} = 0;" for v in block.outputs] + ["}", ""]
     lines += [_c_step(block), "{"]
     lines += [
-        f"    {_C_TYPES[kind]} {text} = 0;{_c_note(block, text)}"
+        f"    {_c_type(block, kind)} {text} = 0;{_c_note(block, text)}"
         for text, kind in block.scalars.items()
         if text in used
     ]
-    lines += [] if block.structured else [f"    double {v.name} = 0;" for v in block.outputs]
+    lines += [] if block.structured else [f"    {real_type} {v.name} = 0;" for v in block.outputs]
     lines += [f"    (void){v.name};" for v in block.inputs if v.name not in used]
     lines += writer.lines(block.program.statements, 1)
     lines += [] if block.structured else [f"    return {block.outputs[0].name};"]
@@ -109,10 +116,29 @@ def _c_init(block: Block) -> str:
 
 
 def _c_step(block: Block) -> str:
-    inputs = ", ".join(f"{_C_TYPES[v.kind]} {v.name}" for v in block.inputs)
+    inputs = ", ".join(f"{_c_type(block, v.kind)} {v.name}" for v in block.inputs)
     if block.structured:
         return f"void {block.name}_update({block.name}_t *self, {inputs})"
-    return f"double {block.name}({inputs})"
+    return f"{_c_type(block, 'real')} {block.name}({inputs})"
+
+
+def _c_type(block: Block, kind: str) -> str:
+    return "float" if kind == "real" and block.single else _C_TYPES[kind]
+
+
+def _st_type(block: Block, kind: str) -> str:
+    return "REAL" if kind == "real" and block.single else _ST_TYPES[kind]
+
+
+def _language(block: Block, language: Language) -> Language:
+    return in_single(language) if block.single else language
+
+
+def _is_number(block: Block) -> str:
+    text = _IS_NUMBER
+    for double, single in _IN_SINGLE.items() if block.single else ():
+        text = text.replace(double, single)
+    return text
 
 
 def _dimensions(shape: tuple[int, ...]) -> str:
@@ -161,7 +187,9 @@ def br_library(axis: str, blocks: Iterable[Block]) -> dict[str, str]:
         files[f"FB_{block.name}.st"] = "\n".join([*text, "END_FUNCTION_BLOCK", ""])
     listed = [("Exported functions and function blocks", f"{axis}.fun")]
     gains = [
-        f"    {axis.upper()}_{g.name} : LREAL := {real(g.number)}; (*{g.meaning}*)" for b in blocks for g in b.gains
+        f"    {axis.upper()}_{g.name} : {_st_type(b, 'real')} := {real(g.number)}; (*{g.meaning}*)"
+        for b in blocks
+        for g in b.gains
     ]
     if gains:
         files[f"{axis}.var"] = "\n".join([f"(* {_MADE} *)", "VAR CONSTANT", *gains, "END_VAR", ""])
@@ -180,34 +208,40 @@ def br_library(axis: str, blocks: Iterable[Block]) -> dict[str, str]:
 def _declaration(block: Block, flavour: Flavour) -> list[str]:
     """Return the declaration of a function block; B&R's holds no constants, they are set by the first call."""
     lines = [f"FUNCTION_BLOCK FB_{block.name}", "VAR_INPUT"]
-    lines += [f"    {v.name} : {_ST_TYPES[v.kind]}; (*{v.meaning}*)" for v in block.inputs]
+    lines += [f"    {v.name} : {_st_type(block, v.kind)}; (*{v.meaning}*)" for v in block.inputs]
     lines += ["    restart : BOOL; (*TRUE for one call: begin anew*)"] if block.arrays else []
-    lines += ["END_VAR", "VAR_OUTPUT", *(f"    {v.name} : {_ST_TYPES[v.kind]}; (*{v.meaning}*)" for v in block.outputs)]
+    lines += [
+        "END_VAR",
+        "VAR_OUTPUT",
+        *(f"    {v.name} : {_st_type(block, v.kind)}; (*{v.meaning}*)" for v in block.outputs),
+    ]
     lines += ["END_VAR", "VAR"]
     used = _words(_body(block, flavour))
     lines += ["    ready : BOOL; (*whether the memory has been set*)"] if _has_start(block, flavour) else []
     for text, shape in block.arrays.items():
         size = ", ".join(f"0..{n - 1}" for n in shape)
         array = f"ARRAY[{size}] OF " if shape else ""
-        lines.append(f"    {text} : {array}LREAL;{_st_note(block, text)}")
+        lines.append(f"    {text} : {array}{_st_type(block, 'real')};{_st_note(block, text)}")
     counters = dict.fromkeys(block.counters, "integer")
     lines += [
-        f"    {text} : {_ST_TYPES[kind]};{_st_note(block, text)}"
+        f"    {text} : {_st_type(block, kind)};{_st_note(block, text)}"
         for text, kind in {**counters, **block.scalars}.items()
         if text in used
     ]
     if flavour == "br":
-        lines += [f"    {c.name} : LREAL; (*{c.meaning}*)" for c in _reals(block) if c.name in used]
+        lines += [f"    {c.name} : {_st_type(block, 'real')}; (*{c.meaning}*)" for c in _reals(block) if c.name in used]
         return [*lines, "END_VAR"]
     lines += ["END_VAR", "VAR CONSTANT"]
     for c in (*(c for c in block.constants if c.name in used), *block.gains):
         value = real(c.number) if c.kind == "real" else int(c.number)
-        lines.append(f"    {c.name} : {_ST_TYPES[c.kind]} := {value};" + (f" (*{c.meaning}*)" if c.meaning else ""))
+        lines.append(
+            f"    {c.name} : {_st_type(block, c.kind)} := {value};" + (f" (*{c.meaning}*)" if c.meaning else "")
+        )
     return [*lines, "END_VAR"]
 
 
 def _body(block: Block, flavour: Flavour) -> list[str]:
-    writer = Writer(ST[flavour], _literals(block) if flavour == "br" else {})
+    writer = Writer(_language(block, ST[flavour]), _literals(block) if flavour == "br" else {})
     lines = []
     if _has_start(block, flavour):
         test = "restart OR NOT (ready)" if block.arrays else "NOT (ready)"

@@ -10,7 +10,7 @@ from typing import Literal
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export.trees import expressions
 
-__all__ = ["ST", "C", "Flavour", "Language", "Writer", "plain", "real", "symbols_of"]
+__all__ = ["ST", "C", "Flavour", "Language", "Writer", "in_single", "plain", "real", "symbols_of"]
 
 Flavour = Literal["iec", "br", "beckhoff"]
 
@@ -36,6 +36,8 @@ class Language:
     loop : tuple of str
         Head with counter {0}, first {1} and last {2}, and end.
     assignment, remark, negated, power, tanh, is_number : str
+    literal : str
+        A real number.
     powers_of_magnitudes : bool
         Whether `power` is wrong for a negative base.
     between : str
@@ -56,6 +58,7 @@ class Language:
     between: str
     flags: tuple[str, str]
     signs: Mapping[str, str] = field(default_factory=dict)
+    literal: str = "{}"
     powers_of_magnitudes: bool = False
 
 
@@ -94,6 +97,15 @@ ST: Mapping[Flavour, Language] = {
     # B&R's EXPT works in single precision
     "br": replace(_IEC, power="EXP({1} * LN(MAX({0}, 1.0E-300)))", powers_of_magnitudes=True),
 }
+
+
+def in_single(language: Language) -> Language:
+    """Return the language with numbers of single precision: C's functions and literals for float, bounds of REAL."""
+    if language.assignment != C.assignment:
+        return replace(language, is_number=language.is_number.replace("E300", "E38"))
+    whole = ("abs", "min", "max", "sqrt", "sin", "cos", "exp")
+    functions = {text: f"{language.functions.get(text, text)}f" for text in whole}
+    return replace(language, functions=functions, power="powf({}, {})", tanh="tanhf({})", literal="{}F")
 
 
 def real(value: float) -> str:
@@ -211,7 +223,7 @@ class Writer:
         if isinstance(value, bool):
             return self.language.flags[value]
         assert isinstance(value, int | float)
-        found = str(value) if isinstance(value, int) else real(value)
+        found = str(value) if isinstance(value, int) else self.language.literal.format(real(value))
         return f"({found})" if value < 0 and within else found
 
     def _call(self, function: str, arguments: list[str]) -> str:

@@ -69,7 +69,10 @@ def exported(design: Design, log: Log) -> tuple[float, float]:
     loop = f"""#include "{axis}.h"
     void loop(int n, const double *t, const double *theta, const double *i_d, const double *i_q, double *F_c) {{
         {axis}_t self; {axis}_init(&self);
-        for (int k = 0; k < n; k++) {{ {axis}_update(&self, k ? t[k] - t[k - 1] : 1.0, theta[k], i_d[k], i_q[k], 0.0); F_c[k] = self.F_c; }}
+        for (int k = 0; k < n; k++) {{
+            {axis}_update(&self, k ? t[k] - t[k - 1] : 1.0, theta[k], i_d[k], i_q[k], 0.0);
+            F_c[k] = self.F_c;
+        }}
     }}"""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
