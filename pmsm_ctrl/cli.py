@@ -24,6 +24,7 @@ from pmsm_ctrl.console import (
     write_json,
     write_report,
 )
+from pmsm_ctrl.files import printable
 from pmsm_ctrl.init import init
 from pmsm_ctrl.log_commands import LOG_COMMANDS
 from pmsm_ctrl.options import (
@@ -123,7 +124,7 @@ def simulate(
     with progress_bar(f"simulate {scenario}") as progress:
         log = run_simulation(axis, motion, truth=design_if_given(truth, effects), seed=seed, progress=progress)
     log.write_csv(output)
-    print(f"{output}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
+    print(f"{printable(output)}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
     if json_file is not None:
         run = {"scenario": scenario, "seed": seed, "output": str(output)}
         held = {"samples": len(log), "duration": log.duration, "rate": log.rate}
@@ -293,7 +294,7 @@ def export_code(
             continue
         path = output if output.suffix else output / name
         write_text(path, text)
-        print(f"{path}: {len(text.splitlines())} lines")
+        print(f"{printable(path)}: {len(text.splitlines())} lines")
     if json_file is not None:
         whole = {"source": files[""]} if "" in files else {"files": files}
         write_json(json_file, "export", {"language": language, "flavour": flavour} | whole)
@@ -378,7 +379,7 @@ def import_log(
     finish("import", result, json_file=json_file, whole=True)
     if output is not None and beside is not None:
         result.log.write_csv(output)
-        print(f"log: {output}\nits [log] table, for a design: {write_text(beside, result.table)}")
+        print(printable(f"log: {output}\nits [log] table, for a design: {write_text(beside, result.table)}"))
 
 
 @app.command()
@@ -416,7 +417,7 @@ def effects(
     finish("effects", entry, json_file=json_file, report=report, whole=True)
     if output is not None:
         save_figure(entry.plot(), output)
-        print(f"signature: {output}")
+        print(printable(f"signature: {output}"))
 
 
 @app.command()

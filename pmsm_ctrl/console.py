@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 from pmsm_ctrl.errors import CacheWarning, PmsmCtrlError, RequestError
-from pmsm_ctrl.files import require_writable, write_text
+from pmsm_ctrl.files import printable, require_writable, write_text
 
 if TYPE_CHECKING:
     from pmsm_ctrl.report import Headline
@@ -155,7 +155,7 @@ def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(label, total=None)  # it moves until the share is known
+        task = progress.add_task(printable(label), total=None)  # it moves until the share is known
         yield lambda share: progress.update(task, completed=share, total=1.0)
 
 
@@ -221,7 +221,10 @@ def say_next(verb: str, given: Mapping[str, Any]) -> None:
 
     line = next_step(verb, given, _shown["verdict"])
     if line:  # source code on standard output stays as it is
-        print(f"next: {line}", file=sys.stderr if verb == "export" and given.get("output") is None else sys.stdout)
+        print(
+            printable(f"next: {line}"),
+            file=sys.stderr if verb == "export" and given.get("output") is None else sys.stdout,
+        )
 
 
 def finish(
@@ -246,7 +249,7 @@ def write_report(
 
     text = render(section.title, [section.without(notices)], headline=headline, notices=notices, command=command_line())
     write_text(path, text)
-    print(f"report: {path}")
+    print(printable(f"report: {path}"))
 
 
 def command_line() -> str:

@@ -7,6 +7,7 @@ import os
 import shutil
 import tempfile
 import time
+import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
@@ -14,10 +15,32 @@ from pathlib import Path
 
 from pmsm_ctrl.errors import RequestError
 
-__all__ = ["atomic_path", "require_distinct", "require_new", "require_writable", "sha256", "unused_name", "write_text"]
+__all__ = [
+    "atomic_path", "printable", "require_distinct", "require_new", "require_writable", "sha256", "unused_name",
+    "write_text",
+]  # fmt: skip
 
 # A killed process leaves its temporary file. No command writes for a day, so that older ones can be deleted.
 STALE = 86400.0
+# Unicode's categories of controls, marks of direction and other formats, halves of pairs, line and paragraph ends.
+COMMANDS = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+
+
+def printable(text: object) -> str:
+    """Return a text without characters that command a terminal: controls and marks of direction, line feeds apart.
+
+    A file may be named by anybody, and its name stands in what is printed.
+
+    Parameters
+    ----------
+    text : str or path
+
+    Returns
+    -------
+    str
+        With U+FFFD in their place.
+    """
+    return "".join(c if c == "\n" or unicodedata.category(c) not in COMMANDS else "\ufffd" for c in str(text))
 
 
 @contextmanager

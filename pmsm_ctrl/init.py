@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pmsm_ctrl.files import printable
 from pmsm_ctrl.options import ForceOption, output_option
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def _write_example(name: str, target: Path, *, force: bool, json_file: Path | No
     write_text(target, source.read_text(encoding="utf-8"))
     if json_file is not None:
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target)})
-    print(f"design: {target}")
+    print(printable(f"design: {target}"))
     _print_next(target, simulated=design.motor.electrical and design.motor.J is not None)
 
 
@@ -116,12 +117,12 @@ def _write(
     facts, doubts = plausibility(design, answers)
     write_text(target, text)
     for doubt in doubts:
-        print(f"pmsm-ctrl: {target}: warning: {doubt.text} [{doubt.code}]", file=sys.stderr)
+        print(f"pmsm-ctrl: {printable(target)}: warning: {doubt.text} [{doubt.code}]", file=sys.stderr)
     print("\n".join(facts))
     if json_file is not None:
         said = {"warnings": [d.text for d in doubts], "warning_codes": [d.code for d in doubts]}
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target), **said})
-    print(f"design: {target}")
+    print(printable(f"design: {target}"))
     _print_next(target, simulated=design.motor.electrical and design.motor.J is not None)
 
 
@@ -136,7 +137,7 @@ def _print_next(target: Path, *, simulated: bool) -> None:
     }
     width = max(map(len, following))
     for number, (command, answers_what) in enumerate(following.items()):
-        print(f"{'' if number else 'next:':<6}pmsm-ctrl {command:<{width}}   {answers_what}")
+        print(f"{'' if number else 'next:':<6}pmsm-ctrl {printable(command):<{width}}   {answers_what}")
 
 
 def _machine(read: Callable[[str], str]) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from pmsm_ctrl.console import NEGATIVE, finish, progress_bar
+from pmsm_ctrl.files import printable
 from pmsm_ctrl.gates import FailOnOption, MaxErrorOption, require_accepted
 from pmsm_ctrl.options import (
     DesignOption,
@@ -157,7 +158,7 @@ def add(
     finish("add", result, json_file=json_file, report=report)
     if not result.improved or not (result.supported or force):
         why = f"{result.against[0]}; --force writes it" if result.improved else result.warnings[0]
-        print(f"pmsm-ctrl: {output}: not written: {why}", file=sys.stderr)
+        print(f"pmsm-ctrl: {printable(output)}: not written: {why}", file=sys.stderr)
         raise typer.Exit(NEGATIVE)
     write_design(result.design, output)
 

@@ -12,7 +12,7 @@ import typer
 import typer.core
 
 from pmsm_ctrl.console import STDOUT, json_to_stdout, parse_map, say_next, writable, write_json
-from pmsm_ctrl.files import require_distinct, require_new
+from pmsm_ctrl.files import printable, require_distinct, require_new
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -229,7 +229,7 @@ def write_design(design: Design, path: Path | None) -> None:
     """Write a design where one was asked for, and print where it is."""
     if path is not None:
         design.write(path)
-        print(f"design: {path}")
+        print(printable(f"design: {path}"))
 
 
 def load_logs(paths: Iterable[Path], design: Design, mapping: list[str] | None) -> list[Log]:
@@ -244,7 +244,7 @@ def load_logs(paths: Iterable[Path], design: Design, mapping: list[str] | None) 
         log = read_log(path, design, parse_map(mapping))
         require_confirmed(log, design, parse_map(mapping))
         for notice in log.provenance.notices:
-            print(f"pmsm-ctrl: {path}: warning: {notice.text} [{notice.code}]", file=sys.stderr)
+            print(printable(f"pmsm-ctrl: {path}: warning: {notice.text} [{notice.code}]"), file=sys.stderr)
         logs.append(log)
     return logs
 

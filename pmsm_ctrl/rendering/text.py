@@ -8,6 +8,7 @@ import unicodedata
 from collections.abc import Iterator
 from itertools import groupby
 
+from pmsm_ctrl.files import printable
 from pmsm_ctrl.rendering.cells import numeric_columns
 from pmsm_ctrl.section import Block, Notice, Picture, Section, Table, Traces
 
@@ -37,7 +38,7 @@ def to_text(section: Section, width: int | None = None) -> str:
     """
     if width is None:
         width = max(NARROWEST, shutil.get_terminal_size().columns)
-    return "\n\n".join("\n".join(paragraph) for paragraph in _section(section, width, "="))
+    return printable("\n\n".join("\n".join(paragraph) for paragraph in _section(section, width, "=")))
 
 
 def _section(section: Section, width: int, rule: str) -> Iterator[list[str]]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import unicodedata
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib.text import Text
 
@@ -249,3 +251,20 @@ def test_dollar_signs_in_a_name_are_no_formula() -> None:
                 inline_svg(block.draw, "p", "label")
         texts = [text.get_text() for figure in figures for text in figure.findobj(Text)]
         assert any("a$\\frac{$b.csv" in text for text in texts)
+
+
+@pytest.mark.parametrize("name", ["a\x1b[31mred.csv", "a\u202egpj.csv", "a\x07\x9bb.csv", "line\u2028end.csv"])
+def test_no_name_of_a_file_commands_the_terminal(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    t = 1e-3 * np.arange(200)
+    Log({"t": t, "omega": np.sin(9 * t), "i_q": np.cos(9 * t)}).write_csv(name)
+    for words in (["import", name, "-o", f"si_{name}"], ["init", "--example", "seed_motor", "-o", f"{name}.toml"]):
+        with pytest.raises(SystemExit) as left:
+            main(words)
+        assert left.value.code == 0
+        shown = capsys.readouterr()
+        text = (shown.out + shown.err).replace("\n", "")
+        assert not {c for c in text if unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp")}
+        assert "\ufffd" in shown.out
