@@ -156,7 +156,7 @@ def test_killed_where_it_writes(run: Callable[..., int], tmp_path: Path, record:
     for name in outputs:
         (tmp_path / name).write_bytes(OLD)
     dice = random.Random(command)
-    for moment in MOMENTS.get(command) or dice.sample(["begin", "half", "before"], 2):
+    for moment in MOMENTS.get(command) or dice.sample(["begin", "half", "before"], amount(1, 2)):
         count = dice.randint(1, len(outputs))
         assert run(tmp_path, words(command, record), moment, count) == -signal.SIGKILL
         new = look(tmp_path, outputs)

@@ -22,12 +22,8 @@ from pmsm_ctrl.section import Picture
 from pmsm_ctrl.simulate import Scenario, simulate
 from pmsm_ctrl.simulate.run import prepare
 from pmsm_ctrl.simulate.scenarios import scenario
+from tests.effort import seeds, slow
 from tests.unit.simulate.composed import TERMS, simulate_composed
-
-
-def seeds(first: object, *more: object) -> list[object]:
-    """The first one every time, the others with --slow."""
-    return [first, *(pytest.param(seed, marks=pytest.mark.slow) for seed in more)]
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +79,7 @@ def test_hidden_effect_is_named_first_and_its_parameters_are_found(blind: Module
 
 
 @pytest.mark.parametrize("motion", ["identification", "mixed", "servo"])
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", seeds(11, 12))
 def test_clean_log_is_consistent(blind: ModuleType, motion: str, seed: int) -> None:
     result = blind.run(blind.Case((), 0.0, motion, seed))
     assert result.verdict == "consistent", [s.effect for s in result.steps]
@@ -285,7 +281,7 @@ def test_dead_time_left_out_is_unexplained_where_a_resistance_takes_most_of_it(b
 
 
 @pytest.mark.parametrize(
-    ("name", "factor"), [("J", 1.6), ("J", 0.5), ("R", 2.0), ("psi_f", 0.92), ("L_q", 0.6)]
+    ("name", "factor"), [("J", 1.6), slow("J", 0.5), ("R", 2.0), ("psi_f", 0.92), slow("L_q", 0.6)]
 )  # fmt: skip
 @pytest.mark.parametrize("motion", seeds("identification", "servo"))
 def test_a_parameter_far_beyond_its_tolerance_is_no_missing_effect(

@@ -10,6 +10,7 @@ from pmsm_ctrl.log import Log
 from tests.benchmarks.other_plant import HIDDEN, other_log, right
 from tests.benchmarks.sizes import SIZES, sized
 from tests.benchmarks.spoiled import SPOILED
+from tests.effort import seeds, slow
 
 COARSE = ("currents in steps of 60 mA", "voltages in steps of 0.5 V")
 
@@ -21,7 +22,7 @@ def test_eccentricity_of_the_encoder_that_commutates_and_of_another(effect: str,
     assert ("other_angle" in found.to_dict()["warning_codes"]) is own_angle
 
 
-@pytest.mark.parametrize("seed", [140, 141, 142])
+@pytest.mark.parametrize("seed", seeds(140, 141, 142))
 def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
     assert diagnose(*other_log("none", seed)).verdict == "consistent"
 
@@ -29,9 +30,9 @@ def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [
-        ("stamps that jitter", 1501), ("stamps that jitter", 1502), ("samples that jitter", 1501),
+        ("stamps that jitter", 1501), slow("stamps that jitter", 1502), ("samples that jitter", 1501),
         ("currents in steps of 60 mA", 1500), ("voltages in steps of 0.5 V", 1500),
-        ("voltages in steps of 0.5 V", 1501),
+        slow("voltages in steps of 0.5 V", 1501),
     ],
 )  # fmt: skip
 def test_what_recorders_do_to_a_log_is_no_missing_effect(kind: str, seed: int) -> None:
@@ -42,7 +43,7 @@ def test_what_recorders_do_to_a_log_is_no_missing_effect(kind: str, seed: int) -
     assert found.verdict in ("consistent", "inconclusive" if kind in COARSE else "")
 
 
-@pytest.mark.parametrize("seed", [701, 702])
+@pytest.mark.parametrize("seed", seeds(701, 702))
 def test_a_filtered_speed_is_no_missing_effect(seed: int) -> None:
     # the drive of this simulator logs a moving average of four differences at 2 kHz: 1 ms old
     design, log = other_log("none", seed)
@@ -90,7 +91,7 @@ def test_motions_of_machines_show_effects(effect: str, kind: str, seed: int) -> 
 
 
 # of the seeds 901 to 905 four name it; in 902 timing explains it as well
-@pytest.mark.parametrize("seed", [901, 903])
+@pytest.mark.parametrize("seed", seeds(901, 903))
 def test_a_spring_above_the_band_is_known_by_its_give(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     # J_load 1.1e-4 kg m^2 on 15 N m/rad rings at 59 Hz; the log's band ends at 40 Hz
     found = diagnosed_spring(monkeypatch, 15.0, seed)
@@ -100,7 +101,7 @@ def test_a_spring_above_the_band_is_known_by_its_give(monkeypatch: pytest.Monkey
     assert spring["J_load"] ** 2 / spring["k"] == pytest.approx(1.1e-4**2 / 15.0, rel=0.1)
 
 
-@pytest.mark.parametrize("seed", [901, 902])
+@pytest.mark.parametrize("seed", seeds(902, 901))
 def test_a_give_that_the_sampling_of_the_current_may_have_is_no_spring(
     monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
@@ -116,7 +117,7 @@ def diagnosed_spring(monkeypatch: pytest.MonkeyPatch, k: float, seed: int) -> Di
     return diagnose(*other_log("compliance", seed, kind="trapezoids"), plan=False)
 
 
-@pytest.mark.parametrize("size", ["large", "small"])
+@pytest.mark.parametrize("size", seeds("large", "small"))
 def test_a_diagnosis_has_no_units_of_its_own(size: str) -> None:
     design, log = other_log("unbalance", 981, duration=10.0)
     torque, current, time = SIZES[size]
@@ -151,6 +152,6 @@ def test_noise_that_moves_the_axis_is_no_load_on_a_spring() -> None:
     assert [step.effect for step in found.steps] == ["constant_load"]
 
 
-@pytest.mark.parametrize("seed", [1750, 1751])
+@pytest.mark.parametrize("seed", seeds(1751, 1750))
 def test_noise_around_a_constant_acceleration_is_no_dependence(seed: int) -> None:
     assert diagnose(*sized(*other_log("none", seed, kind="triangle"), *SIZES["slow"])).verdict == "consistent"

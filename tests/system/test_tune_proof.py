@@ -18,6 +18,7 @@ from pmsm_ctrl.tune import Tuning
 from pmsm_ctrl.tune.optimise import optimise, reversal
 from pmsm_ctrl.tune.proof import BANDWIDTH_TOLERANCE, PHASE_TOLERANCE, Outcome, Proof, prove
 from pmsm_ctrl.tune.tuning import tune
+from tests.effort import slow
 
 MACHINES = ("seed_motor", "small_servo", "servo_2kw", "geared_resonant")
 
@@ -204,7 +205,7 @@ def test_the_table_of_the_delays(seed, project_root):
             assert float(gain) == pytest.approx(found.gain_margin_db, abs=0.01)
 
 
-@pytest.mark.parametrize(("ratio", "antiresonance", "damping"), [(10.0, 40.0, 0.02), (0.2, 150.0, 0.005)])
+@pytest.mark.parametrize(("ratio", "antiresonance", "damping"), [slow(10.0, 40.0, 0.02), (0.2, 150.0, 0.005)])
 def test_lines_follow_a_resonance(designs, ratio, antiresonance, damping):
     """Two masses whose loop gain crosses 1 several times, at the resonance too: the worst crossing is measured."""
     seed = Design.read(designs / "seed_motor.toml")

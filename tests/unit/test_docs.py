@@ -29,6 +29,8 @@ PAGES = [
     if BLOCK.search(path.read_text("utf-8")) and "printed" not in path.parts
 ]
 DATA = "shared/data"
+# Pages that take half a minute each; what they call is tested elsewhere, and that their commands exist below.
+LONG = ("docs/compensation.md", "docs/tutorials/compensator.md", "docs/tutorials/your_log.md")
 
 
 @pytest.fixture
@@ -71,7 +73,33 @@ def run_shell(code: str, page: Path) -> None:
     assert done.returncode == 0, f"{page.name}:\n{code}\n{done.stdout[-2000:]}\n{done.stderr}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", [ROOT / name for name in LONG], ids=name_of)
+def test_commands_of_a_long_page_exist(page: Path) -> None:
+    """Every command with its options is one of the command line, and every Python block compiles."""
+    from typer.main import get_command
+
+    from pmsm_ctrl.cli import app
+
+    for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
+        if block["language"] == "python":
+            compile(block["code"], page.name, "exec")
+            continue
+        for line in block["code"].replace("\\\n", " ").splitlines():
+            words = shlex.split(line, comments=True)
+            if words[:1] == ["pmsm-ctrl"]:
+                verb = get_command(app).commands[words[1]]  # type: ignore[attr-defined]
+                verb.make_context(words[1], words[2:], resilient_parsing=False)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=pytest.mark.slow) if name_of(page) in LONG else page for page in PAGES],
+    ids=name_of,
+)
 def test_blocks_run(page: Path, project: Path) -> None:
     scope: dict[str, object] = {"__name__": "page"}
     left_out = 0

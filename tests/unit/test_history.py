@@ -95,6 +95,7 @@ def axis_log(name: str, F_c: float) -> Log:
     return Log({"t": t, "omega": omega, "torque": torque}, provenance=Provenance(file=name, sha256=name * 8))
 
 
+@pytest.mark.slow
 def test_study_keeps_the_history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     design = Design.from_dict(

@@ -149,8 +149,8 @@ def wrong_log(design: Design, effect: Effect, values: Mapping[str, float]) -> Lo
 
 
 # One of every structure, and of every role that a parameter can have.
-CHOSEN = ("stribeck", "cogging", "encoder_eccentricity", "delay", "backlash", "presliding")
-FURTHER = ("viscous_power", "iron_loss", "dead_time", "current_gain", "compliance")
+CHOSEN = ("cogging", "encoder_eccentricity", "delay", "backlash")
+FURTHER = ("stribeck", "presliding", "viscous_power", "iron_loss", "dead_time", "current_gain", "compliance")
 
 
 @pytest.mark.parametrize("name", [*CHOSEN, *(pytest.param(name, marks=pytest.mark.slow) for name in FURTHER)])

@@ -14,6 +14,7 @@ from pmsm_ctrl.identify import evaluate_sweep, identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS
+from tests.effort import seeds
 
 J, K_T = 0.01, 1.3
 
@@ -43,7 +44,7 @@ def error(model: Design, log: Log) -> float:
 # ---- what is written is the optimum inside the bounds -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_an_effect_is_added_at_the_optimum_inside_the_bounds(seed: int) -> None:
     # a drag that rises with the root of the speed and falls again: with F_v free it comes out below zero
     log = made(seed, lambda t, w, theta: np.sign(w) * (0.1 + 1.2 * np.abs(w) ** 0.5 - 0.1 * np.abs(w)))
@@ -120,7 +121,7 @@ def warming(start: float):
     return lambda t, w, theta: (0.4 - 0.1 * np.clip((t + start) / 20.0, 0.0, 3.0)) * np.sign(w) + 0.02 * w
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_drift_that_raises_the_held_out_error_is_refused(seed: int) -> None:
     # the other record began when the axis was warm: there the drift of this one is wrong
     log = made(seed, warming(0.0))
@@ -135,7 +136,7 @@ def test_a_drift_that_raises_the_held_out_error_is_refused(seed: int) -> None:
     assert abs(parameters["dF_c"].value) < 0.4
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_drift_is_not_fitted_across_a_gap(seed: int) -> None:
     def colder(F_c: float) -> Log:
         return made(seed, lambda t, w, theta: F_c * np.sign(w) + 0.02 * w, 0.02, 8.0)

@@ -19,6 +19,7 @@ from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind, in_time
 from pmsm_ctrl.regression.model import base_groups
 from pmsm_ctrl.simulate import simulate
+from tests.effort import seeds
 
 J, K_T, F_C, F_V = 0.01, 1.3, 0.4, 0.02
 PERIOD, FINE = 1e-3, 50  # s, and steps of the made-up torque in it
@@ -119,7 +120,7 @@ def names(found: Diagnosis) -> list[str]:
     return [step.effect for step in found.steps]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize(
     ("sampled", "delay"),
     [({"late": 0.5e-3}, 0.5e-3), ({"mean": True}, 0.5e-3), ({"late": 0.25e-3, "mean": True}, 0.75e-3)],
@@ -149,21 +150,21 @@ def test_a_filter_that_the_log_states_is_not_said_again() -> None:
     assert "drive_signal_filtered" not in found.to_dict()["warning_codes"]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_delay_that_no_filter_explains_is_one(seed: int) -> None:
     found = diagnose(believed(), made(seed, late=5e-3), plan=False)
     assert names(found) == ["delay"]
     assert found.steps[0].parameters["tau"].value == pytest.approx(5e-3, rel=0.04)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_current_that_is_not_late_has_no_lateness(seed: int) -> None:
     found = diagnose(believed(), made(seed), plan=False)
     assert (found.verdict, names(found)) == ("consistent", [])
     assert found.timing.late == pytest.approx(0.0, abs=0.03e-3)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_runs_joined_with_gaps_name_nothing(seed: int) -> None:
     found = diagnose(believed(), made(seed, pieces=3), plan=False)
     assert names(found) == []
@@ -185,14 +186,14 @@ def stating(**log: object) -> Design:
     return Design.from_dict({**believed().to_dict(), "log": log})
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", seeds(3, 4))
 def test_a_stated_mean_over_the_period_is_undone(seed: int) -> None:
     found = diagnose(stating(sampling="mean"), made(seed, mean=True), plan=False)
     assert found.steps == ()
     assert found.timing.delay == pytest.approx(0.5 * PERIOD, rel=0.1)
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", seeds(3, 4))
 def test_beside_a_stated_sampling_half_a_period_is_a_delay(seed: int) -> None:
     log = made(seed, late=0.5 * PERIOD)
     assert diagnose(believed(), log, plan=False).steps == ()
@@ -246,7 +247,7 @@ def test_a_command_is_early_and_never_late() -> None:
     assert not record.sampling_told
 
 
-@pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.parametrize("seed", seeds(5, 6))
 @pytest.mark.parametrize(
     ("sampled", "delay"), [({"late": 0.5e-3}, 0.5e-3), ({"mean": True}, 0.5e-3), ({"lag": 3e-3}, 3e-3)]
 )
@@ -262,7 +263,7 @@ def test_identify_is_not_biased_by_when_the_current_was_sampled(seed: int, sampl
     assert "later than the position" in found.summary() or "was filtered" in found.summary()
 
 
-@pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.parametrize("seed", seeds(5, 6))
 def test_compare_sees_no_structure_in_what_sampling_does(seed: int) -> None:
     found = compare(believed(), made(seed, late=0.5e-3))
     assert found.verdict == "consistent"
