@@ -192,33 +192,33 @@ class Stepwise(Result):
         """The names of the held-out records."""
         return self._case.holdout_names
 
-    def held_out(self, number: int, channel: str = "torque") -> Contributions:
-        """Return the prediction of a held-out record, not taken apart.
+    def held_out(self, number: int) -> dict[str, Contributions]:
+        """Return the prediction of a held-out record by balance, not taken apart.
 
         Parameters
         ----------
         number : int
             Which of them, from 0.
-        channel : str
 
         Returns
         -------
-        Contributions
-            Without effects.
+        dict of balance to Contributions
+            Without effects; the balances that the fitted records have as well.
 
         Raises
         ------
         RequestError
-            When there is no such record, or it has no such balance.
+            When there is no such record.
         """
         if not 0 <= number < len(self._case.holdouts):
             raise RequestError(f"held-out record {number}: there are {len(self._case.holdouts)}")
         record, left = self._case.held_out(self._fit, number)
-        if channel not in record.channels:
-            raise RequestError(f"unknown balance '{channel}': this log has {', '.join(record.channels)}")
-        row = record.channels.index(channel)
-        measured, predicted = record.target[row], record.target[row] - left[row]
-        return Contributions(channel, record.unit(channel), record.t, measured, predicted, predicted, {}, record.mask)
+        out = {}
+        for row, channel in enumerate(record.channels):
+            measured, predicted = record.target[row], record.target[row] - left[row]
+            unit = record.unit(channel)
+            out[channel] = Contributions(channel, unit, record.t, measured, predicted, predicted, {}, record.mask)
+        return out
 
     def coordinates(self, held_out: int | None = None) -> dict[str, Array]:
         """Return what a residual can be drawn over, by label.

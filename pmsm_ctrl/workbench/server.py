@@ -20,7 +20,7 @@ from pmsm_ctrl.workbench.guard import Guard
 from pmsm_ctrl.workbench.session import Session, Sessions, default_folder
 from pmsm_ctrl.workbench.workers import Workers
 
-__all__ = ["Settings", "begun", "guarded", "serve"]
+__all__ = ["Settings", "begun", "guarded", "listening", "serve"]
 
 LOCAL = "127.0.0.1"
 PORT = 8720  # tried first, so that a bookmark's history is not full of ports; any free one if it is taken
@@ -152,8 +152,8 @@ def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] =
     except OSError as error:
         raise RequestError(f"{settings.folder}: cannot be made ({error.strerror})") from None
     session = begun(desk, design, logs) if design is not None or logs else None
-    listening = _socket(settings.host, settings.port)
-    port = int(listening.getsockname()[1])
+    socket_used = listening(settings.host, settings.port)
+    port = int(socket_used.getsockname()[1])
     shown = LOCAL if settings.host in ("0.0.0.0", "::") else settings.host
     address = f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/{settings.token}/"
     if session is not None:
@@ -173,14 +173,31 @@ def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] =
     if settings.browser:
         webbrowser.open(address)
     with contextlib.suppress(KeyboardInterrupt):
-        server.run(sockets=[listening])
+        server.run(sockets=[socket_used])
 
 
-def _socket(host: str, port: int) -> socket.socket:
-    """Return a socket that listens; without a port the usual one, or any that is free."""
+def listening(host: str, port: int) -> socket.socket:
+    """Return a socket that listens.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+        0 for the usual one, or any that is free.
+
+    Returns
+    -------
+    socket
+
+    Raises
+    ------
+    RequestError
+        When that is not possible.
+    """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for wanted in (port,) if port else (PORT, 0):
-        found = socket.socket(family, socket.SOCK_STREAM)
+        # asyncio sends small answers at once only where the protocol is named; else they wait 40 ms for each other
+        found = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             found.bind((host, wanted))

@@ -29,7 +29,6 @@ __all__ = [
     "PROGRESS",
     "STOP",
     "StoppedError",
-    "diagnosis_of",
     "fitted",
     "logs_of",
     "prepare",
@@ -44,6 +43,7 @@ Request = Mapping[str, Any]
 
 _designs: dict[str, Design] = {}
 _logs: OrderedDict[str, tuple[Log, ImportReport]] = OrderedDict()
+_shown: OrderedDict[str, dict[str, Any]] = OrderedDict()
 _fits: OrderedDict[str, tuple[Stepwise, Diagnosis | None]] = OrderedDict()
 
 
@@ -227,8 +227,7 @@ def fitted(request: Request, steps: Sequence[Mapping[str, Any]]) -> tuple[Stepwi
     """
     from pmsm_ctrl.diagnose import stepwise
 
-    logs = [{k: entry.get(k) for k in ("id", "mapping", "role", "window")} for entry in request["logs"]]
-    key = _digest([request["folder"], request["design"], logs, list(steps)])
+    key = _key(request, steps)
     if key in _fits:
         _fits.move_to_end(key)
         return _fits[key]
@@ -253,9 +252,10 @@ def fitted(request: Request, steps: Sequence[Mapping[str, Any]]) -> tuple[Stepwi
     return made
 
 
-def diagnosis_of(request: Request) -> Diagnosis | None:
-    """Return the diagnosis, where the ladder as it stands is the result of a search."""
-    return fitted(request, request["steps"])[1]
+def _key(request: Request, steps: Sequence[Mapping[str, Any]]) -> str:
+    """Name a ladder by all that it depends on."""
+    logs = [{k: entry.get(k) for k in ("id", "mapping", "role", "window")} for entry in request["logs"]]
+    return _digest([request["folder"], request["design"], logs, list(steps)])
 
 
 class _Talk:
@@ -303,10 +303,13 @@ def solve(request: Request) -> dict[str, Any]:
     from pmsm_ctrl.result import jsonable
     from pmsm_ctrl.units import axis_unit
 
+    key = _key(request, request["steps"])
     model, diagnosis = fitted(request, request["steps"])
+    if key in _shown:
+        return _shown[key] | jsonable({"records": _records(request, model)})
     design, catalogue = model.design, catalogue_of(design_of(request["design"]))
     given = len(design_of(request["design"]).effects)
-    return jsonable({
+    _shown[key] = jsonable({
         "rungs": [_rung(rung) for rung in model.rungs],
         "names": model.names,
         "floor": {name: error["relative"] for name, error in model.noise_floor.items()},
@@ -325,8 +328,10 @@ def solve(request: Request) -> dict[str, Any]:
             for k, entry in enumerate(design.effects)
         ],
         "verdict": _verdict(diagnosis),
-        "records": _records(request, model),
     })  # fmt: skip
+    while len(_shown) > KEPT:
+        _shown.popitem(last=False)
+    return _shown[key] | jsonable({"records": _records(request, model)})
 
 
 def _candidate(one: Any, catalogue: Mapping[str, Any]) -> dict[str, Any]:
@@ -358,8 +363,12 @@ def _records(request: Request, model: Stepwise) -> list[dict[str, Any]]:
         over = model.coordinates(number)
         columns: dict[str, Any] = {}
         balances = []
-        for channel in model.balances if number is None else _common(model, number):
-            parts = model.contributions(channel) if number is None else model.held_out(number, channel)
+        every = (
+            {channel: model.contributions(channel) for channel in model.balances}
+            if number is None
+            else model.held_out(number)
+        )
+        for channel, parts in every.items():
             columns = columns or {"t": parts.t, "used": parts.used}
             columns |= {f"{channel}:measured": parts.measured, f"{channel}:predicted": parts.predicted}
             columns |= {f"{channel}:part:{name}": values for name, values in parts.effects.items()}
@@ -381,18 +390,6 @@ def _records(request: Request, model: Stepwise) -> list[dict[str, Any]]:
             "name": " + ".join(names) if number is None else names[number],
             "start": float(columns["t"][0]), "stop": float(columns["t"][-1]), "samples": len(columns["t"]),
         })  # fmt: skip
-    return out
-
-
-def _common(model: Stepwise, number: int) -> list[str]:
-    """Return the balances of a held-out record; it may have fewer channels."""
-    out = []
-    for channel in model.balances:
-        try:
-            model.held_out(number, channel)
-        except RequestError:
-            continue
-        out.append(channel)
     return out
 
 

@@ -73,11 +73,19 @@ async function listen() {
 
 const DOING = { read: "Reading", step: "Fitting", find: "Searching for missing effects", take: "Preparing the file; a compensator's gain is proven by simulation, up to a minute" };
 
+const PATIENCE = 6; // s after which a fit says why it may take long
+
 function status() {
   const bar = document.getElementById("status");
   const job = app.state?.job;
+  if (!job) app.since = 0;
+  else if (!app.since) {
+    app.since = performance.now();
+    setTimeout(draw, 1000 * PATIENCE + 50);
+  }
+  const long = job?.kind === "step" && performance.now() - app.since > 1000 * PATIENCE;
   const text = app.complaint || app.state?.message || "";
-  const busy = app.uploading ? `Uploading ${app.uploading} …` : job ? `${DOING[job.kind]}${job.name ? ` ${job.name}` : ""} …` : "";
+  const busy = app.uploading ? `Uploading ${app.uploading} …` : job ? `${DOING[job.kind]}${job.name ? ` ${job.name}` : ""} …${long ? " The first fit after an installation compiles its code, about a minute." : ""}` : "";
   bar.hidden = !text && !busy;
   bar.className = text && !busy ? "bad" : "";
   const parts = [busy ? h("span", { class: "busy" }, busy) : text];

@@ -60,7 +60,7 @@ def test_a_preview_is_what_adding_takes_from_the_residual(begun: Stepwise) -> No
 
 
 def test_a_held_out_record_has_the_error_of_its_rung(begun: Stepwise) -> None:
-    held = begun.held_out(0)
+    held = begun.held_out(0)["torque"]
     assert held.error() == pytest.approx(begun.rungs[0].holdout["torque"]["relative"], rel=1e-9)
     assert next(iter(begun.coordinates(0))) == "speed [rad/s]"
     assert all(values.shape == held.t.shape for values in begun.coordinates(0).values())
