@@ -8,12 +8,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.errors import LogError, NextCommand, RequestError, nearest
 from pmsm_ctrl.files import atomic_path
+from pmsm_ctrl.frames import columns_of
 from pmsm_ctrl.section import Notice
 
 __all__ = ["CHANNELS", "Log", "Logs", "Provenance", "Segment", "Span", "as_logs", "names_of"]
@@ -176,6 +178,27 @@ class Log:
     def __len__(self) -> int:
         return len(self.t)
 
+    def keys(self) -> list[str]:
+        """Names of the channels, so that ``dict(log)`` holds the arrays by name."""
+        return list(self.channels)
+
+    def __array__(self, *_: Any, **__: Any) -> Array:
+        raise RequestError("a log is a table of channels: log['omega'], dict(log) or log.to_pandas()")
+
+    def __repr__(self) -> str:
+        said = f"{len(self)} samples, {self.duration:.4g} s at {self.rate:.5g} Hz: {', '.join(self.channels)}"
+        return f"<Log{f' {self.provenance.file}' * bool(self.provenance.file)}: {said}>"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        rows = "".join(
+            f"<tr><td>{name}</td><td>{self.unit(name)}</td><td>{values.min():.5g}</td><td>{values.max():.5g}</td></tr>"
+            for name, values in self.channels.items()
+        )
+        head = "<tr><th>channel</th><th>unit</th><th>from</th><th>to</th></tr>"
+        return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}{rows}</table>"
+
     @property
     def _label(self) -> str:
         return f"{self.provenance.file}: " if self.provenance.file else ""
@@ -319,6 +342,60 @@ class Log:
             if a < b
         ]
         return tuple(kept) if len(kept) > 1 else ()
+
+    # -- data frames -----------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_pandas(cls, frame: Any, motion: str = "rotary") -> Log:
+        """Take the columns of a data frame that are named like channels, ``omega`` or ``omega [rpm]``.
+
+        `pmsm_ctrl.read_log` takes frames with any other names, and a mapping.
+
+        Parameters
+        ----------
+        frame : pandas or polars data frame, or mapping of name to array
+            Without a column ``t`` a time index of pandas is the time, from 0 s.
+        motion : {"rotary", "linear"}
+
+        Returns
+        -------
+        Log
+
+        Raises
+        ------
+        LogError
+            When there is no time, no number, or a unit that does not belong to the channel.
+        """
+        units = {name: row[1 if motion == "linear" else 0] for name, row in CHANNELS.items()}
+        return cls(columns_of(frame, units), motion=motion)
+
+    def to_pandas(self) -> Any:
+        """Return the channels as a pandas data frame, their units in ``frame.attrs["units"]``.
+
+        Returns
+        -------
+        pandas.DataFrame
+
+        Raises
+        ------
+        RequestError
+            When pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise RequestError("pandas is not installed: pip install pandas; dict(log) needs none") from None
+        frame = pandas.DataFrame(dict(self.channels))
+        frame.attrs["units"] = {name: self.unit(name) for name in self.channels}
+        return frame
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Arrow PyCapsule interface: ``pyarrow.table(log)``, ``polars.DataFrame(log)``; needs pyarrow."""
+        import pyarrow
+
+        fields = [pyarrow.field(name, pyarrow.float64(), metadata={"unit": self.unit(name)}) for name in self.channels]
+        table = pyarrow.table(list(self.channels.values()), schema=pyarrow.schema(fields))
+        return table.__arrow_c_stream__(requested_schema)
 
     # -- file ------------------------------------------------------------------------------------------------
 

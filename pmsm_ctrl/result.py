@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 __all__ = ["Estimate", "Result", "Verdict", "jsonable"]
 
 
+LONGEST_REPR = 160  # characters
+
+
 class Verdict(StrEnum):
     """What a log says of a design, in one word; the value stands in the JSON."""
 
@@ -130,6 +133,21 @@ class Result(ABC):
         if picture is None:
             raise RequestError(f"{type(self).__name__}: this result has no figure")
         return picture.draw()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "__repr__" not in cls.__dict__:  # a dataclass would print every array
+            cls.__repr__ = Result.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        """One line: the type and the verdict."""
+        try:
+            section = present(self)
+        except (AttributeError, KeyError, TypeError):  # in a debugger, half made
+            return f"<{type(self).__name__}>"
+        said = next((block for block in section.blocks if isinstance(block, str)), section.title)
+        line = " ".join(said.split())
+        return f"<{type(self).__name__}: {line if len(line) <= LONGEST_REPR else f'{line[: LONGEST_REPR - 3]}...'}>"
 
     def _repr_html_(self) -> str:
         from pmsm_ctrl.rendering import to_notebook

@@ -1,0 +1,70 @@
+"""Results and logs in a notebook: one line, a table, and data frames of other packages."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl import Design, Log, identify
+from pmsm_ctrl.errors import LogError, RequestError
+
+AXIS = Design.from_dict(
+    {"motor": {"J": 1e-4, "K_t": 1.0}, "effects": [{"id": "coulomb", "F_c": 0.02}, {"id": "viscous", "F_v": 2e-4}]}
+)
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    t = np.arange(0, 6, 1e-3)
+    omega = 80 * np.sin(np.pi * t) + 40 * np.sin(2.6 * np.pi * t + 1)
+    alpha = 80 * np.pi * np.cos(np.pi * t) + 104 * np.pi * np.cos(2.6 * np.pi * t + 1)
+    torque = 1e-4 * alpha + 0.02 * np.sign(omega) + 2e-4 * omega + np.random.default_rng(5).normal(0, 1e-3, t.size)
+    return Log({"t": t, "omega": omega, "torque": torque})
+
+
+def test_a_result_is_one_line_and_a_page_of_a_cell(log: Log) -> None:
+    found = identify(AXIS, log)
+    assert repr(found).startswith("<Identification: Inverse-dynamics least squares: ")
+    assert "\n" not in repr(found)
+    assert len(repr(found)) < 200
+    html = found._repr_html_()
+    assert html.index("Inverse-dynamics") < html.index("<table") < html.index("<svg")
+
+
+def test_a_log_is_one_line_and_a_table(log: Log) -> None:
+    assert repr(log) == "<Log: 6000 samples, 5.999 s at 1000 Hz: t, omega, torque>"
+    assert "<td>omega</td><td>rad/s</td>" in log._repr_html_()
+    assert "&lt;" in Log(log.channels, provenance=type(log.provenance)(file="<b>.csv"))._repr_html_()
+
+
+def test_a_log_is_a_dict_of_arrays_and_no_array(log: Log) -> None:
+    assert list(dict(log)) == ["t", "omega", "torque"]
+    with pytest.raises(RequestError, match="to_pandas"):
+        np.asarray(log)
+
+
+def test_frames_of_pandas(log: Log) -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = log.to_pandas()
+    assert frame.attrs["units"] == {"t": "s", "omega": "rad/s", "torque": "N m"}
+    assert Log.from_pandas(frame).fingerprint == log.fingerprint
+    with pytest.raises(RequestError, match="to_pandas"):  # a frame of the channels' names came out
+        pandas.DataFrame(log)
+    stamped = frame.drop(columns="t").rename(columns={"omega": "omega [rpm]"}).assign(note="x")
+    stamped["omega [rpm]"] *= 30 / np.pi
+    stamped.index = pandas.to_datetime("2026-01-01") + pandas.to_timedelta(np.arange(len(log)), unit="ms")
+    again = Log.from_pandas(stamped)
+    assert again.t == pytest.approx(log.t, abs=1e-9)
+    assert again["omega"] == pytest.approx(log["omega"], rel=1e-12)
+    with pytest.raises(LogError, match="rad/s or a unit"):
+        Log.from_pandas(frame.rename(columns={"omega": "omega [A]"}))
+    with pytest.raises(LogError, match="no time channel"):
+        Log.from_pandas(frame.drop(columns="t"))
+
+
+def test_arrow_reads_a_log_with_its_units(log: Log) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    table = pyarrow.table(log)
+    assert table.column_names == ["t", "omega", "torque"]
+    assert table.schema.field("torque").metadata == {b"unit": b"N m"}
+    assert table.column("omega").to_numpy() == pytest.approx(log["omega"], rel=0, abs=0)
