@@ -179,7 +179,12 @@ class Log:
         return len(self.t)
 
     def keys(self) -> list[str]:
-        """Names of the channels, so that ``dict(log)`` holds the arrays by name."""
+        """Return the names of the channels, so that ``dict(log)`` holds the arrays by name.
+
+        Returns
+        -------
+        list of str
+        """
         return list(self.channels)
 
     def __array__(self, *_: Any, **__: Any) -> Array:

@@ -204,6 +204,7 @@ def frf(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
+    force: ForceOption = False,
 ) -> None:
     """Measure the frequency response of the axis from logs with excitation, and compare it with the design's."""
     from pmsm_ctrl.frf import frf as measure

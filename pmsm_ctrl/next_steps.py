@@ -54,7 +54,7 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
             words = ("effects",)
         case "add":
             words = ("compare", (given.get("holdout") or logs)[0], "--design", design)
-        case "track":
+        case "track" | "frf":
             words = ("compensate", design)
         case "compensate":
             words = ("export", design, "--language", "st", "--output", Path(str(design)).stem)
@@ -70,7 +70,7 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
 
 
 # Commands whose output is a design, with which one goes on.
-WRITING = ("tune", "sweep", "identify", "diagnose", "add")
+WRITING = ("tune", "sweep", "identify", "diagnose", "add", "frf")
 
 
 def _shown(word: str) -> str:

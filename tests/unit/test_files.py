@@ -89,6 +89,7 @@ OVERWRITING = {
     "add": [
         f"add stribeck -d d.toml --log l.csv {more}" for more in ("-o kept", "-o n --json kept", "-o n --report kept")
     ],
+    "frf": [f"frf l.csv -d d.toml {option} kept" for option in ("-o", "--json", "--report")],
     "track": [f"track l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
     "compensate": [f"compensate d.toml {option} kept" for option in ("--json", "--report")],
     "export": [

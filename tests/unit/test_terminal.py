@@ -66,6 +66,7 @@ GIVEN: dict[str, dict[str, Any]] = {
     "add": {"design": Path("a.toml"), "log": [Path("l.csv")], "output": Path("b.toml"), "holdout": [Path("h.csv")]},
     "compare": {"design": Path("a.toml"), "log": [Path("l.csv"), Path("m.csv")]},
     "diagnose": {"design": Path("a.toml"), "log": [Path("l.csv")], "holdout": None},
+    "frf": {"design": Path("a.toml"), "log": [Path("l.csv")]},
     "track": {"design": Path("a.toml"), "log": [Path("l.csv")]}, "export": {"design": Path("a.toml")},
     "study": {"design": Path("a.toml"), "log": None}, "import": {"file": Path("l.csv")}, "effects": {},
 }  # fmt: skip
