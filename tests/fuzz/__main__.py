@@ -15,7 +15,7 @@ from pathlib import Path
 def main() -> None:
     """Fuzz until the time is over; the exit status is that of libFuzzer, 0 when nothing was found."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("reader", help="text, hdf5, tdms, parquet, mat, mdf or design")
+    parser.add_argument("reader", help="text, hdf5, tdms, parquet, mat, mat_packed, mdf, npy, npz or design")
     parser.add_argument("--seconds", type=int, default=60, help="how long (60)")
     parser.add_argument("--corpus", type=Path, help="folder that keeps what reached new code")
     parser.add_argument("--again", type=Path, help="run this file once instead")

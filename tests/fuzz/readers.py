@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import struct
 import tempfile
 import time
+import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -48,7 +52,26 @@ def _log(content: bytes, suffix: str) -> None:
     _file(content, suffix, read)
 
 
+def _packed_mat(content: bytes) -> bytes:
+    """Return a MAT file whose one compressed variable unpacks to these bytes: damage is done before its checksum."""
+    body = zlib.compress(content)
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    return header + struct.pack("<II", 15, len(body)) + body  # miCOMPRESSED
+
+
+def _zipped(content: bytes) -> bytes:
+    """Return an archive whose arrays are these bytes, with the checksums that belong to them."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("t.npy", content)
+        archive.writestr("theta.npy", content[::-1] if len(content) % 2 else content)
+    return stream.getvalue()
+
+
 READERS: dict[str, Reader] = {
+    "npy": lambda content: _log(b"\x93NUMPY" + content[6:], ".npy"),
+    "npz": lambda content: _log(_zipped(content), ".npz"),
+    "mat_packed": lambda content: _log(_packed_mat(content), ".mat"),
     "text": lambda content: _log(content, ".csv"),
     "hdf5": lambda content: _log(b"\x89HDF\r\n\x1a\n" + content[8:], ".mat"),
     "tdms": lambda content: _log(b"TDSm" + content[4:], ".tdms"),
@@ -85,12 +108,19 @@ def _mat(path: Path) -> None:
     savemat(path, {"t": T, "theta": np.sin(T), "i_q": np.cos(T), "note": "text", "part": {"omega": T}})
 
 
+def _npy(path: Path) -> None:
+    array = np.zeros(T.size, dtype=[("t", "f8"), ("theta", "f4"), ("i_q", "f8")])
+    array["t"], array["theta"], array["i_q"] = T, np.sin(T), np.cos(T)
+    np.save(path, array)
+
+
 def _hdf5(path: Path) -> None:
     import h5py
 
+    # one dataset in chunks without compression, whose damage reaches the numbers
     with h5py.File(path, "w", userblock_size=0) as content:
-        for name, values in (("t", T), ("theta", np.sin(T)), ("part/i_q", np.cos(T))):
-            content.create_dataset(name, data=values, chunks=(20,), compression="gzip")
+        for name, values, packed in (("t", T, None), ("theta", np.sin(T), "gzip"), ("part/i_q", np.cos(T), "gzip")):
+            content.create_dataset(name, data=values, chunks=(20,), compression=packed)
 
 
 def _tdms(path: Path) -> None:
@@ -108,7 +138,8 @@ def _parquet(path: Path) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    pyarrow.parquet.write_table(pyarrow.table({"t [s]": T, "theta [rad]": np.sin(T), "i_q [A]": np.cos(T)}), path)
+    table = pyarrow.table({"t [s]": T, "theta [rad]": np.sin(T), "i_q [A]": np.cos(T)})
+    pyarrow.parquet.write_table(table, path, compression="none")  # damage reaches the pages
 
 
 def _mdf(path: Path) -> None:
@@ -129,10 +160,14 @@ def seeds(reader: str) -> list[bytes]:
     """Return good files for a reader; raises ImportError when the library that writes them is not there."""
     binary: dict[str, tuple[Callable[[Path], None], str]] = {
         "mat": (_mat, ".mat"), "hdf5": (_hdf5, ".mat"), "tdms": (_tdms, ".tdms"),
-        "parquet": (_parquet, ".parquet"), "mdf": (_mdf, ".mf4"),
+        "parquet": (_parquet, ".parquet"), "mdf": (_mdf, ".mf4"), "npy": (_npy, ".npy"),
     }  # fmt: skip
     if reader == "text":
         return [text.encode() for text in TEXTS]
     if reader == "design":
         return [DESIGN.read_bytes(), b"[motor]\nJ = 1e-4\nK_t = 1.0\n[log.channels]\nt = 'x [s]'\n"]
+    if reader == "mat_packed":  # one variable behind the header of 128 bytes
+        return [content[128:] for content in _written(_mat, ".mat")]
+    if reader == "npz":
+        return _written(_npy, ".npy")
     return _written(*binary[reader])

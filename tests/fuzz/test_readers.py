@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import subprocess
 import sys
 from pathlib import Path
@@ -37,3 +38,15 @@ def test_guided_by_coverage(tmp_path: Path, reader: str) -> None:
     found = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
     assert found.returncode == 0, found.stderr[-3000:]
     assert not list(tmp_path.glob("crash-*"))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("reader", ["npy", "npz"])
+def test_damage_behind_a_checksum_is_met(reader: str, seed: int) -> None:
+    rng = random.Random(seed)
+    (good,) = seeds(reader)
+    for _ in range(100):
+        content = bytearray(good)
+        for _ in range(rng.choice((1, 2, 8))):  # mostly in the header, which says what follows
+            content[rng.randrange(128 if rng.random() < 0.7 else len(content))] = rng.randrange(256)
+        READERS[reader](bytes(content[: rng.randrange(len(content))] if rng.random() < 0.1 else content))

@@ -200,11 +200,17 @@ def test_real_files_raise_only_true_doubts(measured, designs) -> None:
     emps = Design.read(designs / "emps.toml")
     for name in ("emps/DATA_EMPS.mat", "emps/DATA_EMPS_PULSES.mat"):
         assert read_log(measured(name), emps).provenance.warnings == ()
-    for name in ("laas_mn4004/acc_current.txt", "laas_mn4004/speed_test1.txt"):
-        warnings = read_log(measured(name)).provenance.warnings
-        assert len(warnings) == 2
+    # the shipped design maps every record of this bench and states the units that its files lack
+    laas = Design.read(designs / "laas_mn4004.toml")
+    for name in ("acc_current", "speed_test1", "speed_test", "speed_test_old", "rolling_data1", "rolling_data2"):
+        log = read_log(measured(f"laas_mn4004/{name}.txt"), laas)
+        warnings = log.provenance.warnings
         assert "jitter" in warnings[0]
         assert "gaps" in warnings[1]
+        # one record repeats a row for 4 ms, and then its angle jumps
+        assert len(warnings) == (3 if name == "speed_test" else 2)
+        assert set(log) == {"t", "theta", "i_q"}
+    assert read_log(measured("laas_mn4004/acc_current.txt")).provenance.notices[0].code == "unit_assumed"
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13])

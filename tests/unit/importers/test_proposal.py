@@ -280,3 +280,13 @@ def test_names_with_units_need_no_confirmation(tmp_path: Path, axis: dict[str, n
         tmp_path / "a.csv", ["Zeit;Drehzahl;Iq", "ms;1/min;A"], (1e3 * axis["t"], axis["omega"], axis["i_q"]), ";"
     )
     assert run(app, ["import", str(path)]) == 0
+
+
+def test_an_assumed_unit_of_a_speed_is_confirmed_before_a_log_is_evaluated(
+    tmp_path: Path, axis: dict[str, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = mitsubishi(tmp_path / "graph.csv", axis)
+    (tmp_path / "axis.toml").write_text(f"[motor]\nJ = {J}\nK_t = {K_T}\n", encoding="utf-8")
+    words = ["track", str(path), "--design", str(tmp_path / "axis.toml")]
+    assert run(app, words) == 2
+    assert "units that the file does not state were assumed: rad/s for omega, N m for torque" in capsys.readouterr().err
