@@ -71,7 +71,7 @@ class Source:
 
     def doubtful(self, table: Table) -> bool:
         """Whether a unit was assumed for a column that is not named as the channel is."""
-        named = table.columns[self.column].name.casefold() in CHANNELS
+        named = table.columns[self.column].name in CHANNELS
         return self.how == "guessed" and self.assumed_unit and self.channel != "t" and not named
 
 
