@@ -135,7 +135,7 @@ def from_form(name: str, machine: str, given: Mapping[str, str]) -> tuple[Design
     for question in MACHINES[machine]:
         text = given.get(question.key, "").strip()
         if not text and question.default is None:
-            wrong[question.key] = f"needed; in {question.accepted}"
+            wrong[question.key] = "a number is needed here"
         elif text:
             try:
                 read_answer(question, text)

@@ -58,18 +58,22 @@ export function dropping(take) {
 function form(app) {
   const kinds = app.about.form;
   const kind = kinds.find((one) => one.machine === machine);
-  const kept = { ...(app.state.form?.answers || {}), ...entered };
+  const kept = (key) => {
+    if (entered[key]) return entered[key];
+    const [, value, unit] = /^([-+\d.eE]*)\s*(.*)$/.exec(app.state.form?.answers?.[key] || "");
+    return { value, unit };
+  };
   const name = entered.name ?? app.state.form?.name ?? "axis";
-  const rows = kind.questions.map((question) => field(question, kept[question.key] || ""));
+  const rows = kind.questions.map((question) => field(question, kept(question.key)));
   const submit = async (event) => {
     event.preventDefault();
     const answers = {};
-    entered = { name: document.getElementById("form-name").value };
+    entered = { name: document.getElementById("form-name").value }; // as typed, whether or not it can be read
     for (const question of kind.questions) {
       const value = document.getElementById(`q-${question.key}`).value.trim();
       const unit = document.getElementById(`u-${question.key}`)?.value || "";
       answers[question.key] = value ? `${value} ${unit}`.trim() : "";
-      entered[question.key] = answers[question.key];
+      entered[question.key] = { value, unit };
     }
     const failed = await app.act("design", { machine, name: entered.name, answers });
     wrong = failed?.fields || {};
@@ -93,9 +97,8 @@ function form(app) {
 const invalid = (key) => (wrong[key] ? { "aria-invalid": "true", "aria-describedby": `e-${key}` } : {});
 const complaint = (key) => (wrong[key] ? h("p", { class: "complaint", id: `e-${key}` }, wrong[key]) : null);
 
-function field(question, text) {
+function field(question, { value, unit }) {
   const { key, units } = question;
-  const [, value, unit] = /^([-+\d.,eE]*)\s*(.*)$/.exec(text) || [null, text, ""];
   const usual = /^([-+\d.eE]+)\s*(.*)$/.exec(question.default || "");
   const chosen = unit || usual?.[2] || units[0];
   const hint = question.needed ? "needed" : usual ? `${usual[1]} if left out` : "may be left out";

@@ -1,5 +1,6 @@
 // Step 3: the traces, the residual, the candidates, and the ladder of errors that falls with every effect.
 import { fill, h, number, percent } from "./dom.js";
+import { blocked, usable } from "./logs.js";
 import { Traces } from "./plots.js";
 
 const view = { record: 0, balance: "torque", over: "", off: new Set(), drawn: "", traces: null, version: 0 };
@@ -9,10 +10,10 @@ export function showLadder(section, app) {
   if (!section.querySelector(".bench")) section.replaceChildren(frame(app));
   const place = (name) => section.querySelector(`[data-part=${name}]`);
   section.querySelector(".bench").hidden = !model;
-  fill(place("begin"), [!!model, !!job, app.state.message], () => (model ? [] : [
+  fill(place("begin"), [!!model, !!job, app.state.message, app.state.logs], () => (model ? [] : [
     h("h2", {}, "Compare the design with the logs"),
     app.state.message && !job ? h("p", { class: "complaint" }, app.state.message) : null,
-    job ? h("p", {}, "The base parameters are being fitted …") : h("p", {}, h("button", { type: "button", class: "main", id: "begin", onclick: () => app.act("steps", { begin: true }) }, "Compare")),
+    job ? h("p", {}, "The base parameters are being fitted …") : h("div", {}, blocked(app.state), h("button", { type: "button", class: "main", id: "begin", disabled: !usable(app.state), onclick: () => app.act("steps", { begin: true }) }, "Compare")),
   ]));
   if (!model) return;
   if (view.record >= model.records.length) view.record = 0;

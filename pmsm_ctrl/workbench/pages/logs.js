@@ -13,13 +13,27 @@ export function showLogs(section, app) {
     h("p", { class: "lead" }, "Any motion that reverses and changes speed. Parameters and effects are fitted to the logs marked Fit; a log marked Held out is only predicted, and shows whether an effect is real."),
     drop(app),
     state.logs.map((entry) => card(app, entry)),
+    state.logs.length ? blocked(state) : null,
     state.logs.length ? h("p", {}, h("button", { type: "button", class: "main", id: "to-compare", disabled: !usable(state), onclick: () => app.enter("compare") }, "Next: compare")) : null,
   ]);
   for (const place of section.querySelectorAll("[data-closer]")) drawChannel(place, state.logs.find((one) => one.id === place.dataset.closer));
 }
 
-export const usable = (state) =>
-  state.logs.some((one) => one.role === "fit") && state.logs.filter((one) => one.role !== "off").every((one) => one.info && !one.info.error && !one.info.doubts.some((doubt) => doubt.channel));
+// What has to be settled before the logs can be compared, in words.
+export function blockers(state) {
+  const out = state.logs.some((one) => one.role === "fit") ? [] : ["No log is marked Fit."];
+  for (const { name, role, info } of state.logs) {
+    if (role === "off") continue;
+    if (!info) out.push(`${name} is still being read.`);
+    else if (info.error) out.push(`${name} could not be read: name its channels, or leave it out.`);
+    else for (const doubt of info.doubts) if (doubt.channel) out.push(`${name}: the unit of ${doubt.channel} is in doubt; confirm or correct it.`);
+  }
+  return out;
+}
+
+export const usable = (state) => !blockers(state).length;
+
+export const blocked = (state) => (usable(state) ? null : h("ul", { class: "doubts" }, blockers(state).map((text) => h("li", {}, text))));
 
 function drop(app) {
   const take = async (files) => {
@@ -119,6 +133,7 @@ function editor(app, entry) {
   const period = h("input", { id: `p-${entry.id}`, class: "short", inputmode: "decimal", "aria-label": "Sampling period in ms" });
   const everyPeriod = () => app.act(`logs/${entry.id}`, { mapping: { ...entry.mapping, t: `every ${period.value.trim()} ms` } });
   return h("div", { class: "editor" },
+    h("p", { class: "soft" }, "Choose the column and the unit of each channel that the file has. Needed: t; theta or omega; i_q or torque. A sign is turned with the factor -1."),
     h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Channels of ${entry.name}` },
       h("table", {}, h("thead", {}, h("tr", {}, ["channel", "column of the file", "its unit", "times"].map((text) => h("th", { scope: "col" }, text)))), h("tbody", {}, rows))),
     h("p", { class: "row" }, h("button", { type: "button", class: "main", id: `apply-${entry.id}`, onclick: apply }, "Apply"),
