@@ -242,7 +242,29 @@ def notices() -> str:
     return "\n".join([*lines, ""])
 
 
-PAGES: dict[str, Callable[[], str]] = {"commands.md": commands, "design.md": fields, "notices.md": notices}
+def schemas() -> str:
+    """Return the keys of every result as a command writes it with ``--json``."""
+    from pmsm_ctrl.schemas import SCHEMAS
+
+    lines = [
+        "# JSON of the results",
+        "",
+        "`--json FILE` writes the result of a command. `pmsm-ctrl schema VERB` prints its JSON Schema.",
+        "Keys may be added without a new version; those of this page stay. A key in italics may be absent.",
+        "",
+    ]
+    for verb, schema in SCHEMAS.items():
+        keys = ", ".join(f"`{key}`" if key in schema["required"] else f"*{key}*" for key in schema["properties"])
+        lines += [f"## {verb}", "", f"`{schema['title']}`: {keys}", ""]
+    return "\n".join(lines)
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "commands.md": commands,
+    "design.md": fields,
+    "notices.md": notices,
+    "schemas.md": schemas,
+}
 
 
 def build(folder: Path) -> None:

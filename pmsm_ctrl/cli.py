@@ -459,6 +459,18 @@ def workbench(
     serve(settings, design, log_files(logs or ()))
 
 
+@app.command()
+def schema(
+    verb: Annotated[str | None, typer.Argument(metavar="[VERB]", help="a command with --json; all if left out")] = None,
+) -> None:
+    """Print the JSON Schema of what a command writes with --json."""
+    import json
+
+    from pmsm_ctrl.schemas import SCHEMAS, schema_of
+
+    print(json.dumps(SCHEMAS if verb is None else schema_of(verb), indent=2, ensure_ascii=True))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run ``pmsm-ctrl`` and exit with its status."""
     sys.exit(run(app, arguments))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import random
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the tests run side by side; small matrices gain nothing from more
@@ -52,6 +54,32 @@ class MeasuredData:
         if not path.is_file():
             pytest.skip(f"MEASURED DATA ABSENT: {path} (set PMSM_CTRL_DATA to the folder that holds {relative})")
         return path
+
+
+@pytest.fixture(scope="session", autouse=True)
+def json_follows_its_schema() -> Iterator[None]:
+    """Hold every result that a command writes as JSON, in any test, against the schema it names."""
+    try:
+        import jsonschema
+    except ImportError:  # an environment older than this dependency
+        yield
+        return
+    from pmsm_ctrl import console
+    from pmsm_ctrl.result import jsonable
+    from pmsm_ctrl.schemas import SCHEMAS
+
+    known = {schema["title"]: schema for schema in SCHEMAS.values()}
+    write = console.write_json
+
+    def checked(path: Path, verb: str, data: Mapping[str, Any]) -> None:
+        write(path, verb, data)
+        content = {"schema": f"pmsm-ctrl/{verb}/1", **jsonable(data)}
+        if content["schema"] in known:
+            jsonschema.Draft202012Validator(known[content["schema"]]).validate(content)
+
+    console.write_json = checked
+    yield
+    console.write_json = write
 
 
 @pytest.fixture(scope="session")

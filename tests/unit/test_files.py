@@ -100,6 +100,7 @@ OVERWRITING = {
     "study": ["study d.toml -o kept", "study d.toml --json kept", "study d.toml --complete -o kept.html"],
     "import": ["import l.csv -o kept", "import l.csv -o table.csv", "import l.csv --json kept"],
     "workbench": [],
+    "schema": [],
     "effects": ["effects stribeck -d d.toml -o kept", "effects --json kept", "effects stribeck --report kept"],
 }
 
