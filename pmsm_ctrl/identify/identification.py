@@ -25,6 +25,7 @@ from pmsm_ctrl.identify.several import Joint, joint, with_joint_errors
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
 from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
+from pmsm_ctrl.regression.base_problem import based, plain_terms
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
@@ -209,15 +210,22 @@ def identify(
     """
     logs = as_logs(log)
     _check_method(method, len(logs))
+    as_diagnosed = method == "regression" and processing is None and plain_terms(design)
     processing = _blanking(processing or Processing())
     believed = doubts_about(design := with_inertia(design, logs), log)
-    log, processing = _sampled_log(design, believed.log, processing, method)
+    checked = check_cutoff and method == "regression"
+    log = whole = believed.log
+    if checked or not as_diagnosed:
+        log, processing = _sampled_log(design, whole, processing, method)
     several = joint(design, log) if method != "iv" else Joint(log)
-    solution = _solved(method, design, several.log, processing)
+    base = based(design, whole) if as_diagnosed else None
+    solution = _solved(method, design, several.log, processing) if base is None else _Solution(base.problem, base.fit)
     problem, fit = solution.problem, with_joint_errors(solution.fit, several.stderr)
     found, bounds = _identified(design, problem, fit)
     shown, unexplained = problem, fit.residual
-    if method == "output_error":  # which has no columns of the given design
+    if base is not None:
+        worse = worse_than_given(design, found, base.record)
+    elif method == "output_error":  # which has no columns of the given design
         worse = worse_than_given(design, found, timed_record(design, several.log))
     else:
         shown, unexplained = _shown(design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit)
@@ -225,7 +233,6 @@ def identify(
     mask = shown.mask
     error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
-    checked = check_cutoff and method == "regression"
     over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
     return Identification(
         design=found if worse is None else design,
@@ -258,7 +265,7 @@ def identify(
         spreads=several.spreads,
         method=method,
         bias=solution.bias,
-        sampling=_sampled(processing.sampling, fit),
+        sampling=_sampled(processing.sampling, fit) if base is None else base.sampling,
         over_cutoff=over,
         remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
     )

@@ -88,7 +88,7 @@ def regression_problem(design: Design, log: Log, processing: Processing) -> Prob
         return usual
     if solve(usual).unidentifiable:
         return usual
-    return _with_sound_inertia(design, log, _in_best_band(design, log, processing, usual))
+    return with_sound_inertia(design, log, _in_best_band(design, log, processing, usual))
 
 
 def _in_best_band(design: Design, log: Log, processing: Processing, usual: Problem) -> Problem:
@@ -114,7 +114,7 @@ def _in_best_band(design: Design, log: Log, processing: Processing, usual: Probl
     return found
 
 
-def _with_sound_inertia(design: Design, log: Log, problem: Problem) -> Problem:
+def with_sound_inertia(design: Design, log: Log, problem: Problem) -> Problem:
     """Lower the band of the inertia until errors in the acceleration do not bias it.
 
     That is until their known part, its white noise, shrinks it by less than `NEGLIGIBLE_BIAS`, or by no less in half

@@ -20,7 +20,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
-from pmsm_ctrl.regression.drive_timing import sampling_columns
+from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, sampling_columns
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.notices import NO_REGRESSION
 from pmsm_ctrl.regression.signals import missing_signals, term_signals
@@ -54,7 +54,13 @@ class Column:
     entry : int
         Position among the design's effects; -1 where it is none of them.
     sigma : float
-        Of a nuisance parameter, how far it may lie from zero: a standard deviation. Infinite for all others.
+        Of a nuisance parameter, how far it may lie from `nominal`: a standard deviation. Infinite for all others.
+    held : bool
+        Whether a parameter stays where it is expected, as uncertain as `sigma` or `told` says.
+    told : (float, float) or None
+        Of a parameter of the axis, its value from elsewhere, and the standard error of that.
+    bias : float
+        By how much least squares may be off in this parameter.
     """
 
     name: str
@@ -67,6 +73,14 @@ class Column:
     entry: int = -1
     symbol: str = ""
     sigma: float = np.inf
+    held: bool = False
+    told: tuple[float, float] | None = None
+    bias: float = 0.0
+
+    @property
+    def expected(self) -> tuple[float, float] | None:
+        """Value near which the parameter lies, and its standard deviation; None where nothing is known of it."""
+        return (self.nominal, self.sigma) if self.is_nuisance else self.told
 
     @property
     def is_nuisance(self) -> bool:
@@ -158,7 +172,8 @@ class Problem:
         own = self.inertia_cutoff is not None and self.inertia_cutoff < self.cutoff
         narrow = self.inertia_cutoff if own and self.inertia_cutoff is not None else self.cutoff
         slow = min(SAMPLING_BAND * self.cutoff, narrow)
-        bands = {k: slow for k, column in enumerate(self.columns) if column.is_nuisance}
+        timed = {k for k, column in enumerate(self.columns) if column.symbol in (LATENESS, SPREAD)}
+        bands = {k: slow for k in timed if not self.columns[k].held}
         if own and self.inertia is not None:
             bands[self.inertia] = narrow
         if not bands:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.evidence.blocks import block_sums
 from pmsm_ctrl.evidence.linalg import OWN_SHARE, factored, own_shares
 from pmsm_ctrl.evidence.noise import NoiseModel, degrees_of_freedom, fit_noise
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
@@ -23,6 +24,7 @@ WEAK_INSTRUMENT = 1e-3
 # Bias, in standard errors, that is not worth a word: half of one takes the coverage of a 95 % interval to 92 %, and
 # the feedback biases least squares by a little on every log.
 NEGLIGIBLE_BIAS = 0.5
+HELD = 1e3  # times as stiff as its standard deviation says is a parameter that is held
 
 
 class Cause(Enum):
@@ -147,7 +149,9 @@ def t_quantile(coverage: float, dof: float) -> float:
     return float(stdtrit(dof, upper)) if np.isfinite(dof) else float(ndtri(upper))
 
 
-def solve(problem: Problem, instruments: Array | None = None, ratio: float | None = 1.0) -> Fit:
+def solve(
+    problem: Problem, instruments: Array | None = None, ratio: float | None = 1.0, by_blocks: bool = False
+) -> Fit:
     """Solve by least squares, or by instrumental variables, with standard errors that allow for correlated residuals.
 
     Columns that no data can tell apart stay in the fit as a group, so that the others are not biased by their
@@ -164,15 +168,46 @@ def solve(problem: Problem, instruments: Array | None = None, ratio: float | Non
         The inertia gets no number when its torque is less than this multiple of the residual: without instruments,
         so little acceleration may be the loops' answer to noise, and the inertia found from it falls short. None: no
         such limit.
+    by_blocks : bool
+        Whether no standard error is smaller than what blocks of the record differ by: errors of the model come so.
     """
+    centred = _centred(problem)
+    if centred is not problem:
+        return _as_asked(solve(centred, instruments, ratio, by_blocks), problem)
     instruments = problem.instruments() if instruments is None else instruments
-    fit = free = _solve_free(problem, instruments, ratio)
+    fit = free = _solve_free(problem, instruments, ratio, by_blocks)
     held: dict[int, float] = {}
     # what one bound changes may bring another parameter to its own
     while beyond := _beyond(problem, instruments, fit, held):
         held |= beyond
-        fit = _with_held(problem, instruments, ratio, held, free)
+        fit = _with_held(problem, instruments, (ratio, by_blocks), held, free)
     return fit
+
+
+def _centred(problem: Problem) -> Problem:
+    """Return the problem of what its parameters differ from the values at which they are expected."""
+    expected = _expected(problem)
+    if not expected.any():
+        return problem
+    columns = tuple(
+        replace(column, nominal=0.0) if column.is_nuisance
+        else replace(column, told=(0.0, column.told[1]), lower=column.lower - at, upper=column.upper - at)
+        if column.told is not None else column
+        for column, at in zip(problem.columns, expected.tolist(), strict=True)
+    )  # fmt: skip
+    return replace(problem, target=problem.target - problem.matrix() @ expected, columns=columns)
+
+
+def _expected(problem: Problem) -> Array:
+    return np.array([(column.expected or (0.0,))[0] for column in problem.columns])
+
+
+def _as_asked(fit: Fit, problem: Problem) -> Fit:
+    """Return a fit of differences as one of the values themselves."""
+    expected = dict(zip(problem.names, _expected(problem).tolist(), strict=True))
+    values = {name: expected[name] + value for name, value in fit.values.items()}
+    nuisances = {name: (expected[name] + value, stderr) for name, (value, stderr) in fit.nuisances.items()}
+    return replace(fit, values=values, coefficients=fit.coefficients + _expected(problem), nuisances=nuisances)
 
 
 def _beyond(problem: Problem, instruments: Array | None, fit: Fit, held: Mapping[int, float]) -> dict[int, float]:
@@ -209,7 +244,7 @@ def _beyond(problem: Problem, instruments: Array | None, fit: Fit, held: Mapping
 
 
 def _with_held(
-    problem: Problem, instruments: Array | None, ratio: float | None, held: Mapping[int, float], free: Fit
+    problem: Problem, instruments: Array | None, asked: tuple[float | None, bool], held: Mapping[int, float], free: Fit
 ) -> Fit:
     """Solve for the other columns, and return the fit of all of them; `free` is the one without bounds."""
     columns, x = problem.columns, problem.matrix()
@@ -217,7 +252,7 @@ def _with_held(
     values = np.array(list(held.values()))
     target = problem.target - x[:, list(held)] @ values
     reduced = replace(problem, target=target, columns=tuple(columns[k] for k in rest))
-    fit = _solve_free(reduced, None if instruments is None else instruments[:, rest], ratio)
+    fit = _solve_free(reduced, None if instruments is None else instruments[:, rest], *asked)
     coefficients, weights = np.zeros(len(columns)), np.zeros((len(columns), fit.weights.shape[1]))
     coefficients[rest], weights[rest] = fit.coefficients, fit.weights
     coefficients[list(held)] = values
@@ -243,7 +278,7 @@ def _with_held(
     )
 
 
-def _solve_free(problem: Problem, instruments: Array | None, ratio: float | None) -> Fit:
+def _solve_free(problem: Problem, instruments: Array | None, ratio: float | None, by_blocks: bool) -> Fit:
     """Solve without bounds."""
     mask = problem.mask
     x, y = problem.matrix(), problem.target
@@ -262,6 +297,9 @@ def _solve_free(problem: Problem, instruments: Array | None, ratio: float | None
     # a prior is as sure as its own standard deviation, whatever the noise is
     sure = beside.T @ (_prior_variances(problem.columns, prior)[:, None] * beside)
     covariance = factor.inverse @ (spread * meat + sure) @ factor.inverse.T
+    if by_blocks:
+        covariance = _no_less_than_by_blocks(covariance, factor.inverse, (rows, residual[mask], sure), problem.t[mask])
+    covariance += np.diag([column.bias**2 for column in problem.columns])
     stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     dof = degrees_of_freedom(noise, free, int(mask.sum()))
     own = problem.physical
@@ -286,21 +324,48 @@ def _solve_free(problem: Problem, instruments: Array | None, ratio: float | None
     )
 
 
+def _no_less_than_by_blocks(
+    covariance: Array, inverse: Array, fitted: tuple[Array, Array, Array], t: Array
+) -> Array:  # fmt: skip
+    """Return the covariance of the estimates, no smaller than what blocks of the record differ by.
+
+    Parameters
+    ----------
+    covariance : array, shape (columns, columns)
+        By the model of the noise.
+    inverse : array, shape (columns, rank)
+    fitted : arrays
+        Basis of the columns, residual, and covariance of the priors in the basis.
+    t : array, shape (n,)
+        s.
+    """
+    rows, residual, sure = fitted
+    changes = block_sums(rows, residual, (t - t[0]) / max(float(t[-1] - t[0]), 1e-300)) @ inverse.T
+    by_blocks = np.sqrt(np.sum(changes**2, axis=0) + np.diag(inverse @ sure @ inverse.T))
+    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    larger = np.maximum(np.divide(by_blocks, stderr, out=np.ones_like(stderr), where=stderr > 0.0), 1.0)
+    return np.asarray(covariance * np.outer(larger, larger))
+
+
 def _prior_rows(columns: Sequence[Column], x: Array, y: Array) -> Array:
-    """Return rows that say that nuisances lie near zero, in units of the noise; shape (nuisances, columns)."""
-    places = [k for k, column in enumerate(columns) if column.is_nuisance]
+    """Return rows that say that some parameters lie near zero, in units of the noise; shape (priors, columns)."""
+    places = [k for k, column in enumerate(columns) if column.expected is not None]
     rows = np.zeros((len(places), len(columns)))
     if places:
         left = y - x @ factored(x).solve(y)
         noise = float(np.sqrt(np.mean(left**2)))
-        rows[range(len(places)), places] = [noise / columns[k].sigma for k in places]
+        stiff = np.array([HELD if columns[k].held else 1.0 for k in places])
+        rows[range(len(places)), places] = noise * stiff / _prior_widths(columns)
     return rows
+
+
+def _prior_widths(columns: Sequence[Column]) -> Array:
+    return np.array([column.expected[1] for column in columns if column.expected is not None])
 
 
 def _prior_variances(columns: Sequence[Column], prior: Array) -> Array:
     """Return the variance of every row of the priors."""
-    sigma = np.array([column.sigma for column in columns if column.is_nuisance])
-    return np.asarray((np.sum(prior, axis=1) * sigma) ** 2)
+    return np.asarray((np.sum(prior, axis=1) * _prior_widths(columns)) ** 2)
 
 
 def _projected(x: Array, z: Array) -> Array:

@@ -32,9 +32,12 @@ def test_stated_errors_hold_and_are_near_the_bound(case: Case, method: str) -> N
     found = shares(case, method, seeds)
     assert set(found) == set(case.true_values())
     low, high = chi2.ppf([0.0005, 0.9995], len(seeds))
+    # 16 seeds know the mean of the stated variances to 6 %. Least squares pays for what the bound takes as known: the
+    # inertia by the reference, which noise of the motion cannot bias; and no error is below what blocks differ by
+    least = 0.6 if method == "regression" else 0.85
     for name, (squares, ratio) in found.items():
         assert low < squares < high, name
-        assert ratio**2 > 0.85, name  # 16 seeds know the mean of the stated variances to 6 %
+        assert ratio**2 > least, name
 
 
 @pytest.mark.parametrize("cutoff", [60.0, 160.0])

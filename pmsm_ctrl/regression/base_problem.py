@@ -1,0 +1,146 @@
+"""The base model of the diagnosis as a regression of the torque: parameters of the axis beside what nobody knows.
+
+So `identify` reads a log as `diagnose` and `compare` do: the same band, weights, reversals, sampling and instruments of
+the reference, with the same values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.catalogue import bound_effects
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.bandwidth import with_sound_inertia
+from pmsm_ctrl.regression.base_fit import Settled, settled_model
+from pmsm_ctrl.regression.drive_timing import LATENESS, Sampling
+from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
+from pmsm_ctrl.regression.least_squares import Fit, solve
+from pmsm_ctrl.regression.model import AGE, FIXED
+from pmsm_ctrl.regression.timed_record import timed_record
+from pmsm_ctrl.units import axis_unit
+
+__all__ = ["Based", "based", "plain_terms"]
+
+Array = NDArray[np.float64]
+
+FREE = 1e6  # times what would explain the whole torque: as good as free
+
+
+@dataclass(frozen=True, eq=False)
+class Based:
+    """The torque balance of a record with the base model, solved.
+
+    Attributes
+    ----------
+    record : Record
+    problem : Problem
+        Not weighted.
+    fit : Fit
+        By the weights of the record; its residual is not weighted.
+    """
+
+    record: Record
+    problem: Problem
+    fit: Fit
+
+    @property
+    def sampling(self) -> Sampling:
+        """How the drive signal was sampled."""
+        name = AGE if self.record.age is not None else LATENESS
+        value, stderr = self.fit.nuisances.get(name, (0.0, 0.0))
+        if self.record.age is not None:  # a speed that is old makes a torque early
+            value = -(self.record.age + value)
+        sure = stderr <= FIXED * max(self.record.sampling, self.record.early)
+        return Sampling(self.record.timing, value, 0.0 if sure else stderr)
+
+
+def plain_terms(design: Design) -> bool:
+    """Return whether all effects of a design are plain terms of the motion, and correct no channel.
+
+    The base model is linear in the parameters of these, and has them as the design states them.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    effects = [effect for effect, _ in bound_effects(design)]
+    return not any(e.has_state or e.enters == "measurement" or "torque" in e.signals for e in effects)
+
+
+def based(design: Design, log: Log) -> Based:
+    """Fit the base model to the torque of a log, its parameters free of any prior.
+
+    Parameters
+    ----------
+    design : Design
+        Whose effects on the torque are plain terms.
+    log : Log
+
+    Raises
+    ------
+    LogError
+        When a channel is missing or the axis hardly moves.
+    """
+    record = timed_record(design, log)
+    found = settled_model(design, record)
+    problem = _problem(design, found)
+    weight = found.record.weight[0]
+    columns = tuple(replace(column, values=weight * column.values) for column in problem.columns)
+    weighted = replace(problem, target=weight * problem.target, columns=columns)
+    if problem.inertia is not None and columns[problem.inertia].told is None:
+        weighted = with_sound_inertia(design, log, weighted)
+        problem = replace(problem, inertia_cutoff=weighted.inertia_cutoff)
+    fit = solve(weighted, by_blocks=True)
+    return Based(found.record, problem, replace(fit, residual=problem.target - problem.matrix() @ fit.coefficients))
+
+
+def _problem(design: Design, found: Settled) -> Problem:
+    record, model, prepared = found.record, found.model, found.record.prepared
+    entering = [k for k in range(len(model.names)) if np.any(model.matrix[0][:, k])]
+    return Problem(
+        target=record.target[0],
+        columns=tuple(_columns(design, found, entering)),
+        mask=record.mask,
+        t=record.t,
+        omega=prepared.smooth(record.signals["omega"]),
+        torque=prepared.smooth(record.signals["torque_meas"]),
+        unit=axis_unit("N m", prepared.motion),
+        rate=record.rate,
+        cutoff=record.cutoff,
+        notes=record.notes,
+    )
+
+
+def _columns(design: Design, found: Settled, which: list[int]) -> Iterator[Column]:
+    model, record = found.model, found.record
+    for k in which:
+        name, values, nominal = model.names[k], model.matrix[0][:, k], float(model.nominal[k])
+        group, sigma = model.group_of(k), float(model.sigma[k])
+        if group.effect is not None and group.entry >= 0:
+            symbol = name.split("#")[0]
+            known = group.effect.parameter(symbol)
+            unit = axis_unit(known.unit, record.prepared.motion)
+            yield Column(name, values, unit, nominal, known.lower, known.upper, group.effect.id, group.entry, symbol)
+        elif name == "J":
+            yield _inertia(design, found, k)
+        else:
+            # a finite width even of what nothing is known of: it is no parameter of the axis
+            widest = FREE * float(np.max(np.abs(record.target[0])) / np.max(np.abs(values)))
+            width = min(model.doubt.get(k, sigma), widest)
+            yield Column(name, values, "", nominal, symbol=name, sigma=width, held=k in model.doubt)
+
+
+def _inertia(design: Design, found: Settled, k: int) -> Column:
+    """Return the inertia's column: by the reference, or free, and as biased as the noise of the motion may make it."""
+    model, record = found.model, found.record
+    unit, load = axis_unit("kg m^2", record.prepared.motion), design.load.J / design.load.gear**2
+    plain = Column("J", model.matrix[0][:, k], unit, design.J, lower=load, symbol="J")
+    if k in model.doubt and model.nominal[k] != design.J:
+        return replace(plain, told=(float(model.nominal[k]), model.doubt[k]), held=True)
+    return replace(plain, bias=model.bias.get(k, 0.0))
