@@ -79,7 +79,8 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
     "identify": (
         "identification",
         {"log": TEXT, "method": TEXT, "plausible": FLAG, "parameters": ESTIMATES,
-         "intervals_95": _by_name(_list(NUMBER)), "not_identifiable": _by_name(TEXT), "relative_error": NUMBER, "improved": FLAG, "cutoff": NUMBER,
+         "intervals_95": _by_name(_list(NUMBER)), "not_identifiable": _by_name(TEXT),
+         "relative_error": NUMBER, "improved": FLAG, "cutoff": NUMBER,
          "inertia_over_cutoff": _list(_record({"cutoff": NUMBER, "value": NUMBER, "unit": TEXT, "stderr": NUMBER})),
          **DOUBTS},
         {"records": RECORDS},
