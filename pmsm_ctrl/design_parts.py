@@ -272,6 +272,11 @@ class Compensation(Part):
     )
     effects: tuple[str, ...] = Field(default=("coulomb", "viscous"), description="effects that are compensated")
     dead_zone: NonNegative = Field(default=0.0, description="speed up to which the direction counts as 0, rad/s")
+    ramp: NonNegative | None = Field(
+        default=None,
+        description="travel over which the fed-forward friction turns at a reversal, rad; left out: the deflection of "
+        "the design's presliding, without presliding 0",
+    )
     limit: Positive | None = Field(
         default=None, description="largest current that is fed forward, A peak; left out: the drive's i_max"
     )

@@ -14,7 +14,6 @@ from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.simulate import Scenario
-from pmsm_ctrl.simulate.compose import load
 from pmsm_ctrl.simulate.feedforward import TRUSTED
 from pmsm_ctrl.simulate.run import LOGGED, prepare
 from pmsm_ctrl.track import Settings
@@ -87,7 +86,7 @@ def simulate_adaptive(
     """
     drive = prepare(design, motion, truth=truth)
     plant, feedforward = drive.plant, drive.feedforward
-    module = load(drive.active, feedforward.effects if feedforward else ())
+    module = drive.kernel()
     unit = math.lcm(plant.speed_divider, plant.log_divider)
     stretch = max(unit, round(every / plant.period / unit) * unit)
     states, noise = drive.states(), np.random.default_rng(seed)

@@ -19,6 +19,7 @@ from pmsm_ctrl.simulate.feedforward import (
     largest_current,
     limit_lines,
     observer_values,
+    ramp_length,
     smoothing_width,
 )
 
@@ -37,6 +38,7 @@ _TRACKED = {"coulomb": ("F_c", "N m"), "viscous": ("F_v", "N m s/rad")}
 _NOTES = {
     "direction": "1, sign of the speed, between -1 and 1 where it is smoothed",
     "feedforward": "N m, torque to compensate",
+    "swing": "1, direction of the friction, between -1 and 1 during a reversal",
     "torque": "N m, torque asked for without compensation",
     "observed": "N m, filtered torque of current and inertia",
 }
@@ -123,6 +125,10 @@ def compensator(design: Design) -> Block:
         "limit": Value("LIMIT", "A, largest current that is added", largest_current(design)),
         "trusted": Value("TRUSTED", "deviation of a tracked value, as a share of it, below which it is used", TRUSTED),
     }
+    ramp = ramp_length(design)
+    if ramp > 0.0:
+        share = design.drive.speed_period / ramp
+        numbers["turning"] = Value("TURNING", "s/rad, period of the calls over the travel of a reversal", share)
     constants = [*numbers.values(), *terms.constants]
     inputs = (
         Value("omega", _SPEEDS[chosen.source]),
@@ -138,21 +144,24 @@ def compensator(design: Design) -> Block:
         "p": constant(float(design.motor.p or 0)),
         **{value.name: name(value.name) for value in inputs},
         "held": name("held"),
+        "swing": name("swing"),
     }
     outputs = (
         Value("i_q_add", "current to add to the speed controller's output, A"),
         Value("fault", "an input is not a number: nothing is added", kind="flag"),
     )
-    lines, begin = _text(terms, inputs, adaptive, dict(effects_start(effects)))
-    reserved = [value.name for value in (*inputs, *constants, *outputs)] + ["held"]
-    read_later = {value.name for value in outputs} | ({"held"} if adaptive else set())
+    lines, begin = _text(terms, inputs, adaptive, dict(effects_start(effects)), ramp > 0.0)
+    arrays: dict[str, tuple[int, ...]] = {"held": (len(adaptive),)} if adaptive else {}
+    arrays |= {"swing": ()} if ramp > 0.0 else {}
+    reserved = [value.name for value in (*inputs, *constants, *outputs)] + ["held", "swing"]
+    read_later = {value.name for value in outputs} | set(arrays)
     flat = Flattener(reserved).program(ast.parse("\n".join(lines)).body, terms.scope, given, read_later)
-    first = Flattener(reserved).program(ast.parse("\n".join(begin)).body, terms.scope, given, {"held"}).statements
+    first = Flattener(reserved).program(ast.parse("\n".join(begin)).body, terms.scope, given, set(arrays)).statements
     used = symbols_of(flat.statements)
     return Block(
         identifier(design.name), "compensation", f"Friction compensation of {design.name}", inputs, outputs, flat,
         constants=tuple(value for value in constants if value.name in used),
-        arrays={"held": (len(adaptive),)} if adaptive else {}, start=first if adaptive else (),
+        arrays=arrays, start=first if arrays else (),
         gains=loop_gains(design), linear=design.motion == "linear",
         notes=_NOTES | {"held": "last trusted " + ", ".join(" in ".join(_TRACKED[effect]) for effect in adaptive)},
     )  # fmt: skip
@@ -213,7 +222,7 @@ def _tracked(symbol: str, unit: str) -> tuple[Value, Value]:
 
 
 def _text(
-    terms: Terms, inputs: tuple[Value, ...], adaptive: dict[str, str], start: dict[str, float]
+    terms: Terms, inputs: tuple[Value, ...], adaptive: dict[str, str], start: dict[str, float], turns: bool
 ) -> tuple[list[str], list[str]]:
     """Return the lines of one call, and those that set the memory before the first one.
 
@@ -224,11 +233,12 @@ def _text(
     gate = []
     for k, symbol in enumerate(symbols):
         gate += [f"    if {symbol} > 0.0 and sd_{symbol} < trusted * {symbol}:", f"        held[{k}] = {symbol}"]
-    inner = core_lines(terms.lines("feedforward"))
+    inner = core_lines(terms.lines("feedforward"), turns)
     finite = " and ".join(f"isfinite({value.name})" for value in inputs if value.kind == "real")
     lines = ["i_q_add = 0.0", "fault = True", f"if {finite}:", "    fault = False", *gate, "    if enable:"]
     return [*lines, *(f"        {line}" for line in inner)], [
-        f"held[{k}] = {start[s]!r}" for k, s in enumerate(symbols)
+        *(f"held[{k}] = {start[s]!r}" for k, s in enumerate(symbols)),
+        *(["swing = 0.0"] if turns else []),
     ]
 
 

@@ -22,7 +22,7 @@ from pmsm_ctrl.effects.fingerprint import fingerprint
 from pmsm_ctrl.effects.structures import STRUCTURES, Structure
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import cache_folder
-from pmsm_ctrl.simulate.feedforward import compensation_lines, observer_lines
+from pmsm_ctrl.simulate.feedforward import compensation_lines, observer_lines, turning_lines
 
 __all__ = ["BARE_STATES", "completed", "lines_of", "load", "module_of", "source", "structures"]
 
@@ -62,13 +62,15 @@ def completed(template: Path, lines: Mapping[str, list[str]]) -> str:
 
 
 @lru_cache(maxsize=256)
-def _source(effects: tuple[Effect, ...], compensated: tuple[Effect, ...], observer: bool) -> str:
-    return source(effects, compensated, observer_lines() if observer else None)
+def _source(effects: tuple[Effect, ...], compensated: tuple[Effect, ...], observer: bool, turns: bool = False) -> str:
+    own = observer_lines() if observer else turning_lines(compensated) if turns else None
+    return source(effects, compensated, own)
 
 
 def load(
-    effects: Sequence[Effect], compensated: Sequence[Effect] = (), *, compiled: bool = True, observer: bool = False
-) -> ModuleType:
+    effects: Sequence[Effect], compensated: Sequence[Effect] = (), *, compiled: bool = True, observer: bool = False,
+    turns: bool = False,
+) -> ModuleType:  # fmt: skip
     """Return the module whose `run` simulates a drive with these effects.
 
     Parameters
@@ -81,13 +83,15 @@ def load(
         False returns the same text in plain Python, for reading and comparison.
     observer : bool
         Whether the controller has a disturbance observer.
+    turns : bool
+        Whether the compensated friction turns over a ramp at reversals.
 
     Returns
     -------
     module
     """
     plant, drive = tuple(effects), tuple(compensated)
-    text = _source(plant, drive, observer)
+    text = _source(plant, drive, observer, turns)
     return module_of(text, plant, drive) if compiled else _plain(text, plant, drive)
 
 

@@ -21,7 +21,8 @@ from pmsm_ctrl.errors import DesignError
 
 __all__ = [
     "FIRST", "TRUSTED", "Feedforward", "compensation_lines", "core_lines", "estimate_lines", "largest_current",
-    "limit_lines", "observer_inertia", "observer_lines", "observer_share", "observer_values", "smoothing_width",
+    "limit_lines", "memory_lines", "observer_inertia", "observer_lines", "observer_share", "observer_values",
+    "ramp_length", "smoothing_width", "turning_lines",
 ]  # fmt: skip
 
 Array = NDArray[Any]
@@ -52,6 +53,8 @@ class Feedforward:
         ``coulomb.F_c``, ...
     left_out : tuple of str
         Ids of the effects that a drive cannot evaluate from its own signals.
+
+    Where the friction turns over a ramp, the speed period over the ramp (s/rad) is the last value.
 
     A disturbance observer has no effects; its bandwidth (rad/s), its share per speed period and its inertia follow the
     first seven values.
@@ -107,12 +110,20 @@ class Feedforward:
             effects.append(effect)
             values += parameters.values()
             names += [f"{effect.id}.{symbol}" for symbol in parameters]
+        ramp = ramp_length(design)
+        if ramp > 0.0:
+            values, names = [*values, design.drive.speed_period / ramp], [*names, "turning"]
         return cls(tuple(effects), np.array(values), tuple(names), tuple(left_out)) if effects else None
 
     @property
     def observes(self) -> bool:
         """Whether this is a disturbance observer, which has a memory, and no effects."""
         return bool(self.values[2] == SOURCES["observer"])
+
+    @property
+    def turns(self) -> bool:
+        """Whether the friction turns over a ramp, which has a memory."""
+        return self.names[-1] == "turning"
 
     @property
     def start(self) -> tuple[float, float]:
@@ -172,17 +183,9 @@ def observer_inertia(design: Design) -> float:
 
 
 def observer_lines() -> dict[str, list[str]]:
-    """Return the lines that a disturbance observer has at the marks of the drive kernel.
-
-    Its memory goes with the speed controller's; the last two states hold it between two pieces of a run.
-    """
-    states = "states[6], states[7], states[8], states[14], states[-2], states[-1]"
+    """Return the lines that a disturbance observer has at the marks of the drive kernel."""
     first = f"reference[{FIRST + HEAD}], reference[{FIRST + HEAD + 1}], reference[{FIRST + HEAD + 2}]"
-    return {
-        "speed memory": ["I_s, theta_last, omega_hat, omega_filtered, observed, applied = memory"],
-        "speed result": ["return (I_s, theta_m, omega_hat, omega_filtered, observed, i_q_ref), i_q_ref"],
-        "load speed memory": [f"speed_memory = ({states})"],
-        "store speed memory": [f"{states} = speed_memory"],
+    return memory_lines(("observed", "applied"), ("observed", "i_q_ref")) | {
         "compensation": [
             "gain, K_t, limit = reference[6], reference[9], reference[12]",
             f"bandwidth, share, inertia = {first}",
@@ -194,8 +197,38 @@ def observer_lines() -> dict[str, list[str]]:
     }
 
 
-def compensation_lines(effects: Sequence[Effect]) -> list[str]:
-    """Return the lines of the speed controller that add the feedforward to the current it wants."""
+def memory_lines(names: Sequence[str], values: Sequence[str]) -> dict[str, list[str]]:
+    """Return the lines by which a compensation's memory goes with that of the speed controller.
+
+    The last states hold it between two pieces of a run.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The compensation's memory.
+    values : sequence of str
+        Expressions of what it is after a speed period.
+    """
+    places = ", ".join(f"states[{k - len(names)}]" for k in range(len(names)))
+    states = f"states[6], states[7], states[8], states[14], {places}"
+    return {
+        "speed memory": [f"I_s, theta_last, omega_hat, omega_filtered, {', '.join(names)} = memory"],
+        "speed result": [f"return (I_s, theta_m, omega_hat, omega_filtered, {', '.join(values)}), i_q_ref"],
+        "load speed memory": [f"speed_memory = ({states})"],
+        "store speed memory": [f"{states} = speed_memory"],
+    }
+
+
+def turning_lines(effects: Sequence[Effect]) -> dict[str, list[str]]:
+    """Return the lines that a compensation whose friction turns over a ramp has at the marks of the drive kernel."""
+    return memory_lines(("swing",), ("swing",)) | {"compensation": compensation_lines(effects, turns=True)}
+
+
+def compensation_lines(effects: Sequence[Effect], turns: bool = False) -> list[str]:
+    """Return the lines of the speed controller that add the feedforward to the current it wants.
+
+    `turns` says whether the friction turns over a ramp.
+    """
     if not effects:
         return []
     lines = [
@@ -212,10 +245,12 @@ def compensation_lines(effects: Sequence[Effect]) -> list[str]:
             own[parameter.symbol] = f"reference[{column}]"
             column += 1
         calls.append(f"f{k}_term({', '.join(own.get(name, name) for name in effect.arguments)})")
-    return [*lines, *core_lines([f"feedforward = {' + '.join(calls)}"]), "wanted += i_q_add"]
+    if turns:
+        lines.append(f"turning = reference[{column}]")
+    return [*lines, *core_lines([f"feedforward = {' + '.join(calls)}"], turns), "wanted += i_q_add"]
 
 
-def core_lines(terms: Sequence[str]) -> list[str]:
+def core_lines(terms: Sequence[str], turns: bool = False) -> list[str]:
     """Return the lines that turn a speed into the current to add, `i_q_add`.
 
     They read `omega`, `i_q` (the current asked for without compensation) and the constants `gain`, `smoothing`,
@@ -226,7 +261,19 @@ def core_lines(terms: Sequence[str]) -> list[str]:
     ----------
     terms : sequence of str
         Lines that set `feedforward` to the sum of the terms in N m, from `direction`, `torque` and the signals.
+    turns : bool
+        Whether the direction is not the sign of the speed but turns over a ramp: the memory `swing` follows the travel,
+        `turning` (speed period over the ramp) times the speed in a period, between -1 and 1. The friction of elastic
+        contacts turns so, over their deflection.
     """
+    if turns:
+        return [
+            "swing = min(max(swing + (0.0 if abs(omega) <= dead_zone else turning * omega), -1.0), 1.0)",
+            "direction = swing",
+            "torque = K_t * i_q",
+            *terms,
+            *limit_lines(),
+        ]
     return [
         "direction = (1.0 if omega > 0.0 else -1.0) if smoothing == 0.0 else min(max(omega / smoothing, -1.0), 1.0)",
         "direction = 0.0 if abs(omega) <= dead_zone else direction",
@@ -274,6 +321,24 @@ def smoothing_width(design: Design) -> float:
         return 0.0
     turn = 1.0 if design.motion == "linear" else 2.0 * math.pi
     return COUNTS * design.loops.position.K_v * turn / (design.sensor.encoder_counts or 1 << 20)
+
+
+def ramp_length(design: Design) -> float:
+    """Return the travel over which the fed-forward friction turns at a reversal, rad (m); 0 for a sign of the speed.
+
+    Unless the design states it, it is the deflection of its presliding: friction that turns at once, fed forward to a
+    contact that turns over its deflection, pushes the axis further than no compensation does.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    if design.compensation.ramp is not None:
+        return design.compensation.ramp
+    for effect, values in bound_effects(design):
+        if effect.active(values) and effect.structure.replaces_direction:
+            return values[effect.amplitudes[0]]
+    return 0.0
 
 
 def largest_current(design: Design) -> float:

@@ -119,16 +119,23 @@ class Prepared:
     def kernel(self, *, compiled: bool = True) -> ModuleType:
         """Return the module that simulates this drive, compiled or in plain Python."""
         compensated = self.feedforward.effects if self.feedforward is not None else ()
-        return load(self.active, compensated, compiled=compiled, observer=self.observes)
+        return load(self.active, compensated, compiled=compiled, observer=self.observes, turns=self.turns)
 
     @property
     def observes(self) -> bool:
         """Whether the controller has a disturbance observer."""
         return self.feedforward is not None and self.feedforward.observes
 
+    @property
+    def turns(self) -> bool:
+        """Whether the compensated friction turns over a ramp at reversals."""
+        return self.feedforward is not None and self.feedforward.turns
+
     def states(self) -> Array:
         """Return the kernel's initial states."""
         states = _start(self.motion, self.plant, self.active)
+        if self.turns:
+            return np.append(states, np.sign(self.motion.omega_0))
         if self.feedforward is None or not self.observes:
             return states
         of_speed, current = self.feedforward.start

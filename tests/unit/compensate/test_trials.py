@@ -20,6 +20,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
+from pmsm_ctrl.simulate.feedforward import ramp_length
 from pmsm_ctrl.track import FrictionTracker
 
 
@@ -34,6 +35,29 @@ def rich(design: Design) -> Design:
     return design.with_effect("stribeck", {"dF_s": 0.01, "w_s": 2.0, "delta": 2.0}).with_effect(
         "cogging", {"a_s": 0.004, "a_c": 0.0, "order": 24.0}
     )
+
+
+@pytest.mark.parametrize("source", ["reference", "commanded", "adaptive"])
+def test_friction_that_turns_over_the_deflection_of_the_contact(design: Design, source: str) -> None:
+    """On a soft contact a feedforward that turns at once pushes the axis further than none does."""
+    soft = design.with_effect("presliding", {"z_s": 1.6e-3, "z_b": 0.5, "tau_z": 1e-3})
+    motion, peak, rms = scenario("reversal", design, speed=0.5), {}, {}
+    ways = {"none": {"gain": 0.0}, "sign": {"ramp": 0.0, "source": "reference"}, "ramp": {"source": source},
+            "ramp 20 % short": {"ramp": 1.28e-3, "source": source}}  # fmt: skip
+    for name, chosen in ways.items():
+        log = simulate(soft.replace(compensation={"gain": 1.0, **chosen}), motion, seed=1, keep_truth=True)
+        error = log["theta_ref"] - log["theta_true"]
+        peak[name], rms[name] = np.abs(error).max(), np.sqrt(np.mean(error**2))
+    assert peak["sign"] > 2.0 * peak["none"]
+    assert max(peak["ramp"], peak["ramp 20 % short"]) < 0.5 * peak["none"]
+    assert max(rms["ramp"], rms["ramp 20 % short"]) < 0.45 * rms["none"]
+
+
+def test_the_ramp_is_the_deflection_of_the_designs_presliding(design: Design) -> None:
+    soft = design.with_effect("presliding", {"z_s": 1.6e-3, "z_b": 0.5, "tau_z": 1e-3})
+    assert ramp_length(design) == 0.0
+    assert ramp_length(soft) == 1.6e-3
+    assert ramp_length(soft.replace(compensation={"ramp": 0.0})) == 0.0
 
 
 def test_references_are_their_own_derivatives(design: Design) -> None:

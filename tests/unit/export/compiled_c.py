@@ -35,6 +35,7 @@ class Compensator:
         subprocess.run(["gcc", *FLAGS, *flags, "-c", str(source), "-o", str(compiled)], check=True)
         subprocess.run(["gcc", "-shared", str(compiled), "-o", str(library), "-lm"], check=True)
         held = source.read_text(encoding="utf-8").count("held[") > 0
+        turns = "double swing;" in source.read_text(encoding="utf-8")
         observer = design.compensation.source == "observer"
         tracked = sum(name in design.compensation.effects for name in ("coulomb", "viscous")) if held else 0
         inputs = 2 if observer else 4 + 2 * tracked
@@ -42,6 +43,7 @@ class Compensator:
         class Memory(ctypes.Structure):
             _fields_ = (
                 *([("held", ctypes.c_double * (1 if observer else tracked))] if held else []),
+                *([("swing", ctypes.c_double)] if turns else []),
                 ("i_q_add", ctypes.c_double),
                 ("fault", ctypes.c_int),
             )

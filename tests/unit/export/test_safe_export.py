@@ -15,6 +15,7 @@ from pmsm_ctrl.export import export, export_files
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.feedforward import smoothing_width
 from tests.unit.export.compiled_c import Compensator, simulate_with
+from tests.unit.export.structured_text import parsed, parsed_tcpou
 
 SIMPLE = ("coulomb", "viscous")
 
@@ -24,11 +25,21 @@ def seed_motor(designs: Path) -> Design:
     return Design.read(designs / "seed_motor.toml")
 
 
-@pytest.mark.parametrize("source", ["reference", "commanded", "measured", "observer"])
+@pytest.mark.parametrize(
+    ("source", "ramp"),
+    [
+        ("reference", 0.0),
+        ("commanded", 0.0),
+        ("measured", 0.0),
+        ("observer", 0.0),
+        ("reference", 1e-3),
+        ("commanded", 1e-3),
+    ],
+)
 def test_the_compiled_c_in_the_loop_is_the_simulated_compensation(
-    seed_motor: Design, tmp_path: Path, source: str
+    seed_motor: Design, tmp_path: Path, source: str, ramp: float
 ) -> None:
-    axis = baseline(seed_motor).replace(compensation={"bandwidth": 200.0})
+    axis = baseline(seed_motor).replace(compensation={"bandwidth": 200.0, "ramp": ramp})
     believed = compensated(axis, SIMPLE, gain=0.9, source=source)
     motion = study_trials(seed_motor)["reversal 2 rad/s"].motions[0]
     compensator = Compensator(believed, tmp_path)
@@ -38,6 +49,23 @@ def test_the_compiled_c_in_the_loop_is_the_simulated_compensation(
     assert not compensator.fault
     for channel in ("theta_true", "i_q_ref"):
         assert by_c[channel] == pytest.approx(simulated[channel], rel=1e-9, abs=1e-9), channel
+
+
+@pytest.mark.parametrize("flavour", ["iec", "beckhoff"])
+def test_structured_text_turns_the_friction_over_the_ramp(seed_motor: Design, flavour: str) -> None:
+    """The torque is that of an elastic contact: it turns in proportion to the travel, and rests with the axis."""
+    axis = seed_motor.replace(compensation={"gain": 1.0, "ramp": 1e-3, "effects": ("coulomb",)})
+    texts = export_files(axis, "st", flavour=flavour, force=True)
+    block = (parsed if flavour == "iec" else lambda text: parsed_tcpou(texts, "FB_seed_motor_compensation"))(
+        texts.get("FB_seed_motor_compensation.st", "")
+    )
+    F_c, period = axis.parameters("coulomb")["F_c"], axis.drive.speed_period
+    travel = 0.0
+    for omega in (2.0,) * 8 + (0.0,) * 3 + (-0.5,) * 20:
+        block(omega=omega, theta=0.0, i_d=0.0, i_q=0.0, enable=True)
+        travel = min(max(travel + omega * period, -1e-3), 1e-3)
+        assert block["i_q_add"] == pytest.approx(F_c * travel / 1e-3 / axis.K_t_assumed, rel=1e-12)
+        assert not block["fault"]
 
 
 @pytest.mark.parametrize(("source", "gain", "safe"), [("commanded", 0.5, True), ("measured", 1.0, False)])
