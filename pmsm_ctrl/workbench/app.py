@@ -52,6 +52,7 @@ def make_app(desk: Desk) -> Starlette:
         ("/", answers.start, ["GET"]),
         (f"{s}/", answers.page, ["GET"]),
         ("/static/{name}", answers.static, ["GET"]),
+        (f"{s}/", answers.delete, ["DELETE"]),
         (f"{s}/state", answers.state, ["GET"]),
         (f"{s}/about", answers.about, ["GET"]),
         (f"{s}/design", answers.design, ["POST"]),
@@ -86,6 +87,13 @@ class _Answers:
     async def page(self, request: Request) -> Response:
         self.session(request)
         return FileResponse(PAGES / "workbench.html", media_type="text/html; charset=utf-8")
+
+    async def delete(self, request: Request) -> Response:
+        session = self.session(request)
+        if session.job is not None:
+            raise RequestError("this session is computing something in another tab; stop it first")
+        self.desk.sessions.delete(session.id)
+        return JSONResponse({"sessions": await run_in_threadpool(self.desk.sessions.kept)})
 
     async def static(self, request: Request) -> Response:
         name = request.path_params["name"]

@@ -216,6 +216,17 @@ class Sessions:
             self._open[identifier] = Session(self.folder / identifier)
         return self._open[identifier]
 
+    def delete(self, identifier: str) -> None:
+        """Delete a session with all of its files, the copies of the logs among them.
+
+        Parameters
+        ----------
+        identifier : str
+        """
+        session = self.get(identifier)
+        self._open.pop(identifier, None)
+        shutil.rmtree(session.folder, ignore_errors=True)
+
     def kept(self) -> list[Mapping[str, Any]]:
         """Return the sessions that can be continued, the latest first.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.workbench import tasks
@@ -106,7 +107,9 @@ def script(request: Mapping[str, Any]) -> str:
         "from pmsm_ctrl import Design, read_log",
         "from pmsm_ctrl.diagnose import stepwise",
         "",
-        f"DESIGN = {json.dumps(request['design'])}",
+        "DESIGN = (",
+        *(f"    {line!r}" for line in request["design"].splitlines(keepends=True)),
+        ")",
         "",
         "design = Design.from_toml(DESIGN)",
     ]
@@ -116,7 +119,7 @@ def script(request: Mapping[str, Any]) -> str:
             if entry["role"] == role:
                 mapping = f", mapping={entry['mapping']!r}" if entry["mapping"] else ""
                 window = ".between({!r}, {!r})".format(*entry["window"]) if entry["window"] else ""
-                lines.append(f"    read_log({entry['name']!r}, design{mapping}){window},")
+                lines.append(f"    read_log({Path(entry['name']).name!r}, design{mapping}){window},")
         lines.append("]")
     lines += ["", "model = stepwise(design, fitted, holdout=held_out or None)"]
     for step in request["steps"]:
@@ -124,7 +127,6 @@ def script(request: Mapping[str, Any]) -> str:
         lines.append("model, diagnosis = model.find()" if kind == "find" else f"model = model.{kind}({name!r})")
     lines += [
         "print(model)",
-        'if __name__ == "__main__":',
-        f'    print(model.design.write("{stem(tasks.design_of(request["design"]).name)}_found.toml"))',
+        f'print(model.design.write("{stem(tasks.design_of(request["design"]).name)}_found.toml"))',
     ]
     return "\n".join(lines) + "\n"

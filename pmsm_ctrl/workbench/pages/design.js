@@ -1,5 +1,5 @@
 // Step 1: the design, from an example, a file or the form of a datasheet.
-import { fill, h } from "./dom.js";
+import { fill, h, send } from "./dom.js";
 
 let machine = "motor";
 let wrong = {};
@@ -127,11 +127,23 @@ function current(app) {
   );
 }
 
+async function remove(app, one) {
+  if (!confirm(`Delete the session ${one.name || "without a design"} and its copies of ${one.logs} log${one.logs === 1 ? "" : "s"}?`)) return;
+  try {
+    app.about.sessions = (await send(`../${one.id}/`, {}, "DELETE")).sessions;
+    showDesign(document.getElementById("design"), app);
+  } catch (error) {
+    app.complaint = error.message;
+    app.refresh();
+  }
+}
+
 function earlier(app) {
   const others = app.about.sessions.filter((one) => one.id !== app.state.id);
   if (!others.length) return null;
   return h("div", { class: "card" }, h("h2", {}, "Earlier sessions"),
     h("ul", { class: "plain" }, others.slice(0, 8).map((one) =>
-      h("li", {}, h("a", { href: `../${one.id}/` }, one.name || "without a design"), h("span", { class: "soft" }, ` ${one.logs} log${one.logs === 1 ? "" : "s"}, ${new Date(1000 * one.changed).toLocaleString()}`)))),
+      h("li", {}, h("a", { href: `../${one.id}/` }, one.name || "without a design"), h("span", { class: "soft" }, ` ${one.logs} log${one.logs === 1 ? "" : "s"}, ${new Date(1000 * one.changed).toLocaleString()} `),
+        h("button", { type: "button", class: "plain", "aria-label": `Delete the session ${one.name} with its logs`, onclick: () => remove(app, one) }, "Delete")))),
     h("p", {}, h("a", { href: "../../" }, "New session")));
 }

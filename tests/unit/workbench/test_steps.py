@@ -28,6 +28,14 @@ def unpacked(body: bytes) -> dict[str, Any]:
     return out
 
 
+def design_in(script: str) -> str:
+    """Return what the script holds as its design."""
+    names: dict[str, Any] = {}
+    assignment = next(one for one in ast.parse(script).body if isinstance(one, ast.Assign))
+    exec(compile(ast.Module([assignment], []), "script", "exec"), names)
+    return str(names["DESIGN"])
+
+
 def loaded(page: Page, files: dict[str, bytes]) -> dict[str, Any]:
     assert page.post("design", {"toml": DESIGN, "name": "d.toml"}).status_code == 200
     for name, content in files.items():
@@ -61,6 +69,7 @@ def test_the_steps_from_the_design_to_the_files(page: Page, bench: Bench, files:
     script = page.get("take/script").text
     assert "model = model.add('quadratic_drag')" in script
     ast.parse(script)
+    assert tomllib.loads(design_in(script)) == tomllib.loads(state["design"]["toml"])
     page.post("steps", {"remove": "quadratic_drag"})
     assert page.idle()["model"]["names"] == []
     page.post("steps", {"undo": True})
@@ -200,6 +209,13 @@ def test_two_sessions_know_nothing_of_each_other(bench: Bench, files: dict[str, 
         other.post("design", {"example": "seed_motor"})
         assert other.get("state").json()["logs"] == []
         assert one.get("state").json()["design"]["name"] == NAME
+
+
+def test_a_session_is_deleted_with_its_logs(bench: Bench, page: Page, files: dict[str, bytes]) -> None:
+    loaded(page, files)
+    assert page.client.delete(f"{page.base}/").json()["sessions"] == []
+    assert not list(bench.folder.rglob("*"))
+    assert page.get("state").json()["logs"] == []
 
 
 def test_a_damaged_session_file_begins_anew(tmp_path: Path) -> None:
