@@ -332,7 +332,7 @@ def study(
 ) -> None:
     """Run the whole chain and write one HTML report."""
     from pmsm_ctrl.errors import RequestError
-    from pmsm_ctrl.files import unused_name
+    from pmsm_ctrl.files import require_distinct, require_new, unused_name
     from pmsm_ctrl.report import report_path
     from pmsm_ctrl.report import study as run_study
 
@@ -340,6 +340,10 @@ def study(
     if holdout is not None and log is None:
         raise RequestError("--holdout: needs --log, from which the model is identified")
     page = report_path(axis, output)
+    beside = page.with_suffix(".design.toml") if output is not None and log is not None else None
+    if beside is not None:
+        require_distinct([beside], [design])
+        require_new(() if force else [beside])
     if not force:
         page = page if output is not None else unused_name(page)
         if complete and page.with_suffix("").exists():
@@ -352,6 +356,7 @@ def study(
             command=command_line(), progress=progress,
         )  # fmt: skip
     say(result)
+    write_design(result.completed, beside)
     if json_file is not None:
         write_json(json_file, "study", result.to_dict())
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import Diagnosis
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.report.history import Entry
 from pmsm_ctrl.report.notices import NOT_VALIDATED
@@ -79,6 +80,12 @@ class Study(Result):
         """Reasons to doubt the numbers, of the input and of every part, each once."""
         parts = (notice for result in self.results.values() for notice in result.notices)
         return tuple(dict.fromkeys((*self.doubts_of_input, *parts)))
+
+    @property
+    def completed(self) -> Design:
+        """The design with what the log says: the missing effects where it was diagnosed, the identified parameters."""
+        found = self.results.get("diagnose")
+        return found.design if isinstance(found, Diagnosis) else self.design
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON.
