@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import tomli_w
 
 from pmsm_ctrl.design import Design
@@ -116,7 +117,9 @@ def propose(table: Table, design: Design | None = None, mapping: Mapping[str, st
     known = {**(design.log.channels if design is not None else {}), **(mapping or {})}
     timed, placed = with_clock(table, design, known)
     stated = {channel: find_column(timed, channel, _column_of(spec)) for channel, spec in (placed or {}).items()}
-    guessed, unused, doubts = guesses(timed, design, {name: (known.get(name, ""), *at) for name, at in stated.items()})
+    named = {name: (known.get(name, ""), *at) for name, at in stated.items()}
+    with np.errstate(all="ignore"):  # numbers of any size; what is not finite is no relation
+        guessed, unused, doubts = guesses(timed, design, named)
     order = list(CHANNELS)
     guessed = sorted(guessed, key=lambda guess: order.index(guess.channel))
     present = {guess.channel for guess in guessed}

@@ -212,7 +212,7 @@ def _instrumented(target: Array, columns: Array, instruments: Array) -> Balance:
         return NOTHING
     x, z = columns / scale, instruments / scale
     product = z.T @ x / len(x)
-    if not np.linalg.cond(product) < 1e8:
+    if not np.isfinite(product).all() or not np.linalg.cond(product) < 1e8:
         return NOTHING  # not excited
     inverse = np.linalg.inv(product)
     solution = inverse @ (z.T @ target) / len(x)

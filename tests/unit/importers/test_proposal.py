@@ -15,6 +15,7 @@ from pmsm_ctrl.console import run
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import open_table, propose, read_log
 from pmsm_ctrl.importers.vocabulary import meaning_of
+from pmsm_ctrl.log import CHANNELS
 
 J, K_T, F_C, F_V = 2.4e-4, 0.62, 0.03, 3e-4
 PERIOD, N = 1e-3, 6000
@@ -290,3 +291,22 @@ def test_an_assumed_unit_of_a_speed_is_confirmed_before_a_log_is_evaluated(
     words = ["track", str(path), "--design", str(tmp_path / "axis.toml")]
     assert run(app, words) == 2
     assert "units that the file does not state were assumed: rad/s for omega, N m for torque" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_any_numbers_have_a_proposal(tmp_path: Path, design: Design, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    names = ["t", "Time", "tick", "pos", "speed", "Strom", "Torque [%]", "couple [‰]", "x", "Vel [m/s]", "Iq [bananas]"]
+    for _ in range(6):
+        n, k = int(rng.choice([2, 3, 40, 300, 1000])), int(rng.integers(2, 7))
+        ramp = np.arange(n) * 1.0
+        kinds = [ramp, 1e-3 * ramp, np.sin(0.01 * ramp), rng.normal(size=n), np.zeros(n), 1e300 * rng.normal(size=n),
+                 np.round(1e3 * np.sin(0.01 * ramp)), (0.05 * ramp) % (2 * np.pi), 1e-310 * ramp]  # fmt: skip
+        columns = [kinds[rng.integers(len(kinds))] for _ in range(k)]
+        head = [";".join(rng.choice(names, k))] if rng.random() < 0.7 else []
+        rows = [";".join(repr(float(value)) for value in row) for row in zip(*columns, strict=True)]
+        path = tmp_path / "any.csv"
+        path.write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
+        found = propose(open_table(path), design if rng.random() < 0.5 else None)
+        assert found.summary()
+        assert set(found.mapping) <= set(CHANNELS)
