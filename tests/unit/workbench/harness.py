@@ -18,6 +18,7 @@ pytest.importorskip("httpx", reason="HTTPX ABSENT: pip install 'pmsm-ctrl[dev]'"
 
 TOKEN = "token-of-the-tests"
 PORT = 8720
+PATIENCE = 300.0  # s; without a cache the first fit compiles its code
 DESIGN = """
 name = "<script>alert(1)</script>"
 [motor]
@@ -61,7 +62,8 @@ class Page:
 
     def idle(self) -> dict[str, Any]:
         """Wait until nothing is computed any more, and return the state."""
-        for _ in range(600):
+        begin = time.monotonic()
+        while time.monotonic() - begin < PATIENCE:
             state: dict[str, Any] = self.get("state").json()
             if state["job"] is None:
                 return state
