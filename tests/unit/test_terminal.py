@@ -7,6 +7,7 @@ import json
 import re
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,27 @@ def test_80_columns_verdict_first_and_the_next_command_last(
     whole = capsys.readouterr().out.splitlines()
     assert len(whole) >= len(brief) - 2
     assert not any(line.startswith("--verbose") for line in whole)
+
+
+def test_a_study_of_a_log_writes_the_completed_design_beside_its_page(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The study itself is tested elsewhere: here its answer is a design with one effect more."""
+    from pmsm_ctrl import report
+
+    def answer(design: Any, *_: Any, **settings: Any) -> Any:
+        Path(settings["output"]).write_text("page", encoding="utf-8")
+        completed = design.with_effect("constant_load", {"T_0": 0.01})
+        return SimpleNamespace(summary=lambda brief: "Study", completed=completed, to_dict=dict)
+
+    monkeypatch.setattr(report, "study", answer)
+    for more, status in ([], 0), ([], 2), (["--force"], 0):
+        with pytest.raises(SystemExit) as left:
+            main(["study", "d.toml", "--log", "my log.csv", "-o", "d.html", *more])
+        assert (left.value.code or 0) == status
+    assert 'id = "constant_load"' in Path("d.design.toml").read_text(encoding="utf-8")
+    assert Path("d.toml").read_text(encoding="utf-8") == PLAIN
+    assert "design: d.design.toml" in capsys.readouterr().out
 
 
 GIVEN: dict[str, dict[str, Any]] = {
