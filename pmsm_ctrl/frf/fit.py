@@ -117,14 +117,15 @@ def second_mass(values: Array) -> SecondMass | None:
 
 
 def _physical(values: Array) -> tuple[tuple[str, ...], Array]:
-    names = ("J", "friction_slope", "delay")
+    names: tuple[str, ...] = ("J", "friction_slope", "delay")
     found = [math.exp(values[0]), values[1], values[2]]
     mass = second_mass(values)
     if mass is None:
         return names, np.array(found)
     antiresonance, damping = math.exp(values[4]) / (2.0 * math.pi), math.exp(values[6])
     found += [antiresonance, antiresonance * (1.0 + math.exp(values[5])), damping, mass.J_load, mass.k, mass.d]
-    return (*names, "antiresonance", "resonance", "damping_ratio", "J_load", "k", "d"), np.array(found)
+    names += ("antiresonance", "resonance", "damping_ratio", "load_inertia", "stiffness", "damping")
+    return names, np.array(found)
 
 
 def _response(values: Array, omega: Array, spread: float) -> Complex:

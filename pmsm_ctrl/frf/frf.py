@@ -21,7 +21,7 @@ from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
-from pmsm_ctrl.tune.linearise import friction_slope, mobility, second_mass
+from pmsm_ctrl.tune.linearise import friction_slope, mobility, second_mass, with_second_mass
 from pmsm_ctrl.tune.margins import Margins, margins
 from pmsm_ctrl.tune.resonance import resonance_frequencies
 from pmsm_ctrl.tune.sampled import Cascade
@@ -35,7 +35,7 @@ Complex = NDArray[np.complex128]
 
 UNITS = {
     "J": "kg m^2", "friction_slope": "N m s/rad", "delay": "s", "antiresonance": "Hz", "resonance": "Hz",
-    "damping_ratio": "", "J_load": "kg m^2", "k": "N m/rad", "d": "N m s/rad",
+    "damping_ratio": "", "load_inertia": "kg m^2", "stiffness": "N m/rad", "damping": "N m s/rad",
 }  # fmt: skip
 MARGINS = {"phase_margin": "deg", "gain_margin_db": "dB", "crossover": "Hz", "sensitivity_peak": ""}
 
@@ -100,7 +100,7 @@ def _estimates(design: Design, axis: Axis, speed: float) -> dict[str, Estimate]:
     if mass is not None and frequencies is not None:
         damping = mass.d / (2.0 * math.sqrt(mass.k * mass.J_load))
         nominal |= {"antiresonance": frequencies[0], "resonance": frequencies[1], "damping_ratio": damping}
-        nominal |= {"J_load": mass.J_load, "k": mass.k, "d": mass.d}
+        nominal |= {"load_inertia": mass.J_load, "stiffness": mass.k, "damping": mass.d}
     return {
         name: Estimate(value, axis_unit(UNITS[name], design.motion), stderr, nominal.get(name))
         for name, (value, stderr) in axis.errors().items()
@@ -110,10 +110,7 @@ def _estimates(design: Design, axis: Axis, speed: float) -> dict[str, Estimate]:
 def _measured_design(design: Design, axis: Axis) -> Design:
     """Return the design with the inertia and the spring that were found."""
     found = design.with_parameters(J=axis.J)
-    mass = axis.mass
-    if mass is None:
-        return found
-    return found.with_effect("compliance", {"J_load": mass.J_load, "k": mass.k, "d": mass.d})
+    return found if axis.mass is None else with_second_mass(found, axis.mass)
 
 
 def _bands(response: Response, own: Complex, axis: Axis) -> tuple[Band, ...]:

@@ -17,8 +17,8 @@ __all__: list[str] = []
 
 NAMES = {
     "J": "inertia J", "friction_slope": "friction slope", "delay": "delay", "antiresonance": "antiresonance",
-    "resonance": "resonance", "damping_ratio": "damping ratio of the antiresonance", "J_load": "load inertia",
-    "k": "stiffness k", "d": "damping d", "phase_margin": "phase margin", "gain_margin_db": "gain margin",
+    "resonance": "resonance", "damping_ratio": "damping ratio of the antiresonance", "load_inertia": "load inertia",
+    "stiffness": "stiffness k", "damping": "damping d", "phase_margin": "phase margin", "gain_margin_db": "gain margin",
     "crossover": "crossover", "sensitivity_peak": "peak of the sensitivity",
 }  # fmt: skip
 

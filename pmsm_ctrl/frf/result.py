@@ -55,9 +55,9 @@ class Response:
     @property
     def frd(self) -> Any:
         """The response as control.FrequencyResponseData, in rad/s."""
-        import control as ct
+        from pmsm_ctrl.tune.margins import measured
 
-        return ct.frd(self.value, 2.0 * math.pi * self.frequency)
+        return measured(self.value, 2.0 * math.pi * self.frequency)
 
     @property
     def open_loop(self) -> Complex:

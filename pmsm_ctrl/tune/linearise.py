@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.effects import bound_effects
+from pmsm_ctrl.effects import bound_effects, catalogue_of
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.kernels import balance
@@ -25,7 +25,7 @@ from pmsm_ctrl.simulate.parameters import Plant
 
 __all__ = [
     "INPUTS", "STATES", "Linearisation", "OperatingPoint", "drive_system", "friction_slope", "linearise", "mobility",
-    "operating_point", "rigid", "second_mass",
+    "operating_point", "rigid", "second_mass", "with_second_mass",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -267,6 +267,18 @@ def second_mass(design: Design) -> SecondMass | None:
             f"{design.J:g} kg m^2, of which it is a part"
         )
     return mass
+
+
+def with_second_mass(design: Design, mass: SecondMass) -> Design:
+    """Return a design whose load hangs on this spring, by the first effect of the catalogue that is one.
+
+    Parameters
+    ----------
+    design : Design
+    mass : SecondMass
+    """
+    springs = ((e.id, values) for e in catalogue_of(design).values() if (values := e.structure.values_of(mass)))
+    return rigid(design).with_effect(*next(springs))
 
 
 def rigid(design: Design) -> Design:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.tune.sampled import frequencies
 
-__all__ = ["Margins", "first_crossing", "margins", "response"]
+__all__ = ["Margins", "first_crossing", "margins", "measured", "response"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -91,6 +91,11 @@ def response(system: Any, omega: Array) -> Complex:
     return np.asarray(system(at, squeeze=True), dtype=np.complex128).reshape(-1)
 
 
+def measured(values: Complex, omega: Array) -> Any:
+    """Return a measured response at rising angular frequencies (rad/s), both shape (n,), as control.FRD."""
+    return ct.frd(values, omega)
+
+
 def margins(loop: Any, omega: Array | None = None) -> Margins:
     """Return the margins of an open loop under negative feedback.
 
@@ -110,8 +115,8 @@ def margins(loop: Any, omega: Array | None = None) -> Margins:
     ValueError
         When a continuous loop is given without frequencies.
     """
-    measured = isinstance(loop, ct.FrequencyResponseData)
-    if measured:
+    given = isinstance(loop, ct.FrequencyResponseData)
+    if given:
         omega = np.asarray(loop.omega)
     elif omega is None:
         if not loop.dt:
@@ -126,7 +131,7 @@ def margins(loop: Any, omega: Array | None = None) -> Margins:
     up, down = gain > 1.0, gain < 1.0
     S, T = 1.0 / (1.0 + L), L / (1.0 + L)
     return Margins(
-        stable=None if measured else _stable(loop),
+        stable=None if given else _stable(loop),
         gain_margin=float(gain[up].min()) if up.any() else math.inf,
         gain_reduction=float(gain[down].max()) if down.any() else 0.0,
         phase_margin=float(phase[np.argmin(np.abs(phase))]) if phase.size else math.inf,

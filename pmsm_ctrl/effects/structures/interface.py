@@ -477,6 +477,10 @@ class Structure(ABC):
         """Return the mass behind the shaft; None where there is none."""
         return None
 
+    def values_of(self, mass: SecondMass) -> dict[str, float]:
+        """Return the parameters that make this mass; none where the structure cannot."""
+        return {}
+
     def with_inertia_scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
         """Return the values for an axis whose inertias are all this factor larger."""
         return dict(values)
@@ -484,10 +488,7 @@ class Structure(ABC):
 
 def default_shapes(effect: Effect) -> Iterable[dict[str, float]]:
     """Yield multiples of the start values inside the bounds, every combination."""
-    axes = []
-    for p in effect.searched:
-        values = [p.start * f for f in MULTIPLES] if p.start else [p.start]
-        axes.append(sorted({float(min(max(v, p.lower), p.upper)) for v in values}))
+    axes = [sorted({float(min(max(p.start * f, p.lower), p.upper)) for f in MULTIPLES}) for p in effect.searched]
     names = [p.symbol for p in effect.searched]
     yield from (dict(zip(names, each, strict=True)) for each in itertools.product(*axes))
 

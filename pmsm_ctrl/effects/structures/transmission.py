@@ -251,6 +251,10 @@ class Transmission(Structure):
         gap = values[self.gap] if self.gap else 0.0
         return SecondMass(values[self.load], values[self.stiffness], values[self.damping], gap)
 
+    def values_of(self, mass: SecondMass) -> dict[str, float]:
+        """Return the parameters that make this mass; none where there is a gap as well."""
+        return {} if self.gap else {self.load: mass.J_load, self.stiffness: mass.k, self.damping: mass.d}
+
     def with_inertia_scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
         """Return the values with the load's inertia this factor larger."""
         return {symbol: value * factor if symbol == self.load else value for symbol, value in values.items()}

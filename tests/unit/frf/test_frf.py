@@ -61,8 +61,8 @@ def test_two_masses_are_measured_through_the_closed_loop(found: FrequencyRespons
     assert values["J"] == pytest.approx(9e-5, rel=0.01)
     assert values["antiresonance"] == pytest.approx(ANTIRESONANCE, rel=0.005)
     assert values["resonance"] == pytest.approx(RESONANCE, rel=0.005)
-    assert values["d"] == pytest.approx(0.002, rel=0.2)
-    assert values["k"] == pytest.approx(15.0, rel=0.01)
+    assert values["damping"] == pytest.approx(0.002, rel=0.2)
+    assert values["stiffness"] == pytest.approx(15.0, rel=0.01)
     assert abs(values["delay"]) < 20e-6
     assert found.misfit == pytest.approx(1.0, abs=0.35)
     assert [one.code for one in found.notices] == ["frf_resonance_not_in_design"]

@@ -1,0 +1,63 @@
+"""Errors and coverage of what `frf` fits: ``python -m tests.benchmarks.responses --count 10 --first 100``."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.frf.fit import fit_axis
+from pmsm_ctrl.frf.measured import plant, stretches
+from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate.scenarios import chirp, multisine
+
+DESIGN = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
+SPRING = {"J_load": 4e-5, "k": 15.0, "d": 0.002}
+TRUE = {
+    "J": 9e-5, "friction_slope": 1.68e-4, "delay": 0.0, "antiresonance": math.sqrt(15.0 / 4e-5) / (2.0 * math.pi),
+    "resonance": math.sqrt(15.0 / 4e-5 + 15.0 / 5e-5) / (2.0 * math.pi),
+    "load_inertia": 4e-5, "stiffness": 15.0, "damping": 0.002,
+}  # fmt: skip
+
+
+def table(excitation: str, sprung: bool, seeds: range) -> str:
+    """Return the rows of one case: relative errors (of the delay in us), share of intervals that hold, misfit."""
+    design = Design.read(DESIGN)
+    truth = design.with_effect("compliance", SPRING) if sprung else design
+    motion = {"chirp": chirp, "multisine": multisine}[excitation](design=design)
+    found: dict[str, list[tuple[float, float]]] = {}
+    for seed in seeds:
+        log = simulate(design, motion, truth=truth, seed=seed)
+        axis = fit_axis(plant(design, stretches(design, [log]))[0], design.J, log.period)
+        for name, (value, stderr) in axis.errors().items():
+            if name in TRUE:
+                size = 1e-6 if name == "delay" else 0.01 * TRUE[name]
+                found.setdefault(name, []).append(((value - TRUE[name]) / size, (value - TRUE[name]) / stderr))
+    rows = []
+    for name, pairs in found.items():
+        away, errors = np.array(pairs).T
+        unit = "us" if name == "delay" else "%"
+        rows.append(
+            f"| {excitation}, {'two masses' if sprung else 'rigid'} | {name} | {np.median(np.abs(away)):.2g} {unit} "
+            f"| {np.max(np.abs(away)):.2g} {unit} | {100.0 * np.mean(np.abs(errors) < 1.96):.0f} % of {len(pairs)} |"
+        )
+    return "\n".join(rows)
+
+
+def main() -> None:
+    """Print the table."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--count", type=int, default=10)
+    asked.add_argument("--first", type=int, default=100)
+    chosen = asked.parse_args()
+    print("| record | parameter | median error | largest | intervals that hold |\n|---|---|---|---|---|")
+    for excitation in ("multisine", "chirp"):
+        for sprung in (False, True):
+            print(table(excitation, sprung, range(chosen.first, chosen.first + chosen.count)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
