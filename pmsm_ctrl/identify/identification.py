@@ -162,6 +162,11 @@ class _Solution:
     remarks: tuple[Notice, ...] = ()
 
 
+def _sizes(residual: Array, torque: Array) -> tuple[float, float]:
+    """Return the residual relative to the torque, and its rms value."""
+    return float(np.linalg.norm(residual) / np.linalg.norm(torque)), float(np.sqrt(np.mean(residual**2)))
+
+
 def identify(
     design: Design, log: Logs, *, method: Method = "regression", processing: Processing | None = None,
     check_cutoff: bool = False,
@@ -208,8 +213,7 @@ def identify(
     SimulationError
         When the design's loops are not stable on the plant that the log suggests.
     """
-    logs = as_logs(log)
-    _check_method(method, len(logs))
+    logs = _checked(as_logs(log), method)
     as_diagnosed = method == "regression" and processing is None and plain_terms(design)
     processing = _blanking(processing or Processing())
     believed = doubts_about(design := with_inertia(design, logs), log)
@@ -223,17 +227,14 @@ def identify(
     problem, fit = solution.problem, with_joint_errors(solution.fit, several.stderr)
     found, bounds = _identified(design, problem, fit)
     shown, unexplained = problem, fit.residual
-    if base is not None:
-        worse = worse_than_given(design, found, base.record)
-    elif method == "output_error":  # which has no columns of the given design
-        worse = worse_than_given(design, found, timed_record(design, several.log))
-    else:
+    if base is None and method != "output_error":  # which has no columns of the given design
         shown, unexplained = _shown(design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit)
         worse = worse_by_error(_best_error(shown, fit.values), _best_error(shown, {}))
-    mask = shown.mask
-    error = float(np.linalg.norm(unexplained[mask]) / np.linalg.norm(shown.torque[mask]))
-    contradictions = (*believed.contradictions, *_contradictions(design, fit))
+    else:
+        worse = worse_than_given(design, found, base.record if base else timed_record(design, several.log))
+    error, rms = _sizes(unexplained[shown.mask], shown.torque[shown.mask])
     over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
+    contradictions = (*believed.contradictions, *_contradictions(design, fit))
     return Identification(
         design=found if worse is None else design,
         improved=worse is None,
@@ -241,7 +242,7 @@ def identify(
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=_why_not(design, fit),
         relative_error=error,
-        rms=float(np.sqrt(np.mean(unexplained[mask] ** 2))),
+        rms=rms,
         problem=problem,
         fit=fit,
         shown=shown,
@@ -281,13 +282,14 @@ def _blanking(processing: Processing) -> Processing:
     return replace(processing, blank=True) if processing.blank is None else processing
 
 
-def _check_method(method: str, count: int) -> None:
-    """Refuse an unknown method, and one that simulates a single log where there are several."""
+def _checked(logs: tuple[Log, ...], method: str) -> tuple[Log, ...]:
+    """Return the logs; refuse an unknown method, and one that simulates a single log where there are several."""
     if method not in get_args(Method):
         known = ", ".join(get_args(Method))
         raise RequestError(f"identification method '{method}'{nearest(method, get_args(Method))} (known: {known})")
-    if count > 1 and method == "iv":
-        raise RequestError(f"method '{method}': {count} logs, but it simulates one; use 'regression' or 'output_error'")
+    if len(logs) > 1 and method == "iv":
+        raise RequestError(f"method 'iv': {len(logs)} logs, but it simulates one; use 'regression' or 'output_error'")
+    return logs
 
 
 def _shown(design: Design, log: Log, processing: Processing, problem: Problem, fit: Fit) -> tuple[Problem, Array]:
