@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,9 +162,15 @@ class _Solution:
     remarks: tuple[Notice, ...] = ()
 
 
-def _sizes(residual: Array, torque: Array) -> tuple[float, float]:
+class _Sizes(TypedDict):
+    relative_error: float
+    rms: float
+
+
+def _sizes(residual: Array, torque: Array) -> _Sizes:
     """Return the residual relative to the torque, and its rms value."""
-    return float(np.linalg.norm(residual) / np.linalg.norm(torque)), float(np.sqrt(np.mean(residual**2)))
+    error, rms = float(np.linalg.norm(residual) / np.linalg.norm(torque)), float(np.sqrt(np.mean(residual**2)))
+    return {"relative_error": error, "rms": rms}
 
 
 def identify(
@@ -232,7 +238,7 @@ def identify(
         worse = worse_by_error(_best_error(shown, fit.values), _best_error(shown, {}))
     else:
         worse = worse_than_given(design, found, base.record if base else timed_record(design, several.log))
-    error, rms = _sizes(unexplained[shown.mask], shown.torque[shown.mask])
+    sizes = _sizes(unexplained[shown.mask], shown.torque[shown.mask])
     over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
     return Identification(
@@ -241,8 +247,7 @@ def identify(
         estimates=_estimates(problem, fit),
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=_why_not(design, fit),
-        relative_error=error,
-        rms=rms,
+        **sizes,
         problem=problem,
         fit=fit,
         shown=shown,
@@ -252,7 +257,7 @@ def identify(
             *contradictions,
             *record_notices(several.rows),
             *((worse,) if worse else ()),
-            *_large(error),
+            *_large(sizes["relative_error"]),
             *believed.notices[len(believed.contradictions) :],
             *problem.notes,
             *orders_beyond(design, several.log, problem.cutoff),
