@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 
 # Columns that hold noise of the motion.
 NOISY = ("J", LATENESS, SPREAD, EMF)
+FOUND = ("J", LATENESS, SPREAD)
 # Samples of the thinned grid by which the reference is shifted: 2.5 in a period of the cutoff. A loop of 8 Hz and more
 # has settled within the last one.
 SHIFTS = (-3, -2, -1, 0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
@@ -49,8 +50,6 @@ class Referred:
         s.
     spread : (float, float)
         s^2.
-    emf : (float, float) or None
-        By how much the compensation of the back-emf lags, s; None where the model has no such column.
     noise : float
         Share of the acceleration's power, as the fit weighs it, that the reference does not explain: by so much least
         squares may find the inertia too small.
@@ -59,7 +58,6 @@ class Referred:
     inertia: tuple[float, float]
     late: tuple[float, float]
     spread: tuple[float, float]
-    emf: tuple[float, float] | None
     noise: float
 
 
@@ -102,10 +100,10 @@ def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
     inverse = np.linalg.pinv(products, rcond=RANK**2)
     values = inverse @ ((seen / size).T @ target + prior * size * model.nominal[entering]) / size
     stderr = _errors(seen / size, prior, inverse, (target - columns @ values, _place(record.mask))) / size
-    found = dict(zip(names, zip(values.tolist(), stderr.tolist(), strict=True), strict=True))
+    found = {name: (float(values[names.index(name)]), float(stderr[names.index(name)])) for name in FOUND}
     alpha = names.index("J")
     noise = 1.0 - float(np.sum(seen[:, alpha] ** 2) / max(float(np.sum(columns[:, alpha] ** 2)), 1e-300))
-    return Referred(found["J"], found[LATENESS], found[SPREAD], found.get(EMF), noise)
+    return Referred(found["J"], found[LATENESS], found[SPREAD], noise)
 
 
 def _errors(seen: Array, prior: Array, inverse: Array, left: tuple[Array, Array]) -> Array:

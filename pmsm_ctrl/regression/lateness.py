@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD
+from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD
 from pmsm_ctrl.regression.instruments import Referred, by_reference
 from pmsm_ctrl.regression.model import FIXED, Model, Solved
 
@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 # do not, as an error in the inertia or in the moment of a reversal is the same there.
 UNTOLD = 0.2
 SURE = 3.0  # standard errors by which least squares must differ from the reference to be called biased
-WITHIN = 1.0  # standard errors by which two estimates differ by chance, either way
 
 
 def lateness(model: Model, values: Array) -> float:
@@ -61,9 +60,8 @@ def with_sampling_bounded(record: Record, model: Model, fit: Solved, sigma: floa
     """Hold the lateness of the drive signal inside what sampling can do: the rest is a delay, an effect.
 
     Where the log does not tell it, it stays where it was taken out. Where the reference tells another one than least
-    squares does, noise that moves the axis biases the latter; delay, variance and what the current loop lets through
-    of the back-emf are then those by the reference, and so is the inertia where that noise makes it too small. What is
-    held stays as uncertain as it is.
+    squares does, noise that moves the axis biases the latter; delay and variance are then those by the reference, and
+    so is the inertia where that noise makes it too small. What is held stays as uncertain as it is.
 
     Parameters
     ----------
@@ -96,12 +94,9 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, told: Referre
         if by is None and -record.early <= late <= record.sampling:
             return model
         held[k] = min(max(late, -record.early), record.sampling) - undone, stderr if by is None else by.late[1]
-    if by is not None:
-        held[model.names.index(SPREAD)] = by.spread
-        if by.emf is not None and EMF in model.names:
-            held[model.names.index(EMF)] = by.emf
-    scale = {LATENESS: record.sampling, SPREAD: record.sampling**2, EMF: EMF_LATE}
-    return _holding(model, held, {j: scale[model.names[j]] for j in held})
+        if by is not None:
+            held[model.names.index(SPREAD)] = by.spread
+    return _holding(model, held, {k: record.sampling, model.names.index(SPREAD): record.sampling**2})
 
 
 def _with_inertia_held(model: Model, fit: Solved, told: Referred) -> Model:
@@ -141,4 +136,4 @@ def _biased(model: Model, fit: Solved, told: Referred) -> bool:
     late, spread = (float(fit.values[model.names.index(name)]) for name in (LATENESS, SPREAD))
     earlier = (told.late[0] - late) / max(told.late[1], 1e-300)
     wider = (spread - told.spread[0]) / max(told.spread[1], 1e-300)
-    return max(earlier, wider) > SURE and min(earlier, wider) > -WITHIN
+    return max(earlier, wider) > SURE and min(earlier, wider) > 0.0
