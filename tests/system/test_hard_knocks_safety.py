@@ -184,7 +184,7 @@ def test_a_name_is_a_name_wherever_it_is_shown(
     Log({"t": t, "omega": 50 * np.sin(5 * t), "i_q": 0.1 * np.sign(np.sin(5 * t))}).write_csv("log.csv")
     for line in (
         ["export", "axis.toml", "--language", "c", "--output", "code"],
-        ["export", "axis.toml", "--language", "st", "--output", "code"],
+        ["export", "axis.toml", "--language", "st", "--output", "code", "--force"],  # beside the C, over the same table
         ["identify", "log.csv", "--design", "axis.toml", "--report", "page.html"],
     ):
         with pytest.raises(SystemExit) as left:
@@ -206,11 +206,11 @@ def test_a_name_is_a_name_wherever_it_is_shown(
 
 
 def test_the_report_of_a_study_stays_in_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pmsm_ctrl.report.chain import _target
+    from pmsm_ctrl.report.chain import report_path
 
     monkeypatch.chdir(tmp_path)
     for name in [*NAMES, "..", "a" * 100, "/", "reports/../../x"]:
-        path = _target(Design.read(design_named(tmp_path, name)), None)
+        path = report_path(Design.read(design_named(tmp_path, name)), None)
         assert path.resolve().parent == tmp_path / "reports"
         assert path.suffix == ".html"
 
