@@ -121,6 +121,7 @@ def with_sound_inertia(design: Design, log: Log, problem: Problem) -> Problem:
     the band, its standard error counted; and until half the band gives an inertia inside the interval of this one:
     whatever else is wrong with an acceleration (lines of the encoder, channels that are not synchronous) grows with the
     frequency. Two estimates from one log differ by a noise that is known (J. A. Hausman, Econometrica 46 (1978) 1251).
+    An inertia that the whole band does not give, not even a positive one, is not looked for in narrower ones.
     """
     top = problem.inertia_cutoff or problem.cutoff
     if "J" not in problem.names:
@@ -128,6 +129,8 @@ def with_sound_inertia(design: Design, log: Log, problem: Problem) -> Problem:
     bands = [top / 2.0**k for k in range(HALVINGS + 1) if top / 2.0**k >= NARROWEST or k == 0]
     tried = [problem if band == problem.cutoff else replace(problem, inertia_cutoff=band) for band in bands]
     fits = [solve(one) for one in tried]
+    if "J" not in fits[0].values:
+        return problem
     best, bias = 0, _shrinkage(design, log, tried[0])
     for k in range(len(bands) - 1):
         if "J" not in fits[k + 1].values or fits[k + 1].stderr["J"] > LOSS * fits[best].stderr["J"]:

@@ -75,7 +75,7 @@ MUTATIONS = (
              "spline(ahead) + self.lag * spline(ahead, 1)", "spline(ahead) - self.lag * spline(ahead, 1)",
              "unit/regression/test_drive_timing.py -k undone"),
     Mutation("timing: the lateness may be anything", "regression/lateness.py",
-             "if not biased and -record.early <= late <= record.sampling:", "if not biased:",
+             "if by is None and -record.early <= late <= record.sampling:", "if by is None:",
              "unit/regression/test_drive_timing.py -k no_filter"),
     Mutation("bound: parameters may not come near it", "diagnose/criteria.py",
              "low - slack <= value", "low + slack <= value", "unit/diagnose/test_criteria.py"),
