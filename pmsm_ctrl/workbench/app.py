@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,6 +26,7 @@ __all__ = ["make_app"]
 PAGES = Path(__file__).with_name("pages")
 OWN = ("workbench.css", "workbench.js", "dom.js", "design.js", "logs.js", "plots.js", "ladder.js", "takeaway.js")
 BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
+_REVISION = re.compile(r"[0-9]{1,12}")
 MOST_JSON = 1 << 20  # bytes of a request that is no upload
 Handler = Callable[[Request], Awaitable[Response]]
 
@@ -89,10 +91,7 @@ class _Answers:
         return FileResponse(PAGES / "workbench.html", media_type="text/html; charset=utf-8")
 
     async def delete(self, request: Request) -> Response:
-        session = self.session(request)
-        if session.job is not None:
-            raise RequestError("this session is computing something in another tab; stop it first")
-        self.desk.sessions.delete(session.id)
+        self.desk.delete(self.session(request))
         return JSONResponse({"sessions": await run_in_threadpool(self.desk.sessions.kept)})
 
     async def static(self, request: Request) -> Response:
@@ -104,9 +103,10 @@ class _Answers:
         return FileResponse(path, headers={"cache-control": kept})
 
     async def state(self, request: Request) -> Response:
-        since = request.query_params.get("since", "")
-        if since.isdigit():
-            await self.desk.news(self.session(request), int(since))
+        since, session = request.query_params.get("since", ""), self.session(request)
+        self.desk.resume(session)
+        if _REVISION.fullmatch(since):
+            await self.desk.news(session, int(since))
         return self.shown(request)
 
     async def about(self, request: Request) -> Response:
@@ -167,6 +167,8 @@ def _refusing(handler: Handler) -> Handler:
             return JSONResponse({"error": "the upload ended early, or is larger than --max-upload"}, 413)
         except KeyError as error:
             return JSONResponse({"error": f"{error.args[0]}: missing or unknown"}, 400)
+        except OSError as error:
+            return JSONResponse({"error": f"a file of this session: {error.strerror or error}"}, 500)
 
     return careful
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from typing import Any
 
@@ -50,6 +51,23 @@ class Desk:
         while session.revision == since and session.job is not None and waited < PATIENCE:
             await asyncio.sleep(POLL)
             waited += POLL
+
+    def delete(self, session: Session) -> None:
+        """Delete a session with its files, and end its process, which knows the logs by their names.
+
+        Parameters
+        ----------
+        session : Session
+
+        Raises
+        ------
+        RequestError
+            While something is computed for it.
+        """
+        if session.job is not None:
+            raise RequestError("this session is computing something in another tab; stop it first")
+        self.workers.release(session.id)
+        self.sessions.delete(session.id)
 
     # -- the design -------------------------------------------------------------------------------------------
 
@@ -108,25 +126,19 @@ class Desk:
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
-        self.add_log(session, identifier, path.name, name, size)
+        session.enter_log(identifier, path.name, name, size)
+        self._read_all(session)
 
-    def add_log(self, session: Session, identifier: str, file: str, name: str, size: int) -> None:
-        """Enter a file that stands in the session's folder, and read it.
+    def resume(self, session: Session) -> None:
+        """Read what is not read yet: the logs of the command line, and those of a server that was ended meanwhile.
 
         Parameters
         ----------
         session : Session
-        identifier, file, name : str
-        size : int
-            Bytes.
         """
-        held_out = sum(entry["role"] == "fit" for entry in session.state["logs"]) == 1
-        entry = {
-            "id": identifier, "file": file, "name": name, "bytes": size, "mapping": {}, "window": None, "info": None,
-            "role": "holdout" if held_out and len(session.state["logs"]) == 1 else "fit",
-        }  # fmt: skip
-        session.changed(logs=[*session.state["logs"], entry], model=None, steps=[])
-        self._read_all(session)
+        state = session.state
+        if session.job is None and state["design"] is not None and any(one["info"] is None for one in state["logs"]):
+            self._read_all(session)
 
     def change_log(self, session: Session, identifier: str, asked: Mapping[str, Any]) -> None:
         """Change the role, the window or the mapping of a log.
@@ -187,13 +199,17 @@ class Desk:
                 try:
                     info = await self.workers.run(session.id, tasks.read, str(session.folder), entry, design["toml"])
                 except PmsmCtrlError as error:
-                    info = {"columns": [], "error": str(error), "curves": ""}
+                    info = _unread(str(error))
+                except Exception as error:  # the other logs are read none the less
+                    info = _unread(f"{entry['name']}: {_unexpected(error)}")
                 now = next((one for one in session.state["logs"] if one["id"] == entry["id"]), None)
                 if now is not None and now["mapping"] == entry["mapping"] and session.state["design"] == design:
                     for path in session.folder.glob(f"{entry['id']}.curves-*"):
                         if path.name != info["curves"]:
                             session.forget(path.name)
                     session.with_log(entry["id"], info=info)
+                elif now is None and info["curves"]:  # removed while it was read
+                    session.forget(info["curves"])
 
         self._start(session, "read", work)
 
@@ -223,14 +239,19 @@ class Desk:
         )
         if bad:
             raise RequestError(f"{bad} could not be read; correct its channels in step 2, or leave it out")
+        asked = self._asked(session)
+        if not any(entry["role"] == "fit" for entry in asked["logs"]):
+            raise RequestError("no log is marked 'fit'; mark at least one in step 2")
+        return {"folder": str(session.folder), **asked, "steps": state["steps"]}
+
+    def _asked(self, session: Session) -> dict[str, Any]:
+        """Return the design and the logs that a model depends on."""
         logs = [
             {key: entry[key] for key in ("id", "file", "name", "mapping", "role", "window")}
-            for entry in state["logs"]
+            for entry in session.state["logs"]
             if entry["role"] != "off"
         ]
-        if not any(entry["role"] == "fit" for entry in logs):
-            raise RequestError("no log is marked 'fit'; mark at least one in step 2")
-        return {"folder": str(session.folder), "design": state["design"]["toml"], "logs": logs, "steps": state["steps"]}
+        return {"design": session.state["design"]["toml"], "logs": logs}
 
     def step(self, session: Session, asked: Mapping[str, Any]) -> None:
         """Take a step on the ladder: begin, add, remove, undo, reorder, or let the diagnosis find all.
@@ -267,7 +288,13 @@ class Desk:
         session.message = ""
 
         async def work() -> None:
-            model = await self.workers.run(session.id, tasks.solve, request)
+            try:
+                model = await self.workers.run(session.id, tasks.solve, request)
+            finally:
+                session.forget(tasks.STOP)  # else a process that repeats the search later would stop at once
+            if self._asked(session) != {key: request[key] for key in ("design", "logs")}:
+                session.message = "the design or a log was changed meanwhile: compare again"
+                return
             session.changed(model=model, steps=steps)
             self._sweep(session, model)
 
@@ -339,13 +366,15 @@ class Desk:
         if session.job is not None:
             raise RequestError("another step is being computed; wait for it")
         suffix, media = takeaway.KINDS[kind]
-        session.job = {"kind": "take", "share": None, "rungs": []}
+        job: dict[str, Any] = {"kind": "take", "share": None, "rungs": []}
+        session.job = job
         session.touched()
         try:
             text: str = await self.workers.run(session.id, takeaway.made, kind, self.request(session))
         finally:
-            session.job = None
-            session.touched()
+            if session.job is job:  # else a reading has begun meanwhile
+                session.job = None
+                session.touched()
         return f"{takeaway.stem(session.state['design']['name'])}{suffix}", media, text
 
     def _sweep(self, session: Session, model: Mapping[str, Any]) -> None:
@@ -374,7 +403,7 @@ class Desk:
         except PmsmCtrlError as error:
             session.message = str(error)
         except Exception as error:  # the page says so, and lives on
-            session.message = f"unexpected {type(error).__name__}: {error}. Please report it"
+            session.message = _unexpected(error)
         finally:
             if watcher is not None:
                 watcher.cancel()
@@ -386,6 +415,14 @@ class Desk:
             waiting = self._wanted.pop(session.id, None)
             if waiting is not None:
                 self._start(session, *waiting)
+
+
+def _unread(error: str) -> dict[str, Any]:
+    return {"columns": [], "error": error, "curves": ""}
+
+
+def _unexpected(error: Exception) -> str:
+    return f"unexpected {type(error).__name__}: {error}. Please report it"
 
 
 def _list(given: Any) -> list[Any]:
@@ -407,8 +444,8 @@ def _window(given: Any) -> list[float] | None:
         start, stop = (float(one) for one in given)
     except (TypeError, ValueError):
         raise RequestError("a window is two times in seconds") from None
-    if not start < stop:
-        raise RequestError("a window begins before it ends")
+    if not (math.isfinite(start) and math.isfinite(stop) and start < stop):
+        raise RequestError("a window begins before it ends, both at finite times")
     return [start, stop]
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
+import os
 import secrets
 import shutil
 import socket
 import sys
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -78,7 +81,7 @@ def guarded(desk: Desk, settings: Settings, port: int) -> Guard:
 def _names(host: str) -> list[str]:
     """Return by which names a server that listens elsewhere is called."""
     if host not in ("0.0.0.0", "::"):
-        return [host, LOCAL, "localhost"]
+        return [f"[{host}]" if ":" in host else host, LOCAL, "localhost"]
     own = {socket.gethostname(), LOCAL, "localhost"}
     with contextlib.suppress(OSError):
         own |= {str(found[4][0]) for found in socket.getaddrinfo(socket.gethostname(), None)}
@@ -111,18 +114,13 @@ def begun(desk: Desk, design: Path | None, logs: Sequence[Path]) -> Session:
             raise RequestError("workbench: logs need a design that tells how they are read; name it first")
         return session
     session.changed(design=sheet.shown(Design.read(design).model_copy(update={"source": ""}), design.name))
-    entries: list[dict[str, Any]] = []
     for path in logs:
         identifier, copy = session.new_log(path.name)
         try:
             shutil.copyfile(path, copy)
         except OSError as error:
             raise RequestError(f"{path}: {error.strerror}; a log was expected") from None
-        entries.append({
-            "id": identifier, "file": copy.name, "name": path.name, "bytes": copy.stat().st_size, "mapping": {},
-            "window": None, "info": None, "role": "holdout" if len(entries) == 1 else "fit",
-        })  # fmt: skip
-    session.changed(logs=entries)
+        session.enter_log(identifier, copy.name, path.name, copy.stat().st_size)
     return session
 
 
@@ -171,9 +169,14 @@ def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] =
         proxy_headers=False,
     ))  # fmt: skip
     if settings.browser:
-        webbrowser.open(address)
-    with contextlib.suppress(KeyboardInterrupt):
-        server.run(sockets=[socket_used])
+        # a browser in the terminal returns when it is left, and the server has to answer before
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
+            server.run(sockets=[socket_used])
+    finally:
+        for process in multiprocessing.active_children():  # a search would be finished before the server ends
+            process.terminate()
 
 
 def listening(host: str, port: int) -> socket.socket:
@@ -198,7 +201,8 @@ def listening(host: str, port: int) -> socket.socket:
     for wanted in (port,) if port else (PORT, 0):
         # asyncio sends small answers at once only where the protocol is named; else they wait 40 ms for each other
         found = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if os.name == "posix":  # on Windows it would let another process listen on the same port
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             found.bind((host, wanted))
             found.listen(64)

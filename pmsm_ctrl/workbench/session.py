@@ -82,10 +82,11 @@ class Session:
         **values : object
             Entries of `state`.
         """
+        text = json.dumps(self.state | values, allow_nan=False)  # refused before it is part of the state
         self.state |= values
         self.revision += 1
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        write_text(self.folder / STATE, json.dumps(self.state, allow_nan=False))
+        write_text(self.folder / STATE, text)
 
     def touched(self) -> None:
         """Count a change of what is not kept, such as a progress."""
@@ -112,6 +113,22 @@ class Session:
                 found: dict[str, Any] = entry
                 return found
         raise RequestError("this log is not part of the session any more; reload the page")
+
+    def enter_log(self, identifier: str, file: str, name: str, size: int) -> None:
+        """Enter a file that stands in the folder; it is not read yet. Of two logs the second one is held out.
+
+        Parameters
+        ----------
+        identifier, file, name : str
+        size : int
+            Bytes.
+        """
+        logs = self.state["logs"]
+        entry = {
+            "id": identifier, "file": file, "name": name, "bytes": size, "mapping": {}, "window": None, "info": None,
+            "role": "holdout" if [one["role"] for one in logs] == ["fit"] else "fit",
+        }  # fmt: skip
+        self.changed(logs=[*logs, entry], model=None, steps=[])
 
     def with_log(self, identifier: str, **values: Any) -> None:
         """Change the entry of a log.
@@ -212,9 +229,9 @@ class Sessions:
         """
         if not _ID.fullmatch(identifier):
             raise RequestError("no such session")
-        if identifier not in self._open:
-            self._open[identifier] = Session(self.folder / identifier)
-        return self._open[identifier]
+        found = self._open.get(identifier)
+        # `kept` asks from another thread: there is one object for a session, whoever asks first
+        return found if found is not None else self._open.setdefault(identifier, Session(self.folder / identifier))
 
     def delete(self, identifier: str) -> None:
         """Delete a session with all of its files, the copies of the logs among them.

@@ -97,6 +97,7 @@ def read(folder: str, entry: Request, design: str) -> dict[str, Any]:
     """
     from pmsm_ctrl.importers import open_table
     from pmsm_ctrl.importers.table import one_line
+    from pmsm_ctrl.result import jsonable
 
     given = design_of(design)
     columns: list[dict[str, str]] = []
@@ -111,7 +112,7 @@ def read(folder: str, entry: Request, design: str) -> dict[str, Any]:
         curves = f"{entry['id']}.curves-{_digest([entry['mapping'], design])[:10]}"
         if not (Path(folder) / curves / "index.json").exists():
             write_curves(Path(folder) / curves, {"t": log.t} | {name: log[name] for name in log if name != "t"})
-        return {"columns": columns, "error": "", "curves": curves, **facts}
+        return jsonable({"columns": columns, "error": "", "curves": curves, **facts})
     except PmsmCtrlError as error:
         return {"columns": columns, "error": _without_options(str(error)), "curves": ""}
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import multiprocessing
+import os
+import threading
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -24,7 +27,16 @@ def _warm() -> None:
     """Import what every computation needs, while the page is still being looked at."""
     from pmsm_ctrl.workbench import tasks
 
+    threading.Thread(target=_end_with_the_server, daemon=True).start()
     tasks.prepare()
+
+
+def _end_with_the_server() -> None:
+    """End this process when the server has been killed: it would wait for work, with its memory, for ever."""
+    server = multiprocessing.parent_process()
+    if server is not None:
+        server.join()
+        os._exit(1)
 
 
 def spawned() -> Executor:
@@ -38,7 +50,7 @@ def spawned() -> Executor:
 
 
 class Workers:
-    """The processes by session; the one that was idle longest makes room.
+    """The processes by session; the one that has been idle longest makes room.
 
     Parameters
     ----------
@@ -49,6 +61,7 @@ class Workers:
     def __init__(self, make: Callable[[], Executor] = spawned) -> None:
         self._make = make
         self._by_session: dict[str, Executor] = {}
+        self._busy: Counter[str] = Counter()  # calls by session
         self._spare: Executor | None = None
 
     def prepare(self) -> None:
@@ -62,9 +75,21 @@ class Workers:
         if found is self._spare:
             self._spare = None
         self._by_session[session] = found  # the last one is the latest used
-        while len(self._by_session) > MOST:
-            self._by_session.pop(next(iter(self._by_session))).shutdown(wait=False, cancel_futures=True)
+        idle = [one for one in self._by_session if one != session and not self._busy[one]]
+        for one in idle[: max(0, len(self._by_session) - MOST)]:
+            self.release(one)
         return found
+
+    def release(self, session: str) -> None:
+        """End the process of a session, if there is one.
+
+        Parameters
+        ----------
+        session : str
+        """
+        found = self._by_session.pop(session, None)
+        if found is not None:
+            found.shutdown(wait=False, cancel_futures=True)
 
     async def run(self, session: str, function: Callable[..., Any], *arguments: Any) -> Any:
         """Call a function of `tasks` in the process of a session.
@@ -87,6 +112,7 @@ class Workers:
         RequestError
             When the process has ended, or failed.
         """
+        self._busy[session] += 1
         try:
             return await asyncio.wrap_future(self._of(session).submit(function, *arguments))
         except BrokenProcessPool:
@@ -101,6 +127,8 @@ class Workers:
                 raise
             self._by_session.pop(session, None)
             raise RequestError(KILLED) from None
+        finally:
+            self._busy[session] -= 1
 
     def close(self) -> None:
         """End all processes."""

@@ -81,8 +81,8 @@ class Bench:
         from pmsm_ctrl.workbench.session import Sessions
         from pmsm_ctrl.workbench.workers import Workers
 
-        desk = Desk(Sessions(folder), Workers(make or thread))
-        self.app = guarded(desk, Settings(folder=folder, token=TOKEN, upload=limit), PORT)
+        self.desk = Desk(Sessions(folder), Workers(make or thread))
+        self.app = guarded(self.desk, Settings(folder=folder, token=TOKEN, upload=limit), PORT)
 
     def client(self, **options: Any) -> Any:
         return TESTCLIENT.TestClient(self.app, base_url=f"http://127.0.0.1:{PORT}", **options)

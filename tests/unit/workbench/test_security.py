@@ -120,3 +120,15 @@ def test_what_makes_no_sense_is_refused_in_words(page: Page, path: str, body: di
 @pytest.mark.parametrize("body", [b"", b"[]", b"{", b"\xff", b"[" * 100_000])
 def test_a_body_that_is_no_object_is_refused(page: Page, body: bytes) -> None:
     assert page.client.post(f"{page.base}/design", content=body).status_code == 400
+
+
+def test_a_server_on_an_ipv6_address_answers_under_it(bench: Bench) -> None:
+    from pmsm_ctrl.workbench.server import Settings, guarded
+
+    guard = guarded(bench.desk, Settings(folder=bench.folder, host="2001:db8::1"), 8720)
+    assert "[2001:db8::1]:8720" in guard.hosts
+
+
+@pytest.mark.parametrize("since", ["\u00b2", "9" * 5000, "-1", "x"])
+def test_a_revision_that_is_none_does_not_wait(page: Page, since: str) -> None:
+    assert page.get("state", params={"since": since}).status_code == 200

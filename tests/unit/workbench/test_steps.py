@@ -6,6 +6,7 @@ import ast
 import json
 import struct
 import tomllib
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -216,6 +217,88 @@ def test_a_session_is_deleted_with_its_logs(bench: Bench, page: Page, files: dic
     assert page.client.delete(f"{page.base}/").json()["sessions"] == []
     assert not list(bench.folder.rglob("*"))
     assert page.get("state").json()["logs"] == []
+
+
+def test_logs_of_the_command_line_are_read(tmp_path: Path, bench: Bench, files: dict[str, bytes]) -> None:
+    """They are copied before the server runs; the page's first look has them read."""
+    from pmsm_ctrl.workbench.server import begun
+
+    design, log = tmp_path / "d.toml", tmp_path / "a.csv"
+    design.write_text(DESIGN)
+    log.write_bytes(files["a.csv"])
+    session = begun(bench.desk, design, [log, log, log])
+    with bench.client() as client:
+        logs = Page(client, f"/{TOKEN}/s/{session.id}").idle()["logs"]
+    assert [entry["role"] for entry in logs] == ["fit", "holdout", "fit"]
+    assert [entry["info"]["samples"] for entry in logs] == [5000, 5000, 5000]
+
+
+def test_a_model_of_logs_that_were_changed_meanwhile_is_dropped(page: Page, files: dict[str, bytes]) -> None:
+    loaded(page, files)
+    page.post("steps", {"begin": True})
+    page.post("logs/log1", {"window": [2.0, 18.0]})
+    state = page.idle()
+    assert state["model"] is None
+    assert "changed meanwhile" in state["message"]
+    page.post("steps", {"begin": True})
+    assert page.idle()["model"]["records"][0]["start"] >= 2.0
+
+
+def test_a_stopped_search_does_not_stop_the_next_process(page: Page, bench: Bench, files: dict[str, bytes]) -> None:
+    loaded(page, files)
+    page.post("steps", {"begin": True})
+    page.idle()
+    page.post("steps", {"find": True})
+    page.post("stop", {})
+    assert "stopped" in page.idle()["message"]
+    assert not list(bench.folder.rglob("stop"))
+
+
+@pytest.mark.parametrize("window", ["[-Infinity, 5]", "[0, Infinity]", "[0, NaN]", "[0, 1e999]"])
+def test_a_window_is_finite(page: Page, files: dict[str, bytes], window: str) -> None:
+    loaded(page, {"a.csv": files["a.csv"]})
+    body = '{"window": ' + window + "}"
+    assert page.client.post(f"{page.base}/logs/log1", content=body).status_code == 400
+    assert page.get("state").json()["logs"][0]["window"] is None
+
+
+def test_what_cannot_be_kept_does_not_spoil_the_session(tmp_path: Path) -> None:
+    from pmsm_ctrl.workbench.session import Session
+
+    session = Session(tmp_path / "abcdefghjkmn")
+    with pytest.raises(ValueError, match="JSON"):
+        session.changed(model={"value": float("nan")})
+    session.changed(steps=[])
+    assert Session(session.folder).state["model"] is None
+
+
+def test_a_busy_process_does_not_make_room() -> None:
+    """A search in one tab goes on while other tabs are opened."""
+    import asyncio
+    import threading
+
+    from pmsm_ctrl.workbench import workers
+
+    made, go = [], threading.Event()
+
+    def make() -> Executor:
+        made.append(ThreadPoolExecutor(1))
+        return made[-1]
+
+    async def run() -> list[object]:
+        desk = workers.Workers(make)
+        first = [asyncio.create_task(desk.run("0", go.wait, 30.0)) for _ in range(2)]
+        await asyncio.sleep(0)
+        others = [await desk.run(str(k), int) for k in range(1, workers.MOST + 2)]
+        assert len(made) == workers.MOST + 2
+        go.set()
+        found = [*await asyncio.gather(*first), *others]
+        await desk.run("9", int)
+        assert len(desk._by_session) == workers.MOST
+        desk.close()
+        return found
+
+    assert asyncio.run(run()) == [True, True] + [0] * (workers.MOST + 1)
 
 
 def test_a_damaged_session_file_begins_anew(tmp_path: Path) -> None:
