@@ -219,6 +219,7 @@ def simulated(folder: Path, cache: Path, kill_after: float | None = None) -> str
     return said
 
 
+@pytest.mark.slow  # damage to single files is tested below
 def test_a_cache_that_was_killed_or_damaged(copy: Path, tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     for seconds in (1.5, 3.0)[: amount(1, 2)]:

@@ -20,6 +20,7 @@ from pmsm_ctrl import Design
 from pmsm_ctrl.cli import main
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.log import Log
+from tests.effort import slow
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 N = 3000
@@ -184,7 +185,7 @@ def judge(capsys: pytest.CaptureFixture[str], folder: Path, verb: str, case: str
 
 
 @pytest.mark.parametrize("case", LOGS)
-@pytest.mark.parametrize("verb", ["import", "identify", "compare", "track"])
+@pytest.mark.parametrize("verb", ["import", "identify", slow("compare"), "track"])
 def test_any_log(capsys: pytest.CaptureFixture[str], folder: Path, verb: str, case: str) -> None:
     judge(capsys, folder, verb, case)
 

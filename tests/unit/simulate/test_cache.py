@@ -87,6 +87,7 @@ def run(folder: Path, code: str) -> float:
     return float(done.stdout)
 
 
+@pytest.mark.slow  # the hash and what is in it are tested below
 def test_an_edited_effect_of_the_package_is_seen(copy):
     code = MEASURE.replace('"current_noise": 0.0}', '"current_noise": 0.0, "log_divider": 1}')
     before = run(copy, code)
