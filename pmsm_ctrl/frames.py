@@ -31,23 +31,38 @@ def columns_of(frame: Any, units: Mapping[str, str]) -> dict[str, NDArray[np.flo
     Raises
     ------
     LogError
-        For a unit that does not belong to its channel.
+        For a unit that does not belong to its channel, and for what is no number.
     """
     channels = {}
     for label in list(frame.columns) if hasattr(frame, "columns") else list(frame):
-        name, _, unit = (part.strip() for part in str(label).rstrip("] ").partition("["))
-        if name not in units:
-            continue
-        own = units[name]
-        found, factor = UNITS.get(unit, ("", 0.0)) if unit and unit != own else (own, 1.0)
-        if found != own:
-            raise LogError(f"column '{label}': {own} or a unit that converts to it was expected")
-        channels[name] = np.asarray(frame[label], dtype=np.float64) * factor
+        name, factor = _meaning(label, units)
+        if name:
+            channels[name] = _numbers(label, frame[label]) * factor
     index = getattr(frame, "index", None)
     if "t" not in channels and index is not None and hasattr(index, "to_numpy"):
-        stamps = np.asarray(index.to_numpy())
+        stamps = np.asarray((index.tz_convert(None) if getattr(index, "tz", None) is not None else index).to_numpy())
+        label = getattr(index, "name", None)
         if stamps.dtype.kind in "mM":
-            channels["t"] = (stamps - stamps[0]) / np.timedelta64(1, "ns") * 1e-9
-        elif str(getattr(index, "name", "")).split(" [")[0] == "t":
-            channels["t"] = stamps.astype(np.float64)
+            channels["t"] = (stamps - stamps[:1]) / np.timedelta64(1, "ns") * 1e-9
+        elif label is not None and (factor := _meaning(label, {"t": units["t"]})[1]):
+            channels["t"] = _numbers(label, stamps) * factor
     return channels
+
+
+def _meaning(label: Any, units: Mapping[str, str]) -> tuple[str, float]:
+    """Return the channel of a label and the factor to its SI unit; ("", 0.0) for what is no channel."""
+    name, _, unit = (part.strip() for part in str(label).rstrip("] ").partition("["))
+    if name not in units:
+        return "", 0.0
+    own = units[name]
+    found, factor = UNITS.get(unit, ("", 0.0)) if unit and unit != own else (own, 1.0)
+    if found != own:
+        raise LogError(f"column '{label}': {own} or a unit that converts to it was expected")
+    return name, factor
+
+
+def _numbers(label: Any, values: Any) -> NDArray[np.float64]:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise LogError(f"column '{label}': numbers were expected") from None

@@ -35,6 +35,7 @@ from pmsm_ctrl.diagnose.selection import Selection, judged_trials, name_of, with
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import LogError, RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs
+from pmsm_ctrl.plausibility import with_inertia
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.result import Result, jsonable
@@ -359,6 +360,7 @@ def stepwise(
     """
     offered = offered_effects(catalogue_of(design), candidates)
     logs, holdouts = as_logs(log), () if holdout is None else as_logs(holdout, "holdout")
+    design = with_inertia(design, logs)
     case = condition(design, logs, holdouts, offered, policy)
     if case.believed is not None and case.believed.contradictions:
         raise LogError(f"{case.name}: {case.believed.contradictions[0].text}")

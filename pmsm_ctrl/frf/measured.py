@@ -63,9 +63,14 @@ class Stretch:
         """Samples per second."""
         return 1.0 / self.period
 
+    @property
+    def count(self) -> int:
+        """Samples of a spectrum: a difference of angles takes one more."""
+        return len(self.channels["torque"]) - 1
+
     def spectrum(self, name: str) -> Complex:
         """Return the spectrum of a channel, shape (n // 2 + 1,); of an angle that of its speed."""
-        n = len(self.channels["torque"]) - 1
+        n = self.count
         if name in ("theta", "theta_ref"):
             # the difference of samples is exact: only its own response over a period is undone
             turn = 2j * math.pi * np.fft.rfftfreq(n)
@@ -234,7 +239,7 @@ def _points(record: Stretch, source: str, output: str, through: str = "") -> _Po
     if not direct:
         outputs.append(record.spectrum(through))
     local = local_polynomial(sent, np.stack(outputs, axis=1), _lines(record, sent))
-    width = record.rate / (2 * (len(sent) - 1))
+    width = record.rate / record.count
     value, variance, noise = _direct(local) if direct else _ratio(local)
     with np.errstate(invalid="ignore"):
         seen = np.isfinite(value) & (variance > 0.0) & (np.abs(value) > policy.SEEN * np.sqrt(variance))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ __all__ = ["open_hdf5", "open_mat"]
 
 DEEPEST = 4  # structs in structs
 MOST_RECORDS = 4096  # elements of an array of structs
+MOST_MEMBERS = 1 << 15  # of all structs, counted as often as something leads to them: that may run in a circle
 LONGEST_NAME = 1000  # characters
 
 
@@ -64,29 +66,36 @@ class _Contents:
     """The datasets of an HDF5 file; the fields of arrays of structs are read through MATLAB's references."""
 
     def __init__(self, file: str, path: Path) -> None:
-        self.file, self.path, self.total = file, path, 0.0
+        self.file, self.path, self.total, self.members = file, path, 0.0, 0
 
     def of(self, group: Any, depth: int = 0) -> dict[str, Any]:
         """Return the content of a group: arrays, texts, groups as dictionaries, arrays of structs as lists of them."""
         import h5py
 
         found: dict[str, Any] = {}
-        for name in group:
-            # what stands under #refs# belongs to the cells and structs that point to it; links lead elsewhere
-            if name.startswith("#") or isinstance(group.get(name, getlink=True), h5py.ExternalLink | h5py.SoftLink):
-                continue
-            item = group[name]
+        for name, item in self._members(group):
             if isinstance(item, h5py.Dataset):
                 found[name] = self._dataset(item)
             elif depth < DEEPEST:
                 found[name] = self._struct(item, depth)
         return found
 
+    def _members(self, group: Any) -> Iterator[tuple[str, Any]]:
+        """Yield what stands in a group itself: links may lead to other files, devices among them."""
+        import h5py
+
+        for name in group:
+            # what stands under #refs# belongs to the cells and structs that point to it
+            link = group.get(name, getlink=True)
+            self._count(1)
+            if not name.startswith("#") and not isinstance(link, h5py.ExternalLink | h5py.SoftLink):
+                yield name, group[name]
+
     def _struct(self, group: Any, depth: int) -> Any:
         """Return a struct as a dictionary, an array of structs as a list of them."""
         import h5py
 
-        fields = {name: group[name] for name in group if not name.startswith("#")}
+        fields = dict(self._members(group))
         counts = {item.size for item in fields.values() if isinstance(item, h5py.Dataset)}
         referring = fields and all(
             isinstance(item, h5py.Dataset) and h5py.check_ref_dtype(item.dtype) is not None for item in fields.values()
@@ -94,10 +103,16 @@ class _Contents:
         if not referring or len(counts) != 1 or not 0 < max(counts) <= MOST_RECORDS:
             return self.of(group, depth + 1)
         pointers = {name: item[()].reshape(-1) for name, item in fields.items()}
+        self._count(max(counts))
         return [
             Record({name: self._referred(group.file[refs[k]], depth + 1) for name, refs in pointers.items()})
             for k in range(counts.pop())
         ]
+
+    def _count(self, more: int) -> None:
+        self.members += more
+        if self.members > MOST_MEMBERS:
+            raise LogError(f"{self.file}: more than {MOST_MEMBERS} members of structs in structs; a log was expected")
 
     def _referred(self, item: Any, depth: int) -> Any:
         import h5py

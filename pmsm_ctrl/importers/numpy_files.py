@@ -106,6 +106,8 @@ def _titles(arrays: dict[str, Any]) -> tuple[str, ...]:
 
 def _numbers(array: Any) -> Array | None:
     """Return an array of numbers as float64, one of times as seconds from the first one; None for anything else."""
+    if array.dtype.kind in "mM" and np.datetime_data(array.dtype)[0] in ("Y", "M"):
+        return None  # of no fixed length
     if array.dtype.kind in "mM" and array.size:
         since = array - array.reshape(-1)[0] if array.dtype.kind == "M" else array
         return np.asarray(since / np.timedelta64(1, "ns"), dtype=np.float64) * 1e-9

@@ -56,6 +56,14 @@ def test_frames_of_pandas(log: Log) -> None:
     again = Log.from_pandas(stamped)
     assert again.t == pytest.approx(log.t, abs=1e-9)
     assert again["omega"] == pytest.approx(log["omega"], rel=1e-12)
+    stamped.index = stamped.index.tz_localize("Europe/Berlin")
+    assert Log.from_pandas(stamped).t == pytest.approx(log.t, abs=1e-9)
+    in_ms = frame.assign(t=1e3 * frame["t"]).rename(columns={"t": "t [ms]"}).set_index("t [ms]")
+    assert Log.from_pandas(in_ms).t == pytest.approx(log.t, abs=1e-12)
+    with pytest.raises(LogError, match=r"no time channel|no samples|empty"):
+        Log.from_pandas(stamped.iloc[:0])
+    with pytest.raises(LogError, match="column 'omega': numbers"):
+        Log.from_pandas(frame.assign(omega="x"))
     with pytest.raises(LogError, match="rad/s or a unit"):
         Log.from_pandas(frame.rename(columns={"omega": "omega [A]"}))
     with pytest.raises(LogError, match="no time channel"):

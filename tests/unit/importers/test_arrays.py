@@ -12,7 +12,7 @@ import pytest
 import scipy.io
 
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers import guard, open_table, read_log
+from pmsm_ctrl.importers import guard, mat, open_table, read_log
 
 N = 400
 T = 2e-3 * np.arange(N)
@@ -169,3 +169,38 @@ def test_an_array_of_structs_in_version_7_3(tmp_path: Path) -> None:
     log = read_log(path)
     np.testing.assert_array_equal(log["theta"], THETA)
     np.testing.assert_array_equal(log["i_q"], CURRENT)
+
+
+@pytest.mark.parametrize("how", ["reference", "hard link"])
+def test_structs_that_hold_themselves_are_refused_soon(
+    tmp_path: Path, how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A few kilobytes stand for 1e14 structs."""
+    h5py = pytest.importorskip("h5py")
+    monkeypatch.setattr(mat, "MOST_MEMBERS", 5000)
+    with h5py.File(tmp_path / "ring.mat", "w") as content:
+        ring = content.create_group("ring")
+        if how == "reference":
+            ring.create_dataset("again", data=np.array([ring.ref] * 4096, dtype=h5py.ref_dtype))
+        else:
+            for k in range(300):
+                ring[f"again{k}"] = ring
+    with pytest.raises(LogError, match="structs in structs"):
+        read_log(tmp_path / "ring.mat")
+
+
+def test_a_link_to_another_file_is_not_followed(tmp_path: Path) -> None:
+    """It may lead to a pipe, at which nobody writes, or nowhere."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "linked.mat", "w") as content:
+        for name, values in (("t", T), ("theta", THETA), ("i_q", CURRENT)):
+            content[f"scope/{name}"] = values
+        content["scope/elsewhere"] = h5py.ExternalLink("absent.h5", "/theta")
+        content["scope/nowhere"] = h5py.SoftLink("/absent")
+    np.testing.assert_array_equal(read_log(tmp_path / "linked.mat")["theta"], THETA)
+
+
+@pytest.mark.parametrize("kind", ["M8[Y]", "m8[M]", "m8"])
+def test_times_of_no_fixed_length_are_no_time(tmp_path: Path, kind: str) -> None:
+    np.savez(tmp_path / "years.npz", years=np.arange(len(T)).astype(kind), t=T, theta=THETA, i_q=CURRENT)
+    np.testing.assert_array_equal(read_log(tmp_path / "years.npz")["theta"], THETA)

@@ -11,6 +11,7 @@ import pytest
 from pmsm_ctrl.cli import app
 from pmsm_ctrl.console import run
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import stepwise
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.identify import identify
@@ -41,6 +42,12 @@ def test_identify_finds_what_the_design_does_not_know(J: float) -> None:
     assert found.estimates["J"].value == pytest.approx(J, rel=0.01)
     assert found.estimates["F_c"].value == pytest.approx(0.02, rel=0.02)
     assert pytest.approx(J, rel=0.01) == found.design.motor.J
+
+
+def test_a_diagnosis_by_hand_begins_without_an_inertia() -> None:
+    unknown = Design.from_dict({"motor": {"J": "unknown", "K_t": 0.5}, **PLAIN})
+    found = stepwise(unknown, recorded(3e-4)).design
+    assert pytest.approx(3e-4, rel=0.01) == found.motor.J
 
 
 def test_no_prior_is_left() -> None:
