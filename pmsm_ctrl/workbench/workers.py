@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import multiprocessing
-import os
-import threading
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -27,16 +25,7 @@ def _warm() -> None:
     """Import what every computation needs, while the page is still being looked at."""
     from pmsm_ctrl.workbench import tasks
 
-    threading.Thread(target=_end_with_the_server, daemon=True).start()
     tasks.prepare()
-
-
-def _end_with_the_server() -> None:
-    """End this process when the server has been killed: it would wait for work, with its memory, for ever."""
-    server = multiprocessing.parent_process()
-    if server is not None:
-        server.join()
-        os._exit(1)
 
 
 def spawned() -> Executor:
