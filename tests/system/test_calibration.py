@@ -11,7 +11,7 @@ from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.result import Calibration
 from pmsm_ctrl.errors import DesignError, LogError, RequestError
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate import scenario, simulate
 from tests.effort import amount
 
 
@@ -29,7 +29,7 @@ def test_no_alarm_in_twenty_is_the_rule_of_three() -> None:
 def test_accepted_model_raises_no_alarm(designs) -> None:
     design = Design.read(designs / "seed_motor.toml")
     truth = design.with_effect("stribeck", {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0})
-    log = simulate(design, "identification", truth=truth, seed=21)
+    log = simulate(design, scenario("identification", design, duration=15.0), truth=truth, seed=21)
     shares: list[float] = []
     runs = amount(2, 3)
     found = diagnose(design, log, calibrate=runs, progress=shares.append, plan=False)
@@ -64,7 +64,7 @@ def test_what_cannot_be_simulated_is_said_in_one_line(designs) -> None:
 
 def test_a_log_of_torque_instead_of_currents_is_calibrated_as_well(designs) -> None:
     design = Design.read(designs / "seed_motor.toml")
-    log = simulate(design, "identification", seed=22)
+    log = simulate(design, scenario("identification", design, duration=15.0), seed=22)
     kept = {name: log[name] for name in ("t", "theta", "omega", "omega_ref")}
     found = diagnose(design, Log({**kept, "torque": design.K_t * log["i_q"]}), calibrate=1)
     assert found.verdict == "consistent"
