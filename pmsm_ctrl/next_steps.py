@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-__all__ = ["next_step"]
+from pmsm_ctrl.files import unused_name
 
-NEW = "new.toml"
+__all__ = ["next_step"]
 
 
 def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
@@ -31,9 +31,9 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
         case "simulate":
             words = ("identify", given["output"], "--design", design)
         case "tune":
-            words = ("study", design) if given.get("output") else ("tune", design, "--output", NEW)
+            words = ("study", design) if given.get("output") else ("tune", design, "--output", _new())
         case "sweep":
-            words = ("compensate", design) if given.get("output") else ("sweep", design, "--output", NEW)
+            words = ("compensate", design) if given.get("output") else ("sweep", design, "--output", _new())
         case "import":
             log = given.get("output") or given["file"]
             words = ("compare", log, "--design", design) if design else ("study", "DESIGN", "--log", log)
@@ -46,7 +46,9 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
             log = (given.get("holdout") or logs)[0]
             written = given.get("output")
             words = (
-                ("compare", log, "--design", design) if written else ("diagnose", *logs, "--design", design, "-o", NEW)
+                ("compare", log, "--design", design)
+                if written
+                else ("diagnose", *logs, "--design", design, "-o", _new())
             )
         case "diagnose" if verdict == "consistent":
             words = ("compensate", design)
@@ -65,7 +67,7 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
         case "effects" if not given.get("identifier"):
             words = ("effects", "stribeck", "--design", "DESIGN")
         case "effects":
-            words = ("add", given["identifier"], "--design", design or "DESIGN", "--log", "LOG", "--output", NEW)
+            words = ("add", given["identifier"], "--design", design or "DESIGN", "--log", "LOG", "--output", _new())
     return " ".join(["pmsm-ctrl", *(_shown(str(word)) for word in words)]) if words else ""
 
 
@@ -75,3 +77,8 @@ WRITING = ("tune", "sweep", "identify", "diagnose", "add", "frf")
 
 def _shown(word: str) -> str:
     return word if word.isidentifier() and word.isupper() else shlex.quote(word)
+
+
+def _new() -> Path:
+    """Return a name for a design that is not taken yet: no command overwrites one."""
+    return unused_name(Path("new.toml"))

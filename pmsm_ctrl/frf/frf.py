@@ -62,6 +62,8 @@ def frf(design: Design, logs: Logs) -> FrequencyResponse:
     ------
     LogError
         When a channel is missing, or nothing is excited.
+    DesignError
+        When the design's inertia is unknown: give a guess, with which nothing is weighed.
     """
     given = as_logs(logs)
     records = stretches(design, given)
