@@ -83,12 +83,18 @@ def test_a_doubt_about_the_held_out_record_is_said_of_that(verb: str, design: De
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out what is not asked of a study here: the parts that are simulated, and the next experiment."""
     monkeypatch.setattr(chain, "_simulated_parts", lambda *given: ({}, []))
+    monkeypatch.setattr(chain, "diagnose", lambda *given, **more: diagnose(*given, plan=False, **more))
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_study_says_it_once_and_is_not_green(design: Design, clean: Log, doubted: Log, tmp_path: Path) -> None:
-    assert study(design, clean, output=tmp_path / "clean.html").headline.good is True
+def test_a_study_says_it_once_and_is_not_green(
+    design: Design, clean: Log, doubted: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as unseen:
+        unseen.setattr(chain, "render", lambda *given, **more: "")  # its figures take seconds
+        assert study(design, clean, output=tmp_path / "clean.html").headline.good is True
     found = study(design, doubted, output=tmp_path / "page.html")
     assert found.headline.good is None
     assert found.warnings.count(DOUBT.text) == 1
@@ -106,6 +112,7 @@ def test_a_study_is_not_green_above_a_comparison_that_finds_structure(
         return replace(compare(*given, **more), verdict=Verdict.UNEXPLAINED, reasons=(reason,))
 
     monkeypatch.setattr(chain, "compare", structured)
+    monkeypatch.setattr(chain, "render", lambda *given, **more: "")  # the headline is asked, not the page
     found = study(design, clean, output=tmp_path / "page.html")
     assert found.headline.good is None
     assert "57 % of it" in found.headline.verdict

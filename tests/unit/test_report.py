@@ -188,7 +188,7 @@ def axis() -> Design:
 
 
 def axis_log(seed: int = 0) -> Log:
-    t = np.arange(0, 20, 1e-3)
+    t = np.arange(0, 8, 1e-3)
     omega = 80 * np.sin(np.pi * t) + 40 * np.sin(2.6 * np.pi * t + 1)
     alpha = 80 * np.pi * np.cos(np.pi * t) + 104 * np.pi * np.cos(2.6 * np.pi * t + 1)
     torque = 1e-4 * alpha + 0.02 * np.sign(omega) + 2e-4 * omega
