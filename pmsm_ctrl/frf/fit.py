@@ -102,7 +102,8 @@ class Axis:
             (of(replace(self, values=self.values + up)) - of(replace(self, values=self.values - up))) / (2.0 * size)
             for up, size in zip(np.diag(step), step, strict=True)
         )
-        slope = np.stack(list(moved), axis=1)
+        with np.errstate(invalid="ignore"):  # a margin without a limit has no error
+            slope = np.stack(list(moved), axis=1)
         return np.asarray(np.sqrt(np.einsum("ik,kl,il->i", slope, self.covariance, slope)))
 
 

@@ -14,8 +14,8 @@ NO_REFERENCE = Template(
 )
 NOISE_ANSWERED = Template(
     "frf_noise_answered",
-    "above {frequency:.4g} Hz the response leads by more than a passive axis can: there the controller answers the "
-    "noise of the measured speed; left out",
+    "above {frequency:.4g} Hz the phase is not that of a passive axis: there the controller answers the noise of the "
+    "measured speed, or the channels are more than two periods of the log apart; left out",
 )
 MISFIT = Template(
     "frf_misfit",

@@ -96,6 +96,29 @@ def test_a_wrong_inertia_is_said(seed: Design) -> None:
     assert result.estimates["J"].value == pytest.approx(9e-5, rel=0.01)
 
 
+def test_a_resonance_that_the_design_has_wrongly_is_said(seed: Design) -> None:
+    believed = seed.with_effect("compliance", SPRING)
+    log = simulate(believed, multisine(design=seed), truth=seed.with_effect("compliance", SPRING | {"k": 20.0}), seed=4)
+    result = frf(believed, log)
+    assert [one.code for one in result.notices] == ["frf_resonance_deviates"]
+    assert result.estimates["resonance"].value == pytest.approx(RESONANCE * math.sqrt(20.0 / 15.0), rel=0.005)
+    rigid = frf(believed, simulate(believed, multisine(design=seed), truth=seed, seed=4))
+    assert [one.code for one in rigid.notices] == ["frf_resonance_not_seen"]
+
+
+def test_channels_that_are_apart_are_late(seed: Design) -> None:
+    log = simulate(seed, multisine(design=seed), seed=4)
+    late = log.slice(1, len(log)).with_channels(theta=log["theta"][:-1], omega=log["omega"][:-1])
+    result = frf(seed, late)
+    assert "frf_delay" in [one.code for one in result.notices]
+    assert result.estimates["delay"].value == pytest.approx(1e-3, abs=20e-6)
+
+
+def test_an_axis_that_reverses_is_doubted(seed: Design) -> None:
+    codes = [one.code for one in frf(seed, simulate(seed, multisine(design=seed, bias=0.0), seed=4)).notices]
+    assert {"frf_axis_reverses", "frf_misfit"} <= set(codes)
+
+
 def test_without_a_reference_the_bias_is_said(seed: Design, sprung: Log) -> None:
     few = Log({name: sprung[name] for name in ("t", "theta", "i_q")})
     assert "frf_no_reference" in [one.code for one in frf(seed, few).notices]
