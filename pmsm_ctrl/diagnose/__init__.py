@@ -1,8 +1,8 @@
 """Diagnosis: which physical effect is missing from a design, how sure that is, and what would settle it."""
 
-from pmsm_ctrl.diagnose import ladder as ladder  # as below
+from pmsm_ctrl.diagnose import present_stepwise as present_stepwise  # as below
 from pmsm_ctrl.diagnose.adding import add
-from pmsm_ctrl.diagnose.by_hand import Rung, Stepwise, stepwise
+from pmsm_ctrl.diagnose.by_hand import ModelErrors, Stepwise, stepwise
 from pmsm_ctrl.diagnose.contributions import Contributions
 from pmsm_ctrl.diagnose.diagnosis import diagnose
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
@@ -14,9 +14,9 @@ __all__ = [
     "Contributions",
     "Diagnosis",
     "DiagnosisStep",
+    "ModelErrors",
     "Policy",
     "Ranked",
-    "Rung",
     "Stepwise",
     "Verdict",
     "add",

@@ -133,25 +133,27 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
         written, remarks = polished(written, case.record, case.believed.log)
     written = with_evaluation(written, case.record, case.believed.log)
     prediction = predict(case.as_given, case.record)
-    ladder = {
+    table = {
         "nominal": errors_table(case.record, errors(prediction.record, prediction.residual)),
         "base": errors_table(case.record, errors(fit.record, fit.residual)),
         "final": errors_table(case.record, errors(made.record, made.residual)),
     }
     rms, relative = torque_error(written, case.record)
     own = {"rms": rms, "unit": case.record.unit("torque"), "relative": relative}
-    ladder["final"] = {**ladder["final"], "torque": own}
-    worse = worse_by_error(relative, ladder["nominal"]["torque"]["relative"])
+    table["final"] = {**table["final"], "torque": own}
+    worse = worse_by_error(relative, table["nominal"]["torque"]["relative"])
     against = [str(refusal)] if (refusal := not_supported(case, fit, made, trial)) is not None else []
     against += [one.text for one in case.believed.contradictions]
-    held = {rung: errors_table(case.record, case.holdout_errors(one)) for rung, one in (("base", fit), ("final", made))}
+    held = {
+        which: errors_table(case.record, case.holdout_errors(one)) for which, one in (("base", fit), ("final", made))
+    }
     return Addition(
         effect=trial.candidate.effect.id,
         title=trial.candidate.effect.title,
         design=case.as_given if worse else written,
         parameters=fitted_parameters(made, 0),
         base=base_parameters(case.as_given, made),
-        errors=ladder,
+        errors=table,
         holdout=held if case.holdouts else {},
         against=tuple(against),
         notices=(*([worse] if worse else []), *case.believed.notices, *case.remarks, *said),

@@ -41,13 +41,13 @@ from pmsm_ctrl.rendering.numbers import percent
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice, Traces
 
-__all__ = ["Rung", "Stepwise", "stepwise"]
+__all__ = ["ModelErrors", "Stepwise", "stepwise"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Rung:
+class ModelErrors:
     """The errors of one model.
 
     Attributes
@@ -69,13 +69,13 @@ class Stepwise(Result):
 
     Attributes
     ----------
-    rungs : tuple of Rung
+    models : tuple of ModelErrors
         The errors after every step, the base model first.
     names : tuple of str
         The effects that were added, with the order where one has an order.
     """
 
-    rungs: tuple[Rung, ...]
+    models: tuple[ModelErrors, ...]
     names: tuple[str, ...]
     _case: Case = field(repr=False)
     _fit: Fitted = field(repr=False)
@@ -266,7 +266,7 @@ class Stepwise(Result):
 
     def find(
         self, *, plan: bool = False, progress: Callable[[float], None] | None = None,
-        each: Callable[[Rung], None] | None = None,
+        each: Callable[[ModelErrors], None] | None = None,
     ) -> tuple[Stepwise, Diagnosis]:  # fmt: skip
         """Let the diagnosis choose, from the base model on: what was added so far does not count.
 
@@ -288,27 +288,27 @@ class Stepwise(Result):
 
         def report(selection: Selection) -> None:
             if each is not None:
-                each(_rung(case, selection.fit, f"+ {name_of(selection.steps[-1].trial)}"))
+                each(_model_errors(case, selection.fit, f"+ {name_of(selection.steps[-1].trial)}"))
 
         found = finished(case, searched(case, plan, advance, report), self._holdouts)
         fits = found.selection.fits
         names = tuple(one.effect.label(one.shape) for one in found.selection.accepted)
         titles = ("base parameters", *(f"+ {name}" for name in names))
-        rungs = tuple(_rung(case, fit, title) for fit, title in zip(fits, titles, strict=True))
-        return replace(self, rungs=rungs, names=names, _case=case, _fit=fits[-1]), found
+        models = tuple(_model_errors(case, fit, title) for fit, title in zip(fits, titles, strict=True))
+        return replace(self, models=models, names=names, _case=case, _fit=fits[-1]), found
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
-        rungs = [{"name": rung.name, "errors": rung.errors, "holdout": rung.holdout} for rung in self.rungs]
-        out: dict[str, Any] = jsonable({"effects": list(self.names), "rungs": rungs})
+        models = [{"name": one.name, "errors": one.errors, "holdout": one.holdout} for one in self.models]
+        out: dict[str, Any] = jsonable({"effects": list(self.names), "models": models})
         return out | {"candidates": [jsonable(one.to_dict()) for one in self.rank()], "design": self.design.to_dict()}
 
     def __str__(self) -> str:
         """One line a step: the error of the torque on the fitted and on the held-out records."""
         lines = []
-        for rung in self.rungs:
-            held = f", held out {percent(rung.holdout['torque']['relative'])}" if rung.holdout else ""
-            lines.append(f"{rung.name:<32} {percent(rung.errors['torque']['relative'])}{held}")
+        for one in self.models:
+            held = f", held out {percent(one.holdout['torque']['relative'])}" if one.holdout else ""
+            lines.append(f"{one.name:<32} {percent(one.errors['torque']['relative'])}{held}")
         return "\n".join(lines)
 
     def _trial(self, effect: str) -> Trial:
@@ -321,7 +321,7 @@ class Stepwise(Result):
 
     def _with(self, fit: Fitted, name: str, names: tuple[str, ...]) -> Stepwise:
         self._case.keep(fit)
-        return replace(self, rungs=(*self.rungs, _rung(self._case, fit, name)), names=names, _fit=fit)
+        return replace(self, models=(*self.models, _model_errors(self._case, fit, name)), names=names, _fit=fit)
 
 
 def stepwise(
@@ -366,9 +366,9 @@ def stepwise(
         raise LogError(f"{case.name}: {case.believed.contradictions[0].text}")
     case = without_what_happened_once(case)
     fit = case.keep(case.fit(()))
-    return Stepwise((_rung(case, fit, "base parameters"),), (), case, fit, holdouts)
+    return Stepwise((_model_errors(case, fit, "base parameters"),), (), case, fit, holdouts)
 
 
-def _rung(case: Case, fit: Fitted, name: str) -> Rung:
+def _model_errors(case: Case, fit: Fitted, name: str) -> ModelErrors:
     own, other = errors(fit.record, fit.residual), case.holdout_errors(fit)
-    return Rung(name, errors_table(case.record, own), errors_table(case.record, other))
+    return ModelErrors(name, errors_table(case.record, own), errors_table(case.record, other))

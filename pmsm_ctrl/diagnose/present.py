@@ -54,7 +54,7 @@ def sentence(d: Diagnosis) -> str:
     if d.reasons:
         verdict += f": {d.reasons[0].text}"
     elif d.verdict is Verdict.CONSISTENT:
-        error, floor = (percent(d.errors[rung]["torque"]["relative"]) for rung in ("final", "noise_floor"))
+        error, floor = (percent(d.errors[which]["torque"]["relative"]) for which in ("final", "noise_floor"))
         if lacking := [symbol for symbol, found in d.base.items() if found.nominal is None]:
             verdict += f" with {' and '.join(lacking)}, which it does not state"
         verdict += f" (error {error} of the {drives(d.design.motion)}, noise floor {floor})"
@@ -94,18 +94,18 @@ def _(result: Diagnosis) -> Section:
 @present.register
 def _(result: Addition) -> Section:
     a, drive = result, drives(result.design.motion)
-    before, after = (percent(a.errors[rung]["torque"]["relative"]) for rung in ("base", "final"))
+    before, after = (percent(a.errors[which]["torque"]["relative"]) for which in ("base", "final"))
     verdict = f"The log does not support {a.title}: {a.against[0]}." if a.against else f"The log supports {a.title}."
     verdict += f" The error of the {drive} is {before} without, {after} with it."
     channels = list(a.errors["base"])
     held = [c for c in channels if c in a.holdout.get("base", {})]
     names = {"torque": drive}
-    rungs = (("design as given", "nominal"), ("parameters refitted", "base"), (f"+ {a.effect}", "final"))
+    rows = (("design as given", "nominal"), ("parameters refitted", "base"), (f"+ {a.effect}", "final"))
     errors = Table(
         ("model", *(names.get(c, c) for c in channels), *(f"held-out {names.get(c, c)}" for c in held)),
         tuple(
-            (name, *_relative(a.errors[rung], channels), *_relative(a.holdout.get(rung, {}), held))
-            for name, rung in rungs
+            (name, *_relative(a.errors[which], channels), *_relative(a.holdout.get(which, {}), held))
+            for name, which in rows
         ),
         "Relative rms error of each balance",
     )

@@ -24,7 +24,7 @@ from pmsm_ctrl.workbench.session import Session
 __all__ = ["make_app"]
 
 PAGES = Path(__file__).with_name("pages")
-OWN = ("workbench.css", "workbench.js", "dom.js", "design.js", "logs.js", "plots.js", "ladder.js", "takeaway.js")
+OWN = ("workbench.css", "workbench.js", "dom.js", "design.js", "logs.js", "plots.js", "compare.js", "takeaway.js")
 BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
 _REVISION = re.compile(r"[0-9]{1,12}")
 MOST_JSON = 1 << 20  # bytes of a request that is no upload

@@ -194,7 +194,7 @@ class Desk:
                 entry = next((one for one in session.state["logs"] if one["info"] is None), None)
                 if entry is None or design is None:
                     return
-                session.job = {"kind": "read", "name": entry["name"], "share": None, "rungs": []}
+                session.job = {"kind": "read", "name": entry["name"], "share": None, "models": []}
                 session.touched()
                 try:
                     info = await self.workers.run(session.id, tasks.read, str(session.folder), entry, design["toml"])
@@ -213,7 +213,7 @@ class Desk:
 
         self._start(session, "read", work)
 
-    # -- the ladder -------------------------------------------------------------------------------------------
+    # -- the model ---------------------------------------------------------------------------------------------
 
     def request(self, session: Session) -> dict[str, Any]:
         """Return what a task has to know of a session.
@@ -254,7 +254,7 @@ class Desk:
         return {"design": session.state["design"]["toml"], "logs": logs}
 
     def step(self, session: Session, asked: Mapping[str, Any]) -> None:
-        """Take a step on the ladder: begin, add, remove, undo, reorder, or let the diagnosis find all.
+        """Change the model: begin, add, remove, undo, reorder, or let the diagnosis find all.
 
         Parameters
         ----------
@@ -332,7 +332,7 @@ class Desk:
         """
         model = session.state["model"]
         if model is None or session.job is not None:
-            raise RequestError("the ladder is being computed")
+            raise RequestError("the model is being fitted")
         record = next(one for one in model["records"] if not one["held_out"])
         name: str = await self.workers.run(
             session.id, tasks.preview, self.request(session), asked["effect"], asked.get("balance", "torque"),
@@ -366,7 +366,7 @@ class Desk:
         if session.job is not None:
             raise RequestError("another step is being computed; wait for it")
         suffix, media = takeaway.KINDS[kind]
-        job: dict[str, Any] = {"kind": "take", "share": None, "rungs": []}
+        job: dict[str, Any] = {"kind": "take", "share": None, "models": []}
         session.job = job
         session.touched()
         try:
@@ -392,7 +392,7 @@ class Desk:
         if running is not None and not running.done():
             self._wanted[session.id] = (kind, work)
             return
-        session.job = {"kind": kind, "share": None, "rungs": []}
+        session.job = {"kind": kind, "share": None, "models": []}
         session.touched()
         self._running[session.id] = asyncio.create_task(self._run(session, kind, work))
 

@@ -17,7 +17,7 @@ from pmsm_ctrl.files import write_text
 
 __all__ = ["Session", "Sessions", "default_folder"]
 
-SCHEMA = "pmsm-ctrl/workbench/1"
+SCHEMA = "pmsm-ctrl/workbench/2"
 _ID = re.compile(r"[a-z0-9]{12}")
 _SUFFIX = re.compile(r"\.[A-Za-z0-9]{1,9}")  # of an uploaded file; nothing else of its name reaches the disk
 STATE = "session.json"
@@ -49,7 +49,7 @@ class Session:
     revision : int
         Grows with every change, so that a page asks for what is new.
     job : dict or None
-        What is being computed: ``kind``, ``share``, ``rungs``.
+        What is being computed: ``kind``, ``share``, ``models``.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -75,7 +75,7 @@ def made(kind: str, request: Mapping[str, Any]) -> str:
 
 
 def _report(request: Mapping[str, Any], design: Design) -> str:
-    """Return the page of the search, or of the ladder as it was built by hand."""
+    """Return the page of the search, or of the model as it was built by hand."""
     from pmsm_ctrl.report import headline_of, render
 
     model, diagnosis = tasks.fitted(request, request["steps"])

@@ -21,7 +21,7 @@ from pmsm_ctrl.workbench.curves import overview, write_curves
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
-    from pmsm_ctrl.diagnose import Diagnosis, Rung, Stepwise
+    from pmsm_ctrl.diagnose import Diagnosis, ModelErrors, Stepwise
     from pmsm_ctrl.importers import ImportReport
     from pmsm_ctrl.log import Log
 
@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 PROGRESS, STOP = "progress.json", "stop"  # files of the session's folder by which a task and the server talk
-KEPT = 24  # fits; a ladder of effects, its undone rungs among them
+KEPT = 24  # fits, undone ones among them
 Request = Mapping[str, Any]
 
 _designs: dict[str, Design] = {}
@@ -246,7 +246,7 @@ def fitted(request: Request, steps: Sequence[Mapping[str, Any]]) -> tuple[Stepwi
             made = before.remove(last["remove"]), None
         else:
             talk = _Talk(Path(request["folder"]))
-            made = before.find(progress=talk.progress, each=talk.rung)
+            made = before.find(progress=talk.progress, each=talk.accepted)
     _fits[key] = made
     while len(_fits) > KEPT:
         _fits.popitem(last=False)
@@ -254,7 +254,7 @@ def fitted(request: Request, steps: Sequence[Mapping[str, Any]]) -> tuple[Stepwi
 
 
 def _key(request: Request, steps: Sequence[Mapping[str, Any]]) -> str:
-    """Name a ladder by all that it depends on."""
+    """Name a model by all that it depends on."""
     logs = [{k: entry.get(k) for k in ("id", "mapping", "role", "window")} for entry in request["logs"]]
     return _digest([request["folder"], request["design"], logs, list(steps)])
 
@@ -265,7 +265,7 @@ class _Talk:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.share = 0.0
-        self.rungs: list[dict[str, Any]] = []
+        self.models: list[dict[str, Any]] = []
 
     def progress(self, share: float) -> None:
         if (self.folder / STOP).exists():
@@ -273,22 +273,22 @@ class _Talk:
         self.share = max(share, self.share)
         self._write()
 
-    def rung(self, rung: Rung) -> None:
-        self.rungs.append(_rung(rung))
+    def accepted(self, one: ModelErrors) -> None:
+        self.models.append(_model_errors(one))
         self._write()
 
     def _write(self) -> None:
-        write_text(self.folder / PROGRESS, json.dumps({"share": self.share, "rungs": self.rungs}))
+        write_text(self.folder / PROGRESS, json.dumps({"share": self.share, "models": self.models}))
 
 
-def _rung(rung: Rung) -> dict[str, Any]:
+def _model_errors(one: ModelErrors) -> dict[str, Any]:
     from pmsm_ctrl.result import jsonable
 
-    return jsonable({"name": rung.name, "errors": rung.errors, "holdout": rung.holdout})
+    return jsonable({"name": one.name, "errors": one.errors, "holdout": one.holdout})
 
 
 def solve(request: Request) -> dict[str, Any]:
-    """Fit the ladder as it stands, and return what a page shows of it.
+    """Fit the model as it stands, and return what a page shows of it.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def solve(request: Request) -> dict[str, Any]:
     design, catalogue = model.design, catalogue_of(design_of(request["design"]))
     given = len(design_of(request["design"]).effects)
     _shown[key] = jsonable({
-        "rungs": [_rung(rung) for rung in model.rungs],
+        "models": [_model_errors(one) for one in model.models],
         "names": model.names,
         "floor": {name: error["relative"] for name, error in model.noise_floor.items()},
         "titles": {name: effect.title for name, effect in catalogue.items()},

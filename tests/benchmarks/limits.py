@@ -4,7 +4,7 @@
 
 The limit is that of the F-test with the true shape, order and noise known, at the significance that the diagnosis asks
 for: the strength at which the effect, in standard errors by Cramer and Rao's bound, passes in half of all logs. What is
-found is the smallest strength of a ladder of factors of the square root of two, by bisection, at which at least two
+found is the smallest strength of a grid of factors of the square root of two, by bisection, at which at least two
 thirds of the seeds name the effect or a declared equivalent first.
 """
 
@@ -26,7 +26,7 @@ from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.regression.columns import effect_group
 from tests.benchmarks.blind import DESIGN, MIDDLE, MOTIONS, Case, log_of, right, run, truth_of
 
-LADDER = 2.0 ** (np.arange(-10, 6) / 2.0)  # of the middle strength
+FACTORS = 2.0 ** (np.arange(-10, 6) / 2.0)  # of the middle strength
 
 
 def bound(case: Case) -> float:
@@ -53,12 +53,12 @@ def found(effect: str, motion: str, seeds: int, strength: float) -> bool:
 
 def limits(effect: str, motion: str, seeds: int) -> tuple[str, float, float]:
     """Return the effect, the smallest strength that was found, and the bound."""
-    low, high = -1, len(LADDER)  # not found at `low`, found at `high`
+    low, high = -1, len(FACTORS)  # not found at `low`, found at `high`
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if found(effect, motion, seeds, LADDER[middle]) else (middle, high)
+        low, high = (low, middle) if found(effect, motion, seeds, FACTORS[middle]) else (middle, high)
     bounds = [bound(Case((effect,), 1.0, motion, 400 + seed)) for seed in range(seeds)]
-    return effect, LADDER[high] if high < len(LADDER) else float("inf"), float(np.median(bounds))
+    return effect, FACTORS[high] if high < len(FACTORS) else float("inf"), float(np.median(bounds))
 
 
 def main() -> None:

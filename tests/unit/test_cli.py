@@ -149,7 +149,7 @@ def test_add_shows_the_errors_before_and_after(
     told = json.loads(data.read_text(encoding="utf-8"))
     assert told["supported"]
     for errors in (told["errors"], told["holdout"]):
-        before, after = (errors[rung]["torque"]["relative"] for rung in ("base", "final"))
+        before, after = (errors[which]["torque"]["relative"] for which in ("base", "final"))
         assert after < 0.5 * before
     T_0 = told["parameters"]["T_0"]
     assert abs(T_0["value"] - 0.005) < 4 * T_0["stderr"]

@@ -254,7 +254,7 @@ def test_first_screen_of_a_diagnosis(hidden_cogging: Diagnosis) -> None:
     headline = headline_of(hidden_cogging)
     assert headline is not None
     assert headline.verdict == "1 missing effect: Cogging torque."
-    values = [hidden_cogging.errors[rung]["torque"]["relative"] for rung in ("nominal", "final")]
+    values = [hidden_cogging.errors[which]["torque"]["relative"] for which in ("nominal", "final")]
     values.append(hidden_cogging.steps[-1].holdout_after["torque"]["relative"])
     assert [value for value, _ in headline.numbers] == [f"{100 * value:.2f} %" for value in values]
     assert len({label for _, label in headline.numbers}) == 3, "a definition each"

@@ -4,7 +4,7 @@ import { fill, h } from "./dom.js";
 const FILES = [
   ["design", "Design (TOML)", "The datasheet values with the refitted parameters and the effects that were added. For every command of pmsm-ctrl, and for step 1 of this page."],
   ["report", "Report (HTML)", "One page for a colleague: opens without this program and without a network."],
-  ["json", "Result (JSON)", "Every number of the ladder and of the candidates, for programs."],
+  ["json", "Result (JSON)", "Every number of the models and of the candidates, for programs."],
   ["script", "Steps (Python)", "A script that repeats every step of this session with the same logs."],
   ["st", "Compensator (Structured Text)", "Friction feedforward with the identified effects, IEC 61131-3."],
   ["c", "Compensator (C99)", "The same in C, with math.h alone."],
@@ -12,7 +12,7 @@ const FILES = [
 
 export function showTakeaway(section, app) {
   const { model, design } = app.state;
-  fill(section, [model.names, model.rungs, design.name], () => [
+  fill(section, [model.names, model.models, design.name], () => [
     h("h2", {}, "Take away"),
     h("p", { class: "lead" }, model.names.length ? `${design.name} with ${model.names.join(", ")}.` : `${design.name}, parameters refitted, no effect added.`),
     h("div", { class: "cards wide" }, FILES.map(([kind, title, text]) => h("div", { class: "card" }, h("h3", {}, title), h("p", {}, text), h("p", {}, button(app, kind, title))))),

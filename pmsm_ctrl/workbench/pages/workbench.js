@@ -2,11 +2,11 @@
 import { GONE, get, h, send } from "./dom.js";
 import { showDesign } from "./design.js";
 import { showLogs, usable } from "./logs.js";
-import { showLadder } from "./ladder.js";
+import { showCompare } from "./compare.js";
 import { showTakeaway } from "./takeaway.js";
 
 const STEPS = ["design", "logs", "compare", "take"];
-const VIEWS = { design: showDesign, logs: showLogs, compare: showLadder, take: showTakeaway };
+const VIEWS = { design: showDesign, logs: showLogs, compare: showCompare, take: showTakeaway };
 const app = { state: null, about: null, step: "design", complaint: "", act, go, enter, refresh, upload };
 let listening = false;
 

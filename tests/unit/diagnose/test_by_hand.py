@@ -24,7 +24,7 @@ def begun() -> Stepwise:
 
 
 def error(model: Stepwise) -> tuple[float, float]:
-    last = model.rungs[-1]
+    last = model.models[-1]
     return last.errors["torque"]["relative"], last.holdout["torque"]["relative"]
 
 
@@ -35,7 +35,7 @@ def test_what_is_hidden_is_ranked_first_and_brings_the_error_down(begun: Stepwis
     assert all(one.refusal is not None for one in ranked[-3:])
     whole = begun.add("cogging").add("stribeck")
     assert whole.names == ("cogging 24", "stribeck")
-    assert [rung.name for rung in whole.rungs] == ["base parameters", "+ cogging 24", "+ stribeck"]
+    assert [one.name for one in whole.models] == ["base parameters", "+ cogging 24", "+ stribeck"]
     for before, after in zip(error(begun), error(whole), strict=True):
         assert after < 0.6 * before
     by_id = {entry.id: entry.parameters for entry in whole.design.effects}
@@ -61,7 +61,7 @@ def test_a_preview_is_what_adding_takes_from_the_residual(begun: Stepwise) -> No
 
 def test_a_held_out_record_has_the_error_of_its_rung(begun: Stepwise) -> None:
     held = begun.held_out(0)["torque"]
-    assert held.error() == pytest.approx(begun.rungs[0].holdout["torque"]["relative"], rel=1e-9)
+    assert held.error() == pytest.approx(begun.models[0].holdout["torque"]["relative"], rel=1e-9)
     assert next(iter(begun.coordinates(0))) == "speed [rad/s]"
     assert all(values.shape == held.t.shape for values in begun.coordinates(0).values())
     with pytest.raises(RequestError, match="held-out record 1: there are 1"):
@@ -71,12 +71,12 @@ def test_a_held_out_record_has_the_error_of_its_rung(begun: Stepwise) -> None:
 def test_the_search_is_the_diagnosis_and_can_be_ended(begun: Stepwise) -> None:
     seen: list[str] = []
     shares: list[float] = []
-    found, diagnosis = begun.find(progress=shares.append, each=lambda rung: seen.append(rung.name))
+    found, diagnosis = begun.find(progress=shares.append, each=lambda one: seen.append(one.name))
     assert {step.effect for step in diagnosis.steps} == {"cogging", "stribeck"}
-    assert [f"+ {name}" for name in found.names] == [rung.name for rung in found.rungs[1:]]
-    assert sorted(seen) == sorted(rung.name for rung in found.rungs[1:])
+    assert [f"+ {name}" for name in found.names] == [one.name for one in found.models[1:]]
+    assert sorted(seen) == sorted(one.name for one in found.models[1:])
     assert shares == sorted(shares)
-    last = found.rungs[-1].errors["torque"]["relative"]
+    last = found.models[-1].errors["torque"]["relative"]
     assert last == pytest.approx(diagnosis.errors["final"]["torque"]["relative"], rel=1e-5)  # shapes fitted last
 
     def stop(share: float) -> None:
@@ -91,7 +91,7 @@ def test_steps_are_undone_and_reordered(begun: Stepwise) -> None:
     assert error(one) == pytest.approx(error(other), rel=1e-3)
     back = one.remove("stribeck")
     assert back.names == ("cogging 24",)
-    assert back.rungs[-1].name == "- stribeck"
+    assert back.models[-1].name == "- stribeck"
     assert error(back) == pytest.approx(error(begun.add("cogging")), rel=1e-3)
     assert begun.names == ()  # the one before is as it was
     data = json.loads(json.dumps(back.to_dict(), allow_nan=False))

@@ -43,9 +43,9 @@ RANKING = (
 
 @pytest.fixture
 def found() -> Diagnosis:
-    ladder = {"nominal": errors(0.07), "base": errors(0.05), "final": errors(0.02), "noise_floor": errors(0.019)}
+    table = {"nominal": errors(0.07), "base": errors(0.05), "final": errors(0.02), "noise_floor": errors(0.019)}
     return Diagnosis(
-        Verdict.EFFECTS_MISSING, SimpleNamespace(name="axis", motion="rotary"), ladder, (STRIBECK,), RANKING, (), None,  # type: ignore[arg-type]
+        Verdict.EFFECTS_MISSING, SimpleNamespace(name="axis", motion="rotary"), table, (STRIBECK,), RANKING, (), None,  # type: ignore[arg-type]
         (Notice("speed_lag", "the logged speed lags the torque by 0.17 ms (corrected)"),), None, None,
         *fitted(late=2.5e-4, lag=3e-3),
     )  # fmt: skip

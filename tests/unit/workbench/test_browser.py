@@ -108,8 +108,8 @@ class Person:
         quiet = "return fetch('state').then((r) => r.json()).then((s) => s.job === null)"
         self.until(lambda: self.do(quiet) and self.element("status").get_attribute("hidden") is not None, "quiet")
 
-    def rungs(self) -> int:
-        return int(self.do("return document.querySelectorAll('#rungs li').length"))
+    def models(self) -> int:
+        return int(self.do("return document.querySelectorAll('#models li').length"))
 
     def errors(self) -> list[str]:
         return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]
@@ -151,14 +151,14 @@ def through(person: Person, folder: Path, address: str) -> None:
     assert "<img src=x onerror=alert(1)>.csv" in person.text("logs")
     assert NAME in person.text("subject")
     person.press("to-compare")
-    person.until(lambda: person.rungs() == 1, "the base parameters")
+    person.until(lambda: person.models() == 1, "the base parameters")
     person.until(lambda: person.do("return !!document.querySelector('[data-part=traces]').dataset.drawn"), "traces")
     person.idle()
     assert person.do("return document.documentElement.scrollWidth <= innerWidth")
     first = person.do("return document.querySelector('[data-effect]').dataset.effect")
     assert first in ("quadratic_drag", "viscous_power")
     person.press("add-a-0")
-    person.until(lambda: person.rungs() == 2, "the first rung")
+    person.until(lambda: person.models() == 2, "the first effect")
     person.idle()
 
 
@@ -173,7 +173,7 @@ def test_a_stranger_finds_the_missing_effect(person: Person, server: Server, fol
     person.driver.refresh()  # nothing is lost
     person.until(lambda: person.do("return document.body.dataset.ready === 'yes'"), "the page again")
     person.do("document.querySelector('[data-step=compare]').click()")
-    person.until(lambda: person.rungs() == 2, "the rungs again")
+    person.until(lambda: person.models() == 2, "the models again")
     assert person.do("return document.documentElement.scrollWidth <= innerWidth")
     assert person.errors() == []
 
@@ -224,7 +224,7 @@ def test_a_killed_worker_is_a_message_and_not_the_end(person: Person, tmp_path: 
         person.until(lambda: "has ended" in person.text("status"), "the message")
         person.driver.find_element("css selector", "#status button").click()
         person.press("undo")
-        person.until(lambda: person.rungs() == 1, "the step repeated")
+        person.until(lambda: person.models() == 1, "the step repeated")
         server.process.kill()  # now the server itself
         server.process.wait()
         person.press("find")
@@ -235,7 +235,7 @@ def test_a_killed_worker_is_a_message_and_not_the_end(person: Person, tmp_path: 
     try:
         session = next(path.parent.name for path in (tmp_path / "sessions").glob("*/session.json"))
         person.open(f"{again.address}s/{session}/")
-        person.until(lambda: person.rungs() == 1, "the session after the restart")
+        person.until(lambda: person.models() == 1, "the session after the restart")
     finally:
         again.close()
 
@@ -250,5 +250,5 @@ def test_two_tabs_do_not_disturb_each_other(person: Person, server: Server, fold
     person.until(lambda: person.text("subject") == "seed_motor", "the other design")
     person.driver.switch_to.window(first)
     assert NAME in person.text("subject")
-    assert person.rungs() == 2
+    assert person.models() == 2
     assert person.errors() == []

@@ -50,12 +50,12 @@ def test_the_steps_from_the_design_to_the_files(page: Page, bench: Bench, files:
     assert [one["channel"] for one in state["logs"][0]["info"]["channels"]] == ["t", "theta", "omega", "i_q"]
     page.post("steps", {"begin": True})
     model = page.idle()["model"]
-    assert [rung["name"] for rung in model["rungs"]] == ["base parameters"]
+    assert [one["name"] for one in model["models"]] == ["base parameters"]
     # the hidden drag, k = 4e-6 N m s^2/rad^2, or what cannot be told from it, is offered first
     assert model["candidates"][0]["id"] in ("quadratic_drag", "viscous_power")
     page.post("steps", {"add": "quadratic_drag"})
     state = page.idle()
-    before, after = (rung["holdout"]["torque"]["relative"] for rung in state["model"]["rungs"])
+    before, after = (one["holdout"]["torque"]["relative"] for one in state["model"]["models"])
     assert after < 0.8 * before
     design = page.get("take/design").text
     drag = next(one for one in tomllib.loads(design)["effects"] if one["id"] == "quadratic_drag")
@@ -117,7 +117,7 @@ def test_switching_an_effect_off_and_looking_at_a_candidate(page: Page, files: d
     assert np.allclose(off["residual"] - after["residual"], drag, atol=0.06 * np.abs(drag).max())
     assert balance["parts"] == ["quadratic_drag"]
     error = np.sqrt(balance["products"][0][0]) / balance["size"]
-    assert error == pytest.approx(model["rungs"][-1]["errors"]["torque"]["relative"], rel=1e-6)
+    assert error == pytest.approx(model["models"][-1]["errors"]["torque"]["relative"], rel=1e-6)
     dots = unpacked(page.get("view/scatter", params={"over": "speed [rad/s]"}).content)
     assert len(dots["x"]) == len(dots["y"]) > 500
     held = unpacked(page.get("view/model", params={"record": "1", "bins": "4000"}).content)

@@ -1,11 +1,11 @@
-// Step 3: the traces, the residual, the candidates, and the ladder of errors that falls with every effect.
+// Step 3: the traces, the residual, the candidates, and the error of the model after every effect.
 import { fill, h, number, percent } from "./dom.js";
 import { blocked, usable } from "./logs.js";
 import { Traces } from "./plots.js";
 
 const view = { record: 0, balance: "torque", over: "", off: new Set(), drawn: "", traces: null, version: 0 };
 
-export function showLadder(section, app) {
+export function showCompare(section, app) {
   const { model, job } = app.state;
   if (!section.querySelector(".bench")) section.replaceChildren(frame(app));
   const place = (name) => section.querySelector(`[data-part=${name}]`);
@@ -22,7 +22,7 @@ export function showLadder(section, app) {
   if (!record.coordinates.includes(view.over)) view.over = record.coordinates[0];
   for (const name of view.off) if (!model.names.includes(name)) view.off.delete(name);
   const busy = !!job;
-  fill(place("ladder"), [model.rungs, model.names, model.verdict, busy, job?.kind, [...view.off], view.record, view.balance, job?.rungs?.length], () => ladder(app, record));
+  fill(place("models"), [model.models, model.names, model.verdict, busy, job?.kind, [...view.off], view.record, view.balance, job?.models?.length], () => errorsByModel(app, record));
   fill(place("candidates"), [model.candidates, busy], () => candidates(app));
   fill(place("choices"), [model.records.map((one) => one.name), view.record, view.balance, view.over], () => choices(app, model, record));
   draw(record, app);
@@ -35,7 +35,7 @@ function frame(app) {
     h("div", { class: "bench", hidden: true },
       h("div", { class: "left" }, h("div", { "data-part": "choices", class: "row choices" }), h("div", { class: "plot", "data-part": "traces", role: "group", "aria-label": "Traces over time: measured and predicted, residual, speed" }),
         h("div", { class: "plot", "data-part": "scatter", role: "group", "aria-label": "Residual over a coordinate, with its mean" })),
-      h("div", { class: "right" }, h("div", { "data-part": "ladder" }), h("div", { "data-part": "candidates" }))));
+      h("div", { class: "right" }, h("div", { "data-part": "models" }), h("div", { "data-part": "candidates" }))));
 }
 
 async function draw(record, app) {
@@ -61,7 +61,7 @@ async function draw(record, app) {
 function choose(app, key) {
   return (event) => {
     view[key] = key === "record" ? Number(event.target.value) : event.target.value;
-    showLadder(document.getElementById("compare"), app);
+    showCompare(document.getElementById("compare"), app);
   };
 }
 
@@ -87,27 +87,27 @@ function step(word, record) {
   view.traces.zoom(from, from + width);
 }
 
-// -- the ladder ------------------------------------------------------------------------------------------------
+// -- the error of every model ------------------------------------------------------------------------------------
 
 const error = (errors, balance) => errors[balance]?.relative ?? errors.torque?.relative ?? NaN;
 
-function ladder(app, record) {
+function errorsByModel(app, record) {
   const { model, job } = app.state;
   const balance = view.balance;
-  const held = model.rungs.some((rung) => Object.keys(rung.holdout).length);
+  const held = model.models.some((one) => Object.keys(one.holdout).length);
   const floor = model.floor?.[balance] ?? Infinity;
-  const most = Math.max(...model.rungs.map((rung) => Math.max(error(rung.errors, balance), held ? error(rung.holdout, balance) || 0 : 0)));
+  const most = Math.max(...model.models.map((one) => Math.max(error(one.errors, balance), held ? error(one.holdout, balance) || 0 : 0)));
   const bar = (kind, share) => h("span", { class: `meter ${kind}` }, h("span", { class: "track" }, h("i", { style: { width: `${Math.min(100, (100 * share) / most)}%` } }), floor < most ? h("u", { style: { left: `${(100 * floor) / most}%` } }) : null), h("em", {}, percent(share)));
   const searching = job?.kind === "find";
-  const shown = searching ? [model.rungs[0], ...(job.rungs || [])] : model.rungs;
-  const rungs = shown.map((rung) => h("li", { class: searching ? "live" : null }, h("span", { class: "name" }, words(model, rung.name)), bar("fitted", error(rung.errors, balance)), held ? bar("held", error(rung.holdout, balance)) : null));
+  const shown = searching ? [model.models[0], ...(job.models || [])] : model.models;
+  const models = shown.map((one) => h("li", { class: searching ? "live" : null }, h("span", { class: "name" }, words(model, one.name)), bar("fitted", error(one.errors, balance)), held ? bar("held", error(one.holdout, balance)) : null));
   const busy = !!job;
   const last = shown.at(-1);
   return [
-    h("h2", {}, "The error falls"),
+    h("h2", {}, "Error of each model"),
     h("p", { class: "soft legend" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", floor < most ? [h("span", { class: "key floor" }), `noise floor ${percent(floor)}`] : null, `. Rms of measured − predicted, relative to measured: ${balance}`),
     model.verdict && !searching ? h("p", { class: "verdict", id: "verdict" }, model.verdict.text, model.verdict.reasons.map((text) => `: ${text}`), ".") : null,
-    h("ol", { class: "rungs", id: "rungs" }, rungs),
+    h("ol", { class: "models", id: "models" }, models),
     h("p", { class: "row" },
       h("button", { type: "button", id: "find", class: "main", disabled: busy, onclick: () => app.act("steps", { find: true }) }, "Find all"),
       h("button", { type: "button", id: "undo", disabled: busy || !app.state.steps.length, onclick: () => app.act("steps", { undo: true }) }, "Undo"),
@@ -117,7 +117,7 @@ function ladder(app, record) {
   ];
 }
 
-// A rung in words: what was added, and its id.
+// A model in words: what was added, and its id.
 function words(model, name) {
   const [, sign, id, order] = /^([+-]) (\S+) ?(.*)$/.exec(name) || [];
   const title = model.titles?.[id];
@@ -130,7 +130,7 @@ function switches(app, record, busy) {
   const flip = (name) => (event) => {
     if (event.target.checked) view.off.delete(name);
     else view.off.add(name);
-    showLadder(document.getElementById("compare"), app);
+    showCompare(document.getElementById("compare"), app);
   };
   const moved = (k, by) => {
     const order = [...names];
@@ -196,7 +196,7 @@ function candidates(app) {
 async function add(app, one) {
   view.traces?.hover(null);
   const failed = await app.act("steps", { add: one.name });
-  if (!failed) document.getElementById("rungs")?.scrollIntoView({ block: "nearest" });
+  if (!failed) document.getElementById("models")?.scrollIntoView({ block: "nearest" });
 }
 
 function detail(one) {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pmsm_ctrl.diagnose.by_hand import Rung, Stepwise
+from pmsm_ctrl.diagnose.by_hand import ModelErrors, Stepwise
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.rendering.numbers import percent, probability, with_error
 from pmsm_ctrl.section import Block, Section, Table, present
@@ -15,32 +15,34 @@ __all__: list[str] = []
 
 @present.register
 def _(found: Stepwise) -> Section:
-    first, last = (_percent(rung) for rung in (found.rungs[0], found.rungs[-1]))
+    first, last = (_percent(one) for one in (found.models[0], found.models[-1]))
     kind = drives(found.design.motion)
     added = ", then ".join(found.names)
     verdict = f"Chosen by hand: {added or 'no effect added'}. The {kind} error"
     verdict += f" falls from {first} to {last}." if found.names else f" is {last} with the parameters refitted."
-    blocks: tuple[Block, ...] = (verdict, *found.notices, found.traces(), _rungs(found, kind), _effects(found))
-    return Section(f"Ladder of {found.design.name} from {Path(found.log_name).name}", (*blocks, _candidates(found)))
+    blocks: tuple[Block, ...] = (verdict, *found.notices, found.traces(), _models(found, kind), _effects(found))
+    return Section(
+        f"Stepwise model of {found.design.name} from {Path(found.log_name).name}", (*blocks, _candidates(found))
+    )
 
 
-def _percent(rung: Rung) -> str:
-    return percent(rung.errors["torque"]["relative"])
+def _percent(one: ModelErrors) -> str:
+    return percent(one.errors["torque"]["relative"])
 
 
-def _rungs(found: Stepwise, kind: str) -> Table:
-    names = list(found.rungs[0].errors)
-    held = [name for name in names if name in found.rungs[0].holdout]
+def _models(found: Stepwise, kind: str) -> Table:
+    names = list(found.models[0].errors)
+    held = [name for name in names if name in found.models[0].holdout]
     words = {name: kind if name == "torque" else name for name in names}
     floor = tuple(percent(found.noise_floor[name]["relative"]) for name in names)
     head = ("model", *(words[name] for name in names), *(f"held-out {words[name]}" for name in held))
     rows = tuple(
         (
-            rung.name,
-            *(percent(rung.errors[name]["relative"]) for name in names),
-            *(percent(rung.holdout[name]["relative"]) for name in held),
+            one.name,
+            *(percent(one.errors[name]["relative"]) for name in names),
+            *(percent(one.holdout[name]["relative"]) for name in held),
         )
-        for rung in found.rungs
+        for one in found.models
     )
     last = ("noise floor", *floor, *("" for _ in held))
     return Table(head, (*rows, last), "Relative rms error of each balance, step by step")

@@ -1,4 +1,4 @@
-"""The rungs below the first effect: the design as given, and the base model with the parameters that it needed."""
+"""The first two models of a diagnosis: the design as given, and the base model with the parameters that it needed."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def log() -> Log:
 
 @pytest.mark.parametrize("F_c", [None, 0.001, 0.02])
 def test_the_design_as_given_and_the_base_model(log: Log, F_c: float | None) -> None:
-    """A datasheet states no friction; it was fitted silently, and the first rung was that of another design."""
+    """A datasheet states no friction; it was fitted silently, and the first error was that of another design."""
     design = Design.from_dict(SHEET)
     if F_c is not None:
         design = design.with_effect("coulomb", {"F_c": F_c}).with_effect("viscous", {"F_v": 1e-5})
