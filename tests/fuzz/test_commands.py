@@ -120,7 +120,7 @@ def test_any_damaged_log(words: list[str], log: bytes) -> None:
         assert "some.csv" in said
 
 
-@settings(BOUNDED, max_examples=amount(8, 80))
+@settings(BOUNDED, max_examples=amount(5, 80))
 @given(st.sampled_from([["export", "some.toml", "--language", "st", "--output", "out.st"],
                         ["effects", "coulomb", "--design", "some.toml"],
                         ["simulate", "some.toml", "--set", "duration=0.01", "--scenario", "hold", "--output", "l.csv"],
@@ -139,7 +139,7 @@ FIELDS = [
 ]
 
 
-@settings(BOUNDED, max_examples=amount(20, 80))
+@settings(BOUNDED, max_examples=amount(12, 80))
 @given(st.sampled_from(FIELDS), VALUES, st.sampled_from(["export", "import", "simulate"]))
 def test_any_value_of_any_field(field: str, value: str, verb: str) -> None:
     text = re.sub(rf"^{field}\s*=.*$", f"{field} = {value}", DESIGN.decode(), count=1, flags=re.MULTILINE)
@@ -153,7 +153,7 @@ def test_any_value_of_any_field(field: str, value: str, verb: str) -> None:
         assert re.search(r"some\.toml|scenario|simulation", said), said
 
 
-@settings(BOUNDED, max_examples=amount(5, 60))
+@settings(BOUNDED, max_examples=amount(3, 60))
 @given(st.sampled_from(["sweep", "identification", "chirp", "hold", "reversal", "positioning", "trapezoid", "warm_up"]),
        st.lists(st.tuples(st.sampled_from(["duration", "speed_max", "speed_step", "dwell", "acceleration", "amplitude",
                                            "frequency", "f_stop", "speed"]), numbers), max_size=3))  # fmt: skip

@@ -20,7 +20,7 @@ from pmsm_ctrl import Design
 from pmsm_ctrl.cli import main
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.log import Log
-from tests.effort import slow
+from tests.effort import seeds, slow
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 N = 3000
@@ -185,7 +185,7 @@ def judge(capsys: pytest.CaptureFixture[str], folder: Path, verb: str, case: str
 
 
 @pytest.mark.parametrize("case", LOGS)
-@pytest.mark.parametrize("verb", ["import", "identify", slow("compare"), "track"])
+@pytest.mark.parametrize("verb", ["identify", slow("import"), slow("compare"), slow("track")])
 def test_any_log(capsys: pytest.CaptureFixture[str], folder: Path, verb: str, case: str) -> None:
     judge(capsys, folder, verb, case)
 
@@ -264,7 +264,7 @@ def test_a_count_no_drive_has_is_refused(tmp_path: Path, place: str, value: floa
         Design.read(path)
 
 
-@pytest.mark.parametrize("design", [SHIP, WATCH, TUGBOAT], ids=lambda d: d["name"])
+@pytest.mark.parametrize("design", seeds(WATCH, SHIP, TUGBOAT), ids=lambda d: d["name"])
 def test_the_largest_and_the_smallest_axis(capsys: pytest.CaptureFixture[str], folder: Path, design: dict) -> None:
     Path("axis.toml").write_text(tomli_w.dumps(design), encoding="utf-8")
     assert attempt(capsys, "tune", "axis.toml", "--no-prove", "--output", "n.toml", "--json", "r.json")[0] in (0, 1)
@@ -290,7 +290,7 @@ def test_an_axis_that_weighs_nothing_is_not_tuned(capsys: pytest.CaptureFixture[
     assert "axis.toml: speed loop: its gain never crosses 1" in said
 
 
-@pytest.mark.parametrize("J", [9e-6, 9e-5, 1.0, 1e6])
+@pytest.mark.parametrize("J", seeds(9e-6, 9e-5, 1.0, 1e6))
 def test_noise_of_the_axis_agrees_with_its_frequency_response(J: float) -> None:
     """Parseval: the rms factor of white noise is the mean of the squared response over the unit circle."""
     from pmsm_ctrl.tune import tune

@@ -100,10 +100,10 @@ def test_error_falls_to_the_floor_of_the_true_model(blind: ModuleType) -> None:
 @pytest.mark.parametrize(
     ("effect", "text", "seed"),
     [
-        ("viscous_asymmetry", "speed and direction", 3),
+        slow("viscous_asymmetry", "speed and direction", 3),
         # a log in which no Stribeck curve takes half of it, as one does with seeds 3 to 7
         ("thermal_drift", "time since start", 8),
-        ("torque_ripple", "order 24 of a turn", 3),  # six times the four pole pairs
+        slow("torque_ripple", "order 24 of a turn", 3),  # six times the four pole pairs
         ("dead_time", "u_q balance", 3),
         # which is the load; while inertia makes the load, the acceleration tells as much, and with seeds 3 and 5 more
         ("load_dependent_friction", "current", 4),
@@ -131,6 +131,7 @@ def test_effect_that_stood_in_for_two_is_exchanged(blind: ModuleType, seed: int)
     assert len(result.steps) == 2
 
 
+@pytest.mark.slow
 def test_exchange_adds_an_effect_where_much_less_is_left(blind: ModuleType) -> None:
     # the Stribeck curve that comes first bends so that drag hardly shows; drag first leaves 4 % less
     case = blind.Case(("quadratic_drag", "stribeck"), 1.0, "identification", 2848)
@@ -147,6 +148,7 @@ def test_a_staircase_of_speeds_raises_no_alarm(blind: ModuleType, seed: int) -> 
     assert diagnose(design, simulate(design, "sweep", truth=truth, seed=seed)).verdict == "consistent"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(709, 710))
 def test_a_spring_that_rings_between_the_frequencies_of_the_grid(blind: ModuleType, seed: int) -> None:
     case = blind.Case(("compliance",), 1.0, "identification", seed)
@@ -159,7 +161,7 @@ def test_a_spring_that_rings_between_the_frequencies_of_the_grid(blind: ModuleTy
 
 
 @pytest.mark.parametrize(
-    ("effect", "symbol", "seed"), [("constant_load", "T_0", 61), ("viscous_asymmetry", "dF_v", 62)]
+    ("effect", "symbol", "seed"), [("constant_load", "T_0", 61), slow("viscous_asymmetry", "dF_v", 62)]
 )
 def test_a_log_shows_what_it_says_it_would(blind: ModuleType, effect: str, symbol: str, seed: int) -> None:
     clean = blind.run(blind.Case((), 0.0, "moves", seed))
@@ -174,6 +176,7 @@ def test_an_axis_has_one_transmission(blind: ModuleType) -> None:
     assert [s.effect for s in result.steps] == ["backlash"]
 
 
+@pytest.mark.slow
 def test_same_answer_twice(blind: ModuleType) -> None:
     case = blind.Case(("unbalance",), 1.0, "identification", 2)
     assert blind.run(case).to_dict() == blind.run(case).to_dict()
@@ -192,6 +195,7 @@ def test_add_fits_the_effect_and_says_what_it_cannot(designs: Path) -> None:
         add(design, log, "coulomb")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1, 2))
 def test_next_experiment_separates_what_one_speed_cannot(blind: ModuleType, designs: Path, seed: int) -> None:
     # at one speed each way a constant load and an asymmetry of viscous friction are both an offset
@@ -228,7 +232,7 @@ def test_a_gap_left_out_of_the_candidates_is_called_nothing_else(blind: ModuleTy
     assert result.errors["final"]["torque"]["relative"] > result.errors["noise_floor"]["torque"]["relative"]
 
 
-@pytest.mark.parametrize("left_out", [True, False])
+@pytest.mark.parametrize("left_out", seeds(False, True))
 def test_a_drag_of_the_iron_is_friction_that_the_design_does_not_have(blind: ModuleType, left_out: bool) -> None:
     # nobody knows friction before it is identified: a larger one is a deviation, and iron_loss looks the same
     case = blind.Case(("iron_loss",), 1.0, "identification", 31, left_out=left_out)
@@ -242,6 +246,7 @@ def test_a_drag_of_the_iron_is_friction_that_the_design_does_not_have(blind: Mod
     assert refused.get("iron_loss", Reason.NOT_INDEPENDENT) is Reason.NOT_INDEPENDENT
 
 
+@pytest.mark.slow
 def test_a_resistance_that_no_datasheet_allows_is_unexplained(blind: ModuleType) -> None:
     design, log, value = with_winding(blind, "R", 5.0)
     # a dead time of that size would be the more likely of the two
@@ -273,6 +278,7 @@ def with_winding(blind: ModuleType, name: str, factor: float) -> tuple[Design, L
     return design, blind.log_of(design, truth.with_parameters(**{name: value}), case), value
 
 
+@pytest.mark.slow
 def test_dead_time_left_out_is_unexplained_where_a_resistance_takes_most_of_it(blind: ModuleType) -> None:
     result = blind.run(blind.Case(("dead_time",), 1.0, "identification", 4200, left_out=True))
     assert (result.verdict, result.steps) == ("unexplained", ())
@@ -283,7 +289,7 @@ def test_dead_time_left_out_is_unexplained_where_a_resistance_takes_most_of_it(b
 
 
 @pytest.mark.parametrize(
-    ("name", "factor"), [("J", 1.6), slow("J", 0.5), ("R", 2.0), ("psi_f", 0.92), slow("L_q", 0.6)]
+    ("name", "factor"), [("J", 1.6), slow("J", 0.5), ("R", 2.0), slow("psi_f", 0.92), slow("L_q", 0.6)]
 )  # fmt: skip
 @pytest.mark.parametrize("motion", seeds("identification", "servo"))
 def test_a_parameter_far_beyond_its_tolerance_is_no_missing_effect(
@@ -308,6 +314,7 @@ def test_a_lightly_damped_spring_shows_in_slow_reversals(blind: ModuleType, seed
     assert np.sqrt(found["k"] / found["J_load"]) == pytest.approx(np.sqrt(true["k"] / true["J_load"]), rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(21, 22))
 def test_slow_reversals_do_not_tell_a_lateness(blind: ModuleType, seed: int) -> None:
     # a spring of half the load's inertia rings above the band: with the torque 2 ms early, a false Stribeck beside it
@@ -327,6 +334,7 @@ def test_friction_by_load_is_held_where_it_would_explain_the_torque_by_itself(bl
     assert result.errors["final"]["torque"]["relative"] > 0.5 * result.errors["nominal"]["torque"]["relative"]
 
 
+@pytest.mark.slow
 def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     blind: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -339,6 +347,7 @@ def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     assert (result.structure.resembles, result.structure.channel) == ("dead_time", "u_q")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(51, 52))
 def test_a_winding_that_stands_in_for_an_effect_is_named_beside_it(blind: ModuleType, seed: int) -> None:
     strong = blind.run(blind.Case(("dead_time",), 1.0, "servo", seed))

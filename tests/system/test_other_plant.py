@@ -15,7 +15,7 @@ from tests.effort import seeds, slow
 COARSE = ("currents in steps of 60 mA", "voltages in steps of 0.5 V")
 
 
-@pytest.mark.parametrize(("effect", "own_angle"), [("", False), (", logged angle alone", True)])
+@pytest.mark.parametrize(("effect", "own_angle"), [slow("", False), (", logged angle alone", True)])
 def test_eccentricity_of_the_encoder_that_commutates_and_of_another(effect: str, own_angle: bool) -> None:
     found = diagnose(*other_log("encoder_eccentricity" + effect, 40))
     assert right("encoder_eccentricity", found)
@@ -54,6 +54,7 @@ def test_a_filtered_speed_is_no_missing_effect(seed: int) -> None:
     assert any("lags the torque by" in text and "(corrected)" in text for text in found.warnings)
 
 
+@pytest.mark.slow
 def test_an_angle_of_five_digits_gives_way_to_the_speed() -> None:
     # 0.01 rad from the 16th turn on, which would be taken for a spring
     design, log = other_log("none", 1700)
@@ -72,7 +73,9 @@ def test_an_effect_is_found_from_speed_alone() -> None:
     assert [step.effect for step in found.steps] == ["viscous_asymmetry"]
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("slow ramps", 901), ("staircase", 902), ("cycle", 903), ("steps", 904)])
+@pytest.mark.parametrize(
+    ("kind", "seed"), [slow("slow ramps", 901), ("staircase", 902), slow("cycle", 903), ("steps", 904)]
+)
 def test_motions_of_machines_raise_no_alarm(kind: str, seed: int) -> None:
     # on slow ramps the acceleration is nearly all noise: a load that took no part in it would lower the error
     assert diagnose(*other_log("none", seed, kind=kind)).verdict == "consistent"
@@ -81,7 +84,7 @@ def test_motions_of_machines_raise_no_alarm(kind: str, seed: int) -> None:
 @pytest.mark.parametrize(
     ("effect", "kind", "seed"),
     [
-        ("thermal_drift", "steps", 900),  # u_q is off while the speed steps, and no drift would ever mend that
+        slow("thermal_drift", "steps", 900),  # u_q is off while the speed steps, and no drift would ever mend that
         ("stribeck", "steps", 901),  # a third of a per cent of the torque beside such accelerations
     ],
 )
@@ -131,7 +134,7 @@ def test_a_diagnosis_has_no_units_of_its_own(size: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "seed", "size"),
     [
-        (None, 981, "slow"),  # the drive's own noise moves the axis: what is left depends on small accelerations
+        slow(None, 981, "slow"),  # the drive's own noise moves the axis: what is left depends on small accelerations
         ("two sines", 1082, "fast"),  # a bend of the friction that is passed within a sample
         ("two sines", 1282, "fast"),  # a lag that is over within a sample
         ("cycle", 1180, "fast"),  # u_d is known no better than the whole voltage
@@ -146,12 +149,14 @@ def test_a_dead_time_of_no_size_is_not_named() -> None:
     assert diagnose(*other_log("none", 1081, kind="steps")).verdict == "consistent"
 
 
+@pytest.mark.slow
 def test_noise_that_moves_the_axis_is_no_load_on_a_spring() -> None:
     slow = sized(*other_log("constant_load", 980), *SIZES["slow"])
     found = diagnose(*slow, candidates=["constant_load", "compliance"])
     assert [step.effect for step in found.steps] == ["constant_load"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(1751, 1750))
 def test_noise_around_a_constant_acceleration_is_no_dependence(seed: int) -> None:
     assert diagnose(*sized(*other_log("none", seed, kind="triangle"), *SIZES["slow"])).verdict == "consistent"

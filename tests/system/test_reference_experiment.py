@@ -92,6 +92,7 @@ def test_plateaus_too_short_to_settle_are_not_averaged_in_silence(motor: Design)
         assert any("did not settle" in text for text in result.warnings)
 
 
+@pytest.mark.slow
 def test_a_repeat_lessens_the_standard_error(motor: Design) -> None:
     one = np.mean([sweep(motor, repeats=1, seed=s).joint.F_c.stderr for s in range(3)])
     four = np.mean([sweep(motor, repeats=4, seed=s).joint.F_c.stderr for s in range(3)])

@@ -20,7 +20,7 @@ from pmsm_ctrl.tune.proof import BANDWIDTH_TOLERANCE, PHASE_TOLERANCE, Outcome, 
 from pmsm_ctrl.tune.tuning import tune
 from tests.effort import slow
 
-MACHINES = ("seed_motor", "small_servo", "servo_2kw", "geared_resonant")
+MACHINES = ("seed_motor", "geared_resonant", slow("small_servo"), slow("servo_2kw"))
 
 
 @cache
@@ -113,8 +113,8 @@ def test_a_difference_that_nothing_explains_fails(seed):
     ("effect", "parameters", "loop"),
     [
         ("dead_time", {"dU": 6.0, "i_0": 0.05}, "current loop"),
-        ("backlash", {"gap": 0.01, "J_load": 4e-5, "k": 100.0, "d": 0.02}, "speed loop"),
-        ("load_dependent_friction", {"mu": 0.2}, "speed loop"),
+        slow("backlash", {"gap": 0.01, "J_load": 4e-5, "k": 100.0, "d": 0.02}, "speed loop"),
+        slow("load_dependent_friction", {"mu": 0.2}, "speed loop"),
     ],
 )
 def test_an_effect_that_bends_a_loop_is_named(seed, effect, parameters, loop):
@@ -126,6 +126,7 @@ def test_an_effect_that_bends_a_loop_is_named(seed, effect, parameters, loop):
     assert {check.explanation.cause for check in explained} == {effect}
 
 
+@pytest.mark.slow
 def test_effects_that_only_add_torque_leave_the_prediction_alone(seed):
     design = seed.design
     for effect in ("cogging", "torque_ripple"):
@@ -164,6 +165,7 @@ def test_the_script_that_tunes_and_verifies(designs, capsys, monkeypatch):
     assert "speed loop: crossover" in out
 
 
+@pytest.mark.slow
 def test_the_script_that_sweeps_a_bandwidth(designs, tmp_path, capsys, monkeypatch):
     assert run_script(designs / "bandwidth_sweep.py", monkeypatch, str(tmp_path / "plot.png")) == 0
     assert (tmp_path / "plot.png").stat().st_size > 10_000
@@ -205,6 +207,7 @@ def test_the_table_of_the_delays(seed, project_root):
             assert float(gain) == pytest.approx(found.gain_margin_db, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "antiresonance", "damping"), [slow(10.0, 40.0, 0.02), (0.2, 150.0, 0.005)])
 def test_lines_follow_a_resonance(designs, ratio, antiresonance, damping):
     """Two masses whose loop gain crosses 1 several times, at the resonance too: the worst crossing is measured."""

@@ -354,6 +354,7 @@ def test_map_entries() -> None:
             console.parse_map(wrong)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="POSIX signals and pipes")
 def test_reader_that_leaves_early_is_no_error() -> None:
     command = f"{sys.executable} -m pmsm_ctrl effects | true; exit ${{PIPESTATUS[0]}}"

@@ -88,6 +88,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chain, "diagnose", lambda *given, **more: diagnose(*given, plan=False, **more))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_a_study_says_it_once_and_is_not_green(
     design: Design, clean: Log, doubted: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -152,6 +153,7 @@ def test_white_noise_for_a_current_is_never_consistent(design: Design, noise: Lo
     assert not found.summary(width=1000).splitlines()[2].startswith("Inverse-dynamics")
 
 
+@pytest.mark.slow
 def test_a_comparison_of_another_motor_has_something_to_say(design: Design, clean: Log) -> None:
     other = design.with_parameters(J=2.0 * design.J).with_effect("coulomb", {"F_c": 0.1})
     found = compare(other, clean)

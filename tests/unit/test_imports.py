@@ -9,13 +9,14 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[2] / "pmsm_ctrl"
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
+PATHS = sorted(PACKAGE.rglob("*.py"))
 MAX_MODULE = 500
 MAX_FUNCTION = 60
 
@@ -27,18 +28,28 @@ NEVER_ON_IMPORT = ["numba", "scipy", "matplotlib", "control", "filterpy", "jinja
 NEVER_ON_IMPORT += ["starlette", "uvicorn"]
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def module_of(path: Path) -> str:
     """Dotted name of a source file."""
     parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {module_of(path) for path in TREES}
+MODULES = {module_of(path) for path in PATHS}
 
 
-def imports(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield (place, dotted module) of every import, wherever in the file it stands, functions included."""
-    for node in ast.walk(TREES[path]):
+@cache
+def imports(path: Path) -> list[tuple[str, str]]:
+    """Return (place, dotted module) of every import, wherever in the file it stands, functions included."""
+    return list(imported(path))
+
+
+def imported(path: Path) -> Iterator[tuple[str, str]]:
+    for node in ast.walk(tree_of(path)):
         place = f"{path.relative_to(PACKAGE)}:{getattr(node, 'lineno', 0)}"
         if isinstance(node, ast.Import):
             for alias in node.names:
@@ -58,13 +69,13 @@ def test_every_import_keeps_the_contracts(project_root: Path, monkeypatch: pytes
 
 def for_types_alone(path: Path) -> set[str]:
     """Modules that a file imports for the type checker and nowhere else."""
-    blocks = [n for n in ast.walk(TREES[path]) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
+    blocks = [n for n in ast.walk(tree_of(path)) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
     return {node.module or "" for block in blocks for node in ast.walk(block) if isinstance(node, ast.ImportFrom)}
 
 
 def test_no_module_imports_itself_in_a_circle() -> None:
     graph = {}
-    for path in TREES:
+    for path in PATHS:
         graph[module_of(path)] = {module for _, module in imports(path) if module in MODULES}
         # an effect holds its structure, and a structure is asked about an effect: the two types know each other
         graph[module_of(path)] -= for_types_alone(path) & {"pmsm_ctrl.effects.base"}
@@ -88,7 +99,7 @@ def test_importers_only_read() -> None:
 def test_libraries_stay_where_they_belong() -> None:
     wrong = [
         f"{place}: {module} belongs in {ONLY_IN[module.split('.')[0]]}/ alone"
-        for path in TREES
+        for path in PATHS
         for place, module in imports(path)
         if module.split(".")[0] in ONLY_IN and path.relative_to(PACKAGE).parts[0] != ONLY_IN[module.split(".")[0]]
     ]
@@ -96,16 +107,16 @@ def test_libraries_stay_where_they_belong() -> None:
 
 
 def test_pyplot_is_not_used() -> None:
-    assert not [place for path in TREES for place, module in imports(path) if module.startswith("matplotlib.pyplot")]
+    assert not [place for path in PATHS for place, module in imports(path) if module.startswith("matplotlib.pyplot")]
 
 
 def test_no_room_outgrows_its_size() -> None:
     grown = []
-    for path, tree in TREES.items():
+    for path in PATHS:
         name, lines = path.relative_to(PACKAGE), path.read_text(encoding="utf-8").count("\n")
         if lines > MAX_MODULE:
             grown.append(f"{name}: {lines} lines; at most {MAX_MODULE}")
-        for node in ast.walk(tree):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 length = (node.end_lineno or node.lineno) - node.lineno + 1
                 if ast.get_docstring(node) is not None:  # saying more about a function must not make it too long

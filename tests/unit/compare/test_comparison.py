@@ -187,6 +187,7 @@ def test_text_json_and_page(seed_motor: Design) -> None:
     assert page.count("<figure>") == 4
 
 
+@pytest.mark.slow
 def test_thirty_seconds_take_well_below_three(seed_motor: Design) -> None:
     log = simulate(seed_motor, "identification", seed=1)
     compare(seed_motor, log)

@@ -350,6 +350,7 @@ def test_gains_of_a_sweep_end_at_150_percent() -> None:
     assert sweep_gains(1.5) == (0.0, 1.5)
 
 
+@pytest.mark.slow
 def test_drives_side_by_side_are_judged_as_one_by_one(design: Design) -> None:
     """The benchmark's lanes give the metrics that `compensate` gets from single runs; quiet, so that both see alike."""
     quiet = random_drive(design, np.random.default_rng(2)).replace(sensor={"current_noise": 0.0})
@@ -362,6 +363,7 @@ def test_drives_side_by_side_are_judged_as_one_by_one(design: Design) -> None:
         assert asdict(found[key]) == pytest.approx(asdict(single), rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_nothing_cycles_inside_the_safe_window() -> None:
     assert check([0], ["commanded"], step=0.5) == []
 

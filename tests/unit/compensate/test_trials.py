@@ -157,6 +157,7 @@ def test_without_friction_fed_it_is_a_plain_simulation(rich: Design) -> None:
         assert run.fed == {}
 
 
+@pytest.mark.slow
 def test_viscous_friction_alone_can_be_tracked(design: Design) -> None:
     dry = design.without_effect("viscous")
     believed = compensated(baseline(dry), ["coulomb"], source="adaptive", factor=1.2)

@@ -74,6 +74,7 @@ def test_the_shape_of_an_effect(design: Design) -> None:
     assert result.estimates["w_s"].stderr < 3.0
 
 
+@pytest.mark.slow
 def test_noise_of_the_torque_sets_the_standard_error(design: Design) -> None:
     """White noise of the torque on a known motion: no estimate of a mean knows it better than sigma / sqrt(n)."""
     t = np.arange(20000) / 1000.0

@@ -112,6 +112,7 @@ def test_the_error_that_is_told_is_that_of_reversals_as_well() -> None:
     assert result.relative_error == pytest.approx(np.linalg.norm(left) / np.linalg.norm(plain.torque[plain.mask]))
 
 
+@pytest.mark.slow
 def test_least_squares_takes_the_band_that_the_log_asks_for() -> None:
     motions, triangle, *_, slow = cases()
     blank = Processing(blank=True)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.identify import identify
+from tests.effort import slow
 from tests.torque_steps import BARE, J, torque_steps
 
 SEEDS = range(8)
@@ -15,7 +16,7 @@ SEEDS = range(8)
 
 @pytest.mark.parametrize(
     "case",
-    [{"bits": 9}, {"bits": 12, "noise": 0.1, "shaken": 0.15}],
+    [slow({"bits": 9}), {"bits": 12, "noise": 0.1, "shaken": 0.15}],
     ids=str,
 )
 def test_the_interval_of_the_inertia_covers(case: dict[str, Any]) -> None:

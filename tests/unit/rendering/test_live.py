@@ -80,6 +80,7 @@ def test_thinning_keeps_every_extreme_of_a_bin_and_its_count() -> None:
     assert list(live.thinned(rows[:, :500], 500)) == list(range(500))
 
 
+@pytest.mark.slow
 def test_same_traces_same_bytes() -> None:
     assert live.live_html(traces(), "a") == live.live_html(traces(), "a")
     assert page() == page()

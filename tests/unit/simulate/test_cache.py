@@ -98,6 +98,7 @@ def test_an_edited_effect_of_the_package_is_seen(copy):
     assert run(copy, code) == pytest.approx(3.0 * before, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_an_edited_constant_behind_an_own_effect_is_seen(copy):
     """Neither the term's file nor that of the helper it calls changes: only a number in a third file."""
     (copy / "mine.py").write_text(MINE)

@@ -244,6 +244,7 @@ def test_backlash_gap_is_traversed_with_conserved_momentum(bare, checked):
     checked("motor speed after an elastic contact [rad/s]", w[later], 2 * J_load * u / J, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_a_gap_and_a_spring_together_use_the_springs_constants(bare):
     spring = bare.without_effect("coulomb").with_effect("compliance", {"J_load": 4e-5, "k": 20.0, "d": 0.0})
     both = spring.with_effect("backlash", {"gap": 1e-9, "J_load": 1e-5, "k": 1e3, "d": 0.5})

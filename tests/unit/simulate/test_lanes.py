@@ -86,6 +86,7 @@ def with_every_term(design, count):
     return drives
 
 
+@pytest.mark.slow
 def test_every_term(seed_motor):
     drives = with_every_term(seed_motor, 5)
     motion = scenario("triangle", period=0.2, cycles=1)
@@ -96,6 +97,7 @@ def test_every_term(seed_motor):
     )
 
 
+@pytest.mark.slow
 def test_mixed_batches(seed_motor):
     """Drives that do not fit together are simulated apart, and come back in order."""
     spring = {"k": 500.0, "d": 0.01, "J_load": 3e-5}

@@ -73,6 +73,7 @@ def test_step_of_coulomb_friction_is_followed_within_two_seconds(design: Design,
     assert "changed_abruptly" in [notice.code for notice in found.notices]
 
 
+@pytest.mark.slow
 def test_thermal_drift_of_viscous_friction_lags_less_than_three_seconds(design: Design) -> None:
     rate = 0.02 * F_V  # per second: in half a minute 60 %
     truth = design.with_own_effects(ramp_of_F_v).with_effect("ramp_of_F_v", {"rate": rate, "t_0": 4.0})
@@ -86,6 +87,7 @@ def test_thermal_drift_of_viscous_friction_lags_less_than_three_seconds(design: 
     assert min(lags) > 0.0
 
 
+@pytest.mark.slow
 def test_warm_up_of_the_catalogue_is_followed(design: Design) -> None:
     warm = {"dF_v": -0.4 * F_V, "dF_c": 0.0, "tau": 20.0}
     log = simulate(

@@ -179,6 +179,7 @@ def test_a_sample_that_is_not_a_number_changes_nothing(design: Design, log: Log)
     assert feed(tracker, log.slice(500, 1500))[-1].F_c == pytest.approx(F_C, rel=0.03)
 
 
+@pytest.mark.slow
 def test_an_hour_at_standstill(design: Design, log: Log) -> None:
     first = samples_of(design, log, "theta")
     n = 3_600_000

@@ -104,6 +104,7 @@ def test_a_design_without_a_filter_of_its_own_keeps_that_of_the_speed_loop(tuned
     assert Cascade.of(explicit, loops.current, loops.speed, explicit.loops.position).position.velocity_filter == 0.0
 
 
+@pytest.mark.slow
 def test_a_difference_that_goes_with_the_speed_is_explained():
     # At 4 kHz and full speed the rotor turns by 0.6 rad of its electrical angle while the voltage is held.
     turning = tune(machine(14), prove=False)

@@ -120,6 +120,7 @@ def test_the_worst_corner_is_named_and_no_point_inside_is_worse(tuned):
     assert found.worst_current.current.phase_margin < found.nominal.current.phase_margin
 
 
+@pytest.mark.slow
 def test_robust_gains_keep_the_worst_corner(root):
     design = Design.read(root / "seed_motor.toml")
     need = Requirements(phase_margin=48.0, gain_margin_db=8.0, sensitivity_peak=1.8)
