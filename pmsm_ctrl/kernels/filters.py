@@ -50,11 +50,13 @@ def _recursive(rows: Array, sections: Array, settled: Array, backward: bool) -> 
 def _four_sections(rows: Array, sections: Array, settled: Array, backward: bool) -> None:
     """Do what `_recursive` does for one column and at most four sections, whose state stays in registers."""
     a = np.zeros((4, 6))
-    a[:, 0] = 1.0  # a section that passes everything
     rest = np.zeros((4, 2))
-    for s in range(sections.shape[0]):
-        a[s] = sections[s]
-        rest[s] = settled[s]
+    for s in range(4):  # element by element: numba compiles the message of a wrong shape with every whole row
+        a[s, 0] = 1.0  # a section that passes everything
+        if s < sections.shape[0]:
+            for j in range(6):
+                a[s, j] = sections[s, j]
+            rest[s, 0], rest[s, 1] = settled[s, 0], settled[s, 1]
     n = rows.shape[0]
     x = rows[n - 1 if backward else 0, 0]
     p0, p1, p2, p3 = rest[0, 0] * x, rest[1, 0] * x, rest[2, 0] * x, rest[3, 0] * x

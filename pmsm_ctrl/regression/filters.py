@@ -71,7 +71,8 @@ def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False, ste
 
     sections, settled = _sections(rate, cutoff, steep)
     n = values.shape[-1]
-    flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1, n)
+    # a writeable array, as the channels of a log are not: numba compiles the filter for each kind
+    flat = np.require(values, np.float64, ["C", "W"]).reshape(-1, n)
     out = np.empty((len(flat), -(-n // step)))
     zero_phase(flat, sections, settled, min(n - 1, round(3.0 * rate / cutoff)), step, out)
     return out.reshape(*values.shape[:-1], out.shape[1])
