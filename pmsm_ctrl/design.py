@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import tomli_w
-from pydantic import Field, PrivateAttr, ValidationError, field_validator
+from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
 
 from pmsm_ctrl.complaints import explain
 from pmsm_ctrl.design_parts import (
@@ -23,6 +23,7 @@ from pmsm_ctrl.design_parts import (
     Drive,
     EffectEntry,
     Evaluated,
+    Filter,
     Finite,
     Load,
     LogMap,
@@ -39,8 +40,8 @@ from pmsm_ctrl.files import write_text
 from pmsm_ctrl.units import psi_f_from
 
 __all__ = [
-    "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Design", "Drive", "EffectEntry", "Evaluated", "Load",
-    "LogMap", "Loops", "Motor", "PositionLoop", "Sensor", "SpeedLoop",
+    "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Design", "Drive", "EffectEntry", "Evaluated", "Filter",
+    "Load", "LogMap", "Loops", "Motor", "PositionLoop", "Sensor", "SpeedLoop",
 ]  # fmt: skip
 
 MAX_FILE = 1 << 24  # bytes of a design
@@ -82,6 +83,18 @@ class Design(Part):
         if any(unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") for c in name):
             raise ValueError(f"found {name[:60]!r}; one line of printable characters was expected")
         return name
+
+    @model_validator(mode="after")
+    def _sampled(self) -> Design:
+        """Refuse a filter of the current reference that its sampling cannot represent."""
+        limit = 0.5 / self.drive.speed_period
+        for number, one in enumerate(self.loops.speed.filters if self.loops is not None else ()):
+            if one.frequency >= 0.999 * limit:
+                raise ValueError(
+                    f"loops.speed.filters.{number}.frequency: found {one.frequency:g} Hz; below {limit:g} Hz, half the "
+                    "rate of the speed loop (drive.f_control / drive.speed_divider), was expected"
+                )
+        return self
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Design) and self.to_dict() == other.to_dict()

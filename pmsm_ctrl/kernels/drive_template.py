@@ -166,6 +166,7 @@ def speed_control(gains, memory, theta_m, reference, T_s):
     e = omega_ref - omega_hat
     wanted = K_s * e + I_s + k_alpha * reference[2] + reference[3]
     # <compensation>
+    # <filters>
     i_q_ref = min(max(wanted, -i_max), i_max)
     # Anti-windup: the part cut off by the limit is fed back.
     I_s += b_s * (K_s * e + i_q_ref - wanted)

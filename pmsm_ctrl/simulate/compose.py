@@ -22,7 +22,7 @@ from pmsm_ctrl.effects.fingerprint import fingerprint
 from pmsm_ctrl.effects.structures import STRUCTURES, Structure
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.kernels import cache_folder
-from pmsm_ctrl.simulate.feedforward import compensation_lines, observer_lines, turning_lines
+from pmsm_ctrl.simulate.controller_lines import PLAIN, SpeedParts
 
 __all__ = ["BARE_STATES", "completed", "lines_of", "load", "module_of", "source", "structures"]
 
@@ -33,14 +33,14 @@ _TEMPLATE = Path(__file__).resolve().parent.parent / "kernels" / "drive_template
 
 
 def source(
-    effects: Sequence[Effect], compensated: Sequence[Effect] = (), driven: Mapping[str, list[str]] | None = None
-) -> str:
+    effects: Sequence[Effect], compensated: Sequence[Effect] = (), parts: SpeedParts = PLAIN, *,
+    driven: Mapping[str, list[str]] | None = None,
+) -> str:  # fmt: skip
     """Return the drive kernel's source for these effects, in this order, and those its controller compensates.
 
-    `driven` holds the lines for further marks.
+    `parts` is what the speed controller has beside; `driven` holds the lines for further marks.
     """
-    lines = {**lines_of(effects), "compensation": compensation_lines(compensated), **(driven or {})}
-    return completed(_TEMPLATE, lines)
+    return completed(_TEMPLATE, {**lines_of(effects), **parts.lines(compensated), **(driven or {})})
 
 
 def completed(template: Path, lines: Mapping[str, list[str]]) -> str:
@@ -62,14 +62,13 @@ def completed(template: Path, lines: Mapping[str, list[str]]) -> str:
 
 
 @lru_cache(maxsize=256)
-def _source(effects: tuple[Effect, ...], compensated: tuple[Effect, ...], observer: bool, turns: bool = False) -> str:
-    own = observer_lines() if observer else turning_lines(compensated) if turns else None
-    return source(effects, compensated, own)
+def _source(effects: tuple[Effect, ...], compensated: tuple[Effect, ...], parts: SpeedParts) -> str:
+    return source(effects, compensated, parts)
 
 
 def load(
-    effects: Sequence[Effect], compensated: Sequence[Effect] = (), *, compiled: bool = True, observer: bool = False,
-    turns: bool = False,
+    effects: Sequence[Effect], compensated: Sequence[Effect] = (), *, compiled: bool = True,
+    parts: SpeedParts = PLAIN,
 ) -> ModuleType:  # fmt: skip
     """Return the module whose `run` simulates a drive with these effects.
 
@@ -81,17 +80,15 @@ def load(
         Effects of the controller's feedforward; their parameters are columns of the references.
     compiled : bool
         False returns the same text in plain Python, for reading and comparison.
-    observer : bool
-        Whether the controller has a disturbance observer.
-    turns : bool
-        Whether the compensated friction turns over a ramp at reversals.
+    parts : SpeedParts
+        What the speed controller has beside its PI: an observer, filters.
 
     Returns
     -------
     module
     """
     plant, drive = tuple(effects), tuple(compensated)
-    text = _source(plant, drive, observer, turns)
+    text = _source(plant, drive, parts)
     return module_of(text, plant, drive) if compiled else _plain(text, plant, drive)
 
 

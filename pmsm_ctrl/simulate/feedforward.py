@@ -21,8 +21,8 @@ from pmsm_ctrl.errors import DesignError
 
 __all__ = [
     "FIRST", "TRUSTED", "Feedforward", "compensation_lines", "core_lines", "estimate_lines", "largest_current",
-    "limit_lines", "memory_lines", "observer_inertia", "observer_lines", "observer_share", "observer_values",
-    "ramp_length", "smoothing_width", "turning_lines",
+    "limit_lines", "observer_inertia", "observer_lines", "observer_share", "observer_values",
+    "ramp_length", "smoothing_width",
 ]  # fmt: skip
 
 Array = NDArray[Any]
@@ -182,46 +182,17 @@ def observer_inertia(design: Design) -> float:
     return design.compensation.inertia or design.assumed.J or design.J
 
 
-def observer_lines() -> dict[str, list[str]]:
-    """Return the lines that a disturbance observer has at the marks of the drive kernel."""
+def observer_lines() -> list[str]:
+    """Return the lines that a disturbance observer has in the speed controller."""
     first = f"reference[{FIRST + HEAD}], reference[{FIRST + HEAD + 1}], reference[{FIRST + HEAD + 2}]"
-    return memory_lines(("observed", "applied"), ("observed", "i_q_ref")) | {
-        "compensation": [
-            "gain, K_t, limit = reference[6], reference[9], reference[12]",
-            f"bandwidth, share, inertia = {first}",
-            "omega = omega_hat",
-            *estimate_lines(),
-            *limit_lines(),
-            "wanted += i_q_add",
-        ],
-    }
-
-
-def memory_lines(names: Sequence[str], values: Sequence[str]) -> dict[str, list[str]]:
-    """Return the lines by which a compensation's memory goes with that of the speed controller.
-
-    The last states hold it between two pieces of a run.
-
-    Parameters
-    ----------
-    names : sequence of str
-        The compensation's memory.
-    values : sequence of str
-        Expressions of what it is after a speed period.
-    """
-    places = ", ".join(f"states[{k - len(names)}]" for k in range(len(names)))
-    states = f"states[6], states[7], states[8], states[14], {places}"
-    return {
-        "speed memory": [f"I_s, theta_last, omega_hat, omega_filtered, {', '.join(names)} = memory"],
-        "speed result": [f"return (I_s, theta_m, omega_hat, omega_filtered, {', '.join(values)}), i_q_ref"],
-        "load speed memory": [f"speed_memory = ({states})"],
-        "store speed memory": [f"{states} = speed_memory"],
-    }
-
-
-def turning_lines(effects: Sequence[Effect]) -> dict[str, list[str]]:
-    """Return the lines that a compensation whose friction turns over a ramp has at the marks of the drive kernel."""
-    return memory_lines(("swing",), ("swing",)) | {"compensation": compensation_lines(effects, turns=True)}
+    return [
+        "gain, K_t, limit = reference[6], reference[9], reference[12]",
+        f"bandwidth, share, inertia = {first}",
+        "omega = omega_hat",
+        *estimate_lines(),
+        *limit_lines(),
+        "wanted += i_q_add",
+    ]
 
 
 def compensation_lines(effects: Sequence[Effect], turns: bool = False) -> list[str]:

@@ -51,7 +51,7 @@ def groups(drives: Mapping[int, Prepared], *, always: bool = False) -> list[Grou
     """
     alike: dict[Any, list[int]] = defaultdict(list)
     for number, drive in drives.items():
-        if not (drive.observes or drive.turns) and not any(effect.has_state for effect in drive.active):
+        if not drive.parts.memory and not any(effect.has_state for effect in drive.active):
             alike[_key(drive)].append(number)
     found = []
     for numbers in alike.values():

@@ -127,6 +127,8 @@ class Controller:
         Current limit, A.
     L_d, L_q, psi_f : float
         Motor model of the decoupling, H, H, Wb.
+    filters : tuple of tuple of float
+        b_0, b_1, b_2, a_1, a_2 of every filter of the current reference; none in current control.
     """
 
     current_gain: tuple[float, float]
@@ -142,6 +144,7 @@ class Controller:
     L_d: float
     L_q: float
     psi_f: float
+    filters: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
     def of(cls, design: Design, control: str = "speed") -> Controller:
@@ -188,6 +191,7 @@ class Controller:
             L_d=assumed.L_d or motor.L_d,
             L_q=assumed.L_q or motor.L_q,
             psi_f=psi_f_from(design.K_t_assumed, motor.p),
+            filters=tuple(one.biquad.sampled(T_s) for one in speed.filters) if control != "current" else (),
         )
 
     def array(self) -> Array:
@@ -196,6 +200,7 @@ class Controller:
             self.current_gain[0], self.current_integral[0], self.current_gain[1], self.current_integral[1],
             self.speed_gain, self.speed_integral, self.speed_filter, self.reference_filter, self.position_gain,
             self.velocity_feedforward, self.acceleration_feedforward, self.i_max, self.L_d, self.L_q, self.psi_f,
+            *(value for one in self.filters for value in one),
         ], dtype=np.float64)  # fmt: skip
 
 

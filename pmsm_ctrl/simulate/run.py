@@ -16,6 +16,7 @@ from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.errors import DesignError, RequestError, SimulationError
 from pmsm_ctrl.log import Log, Provenance, Segment
 from pmsm_ctrl.simulate.compose import BARE_STATES, load, structures
+from pmsm_ctrl.simulate.controller_lines import SpeedParts
 from pmsm_ctrl.simulate.feedforward import Feedforward
 from pmsm_ctrl.simulate.motions import Scenario
 from pmsm_ctrl.simulate.parameters import Controller, Plant
@@ -119,27 +120,24 @@ class Prepared:
     def kernel(self, *, compiled: bool = True) -> ModuleType:
         """Return the module that simulates this drive, compiled or in plain Python."""
         compensated = self.feedforward.effects if self.feedforward is not None else ()
-        return load(self.active, compensated, compiled=compiled, observer=self.observes, turns=self.turns)
+        return load(self.active, compensated, compiled=compiled, parts=self.parts)
 
     @property
-    def observes(self) -> bool:
-        """Whether the controller has a disturbance observer."""
-        return self.feedforward is not None and self.feedforward.observes
-
-    @property
-    def turns(self) -> bool:
-        """Whether the compensated friction turns over a ramp at reversals."""
-        return self.feedforward is not None and self.feedforward.turns
+    def parts(self) -> SpeedParts:
+        """What the speed controller has beside its PI."""
+        forward = self.feedforward
+        observes, turns = forward is not None and forward.observes, forward is not None and forward.turns
+        return SpeedParts(observes, turns, len(self.controller.filters))
 
     def states(self) -> Array:
         """Return the kernel's initial states."""
-        states = _start(self.motion, self.plant, self.active)
-        if self.turns:
-            return np.append(states, np.sign(self.motion.omega_0))
-        if self.feedforward is None or not self.observes:
-            return states
-        of_speed, current = self.feedforward.start
-        return np.concatenate([states, [of_speed * self.motion.omega_0, current]])
+        parts, start = self.parts, dict.fromkeys((name for name, _ in self.parts.memory), 0.0)
+        if parts.turns:
+            start["swing"] = float(np.sign(self.motion.omega_0))
+        if parts.observes and self.feedforward is not None:
+            of_speed, start["applied"] = self.feedforward.start
+            start["observed"] = of_speed * self.motion.omega_0
+        return np.concatenate([_start(self.motion, self.plant, self.active), [*start.values()]])
 
     def log(self, table: Array, seed: int, keep_truth: bool) -> Log:
         """Return the logged rows, shape (n, len(LOGGED)), as a log."""

@@ -171,7 +171,12 @@ class Bench:
         if name == "speed":
             log = self._excited(signal, "i_q_add", amplitude, divider)
             sent = np.fft.rfft(_mean_period(log["i_q_ref"], n, periods))[lines] / n
-            return signal.frequencies, np.asarray(amplitude * signal.spectrum / sent - 1.0)
+            # The signal passes through the filters of the current reference before it is logged there.
+            z = np.exp(2j * math.pi * signal.frequencies * signal.period)
+            passed = amplitude * signal.spectrum
+            for one in self.design.require_loops().speed.filters:
+                passed = passed * one.biquad.sampled_at(z, signal.period)
+            return signal.frequencies, np.asarray(passed / sent - 1.0)
         loops = self.design.require_loops()
         unfiltered = {"speed": {**loops.speed.model_dump(), "reference_filter": 0.0}}
         log = replace(self, design=self.design.replace(loops=unfiltered))._excited(

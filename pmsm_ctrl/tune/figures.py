@@ -106,7 +106,8 @@ def filtered(tuning: Tuning, words: str) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True)
     cascade, gains = tuning.cascade, resonant.gains
     _bode(upper, lower, open_loop(cascade, gains), COLOURS["speed"], "without a filter")
-    _bode(upper, lower, open_loop(cascade, gains, (resonant.options[0].filter,)), COLOURS["current"], words)
+    best = gains.model_copy(update={"filters": (resonant.options[0].filter,)})
+    _bode(upper, lower, open_loop(cascade, best), COLOURS["current"], words)
     _finish_bode(upper, lower, "Open speed loop")
     return figure
 

@@ -20,7 +20,7 @@ from pmsm_ctrl.simulate.feedforward import observer_inertia, observer_share
 from pmsm_ctrl.tune.margins import Margins, margins, response
 from pmsm_ctrl.tune.proof import default_speed
 from pmsm_ctrl.tune.robust import Corner, corners, varied
-from pmsm_ctrl.tune.sampled import Cascade, frequencies, pi
+from pmsm_ctrl.tune.sampled import Cascade, filters, frequencies, pi
 
 __all__ = ["ObserverDesign", "design_observer", "loop_with_observer"]
 
@@ -76,16 +76,17 @@ def loop_with_observer(design: Design, bandwidth: float, *, gain: float = 1.0, t
     plant = cascade.system(("i_q_ref",), outputs)
     a, inertia = observer_share(design, bandwidth), observer_inertia(design)
     control = pi(loops.speed.K_p, loops.speed.T_n, T)
+    passed = filters(loops.speed, T)  # what is asked for, the observer's share included
     weights = [1.0, loops.position.K_v][: len(outputs)]
     if bandwidth == 0.0:
-        return ct.ss(control) * _combined(plant, [weights])
+        return passed * ct.ss(control) * _combined(plant, [weights])
     pole = a * (1.0 - gain) - 1.0
     damping = gain * bandwidth * inertia * (1.0 - a) / design.K_t_assumed
     damped = ct.ss([], [], [], [[damping]], T) if gain == 1.0 else ct.ss(ct.tf([damping, -damping], [1.0, pole], T))
     controllers = ct.append(ct.ss(control * ct.tf([1.0, a - 1.0], [1.0, pole], T)), damped)
     # The speed error, both measurements in one, and the speed: so that every integrator stands once.
     speed = [1.0, *[0.0] * (len(outputs) - 1)]
-    return ct.ss([], [], [], [[1.0, 1.0]], T) * controllers * _combined(plant, [weights, speed])
+    return passed * ct.ss([], [], [], [[1.0, 1.0]], T) * controllers * _combined(plant, [weights, speed])
 
 
 def _combined(plant: Any, rows: list[list[float]]) -> Any:

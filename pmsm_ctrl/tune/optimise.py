@@ -103,7 +103,7 @@ def optimise(
 
     def gains(x: Array) -> SpeedLoop:
         K_p, T_n = loops.speed.K_p * math.exp(x[0]), loops.speed.T_n * math.exp(x[1])
-        return SpeedLoop(K_p=K_p, T_n=T_n, reference_filter=loops.speed.reference_filter)
+        return loops.speed.model_copy(update={"K_p": K_p, "T_n": T_n})
 
     def cost(x: Array) -> float:
         nonlocal runs

@@ -16,10 +16,10 @@ from pmsm_ctrl.units import axis_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from pmsm_ctrl.design import Filter
     from pmsm_ctrl.tune.margins import Margins
     from pmsm_ctrl.tune.proof import Check
     from pmsm_ctrl.tune.resonance import FilterOption
-    from pmsm_ctrl.tune.sampled import Biquad
 
 __all__: list[str] = []
 
@@ -132,6 +132,7 @@ def _gains(result: Tuning) -> Table:
         rows.insert(0, ("current (d)", pi(current.K_p_d, current.T_n_d, "V/A"), methods["current"]))
     reference = f", reference filter {number(1e3 * speed.reference_filter)} ms"
     rows.append(("speed", pi(speed.K_p, speed.T_n, "A/(rad/s)") + reference, methods["speed"]))
+    rows += [("current reference", _filter(one), "filter behind the speed controller") for one in speed.filters]
     matched = 1e3 * result.loops.reference_filter(in_position=True)
     velocity = f"K_v {number(position.K_v)} 1/s, filter of the reference speed {number(matched)} ms"
     rows.append(("position", velocity, methods["position"]))
@@ -199,10 +200,13 @@ def _tolerances(result: Tuning) -> Table:
     return Table(("loop", "corner", *BRIEF), tuple(rows), f"Tolerances ({r.corners} points, the worst shown)")
 
 
-def _filter(item: Biquad) -> str:
-    text = f"{item.kind.replace('_', '-')} {item.frequency:.4g} Hz, damping {item.damping_denominator:.2g}"
-    depth = f", depth {item.damping_numerator / item.damping_denominator:.2g}"
-    return text + (depth if item.kind == "notch" else "")
+def _filter(item: Filter) -> str:
+    text = f"{item.kind.replace('_', '-')} {item.frequency:.4g} Hz"
+    if item.kind == "notch":
+        return f"{text}, width {item.width:.3g} Hz, " + ("complete" if item.depth is None else f"{item.depth:.3g} dB")
+    if item.kind == "lead":
+        return f"{text}, {item.phase:.3g} deg"
+    return f"{text}, order 1" if item.order == 1 else f"{text}, damping {item.damping or math.sqrt(0.5):.2g}"
 
 
 def _resonance(result: Tuning) -> tuple[Block, ...]:

@@ -11,19 +11,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pmsm_ctrl.design import Design, SpeedLoop
+from pmsm_ctrl.design import Design, Filter, SpeedLoop
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune.linearise import linearise, second_mass
 from pmsm_ctrl.tune.margins import Margins, margins, response
 from pmsm_ctrl.tune.requirements import Missed, Requirements
 from pmsm_ctrl.tune.robust import LOAD, corners, varied, varied_load
-from pmsm_ctrl.tune.sampled import Biquad, Cascade, frequencies
+from pmsm_ctrl.tune.sampled import Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
 
-__all__ = ["FilterOption", "Resonance", "resonance", "resonance_frequencies", "slow_down"]
+__all__ = ["FilterOption", "Resonance", "resonance", "resonance_frequencies", "slow_down", "slower_gains"]
 
 RATIO, STEPS = 1.15, 40  # of the search for slower gains
 SLOWEST = 15  # steps of that search over the corners: seven times slower
+WIDTHS = (0.2, 0.5, 1.0)  # damping of the notches that are tried
 WORTH = 1.1  # crossover with a filter, as a multiple of that without, from which on the filter is proposed
 
 
@@ -33,7 +34,7 @@ class FilterOption:
 
     Attributes
     ----------
-    filter : Biquad or None
+    filter : Filter or None
     margins : Margins
         With the gains of the rigid axis.
     missed : tuple of Missed
@@ -50,7 +51,7 @@ class FilterOption:
         Nominal, with the slower gains, Hz; 0 without them.
     """
 
-    filter: Biquad | None
+    filter: Filter | None
     margins: Margins
     missed: tuple[Missed, ...]
     worst: Margins
@@ -127,39 +128,48 @@ class _Judge:
             model = linearise(truth, cascade.model.point.speed, mass=mass)
             self._corners.append((deviations, replace(cascade, truth=truth, model=model)))
 
-    def option(self, item: Biquad | None) -> FilterOption:
-        filters = () if item is None else (item,)
-        nominal = margins(open_loop(self._nominal, self._gains, filters))
-        corners = [(self._margins(at, self._gains, filters), deviations) for deviations, at in self._corners]
+    def option(self, item: Filter | None) -> FilterOption:
+        gains = self._gains.model_copy(update={"filters": () if item is None else (item,)})
+        nominal = margins(open_loop(self._nominal, gains))
+        corners = [(self._margins(at, gains), deviations) for deviations, at in self._corners]
         worst, deviations = max(corners, key=lambda found: self._requirements.shortfall(found[0]))
-        slowed, crossover = self._fastest(filters)
+        slowed, crossover = self._fastest(gains)
         name = ", ".join(f"{symbol} {100.0 * d:+.3g} %" for symbol, d in deviations.items())
         missed = self._requirements.missed(nominal)
         return FilterOption(item, nominal, missed, worst, name, slowed, crossover)
 
-    def _margins(self, cascade: Cascade, gains: SpeedLoop, filters: tuple[Biquad, ...]) -> Margins:
-        return margins(open_loop(cascade, gains, filters), self._grid)
+    def _margins(self, cascade: Cascade, gains: SpeedLoop) -> Margins:
+        return margins(open_loop(cascade, gains), self._grid)
 
-    def _fails(self, cascade: Cascade, gains: SpeedLoop, filters: tuple[Biquad, ...]) -> bool:
-        loop = open_loop(cascade, gains, filters)
+    def _fails(self, cascade: Cascade, gains: SpeedLoop) -> bool:
+        loop = open_loop(cascade, gains)
         # abs(S) is quick to find and decides most cases
         if np.abs(1.0 / (1.0 + response(loop, self._grid))).max() > self._requirements.sensitivity_peak:
             return True
         return bool(self._requirements.missed(margins(loop, self._grid)))
 
-    def _fastest(self, filters: tuple[Biquad, ...]) -> tuple[float, float]:
+    def _fastest(self, gains: SpeedLoop) -> tuple[float, float]:
         """Return the smallest factor by which the gains must be slower, and the nominal crossover then."""
         every = [self._nominal, *(at for _, at in self._corners)]
         for k in range(SLOWEST):
-            f = RATIO**k
-            slower = {"K_p": self._gains.K_p / f, "T_n": self._gains.T_n * f}
-            gains = self._gains.model_copy(update=slower)
-            failed = next((at for at in every if self._fails(at, gains, filters)), None)
+            slower = slower_gains(gains, RATIO**k)
+            failed = next((at for at in every if self._fails(at, slower)), None)
             if failed is None:
-                return f, self._margins(self._nominal, gains, filters).crossover
+                return RATIO**k, self._margins(self._nominal, slower).crossover
             # It is the likeliest to fail again.
             every = [failed, *(at for at in every if at is not failed)]
         return math.inf, 0.0
+
+
+def slower_gains(gains: SpeedLoop, factor: float) -> SpeedLoop:
+    """Return the gains of a loop that is slower by a factor >= 1, with the same filters of the current."""
+    return gains.model_copy(
+        update={
+            "K_p": gains.K_p / factor,
+            "T_n": gains.T_n * factor,
+            "reference_filter": gains.reference_filter * factor,
+        }
+    )
 
 
 def _load_corners(design: Design) -> list[dict[str, float]]:
@@ -168,14 +178,18 @@ def _load_corners(design: Design) -> list[dict[str, float]]:
     return list({tuple(corner.items()): corner for corner in kept}.values())
 
 
-def _candidates(cascade: Cascade, peak: float) -> list[Biquad]:
+def _candidates(cascade: Cascade, peak: float) -> list[Filter]:
     """A notch with the resonance's own damping, in three widths, and low-passes about the resonance."""
     mass, highest = second_mass(cascade.truth), 0.9 * 0.5 / cascade.period
     assert mass is not None
     reduced = 1.0 / (1.0 / mass.J_load + 1.0 / (cascade.truth.J - mass.J_load))
     damping = max(mass.d / (2.0 * math.sqrt(mass.k * reduced)), 0.02)
-    notches = [Biquad("notch", peak, damping, width) for width in (0.2, 0.5, 1.0)]
-    passes = [Biquad("low_pass", share * peak, 0.0, math.sqrt(0.5)) for share in (0.4, 0.6, 1.0, 1.5)]
+    notches = [
+        Filter(kind="notch", frequency=peak, width=2.0 * width * peak, depth=20.0 * math.log10(width / damping))
+        for width in WIDTHS
+        if width > damping
+    ]
+    passes = [Filter(kind="low_pass", frequency=share * peak) for share in (0.4, 0.6, 1.0, 1.5)]
     return [item for item in (*notches, *passes) if item.frequency < highest]
 
 

@@ -231,7 +231,7 @@ class Tuning(Result):
                 "before": resonant.before.to_dict(),
                 "proposed": cure
                 and {
-                    **vars(cure.filter),
+                    **(cure.filter.model_dump(exclude_none=True) if cure.filter else {}),
                     **cure.margins.to_dict(),
                     "slowed": cure.slowed,
                     "crossover": cure.crossover,

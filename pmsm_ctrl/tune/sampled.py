@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import control as ct
 import numpy as np
@@ -24,7 +24,7 @@ from pmsm_ctrl.sampling import smoothing
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.linearise import Linearisation, linearise
 
-__all__ = ["FAINT", "Biquad", "Cascade", "current_loop", "frequencies", "pi", "speed_plant"]
+__all__ = ["FAINT", "Cascade", "current_loop", "filters", "frequencies", "pi", "speed_plant"]
 
 Array = NDArray[np.float64]
 
@@ -61,30 +61,13 @@ def current_loop(design: Design, loop: CurrentLoop, axis: str = "q", truth: Desi
     return winding * delay * ct.ss(pi(K_p, T_n, m.period))
 
 
-@dataclass(frozen=True)
-class Biquad:
-    """A notch or a low-pass behind the speed controller, bilinear with its frequency preserved.
-
-    ``(s^2 + 2 numerator w s + w^2) / (s^2 + 2 denominator w s + w^2)``; a low-pass has the constant numerator.
-    """
-
-    kind: Literal["notch", "low_pass"]
-    frequency: float  # Hz
-    damping_numerator: float
-    damping_denominator: float
-
-    def continuous(self) -> Any:
-        """Return the filter in s."""
-        w = 2.0 * math.pi * self.frequency
-        denominator = [1.0, 2.0 * self.damping_denominator * w, w * w]
-        if self.kind == "low_pass":
-            return ct.tf([w * w], denominator)
-        return ct.tf([1.0, 2.0 * self.damping_numerator * w, w * w], denominator)
-
-    def sampled(self, period: float) -> Any:
-        """Return the filter in z."""
-        w = 2.0 * math.pi * self.frequency
-        return ct.c2d(self.continuous(), period, "bilinear", prewarp_frequency=w)
+def filters(loop: SpeedLoop, period: float) -> Any:
+    """Return the filters of the current reference in z (control.StateSpace), as they run; 1 without any."""
+    found: Any = 1.0
+    for one in loop.filters:
+        b_0, b_1, b_2, a_1, a_2 = one.biquad.sampled(period)
+        found = ct.ss(ct.tf([b_0, b_1, b_2], [1.0, a_1, a_2], period)) * found
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +144,9 @@ class Cascade:
         return len(self.model.states)
 
     def _size(self) -> int:
-        # plant; theta; pending u_d, u_q; I_d, I_q; travel; omega_hat; last angle noise; I_s; filtered reference
-        return self._first + 10
+        # plant; theta; pending u_d, u_q; I_d, I_q; travel; omega_hat; last angle noise; I_s; filtered reference; two of
+        # every filter
+        return self._first + 10 + 2 * (len(self.speed.filters) if self.speed is not None else 0)
 
     @cached_property
     def _discrete(self) -> tuple[Array, Array]:
@@ -209,7 +193,7 @@ class Cascade:
         keep = np.ones(self._size(), bool)
         keep[3] = False  # the travel within a period is carried by its own state
         keep[self._first] = angle
-        keep[-2:] = self.speed is not None
+        keep[self._first + 8 :] = self.speed is not None
         return keep
 
     def _period(self, state: Array, inputs: Array, trace: list[Array] | None = None) -> tuple[Array, Array]:
@@ -217,7 +201,8 @@ class Cascade:
         n = self._first
         T_s = self.period
         x, theta, held = state[:n].copy(), state[n], state[n + 1 : n + 3]
-        I_d, I_q, travel, omega_hat, last_noise, I_s, filtered = state[n + 3 :]
+        I_d, I_q, travel, omega_hat, last_noise, I_s, filtered = state[n + 3 : n + 10]
+        of_filters: list[Array] = []
         omega_ref, theta_ref, i_q_add, T_load, noise, i_q_ref = inputs
         # Speed measurement: difference quotient of the angle over one speed period, then the filter.
         a = smoothing(T_s, self.design.sensor.speed_filter)
@@ -234,14 +219,25 @@ class Cascade:
             if self.position is not None:
                 wanted = wanted + self.position.K_v * (theta_ref - theta - noise)
             e = wanted - omega_hat
-            i_q_ref = self.speed.K_p * e + I_s + i_q_add
+            i_q_ref, of_filters = self._filtered(self.speed.K_p * e + I_s + i_q_add, state[n + 10 :])
             I_s = I_s + T_s / self.speed.T_n * self.speed.K_p * e
         out = np.array([omega_hat, x[2], x[1], theta, i_q_ref, x[4] if n > 4 else x[2]])
         # Current controllers and plant, one control period at a time.
         x[3] = 0.0
         x, held, I_d, I_q = self._ticks((x, held, I_d, I_q), omega_hat, i_q_ref, T_load, trace)
         travel = x[3]
-        return np.vstack([x, theta, held, I_d, I_q, travel, omega_hat, noise, I_s, filtered]), out
+        return np.vstack([x, theta, held, I_d, I_q, travel, omega_hat, noise, I_s, filtered, *of_filters]), out
+
+    def _filtered(self, wanted: Array, held: Array) -> tuple[Array, list[Array]]:
+        """Pass what the speed controller asks for through its filters, in transposed direct form II."""
+        assert self.speed is not None
+        after: list[Array] = []
+        for one, first, second in zip(self.speed.filters, held[::2], held[1::2], strict=True):
+            b_0, b_1, b_2, a_1, a_2 = one.biquad.sampled(self.period)
+            passed = b_0 * wanted + first
+            after += [b_1 * wanted - a_1 * passed + second, b_2 * wanted - a_2 * passed]
+            wanted = passed
+        return wanted, after
 
     def _ticks(
         self, start: tuple[Array, ...], omega_hat: Array, i_q_ref: Array, T_load: Array, trace: list[Array] | None

@@ -18,7 +18,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune.current import check_bandwidth, check_method, phase_limit, pi_for_margin
 from pmsm_ctrl.tune.delays import Delays, delays
 from pmsm_ctrl.tune.requirements import Specification
-from pmsm_ctrl.tune.sampled import Cascade, pi, speed_plant
+from pmsm_ctrl.tune.sampled import Cascade, filters, pi, speed_plant
 
 __all__ = [
     "METHODS", "highest_bandwidth", "open_loop", "pole_placement", "slowed", "symmetrical_optimum", "tune_speed",
@@ -134,9 +134,7 @@ def _by_poles(cascade: Cascade, budget: Delays, wanted: Specification, limit: fl
     return SpeedLoop(K_p=K_p, T_n=T_n)
 
 
-def open_loop(cascade: Cascade, speed: SpeedLoop, filters: tuple[Any, ...] = ()) -> Any:
+def open_loop(cascade: Cascade, speed: SpeedLoop) -> Any:
     """Return the open speed loop in z: the PI, the filters behind it, and the plant with its speed measurement."""
     loop = speed_plant(cascade) * ct.ss(pi(speed.K_p, speed.T_n, cascade.period))
-    for item in filters:
-        loop = loop * ct.ss(item.sampled(cascade.period))
-    return loop
+    return loop * filters(speed, cascade.period) if speed.filters else loop
