@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
+import traceback
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -165,10 +166,11 @@ def _refusing(handler: Handler) -> Handler:
             return JSONResponse({"error": str(error)}, 400)
         except ClientDisconnect:
             return JSONResponse({"error": "the upload ended early, or is larger than --max-upload"}, 413)
-        except KeyError as error:
-            return JSONResponse({"error": f"{error.args[0]}: missing or unknown"}, 400)
         except OSError as error:
             return JSONResponse({"error": f"a file of this session: {error.strerror or error}"}, 500)
+        except Exception as error:  # a defect: said in the page, and told in full where the server was started
+            traceback.print_exc()
+            return JSONResponse({"error": f"unexpected {type(error).__name__}: {error}. Please report it"}, 500)
 
     return careful
 

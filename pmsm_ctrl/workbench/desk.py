@@ -12,7 +12,7 @@ from typing import Any
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.workbench import sheet, takeaway, tasks
-from pmsm_ctrl.workbench.session import Session, Sessions
+from pmsm_ctrl.workbench.session import Session, Sessions, needed
 from pmsm_ctrl.workbench.workers import Workers
 
 __all__ = ["Desk"]
@@ -20,6 +20,7 @@ __all__ = ["Desk"]
 POLL = 0.05  # s between two looks at a task's progress
 PATIENCE = 10.0  # s that a page waits for news at most
 MOST_LOGS = 40
+MOST_STEPS = 100  # each one is repeated from the one before, in calls within calls
 LONGEST_COLUMN = 300  # characters of a mapping
 
 
@@ -87,10 +88,11 @@ class Desk:
             name = str(asked.get("name", "design.toml"))[:200]
             design, facts, doubts, origin = sheet.from_text(str(asked["toml"]), name), None, None, name
         else:
-            answers = {key: str(text)[:200] for key, text in _table(asked["answers"]).items()}
-            design, facts, doubts = sheet.from_form(str(asked["name"]), str(asked["machine"]), answers)
+            name, machine, filled = (needed(asked, key) for key in ("name", "machine", "answers"))
+            answers = {key: str(text)[:200] for key, text in _table(filled).items()}
+            design, facts, doubts = sheet.from_form(str(name), str(machine), answers)
             origin = "the datasheet form"
-            session.changed(form={"name": asked["name"], "machine": asked["machine"], "answers": answers})
+            session.changed(form={"name": name, "machine": machine, "answers": answers})
         session.message = ""
         logs = [entry | {"info": None} for entry in session.state["logs"]]
         session.changed(design=sheet.shown(design, origin, facts, doubts), logs=logs, steps=[], model=None)
@@ -282,6 +284,8 @@ class Desk:
             steps = [{"find": True}]
         elif "begin" not in asked:
             raise RequestError("a step is begin, add, remove, undo, order or find")
+        if len(steps) > MOST_STEPS:
+            raise RequestError(f"a session keeps {MOST_STEPS} steps; undo some, or begin again")
         request = self.request(session) | {"steps": steps}
         for name in (tasks.STOP, tasks.PROGRESS):
             session.forget(name)
@@ -335,7 +339,7 @@ class Desk:
             raise RequestError("the model is being fitted")
         record = next(one for one in model["records"] if not one["held_out"])
         name: str = await self.workers.run(
-            session.id, tasks.preview, self.request(session), asked["effect"], asked.get("balance", "torque"),
+            session.id, tasks.preview, self.request(session), needed(asked, "effect"), asked.get("balance", "torque"),
             record["curves"],
         )  # fmt: skip
         return name

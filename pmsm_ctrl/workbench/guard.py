@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
+from ipaddress import ip_address
 from typing import Any
 
 __all__ = ["POLICY", "Guard"]
@@ -29,12 +30,15 @@ HEADERS = {
     "cache-control": "no-store",
 }
 SAFE = ("GET", "HEAD")
+# How a browser says that somebody goes to a page: from a link, a bookmark, or the file that opens the workbench.
+VISIT = {"sec-fetch-mode": "navigate", "sec-fetch-dest": "document"}
 
 
 class Guard:
     """Answers only requests that name this server, come from its own pages and know the token.
 
-    A page of another site cannot read the token, and cannot reach the server under another name (DNS rebinding).
+    A page of another site cannot read the token, and cannot reach the server under another name (DNS rebinding). The
+    number that a connection has reached is no such name.
 
     Parameters
     ----------
@@ -66,18 +70,23 @@ class Guard:
             await _answer(send, *refusal)
             return
         rest = scope["path"][1 + len(self.token) :]
-        inner = dict(scope, path=rest or "/", raw_path=(rest or "/").encode())
+        if not rest:  # the addresses in the pages are relative
+            await _answer(send, 308, "see the address that ends in a slash", f"/{self.token}/")
+            return
+        inner = dict(scope, path=rest, raw_path=rest.encode())
         inner["root_path"] = ""
         await self.app(inner, self._bounded(receive), _with_headers(send))
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
-        if headers.get("host", "").lower() not in self.hosts:
+        host = headers.get("host", "").lower()
+        if host not in self.hosts and host != _reached(scope):
             return 421, "this server does not answer under that name"
         origin = headers.get("origin")
-        if origin is not None and origin.lower() not in {f"http://{host}" for host in self.hosts}:
+        if origin is not None and origin.lower() not in {f"http://{one}" for one in (*self.hosts, host)}:
             return 403, "a page of another origin may not use this server"
-        if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+        visit = scope["method"] == "GET" and all(headers.get(name) == value for name, value in VISIT.items())
+        if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none") and not visit:
             return 403, "a page of another site may not use this server"
         given = scope["path"].split("/")[1]
         if not secrets.compare_digest(given.encode(), self.token.encode()):
@@ -100,6 +109,19 @@ class Guard:
         return bounded
 
 
+def _reached(scope: Scope) -> str | None:
+    """Return the number and port of this machine at which a connection has arrived."""
+    server = scope.get("server")
+    if not server or server[1] is None:
+        return None
+    number = str(server[0])
+    try:
+        ip_address(number)
+    except ValueError:
+        return None
+    return f"{f'[{number}]' if ':' in number else number}:{server[1]}"
+
+
 def _with_headers(send: Send) -> Send:
     async def extended(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -111,9 +133,11 @@ def _with_headers(send: Send) -> Send:
     return extended
 
 
-async def _answer(send: Send, status: int, text: str) -> None:
+async def _answer(send: Send, status: int, text: str, location: str = "") -> None:
     body = f"pmsm-ctrl workbench: {text}\n".encode()
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
+    if location:
+        headers.append((b"location", location.encode()))
     sending = _with_headers(send)
     await sending({"type": "http.response.start", "status": status, "headers": headers})
     await sending({"type": "http.response.body", "body": body})

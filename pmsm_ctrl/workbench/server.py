@@ -23,7 +23,7 @@ from pmsm_ctrl.workbench.guard import Guard
 from pmsm_ctrl.workbench.session import Session, Sessions, default_folder
 from pmsm_ctrl.workbench.workers import Workers
 
-__all__ = ["Settings", "begun", "guarded", "listening", "serve"]
+__all__ = ["Settings", "begun", "guarded", "listening", "opened_by", "serve"]
 
 LOCAL = "127.0.0.1"
 PORT = 8720  # tried first, so that a bookmark's history is not full of ports; any free one if it is taken
@@ -168,15 +168,44 @@ def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] =
         app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=GRACE,
         proxy_headers=False,
     ))  # fmt: skip
-    if settings.browser:
+    door = opened_by(settings.folder, address) if settings.browser else None
+    if door is not None:
         # a browser in the terminal returns when it is left, and the server has to answer before
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        threading.Thread(target=webbrowser.open, args=(door.as_uri(),), daemon=True).start()
     try:
         with contextlib.suppress(KeyboardInterrupt):
             server.run(sockets=[socket_used])
     finally:
+        if door is not None:
+            door.unlink(missing_ok=True)
         for process in multiprocessing.active_children():  # a search would be finished before the server ends
             process.terminate()
+
+
+def opened_by(folder: Path, address: str) -> Path:
+    """Write a page that leads to an address, readable for this user alone.
+
+    The browser is started with its name: every user of a computer sees the words that a program was started with, and
+    the address holds the token.
+
+    Parameters
+    ----------
+    folder : Path
+    address : str
+
+    Returns
+    -------
+    Path
+    """
+    path = folder / f"open-{secrets.token_hex(4)}.html"
+    text = (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>workbench</title>'
+        f'<meta http-equiv="refresh" content="0; url={address}"></head>'
+        f'<body><p><a href="{address}">Open the workbench</a></p></body></html>\n'
+    )
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+        file.write(text)
+    return path.resolve()
 
 
 def listening(host: str, port: int) -> socket.socket:

@@ -8,14 +8,15 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import write_text
 
-__all__ = ["Session", "Sessions", "default_folder"]
+__all__ = ["Session", "Sessions", "default_folder", "needed", "unlike"]
 
 SCHEMA = "pmsm-ctrl/workbench/2"
 _ID = re.compile(r"[a-z0-9]{12}")
@@ -124,8 +125,9 @@ class Session:
             Bytes.
         """
         logs = self.state["logs"]
+        shown = unlike(name, {one["name"] for one in logs})
         entry = {
-            "id": identifier, "file": file, "name": name, "bytes": size, "mapping": {}, "window": None, "info": None,
+            "id": identifier, "file": file, "name": shown, "bytes": size, "mapping": {}, "window": None, "info": None,
             "role": "holdout" if [one["role"] for one in logs] == ["fit"] else "fit",
         }  # fmt: skip
         self.changed(logs=[*logs, entry], model=None, steps=[])
@@ -187,6 +189,48 @@ class Session:
         dict
         """
         return {**self.state, "id": self.id, "revision": self.revision, "job": self.job, "message": self.message}
+
+
+def needed(asked: Mapping[str, Any], name: str) -> Any:
+    """Return a value of a request.
+
+    Parameters
+    ----------
+    asked : dict
+    name : str
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    RequestError
+        When it is missing.
+    """
+    if name not in asked:
+        raise RequestError(f"{name}: missing in the request")
+    return asked[name]
+
+
+def unlike(name: str, others: Set[str]) -> str:
+    """Return the name of a file, numbered where others have it: "axis (2).csv".
+
+    The script of a session names its logs by it.
+
+    Parameters
+    ----------
+    name : str
+    others : set of str
+
+    Returns
+    -------
+    str
+    """
+    stem, dot, suffix = name.rpartition(".")
+    stem = stem if dot else name
+    numbered = (f"{stem} ({number}){dot}{suffix if dot else ''}" for number in count(2))
+    return name if name not in others else next(one for one in numbered if one not in others)
 
 
 class Sessions:

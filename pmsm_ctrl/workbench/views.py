@@ -12,7 +12,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.units import UNITS
 from pmsm_ctrl.workbench.curves import Curves, packed
-from pmsm_ctrl.workbench.session import Session
+from pmsm_ctrl.workbench.session import Session, needed
 
 __all__ = ["VIEWS", "channels"]
 
@@ -86,11 +86,11 @@ def of_log(session: Session, asked: Asked) -> bytes:
     RequestError
         When it was not read.
     """
-    info = session.log(asked["log"])["info"]
+    info = session.log(needed(asked, "log"))["info"]
     if not info or not info["curves"]:
         raise RequestError("this log was not read")
     curves = Curves(session.folder / info["curves"])
-    return packed(curves.view(asked["channels"].split(",")[:20], *_stretch(asked)))
+    return packed(curves.view(needed(asked, "channels").split(",")[:20], *_stretch(asked)))
 
 
 def _residual(curves: Curves, record: Mapping[str, Any], asked: Asked) -> tuple[str, list[str], list[str]]:

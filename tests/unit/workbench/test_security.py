@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
 import re
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from pmsm_ctrl.workbench.guard import Guard
+from pmsm_ctrl.workbench.server import opened_by
 from tests.unit.workbench.harness import DESIGN, TOKEN, Bench, Page
 
 
@@ -20,6 +26,45 @@ def test_the_token_is_needed(bench: Bench) -> None:
 def test_another_name_is_refused(bench: Bench, host: str) -> None:
     """An address that an attacker's name server points to this machine (DNS rebinding)."""
     assert bench.client().get(f"/{TOKEN}/", headers={"host": host}).status_code == 421
+
+
+@pytest.mark.parametrize(("host", "status"), [("192.168.1.5:8720", 200), ("192.168.1.6:8720", 421), ("axis:8720", 421)])
+def test_a_server_for_all_addresses_answers_at_the_number_that_was_called(host: str, status: int) -> None:
+    """``--host 0.0.0.0`` cannot list the numbers of every network card; a rebound name is none of them."""
+    sent: list[dict[str, Any]] = []
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    headers = [(b"host", host.encode()), (b"origin", f"http://{host}".encode())]
+    scope = {"type": "http", "method": "GET", "path": f"/{TOKEN}/", "headers": headers, "server": ("192.168.1.5", 8720)}
+    asyncio.run(Guard(app, TOKEN, frozenset({"localhost:8720"}), 100)(scope, None, send))
+    assert sent[0]["status"] == status
+
+
+def test_the_address_without_its_last_slash_leads_to_the_one_with_it(bench: Bench) -> None:
+    answer = bench.client().get(f"/{TOKEN}", follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (308, f"/{TOKEN}/")
+
+
+def test_the_browser_is_not_started_with_the_token(tmp_path: Path) -> None:
+    """Every user sees the words that a program was started with; a page for this user alone tells the address."""
+    page = opened_by(tmp_path, f"http://127.0.0.1:8720/{TOKEN}/")
+    assert TOKEN not in page.as_uri()
+    assert f"url=http://127.0.0.1:8720/{TOKEN}/" in page.read_text(encoding="utf-8")
+    if os.name == "posix":
+        assert page.stat().st_mode & 0o077 == 0
+
+
+def test_a_page_is_visited_from_anywhere_and_nothing_else_is(page: Page) -> None:
+    visit = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"}
+    assert page.get("", headers=visit).status_code == 200
+    assert page.get("", headers=visit | {"sec-fetch-dest": "iframe"}).status_code == 403
+    assert page.get("state", headers={"sec-fetch-site": "cross-site", "sec-fetch-mode": "cors"}).status_code == 403
+    assert page.client.post(f"{page.base}/design", json={}, headers=visit).status_code == 403
 
 
 @pytest.mark.parametrize(
@@ -132,3 +177,25 @@ def test_a_server_on_an_ipv6_address_answers_under_it(bench: Bench) -> None:
 @pytest.mark.parametrize("since", ["\u00b2", "9" * 5000, "-1", "x"])
 def test_a_revision_that_is_none_does_not_wait(page: Page, since: str) -> None:
     assert page.get("state", params={"since": since}).status_code == 200
+
+
+def test_what_a_request_lacks_is_named(page: Page) -> None:
+    for path, body, said in (
+        ("design", {"answers": {}}, "name: missing in the request"),
+        ("design", {"name": "a", "machine": "rotary"}, "answers: missing in the request"),
+    ):
+        answer = page.post(path, body)
+        assert (answer.status_code, answer.json()) == (400, {"error": said})
+    assert page.get("view/log").json() == {"error": "log: missing in the request"}
+
+
+def test_a_defect_is_no_fault_of_the_request(
+    page: Page, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise KeyError("torque")
+
+    monkeypatch.setattr("pmsm_ctrl.workbench.desk.Desk.step", broken)
+    answer = page.post("steps", {"begin": True})
+    assert (answer.status_code, answer.json()) == (500, {"error": "unexpected KeyError: 'torque'. Please report it"})
+    assert "Traceback" in capsys.readouterr().err

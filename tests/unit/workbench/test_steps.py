@@ -14,7 +14,11 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design
-from tests.unit.workbench.harness import DESIGN, TOKEN, Bench, Page
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.workbench.desk import Desk
+from pmsm_ctrl.workbench.session import Sessions, unlike
+from pmsm_ctrl.workbench.workers import Workers
+from tests.unit.workbench.harness import DESIGN, TOKEN, Bench, Page, thread
 
 NAME = "<script>alert(1)</script>"
 
@@ -307,3 +311,18 @@ def test_a_damaged_session_file_begins_anew(tmp_path: Path) -> None:
     (tmp_path / "s" / "abcdefghjkmn" / "session.json").write_text("{")
     state = bench.client().get(f"/{TOKEN}/s/abcdefghjkmn/state").json()
     assert state["design"] is None
+
+
+def test_logs_of_one_name_are_told_apart() -> None:
+    """The script of a session names its logs by their names."""
+    assert unlike("a.csv", set()) == "a.csv"
+    assert unlike("a.csv", {"a.csv", "a (2).csv"}) == "a (3).csv"
+    assert unlike("log", {"log"}) == "log (2)"
+
+
+def test_steps_are_bounded(tmp_path: Path) -> None:
+    """Each is repeated from the one before, in calls within calls."""
+    session = Sessions(tmp_path).new()
+    session.changed(steps=[{"add": "cogging"}] * 100)
+    with pytest.raises(RequestError, match="keeps 100 steps"):
+        Desk(Sessions(tmp_path), Workers(thread)).step(session, {"add": "cogging"})
