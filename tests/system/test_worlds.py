@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.benchmarks.worlds.hidden import EFFECTS, possible, simulate_world
-from tests.benchmarks.worlds.plant import COLUMNS, HIDDEN, PLACE, run
+from tests.benchmarks.worlds.hidden import EFFECTS, possible, simulate_with_truth, simulate_world
+from tests.benchmarks.worlds.margin import HALF, margin, seen
+from tests.benchmarks.worlds.plant import COLUMNS, HIDDEN, PLACE, TRUTH, run
 from tests.benchmarks.worlds.world import draw
 
 J, F_C, F_V, K = 2.0, 3.0, 0.7, 1.5
@@ -26,7 +28,8 @@ def axis(current: float, seconds: float, **hidden: float) -> dict[str, np.ndarra
     loop = np.array([1e5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e9, 0.0])
     motor = np.array([0.0, 0.0, 0.0, 0.0, K, J, F_C, F_V])
     table = run(motor, x, ref, np.array([1 / f_control, 7, 1, 0]), loop, 2, np.zeros(3), np.array([0.0, 0.0, 0.0]), 1)
-    return dict(zip(COLUMNS, table.T, strict=True)) | {"t": np.arange(n) / f_control}
+    names = (*COLUMNS, *(f"added {name}" for name in TRUTH))
+    return dict(zip(names, table.T, strict=True)) | {"t": np.arange(n) / f_control}
 
 
 def test_run_up_against_friction_is_the_exponential() -> None:
@@ -58,6 +61,25 @@ def test_steady_speed_says_what_an_effect_adds(hidden: dict[str, float], force: 
     needed = base / (1.0 - 0.1) if force is None else base + force
     out = axis(needed / K, 40.0, **hidden)
     assert (out["theta"][-1] - out["theta"][-5001]) == pytest.approx(10.0, rel=5e-3)
+
+
+def test_what_an_effect_adds_is_known_to_the_simulator() -> None:
+    """The force that a rigid axis with dry and viscous friction lacks: none, a load, a share of the drive's force."""
+    assert np.max(np.abs(axis(10.0, 0.2)["added torque"])) < 1e-9
+    loaded = axis(10.0, 0.2, constant_load=1.3, load_friction=0.1)
+    assert loaded["added torque"][5:] == pytest.approx(1.3 + 0.1 * K * 10.0, rel=1e-9)
+
+
+def test_the_margin_is_the_amplitude_over_the_noise() -> None:
+    """A constant load shows with amplitude 1, and not at all in the clean log; twice the load has twice the margin."""
+    world = replace(draw(167006), duration=6.0)
+    clean, once, twice = (simulate_with_truth(world, {"constant_load": load}) for load in (0.0, 0.01, 0.02))
+    one, none = seen(world, *once)["torque"], seen(world, clean[0], once[1])["torque"]
+    assert abs(one.amplitude - 1.0) < 3.0 * one.stderr
+    assert abs(none.amplitude) < 3.0 * none.stderr
+    margins = [margin(world, clean[0], *made) for made in (once, twice)]
+    assert margins[0] == pytest.approx(1.0 / (HALF * one.stderr))
+    assert margins[1] == pytest.approx(2.0 * margins[0], rel=0.1)
 
 
 def test_load_on_a_spring_rings_at_its_own_frequency() -> None:

@@ -1,15 +1,4 @@
-"""Effects that are hidden in a world, with strengths relative to what the noise allows anybody to see.
-
-How much a log shows is measured without the diagnosis: a straight regression of the drive's torque (and of its
-voltages) on acceleration, direction and speed, once with the effect and once without, in the same world with the same
-noise. What no owner of a log knows is projected out: the mean delay of the drive signal, half the variance of its
-impulse response (up to the square of one period of the log or of the speed loop), and the moments of reversal (to 0.1
-ms and a twentieth of a sample). An effect in their span, such as a spring above the band, is not seen by any test
-(Cramer and Rao's bound with nuisance parameters, S. M. Kay 1998, sec. 6.5). The growth of the residual over what the
-clean world leaves, times the number of independent samples of the band, is the noncentrality of the best test; its
-root over that of a test that finds the effect in half of all logs (22 candidates, 1 %) is the *margin*: at 1 a coin,
-at 3 and more nobody has an excuse.
-"""
+"""Effects that are hidden in a world, with strengths relative to what the noise allows anybody to see (`margin`)."""
 
 from __future__ import annotations
 
@@ -20,21 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.log import Log
+from tests.benchmarks.worlds.margin import margin
 from tests.benchmarks.worlds.motion import reference
 from tests.benchmarks.worlds.plant import HIDDEN, PLACE, run
-from tests.benchmarks.worlds.recorder import record
+from tests.benchmarks.worlds.recorder import record, truth
 from tests.benchmarks.worlds.world import World
 
-__all__ = ["EFFECTS", "hidden_log", "simulate_world"]
+__all__ = ["EFFECTS", "hidden_log", "possible", "simulate_with_truth", "simulate_world"]
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
-
-# Root of the noncentrality at which a chi-square test of two columns at 0.01 / 22 finds an effect in half of all logs.
-HALF = 3.9
-BAND = 25.0  # Hz
-# How well the moments of reversal are known, s and samples of the log.
-TURN, TURN_SAMPLES = 1e-4, 0.05
 
 
 def _dry(world: World) -> float:
@@ -105,9 +89,19 @@ def possible(world: World) -> list[str]:
 
 def simulate_world(world: World, hidden: dict[str, float] | None = None) -> Log:
     """Return the log of a world, with these entries of the plant's hidden physics."""
+    return record(world, _tables(world, hidden or {}))
+
+
+def simulate_with_truth(world: World, hidden: dict[str, float]) -> tuple[Log, dict[str, Array]]:
+    """Return the log of a world with an effect, and what the effect adds to its balances."""
+    tables = _tables(world, hidden)
+    return record(world, tables), truth(world, tables)
+
+
+def _tables(world: World, hidden: dict[str, float]) -> list[Array]:
     x = np.zeros(len(HIDDEN))
     x[PLACE["stribeck_speed"]] = x[PLACE["warm_time"]] = x[PLACE["dead_current"]] = 1.0
-    for name, value in (hidden or {}).items():
+    for name, value in hidden.items():
         x[PLACE[name]] = value
     tables = []
     substeps = max(2, math.ceil(3.1e4 / world.f_control))
@@ -122,75 +116,7 @@ def simulate_world(world: World, hidden: dict[str, float] | None = None) -> Log:
         )  # fmt: skip
         if not np.all(np.isfinite(tables[-1])):
             raise ArithmeticError(f"world {world.seed}: the drive leaves the finite numbers")
-    return record(world, tables)
-
-
-def residual_powers(world: World, log: Log) -> tuple[Array, float]:
-    """Return the mean squares that the plain model leaves per balance, and the number of independent samples."""
-    from scipy.signal import butter, sosfiltfilt
-
-    t, rate = log.t, 1.0 / float(np.median(np.diff(log.t)))
-    band = min(BAND, rate / 8.0)
-    sections = butter(4, band, fs=rate, output="sos")
-
-    def smooth(values: Array) -> Array:
-        return np.asarray(sosfiltfilt(sections, values))
-
-    omega = np.gradient(smooth(log["theta"]), t)
-    alpha = np.gradient(omega, t)
-    drive = log["torque"] if "torque" in log else log["i_q"]
-    w = np.abs(omega)
-    used = (w > 0.01 * np.quantile(w, 0.99)) & (np.gradient(t) < 1.5 / rate)
-    edge = round(4 * rate / band)
-    used[:edge] = used[-edge:] = False
-    late = np.gradient(smooth(drive), t)
-    period = max(world.log_divider, world.divider) / world.f_control
-    dry = _dry(world) / (1.0 if "torque" in log else _torque_constant(world))
-    turned = dry * np.gradient(smooth(np.sign(omega)), t)
-    known = {4: period**2, 5: TURN + TURN_SAMPLES * world.log_divider / world.f_control}
-    rows = [smooth(alpha), smooth(np.sign(omega)), smooth(omega), late, np.gradient(late, t), turned]
-    balances: list[tuple[Array, list[Array], dict[int, float]]] = [(drive, rows, known)]
-    if "u_q" in log:
-        p = world.motor[3]
-        i_q, i_d = smooth(log["i_q"]), smooth(log["i_d"])
-        rows = [i_q, smooth(omega), np.gradient(i_q, t), p * omega * i_d, np.gradient(smooth(log["u_q"]), t)]
-        balances.append((log["u_q"], rows, {}))
-        rows = [i_d, p * omega * i_q, np.gradient(i_d, t), np.gradient(smooth(log["u_d"]), t)]
-        balances.append((log["u_d"], rows, {}))
-    independent = 2.0 * band / rate
-    powers = [
-        _left(np.column_stack(rows)[used], smooth(target)[used], known, independent) for target, rows, known in balances
-    ]
-    return np.array(powers), float(used.sum()) * independent
-
-
-def _left(columns: Array, target: Array, known: dict[int, float], independent: float) -> float:
-    """Return the mean square that columns leave of a target, those of `known` with a prior of that width.
-
-    `independent` is the share of independent samples, by which the noise is weighed against the priors.
-    """
-    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    a = columns / size
-    width = np.array([known.get(k, np.inf) for k in range(a.shape[1])]) * size
-    prior = np.zeros((a.shape[1], a.shape[1]))
-    for _ in range(3):  # the weight of the priors hangs on the noise
-        both, wanted = np.vstack([a, prior]), np.concatenate([target, np.zeros(len(prior))])
-        rest = wanted - both @ np.linalg.lstsq(both, wanted, rcond=1e-10)[0]
-        noise = float(np.mean(rest[: len(target)] ** 2)) / independent
-        prior = np.diag(math.sqrt(noise) / width)
-    return float(rest @ rest) / len(target)
-
-
-def _torque_constant(world: World) -> float:
-    return world.motor[4] if world.linear else 1.5 * world.motor[3] * world.motor[4]
-
-
-def margin(world: World, clean: Log, log: Log) -> float:
-    """Return by how much the effect in `log` exceeds what the noise allows to be seen in half of all logs."""
-    before, n = residual_powers(world, clean)
-    after, _ = residual_powers(world, log)
-    growth = float(np.sum(np.maximum(after / np.maximum(before, 1e-300) - 1.0, 0.0)))
-    return math.sqrt(n * growth) / HALF
+    return tables
 
 
 def hidden_log(world: World, effect: str, wanted: float) -> tuple[Log, float, dict[str, float]] | None:
@@ -204,11 +130,11 @@ def hidden_log(world: World, effect: str, wanted: float) -> tuple[Log, float, di
     scaled = SCALED.get(effect, (next(iter(values)),))
     for _ in range(4):
         try:
-            log = simulate_world(world, values)
+            log, added = simulate_with_truth(world, values)
         except ArithmeticError:
             factor = 0.3
         else:
-            reached = margin(world, clean, log)
+            reached = margin(world, clean, log, added)
             if 0.7 * wanted <= reached <= 1.5 * wanted:
                 return log, reached, values
             factor = min(max(wanted / max(reached, 0.05), 0.1), 8.0)
