@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.diagnose import add, diagnose
     from pmsm_ctrl.export import export
+    from pmsm_ctrl.fleet import fleet
     from pmsm_ctrl.frf import frf
     from pmsm_ctrl.identify import identify, sweep
     from pmsm_ctrl.importers import read_log
@@ -35,6 +36,7 @@ _EXPORTS = {
     "compensate": "pmsm_ctrl.compensate",
     "diagnose": "pmsm_ctrl.diagnose",
     "export": "pmsm_ctrl.export",
+    "fleet": "pmsm_ctrl.fleet",
     "frf": "pmsm_ctrl.frf",
     "identify": "pmsm_ctrl.identify",
     "read_log": "pmsm_ctrl.importers",
@@ -47,8 +49,8 @@ _EXPORTS = {
 
 __version__ = "0.1.0"
 __all__ = [
-    "Design", "Log", "add", "compare", "compensate", "diagnose", "export", "frf", "identify", "read_log", "simulate",
-    "study", "sweep", "track", "tune",
+    "Design", "Log", "add", "compare", "compensate", "diagnose", "export", "fleet", "frf", "identify", "read_log",
+    "simulate", "study", "sweep", "track", "tune",
 ]  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from pmsm_ctrl.console import (
     write_report,
 )
 from pmsm_ctrl.files import printable
+from pmsm_ctrl.fleet_command import FLEET_COMMANDS
 from pmsm_ctrl.init import init
 from pmsm_ctrl.log_commands import LOG_COMMANDS
 from pmsm_ctrl.options import (
@@ -218,7 +219,7 @@ def sweep(
     write_design(result.design, output)
 
 
-for command in LOG_COMMANDS:
+for command in (*LOG_COMMANDS, *FLEET_COMMANDS):
     app.command()(command)
 
 

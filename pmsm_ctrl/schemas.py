@@ -115,6 +115,14 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
         {},
     ),
     "frf": ("frf", {"log": TEXT, "estimates": ESTIMATES, "responses": _by_name({"type": "object"}), **DOUBTS}, {}),
+    "fleet": (
+        "fleet",
+        {"results": TEXT, "axes": COUNT, "logs": COUNT, "evaluated": COUNT, "reused": COUNT,
+         "verdicts": _by_name(COUNT),
+         "lost": _list(_record({"record": TEXT, "axis": TEXT, "reason": TEXT, "set_aside": FLAG})),
+         "seconds": NUMBER, "processor_seconds": NUMBER, **DOUBTS},
+        {},
+    ),
     "export": ("export", {"language": TEXT, "flavour": TEXT}, {"source": TEXT, "files": _by_name(TEXT)}),
     "import": (
         "import",

@@ -23,9 +23,10 @@ MAX_FUNCTION = 60
 ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "section", "rendering", "importers"}
 ONLY_IN = {
     "control": "tune", "filterpy": "track", "bokeh": "rendering", "starlette": "workbench", "uvicorn": "workbench",
+    "dask": "fleet", "distributed": "fleet",
 }  # fmt: skip
 NEVER_ON_IMPORT = ["numba", "scipy", "matplotlib", "control", "filterpy", "jinja2", "h5py", "bokeh"]
-NEVER_ON_IMPORT += ["starlette", "uvicorn"]
+NEVER_ON_IMPORT += ["starlette", "uvicorn", "dask", "distributed", "pyarrow"]
 
 
 @cache

@@ -21,6 +21,7 @@ PUBLIC = [
     "compensate",
     "diagnose",
     "export",
+    "fleet",
     "frf",
     "identify",
     "read_log",

@@ -1,0 +1,10 @@
+"""The words of the fleet's notices."""
+
+from __future__ import annotations
+
+from pmsm_ctrl.section import Template
+
+__all__ = ["FAILED", "SET_ASIDE"]
+
+FAILED = Template("logs_failed", "{count} of {logs} logs could not be evaluated; the first: {reason}")
+SET_ASIDE = Template("logs_set_aside", "{count} logs ended three workers each and were set aside: {names}")

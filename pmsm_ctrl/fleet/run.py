@@ -1,0 +1,104 @@
+"""fleet: all logs of a manifest to one table of results."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from collections.abc import Callable
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.fleet import notices as words
+from pmsm_ctrl.fleet.engine import Engine, completed
+from pmsm_ctrl.fleet.evaluate import DONE, SET_ASIDE, Job
+from pmsm_ctrl.fleet.keys import Hashes, key_of
+from pmsm_ctrl.fleet.manifest import Item, Manifest, items_of, read_manifest
+from pmsm_ctrl.fleet.result import FleetResult, Lost
+from pmsm_ctrl.fleet.store import Row, Store
+from pmsm_ctrl.section import Notice
+
+__all__ = ["fleet"]
+
+
+def fleet(
+    manifest: Manifest | str | os.PathLike[str],
+    *,
+    engine: Engine | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> FleetResult:
+    """Evaluate the logs of many axes: import, identify, compare and diagnose each, into one table of results.
+
+    What was evaluated before, by the same package with the same settings and design, is not evaluated again. A log that
+    cannot be evaluated becomes a row with its reason.
+
+    Parameters
+    ----------
+    manifest : Manifest or path
+        Or the TOML file of one.
+    engine : Engine, optional
+        Workers; as many as the machine has cores if left out.
+    progress : function, optional
+        Called with the share done, 0 to 1.
+
+    Returns
+    -------
+    FleetResult
+
+    Raises
+    ------
+    RequestError
+        When the manifest is wrong, or something is not installed.
+    DesignError
+        When a design is wrong.
+    """
+    started = time.perf_counter()
+    given = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
+    items = items_of(given)
+    designs = {path: Design.read(path) for path in sorted({item.design for item in items} - {""})}
+    store = Store(given.results)
+    hashes = Hashes(store.noted("hashes"))
+    keys = {key_of(item, given.settings, hashes): item for item in items}
+    store.note("hashes", hashes.known)
+    store.note("limits", given.limits)
+    done = store.done()
+    jobs = [Job(i, key, designs.get(i.design), given.settings) for key, i in keys.items() if key not in done]
+    advance, finished, spent = progress or (lambda share: None), 0, 0.0
+    for ready in completed(jobs, engine or Engine()) if jobs else ():
+        rows = [row for of_one in ready for row in of_one]
+        store.add(rows)
+        finished += len(ready)
+        spent += sum(row.value or 0.0 for row in rows if row.name == "processor_time")
+        advance(finished / len(jobs))
+    if jobs:
+        store.join()
+    return _result(given.results, keys, store, len(jobs), time.perf_counter() - started, spent)
+
+
+def _result(
+    folder: str, keys: dict[str, Item], store: Store, evaluated: int, seconds: float, spent: float
+) -> FleetResult:
+    """Return what all logs of the manifest gave, those of earlier runs included."""
+    rows = [row for row in store.read(("status", "verdict")) if row.key in keys]
+    verdicts = Counter(row.name for row in rows if row.kind == "verdict" and row.source == "diagnose")
+    lost = tuple(_lost(row) for row in rows if row.kind == "status" and row.name != DONE)
+    return FleetResult(
+        results=str(folder), axes=len({item.axis for item in keys.values()}),
+        logs=sum(len(item.files) for item in keys.values()), evaluated=evaluated, reused=len(keys) - evaluated,
+        verdicts=dict(sorted(verdicts.items())), lost=lost, seconds=seconds, processor_seconds=spent,
+        notices=_notices(lost, len(keys)),
+    )  # fmt: skip
+
+
+def _lost(row: Row) -> Lost:
+    return Lost(row.record, row.axis, row.text, row.name == SET_ASIDE)
+
+
+def _notices(lost: tuple[Lost, ...], logs: int) -> tuple[Notice, ...]:
+    aside = [one.record for one in lost if one.set_aside]
+    failed = [one for one in lost if not one.set_aside]
+    out = []
+    if aside:
+        out.append(words.SET_ASIDE(count=len(aside), names=", ".join(aside[:5])))
+    if failed:
+        out.append(words.FAILED(count=len(failed), logs=logs, reason=failed[0].reason))
+    return tuple(out)

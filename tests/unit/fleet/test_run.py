@@ -1,0 +1,112 @@
+"""A run over two axes: what is in the table, what is done again, and what fails."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pmsm_ctrl import Design, fleet, identify, read_log
+from pmsm_ctrl.cli import main
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.fleet import Engine, FleetResult, Manifest, Store, read_manifest
+from pmsm_ctrl.fleet import evaluate as evaluation
+
+pytest.importorskip("pyarrow")
+ALONE = Engine(jobs=1)
+
+
+@pytest.fixture(scope="module")
+def ran(two_axes: Path) -> FleetResult:
+    return fleet(two_axes / "run.toml", engine=ALONE)
+
+
+def test_the_table_holds_what_identify_says(two_axes: Path, ran: FleetResult) -> None:
+    assert (ran.axes, ran.logs, ran.evaluated, ran.reused) == (2, 5, 5, 0)
+    rows = [one for one in Store(ran.results).read(("parameter",)) if one.source == "identify"]
+    assert {one.axis for one in rows} == {"a1", "a2"}
+    path = two_axes / "logs" / "a2" / "2026-03-02.csv"
+    design = Design.read(read_manifest(two_axes / "run.toml").design)
+    alone = identify(design, read_log(path, design)).estimates
+    here = {one.name: one for one in rows if one.record == str(path)}
+    assert set(here) == set(alone)
+    for name, one in here.items():
+        assert (one.value, one.stderr, one.unit, one.nominal) == (
+            alone[name].value, alone[name].stderr, alone[name].unit, alone[name].nominal)  # fmt: skip
+    assert f"{here['F_c'].time:%Y-%m-%d}" == "2026-03-02"
+
+
+def test_a_log_that_fails_is_a_row_with_its_reason(ran: FleetResult) -> None:
+    (lost,) = ran.lost
+    assert lost.axis == "a2"
+    assert "empty" in lost.reason
+    assert "1 of 5 logs could not be evaluated" in ran.summary(width=1000)
+
+
+def test_what_is_done_is_not_done_again(
+    two_axes: Path, ran: FleetResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(
+        "pmsm_ctrl.fleet.engine.evaluated", lambda job: asked.append(job.item.name) or evaluation.set_aside(job, "test")
+    )
+    folder = tmp_path / "copy"
+    shutil.copytree(two_axes, folder)
+    manifest = replace(read_manifest(two_axes / "run.toml"), results=str(folder / "results"))
+    again = fleet(manifest, engine=ALONE)
+    assert (again.evaluated, again.reused, asked) == (0, 5, [])
+    assert [one.reason for one in again.lost] == [one.reason for one in ran.lost]
+    fleet(replace(manifest, settings=replace(manifest.settings, compare=True)), engine=ALONE)
+    assert len(asked) == 5, "other settings"
+    asked.clear()
+    design = folder / "other.toml"
+    design.write_text(Path(manifest.design).read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    fleet(replace(manifest, design=str(design)), engine=ALONE)
+    assert len(asked) == 5, "another design"
+
+
+def test_a_log_that_has_changed_is_evaluated_again(tmp_path: Path) -> None:
+    from pmsm_ctrl.fleet.keys import Hashes
+
+    path = tmp_path / "l.csv"
+    path.write_text("a", encoding="utf-8")
+    hashes = Hashes()
+    first = hashes(str(path))
+    path.write_text("b", encoding="utf-8")  # as long, and perhaps within one tick of the clock of the file system
+    assert hashes(str(path)) != first
+
+
+def test_an_error_of_the_program_is_a_row(two_axes: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("pmsm_ctrl.identify.identify", lambda *_: 1 / 0)
+    found = fleet(replace(read_manifest(two_axes / "run.toml"), results=str(tmp_path / "r")), engine=ALONE)
+    assert len(found.lost) == 5
+    assert sum("unexpected ZeroDivisionError" in one.reason for one in found.lost) == 4
+
+
+def test_the_command(two_axes: Path, ran: FleetResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["fleet", str(two_axes / "run.toml"), "--jobs", "1", "--json", str(tmp_path / "f.json")])
+    assert left.value.code in (0, None)
+    assert "5 logs of 2 axes: 4 with an answer; 0 evaluated" in " ".join(capsys.readouterr().out.split())
+    assert json.loads((tmp_path / "f.json").read_text(encoding="utf-8"))["reused"] == 5
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["logs"], "--design was expected"), (["run.toml", "--design", "d.toml"], "excludes a manifest")],
+)
+def test_what_the_command_refuses(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["fleet", *words])
+    assert left.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_missing_design_ends_the_run_at_once(two_axes: Path, tmp_path: Path) -> None:
+    from pmsm_ctrl.errors import DesignError
+
+    with pytest.raises((DesignError, RequestError)):
+        fleet(Manifest(logs=(str(two_axes / "logs"),), design="nowhere.toml", results=str(tmp_path / "r")))
