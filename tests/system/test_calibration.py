@@ -26,6 +26,7 @@ def test_no_alarm_in_twenty_is_the_rule_of_three() -> None:
     assert Calibration(20, ()).most == pytest.approx(1.0 - 0.05 ** (1.0 / 20.0))
 
 
+@pytest.mark.slow
 def test_accepted_model_raises_no_alarm(designs) -> None:
     design = Design.read(designs / "seed_motor.toml")
     truth = design.with_effect("stribeck", {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0})

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from tests.axe import violations
 from tests.unit.workbench.harness import DESIGN, moved
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="SELENIUM ABSENT: pip install 'pmsm-ctrl[dev]'")
@@ -168,6 +169,7 @@ def test_a_stranger_finds_the_missing_effect(person: Person, server: Server, fol
     before = person.do(drawn)
     person.do("document.querySelector('.zoom button').click()")
     person.until(lambda: person.do(drawn) > before, "the zoom")
+    assert violations(person.driver) == []
     person.press("to-take")
     assert "drag" in person.text("take")
     person.driver.refresh()  # nothing is lost
@@ -185,28 +187,55 @@ def test_the_steps_on_a_phone(person: Person, server: Server, folder: Path) -> N
     for step in ("design", "logs", "compare", "take"):
         person.do("document.querySelector(`[data-step=${arguments[0]}]`).click()", step)
         assert person.do("return document.documentElement.scrollWidth <= innerWidth"), step
+        assert violations(person.driver) == [], step
     assert person.errors() == []
 
 
 @pytest.mark.slow
-def test_the_steps_by_keyboard(person: Person, server: Server) -> None:
+def test_the_pages_of_the_gallery_are_accessible(person: Person, project_root: Path) -> None:
+    for page in sorted((project_root / "reports" / "gallery").glob("*.html")):
+        person.driver.get(page.as_uri())
+        assert violations(person.driver) == [], page.stem
+
+
+@pytest.mark.slow
+def test_the_steps_by_keyboard(person: Person, server: Server, folder: Path) -> None:
+    """From nothing to a design with the missing effect, and never a click."""
+    from selenium.webdriver.common.action_chains import ActionChains
     from selenium.webdriver.common.keys import Keys
 
     person.open(server.address)
 
     def tab_to(identifier: str) -> Any:
-        for _ in range(60):
+        person.until(lambda: person.element(identifier).is_enabled(), identifier)
+        for _ in range(150):
             active = person.driver.switch_to.active_element
             if active.get_attribute("id") == identifier:
+                outline = person.do("return getComputedStyle(document.activeElement).outlineStyle")
+                assert outline != "none", f"nobody sees that {identifier} has the focus"
                 return active
-            active.send_keys(Keys.TAB)
+            ActionChains(person.driver).send_keys(Keys.TAB).perform()  # to an element, a file input takes it for a name
         raise AssertionError(f"{identifier} is not reached with the tabulator")
 
-    tab_to("use-example").send_keys(Keys.ENTER)
+    tab_to("toml").send_keys(str(folder / "design.toml"))
     person.until(lambda: person.element("log-file").is_displayed(), "step 2")
-    tab_to("log-file")
-    outline = person.do("return getComputedStyle(document.activeElement).outlineStyle")
-    assert outline != "none"
+    tab_to("log-file").send_keys("\n".join(str(path) for path in sorted(folder.glob("*.csv"))))
+    person.until(lambda: person.do("return document.querySelectorAll('article.log .tile').length >= 6"), "two logs")
+    person.idle()
+    tab_to("to-compare").send_keys(Keys.ENTER)
+    person.until(lambda: person.models() == 1, "the base parameters")
+    person.idle()
+    tab_to("add-a-0").send_keys(Keys.ENTER)
+    person.until(lambda: person.models() == 2, "the first effect")
+    person.idle()
+    tab_to("undo").send_keys(Keys.ENTER)
+    person.until(lambda: person.models() == 1, "the effect undone")
+    person.idle()
+    tab_to("find").send_keys(Keys.ENTER)
+    person.until(lambda: person.models() == 2, "the search")
+    person.idle()
+    tab_to("to-take").send_keys(Keys.ENTER)
+    assert "drag" in person.text("take")
     assert person.errors() == []
 
 
