@@ -59,9 +59,9 @@ def passing_orders(record: Record, residual: Array, highest: int) -> Array:
     weight = record.weight[0][used]
     r = residual[used] * weight
     noise = float(np.mean(r**2))
-    out = np.zeros(highest)
     if noise == 0.0 or "theta" not in record.signals:
-        return out
+        return np.zeros(highest)
+    rights, grams = np.zeros((highest, 2)), np.zeros((highest, 2, 2))
     turn = np.exp(1j * record.at_grid(record.signals["theta"])[used])
     faded = (omega / (2.0 * np.pi * record.cutoff)) ** FADING
     wave = np.ones(len(used), dtype=complex)
@@ -71,11 +71,11 @@ def passing_orders(record: Record, residual: Array, highest: int) -> Array:
         if k * float(passed @ omega) / record.rate < TWO_PERIODS:
             continue
         column = weight * passed * wave
-        right = np.array([column.real @ r, column.imag @ r])
-        both = column.real @ column.imag
-        gram = np.array([[column.real @ column.real, both], [both, column.imag @ column.imag]])
-        out[k - 1] = right @ np.linalg.pinv(gram, hermitian=True) @ right / noise
-    return out
+        pair = column.view(np.float64).reshape(-1, 2)  # cosine and sine
+        rights[k - 1] = r @ pair
+        grams[k - 1] = pair.T @ pair
+    gains: Array = np.einsum("ki,kij,kj->k", rights, np.linalg.pinv(grams, hermitian=True), rights)
+    return gains / noise
 
 
 def candidates_for(

@@ -19,7 +19,7 @@ from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.regression.balances import Record, with_direction
 from pmsm_ctrl.regression.base_fit import assembled
 from pmsm_ctrl.regression.bounds import bounded
-from pmsm_ctrl.regression.columns import Group, UnavailableError
+from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.covariance import noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 
@@ -113,11 +113,9 @@ def _shifted(accepted: Sequence[Accepted], free: Sequence[Free], step: Array) ->
 
 def _is_rough(design: Design, fit: Fitted, one: Free) -> bool:
     """Whether the prediction over a shape is no straight line even over a small step of it."""
-    values = fit.estimate.values
 
     def change(step: float) -> Array:
-        accepted = _shifted(fit.accepted, (one,), np.array([step]))
-        return np.asarray((_model(design, fit, accepted)[1].matrix - fit.model.matrix) @ values)
+        return _change(design, fit, _shifted(fit.accepted, (one,), np.array([step])))
 
     slope = (change(DIFFERENCE) - change(-DIFFERENCE)) / (2.0 * DIFFERENCE)
     left = [np.linalg.norm(change(step) - step * slope) for step in (FURTHER, -FURTHER)]
@@ -126,26 +124,47 @@ def _is_rough(design: Design, fit: Fitted, one: Free) -> bool:
 
 def _model(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> tuple[Record, Model]:
     """Return the record and the model of other shapes, with the priors of the fit."""
-    record = fit.record
-    for one in accepted:
-        structure = one.effect.structure
-        if structure.replaces_direction:
-            record = with_direction(record, structure.direction(record, one.effect, one.shape))
-    model, _ = assembled(design, record, accepted)
-    if model.names != fit.model.names:
-        raise UnavailableError("another shape has other parameters")
-    return record, replace(model, nominal=fit.model.nominal, sigma=fit.model.sigma)
+    moved = [k for k, (one, before) in enumerate(zip(accepted, fit.accepted, strict=True)) if one.shape != before.shape]
+    record, groups = fit.record, list(fit.model.groups)
+    turning = [accepted[k] for k in moved if accepted[k].effect.structure.replaces_direction]
+    for one in turning:
+        record = with_direction(record, one.effect.structure.direction(record, one.effect, one.shape))
+    if turning:  # every column of dry friction is another one
+        model, _ = assembled(design, record, accepted)
+        if model.names != fit.model.names:
+            raise UnavailableError("another shape has other parameters")
+        groups = list(model.groups)
+    else:
+        for k in moved:
+            position = fit.position(k)
+            assert position is not None  # it does not replace the direction
+            groups[position] = effect_group(record, accepted[k].effect, accepted[k].shape)
+    model = Model.of(groups, fit.model.names, fit.model.nominal, fit.model.sigma)
+    return record, replace(model, doubt=fit.model.doubt, bias=fit.model.bias)
+
+
+def _change(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Array:
+    """Return by how much other shapes change the prediction, shape (channels, m); all values stay."""
+    values, out = fit.estimate.values, np.zeros(fit.record.target.shape)
+    for k, (one, before) in enumerate(zip(accepted, fit.accepted, strict=True)):
+        if one.shape == before.shape:
+            continue
+        if (position := fit.position(k)) is None:
+            return np.asarray((_model(design, fit, accepted)[1].matrix - fit.model.matrix) @ values)
+        own = values[fit.model.columns_of(position)]
+        for row, columns in effect_group(fit.record, one.effect, one.shape).entering:
+            out[row] += own @ columns
+        for row, columns in fit.model.groups[position].entering:
+            out[row] -= own @ columns
+    return out
 
 
 def _with_tangents(design: Design, fit: Fitted, free: Sequence[Free]) -> tuple[Solved, slice]:
     """Solve the model with a column for every shape, the slope of the prediction over its logarithm; and which."""
-    values, count = fit.estimate.values, len(fit.model.names)
-    model = fit.model
+    count, model = len(fit.model.names), fit.model
     for k in range(len(free)):
         unit = np.eye(len(free))[k] * DIFFERENCE
-        ahead, back = (
-            _model(design, fit, _shifted(fit.accepted, free, sign * unit))[1].matrix @ values for sign in (1.0, -1.0)
-        )
+        ahead, back = (_change(design, fit, _shifted(fit.accepted, free, sign * unit)) for sign in (1.0, -1.0))
         slope = (ahead - back) / (2.0 * DIFFERENCE)
         rows = tuple(row[None, :] if np.any(row) else None for row in slope)
         if all(row is None for row in rows):

@@ -179,10 +179,13 @@ def block_sums(basis: Array, residual: Array, place: Array) -> Array:
     array, shape (blocks, r)
     """
     number = np.minimum((BLOCKS * place).astype(np.intp), BLOCKS - 1)
-    out = []
-    for block in np.unique(number):
-        rows = basis[number == block]
-        share, turn = np.linalg.eigh(rows.T @ rows)
-        along = turn.T @ (rows.T @ residual[number == block])
-        out.append(turn @ (along / np.sqrt(np.maximum(1.0 - share, LEAST_LEFT))))
-    return np.array(out)
+    order = np.argsort(number, kind="stable")
+    ends = np.flatnonzero(np.diff(number[order])) + 1
+    blocks = np.split(order, ends)
+    grams, along = np.empty((len(blocks), basis.shape[1], basis.shape[1])), np.empty((len(blocks), basis.shape[1], 1))
+    for k, block in enumerate(blocks):
+        rows = basis[block]
+        grams[k], along[k, :, 0] = rows.T @ rows, rows.T @ residual[block]
+    share, turn = np.linalg.eigh(grams)
+    left = np.sqrt(np.maximum(1.0 - share, LEAST_LEFT))[:, :, None]
+    return np.asarray((turn @ (turn.swapaxes(1, 2) @ along / left))[:, :, 0])

@@ -35,13 +35,13 @@ def derivative(values: Array, period: float, method: str = "nine_point") -> Arra
         raise RequestError(f"derivative '{method}': known are nine_point, central")
     weights = _STENCILS[method]
     reach, n = len(weights), len(values)
-    out = np.gradient(values, period)
-    if n > 2 * reach:
-        inner = np.zeros(n - 2 * reach)
-        for j, weight in enumerate(weights, start=1):
-            inner += weight * (values[reach + j : n - reach + j] - values[reach - j : n - reach - j])
-        out[reach : n - reach] = inner / period
-    return out
+    if n <= 2 * reach:
+        return np.gradient(values, period)
+    inner = np.zeros(n - 2 * reach)
+    for j, weight in enumerate(weights, start=1):
+        inner += weight * (values[reach + j : n - reach + j] - values[reach - j : n - reach - j])
+    first, last = np.gradient(values[: reach + 1], period), np.gradient(values[n - reach - 1 :], period)
+    return np.concatenate([first[:reach], inner / period, last[1:]])
 
 
 def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False, step: int = 1) -> Array:

@@ -65,7 +65,7 @@ def made(kind: str, request: Mapping[str, Any]) -> str:
 
         return export(model.design, kind)
     if kind == "json":
-        content = {"schema": "pmsm-ctrl/workbench/1", **model.to_dict()}
+        content = {"schema": "pmsm-ctrl/workbench/2", **model.to_dict()}
         if diagnosis is not None:
             content["diagnosis"] = diagnosis.to_dict()
         from pmsm_ctrl.result import jsonable
