@@ -20,11 +20,11 @@ import pmsm_ctrl
 project = "pmsm-ctrl"
 version = release = pmsm_ctrl.__version__
 project_copyright = "its contributors, MIT licence"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_gallery.gen_gallery"]
 html_theme = "furo"
 html_title = f"pmsm-ctrl {release}"
 html_theme_options = {"footer_icons": []}
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "examples", "notebooks/*.ipynb", "notebooks/*.py"]
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3
 # README and the pages link to files of the repository that are no pages of the site.
@@ -36,6 +36,12 @@ napoleon_numpy_docstring = True
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 nitpicky = False
+sphinx_gallery_conf = {
+    "examples_dirs": "examples", "gallery_dirs": "notebooks",
+    "only_warn_on_example_error": False, "abort_on_example_error": True, "plot_gallery": True,
+    "download_all_examples": False, "show_memory": False, "write_computation_times": False, "min_reported_time": 1e9,
+    "within_subsection_order": "FileNameSortKey", "capture_repr": ("_repr_html_",),
+}  # fmt: skip
 
 
 def _mathml(text: str, display: str) -> str:

@@ -36,7 +36,7 @@ from pmsm_ctrl.design_parts import (
 )  # fmt: skip
 from pmsm_ctrl.design_text import edited_text, rounded
 from pmsm_ctrl.errors import DesignError, NextCommand, nearest
-from pmsm_ctrl.files import write_text
+from pmsm_ctrl.files import example_design, write_text
 from pmsm_ctrl.units import psi_f_from
 
 __all__ = [
@@ -415,6 +415,25 @@ class Design(Part):
         except ValueError as error:  # a name with a zero byte
             raise DesignError(f"{os.fspath(path)!r}: cannot be read ({error})") from None
         return cls.from_toml(text, source=str(path))
+
+    @classmethod
+    def example(cls, name: str) -> Design:
+        """Return a design that comes with the package, such as ``seed_motor``.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        Design
+
+        Raises
+        ------
+        RequestError
+            For an unknown name.
+        """
+        return cls.read(example_design(name)).model_copy(update={"source": ""})
 
     @classmethod
     def from_toml(cls, text: str, source: str = "") -> Design:

@@ -13,17 +13,51 @@ from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
-from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.errors import RequestError, nearest
 
 __all__ = [
-    "atomic_path", "printable", "require_distinct", "require_new", "require_writable", "sha256", "unused_name",
-    "write_text",
+    "atomic_path", "example_design", "example_designs", "printable", "require_distinct", "require_new",
+    "require_writable", "sha256", "unused_name", "write_text",
 ]  # fmt: skip
 
 # A killed process leaves its temporary file. No command writes for a day, so that older ones can be deleted.
 STALE = 86400.0
 # Unicode's categories of controls, marks of direction and other formats, halves of pairs, line and paragraph ends.
 COMMANDS = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+
+
+def example_designs() -> dict[str, Path]:
+    """Return the designs that come with the package by name; in a working copy of the project they stand beside it.
+
+    Returns
+    -------
+    dict of name to Path
+    """
+    package = Path(__file__).resolve().parent
+    folder = next((place for place in (package / "examples", package.parent / "designs") if place.is_dir()), package)
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def example_design(name: str) -> Path:
+    """Return the file of a design that comes with the package.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    RequestError
+        For an unknown name; the known ones are said.
+    """
+    known = example_designs()
+    if name not in known:
+        raise RequestError(f"example '{name}': no such design{nearest(name, known)} (known: {', '.join(known)})")
+    return known[name]
 
 
 def printable(text: object) -> str:

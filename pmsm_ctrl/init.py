@@ -73,21 +73,14 @@ def init(
 
 
 def _write_example(name: str, target: Path, *, force: bool, json_file: Path | None) -> None:
-    """Write one of the designs of the package; in a working copy of the project they stand beside it."""
+    """Write one of the designs of the package."""
     from pmsm_ctrl.console import write_json
     from pmsm_ctrl.design import Design
-    from pmsm_ctrl.errors import RequestError, nearest
-    from pmsm_ctrl.files import require_new, write_text
+    from pmsm_ctrl.files import example_design, require_new, write_text
 
-    here = Path(__file__).resolve().parent
-    folder = next((place for place in (here / "examples", here.parent / "designs") if place.is_dir()), here)
-    known = sorted(path.stem for path in folder.glob("*.toml"))
-    if name not in known:
-        raise RequestError(f"--example '{name}': no such design{nearest(name, known)} (known: {', '.join(known)})")
+    design = Design.example(name)
     require_new(() if force else [target])
-    source = folder / f"{name}.toml"
-    design = Design.read(source)
-    write_text(target, source.read_text(encoding="utf-8"))
+    write_text(target, example_design(name).read_text(encoding="utf-8"))
     if json_file is not None:
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target)})
     print(printable(f"design: {target}"))

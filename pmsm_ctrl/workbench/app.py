@@ -18,6 +18,7 @@ from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Re
 from starlette.routing import Route
 
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
+from pmsm_ctrl.files import example_designs
 from pmsm_ctrl.workbench import sheet, views
 from pmsm_ctrl.workbench.desk import Desk
 from pmsm_ctrl.workbench.session import Session
@@ -111,7 +112,7 @@ class _Answers:
         return self.shown(request)
 
     async def about(self, request: Request) -> Response:
-        known = {"form": sheet.form(), "examples": list(sheet.examples()), "channels": views.channels()}
+        known = {"form": sheet.form(), "examples": list(example_designs()), "channels": views.channels()}
         return JSONResponse(known | {"sessions": await run_in_threadpool(self.desk.sessions.kept)})
 
     async def design(self, request: Request) -> Response:

@@ -9,6 +9,7 @@ import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from typing import Any
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.workbench import sheet, takeaway, tasks
@@ -82,7 +83,7 @@ class Desk:
             ``example``; or ``toml`` and ``name``; or ``machine``, ``name`` and ``answers``.
         """
         if "example" in asked:
-            design, facts, doubts = sheet.from_example(str(asked["example"])), None, None
+            design, facts, doubts = Design.example(str(asked["example"])), None, None
             origin = "an example of the package"
         elif "toml" in asked:
             name = str(asked.get("name", "design.toml"))[:200]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from pmsm_ctrl.datasheet import MACHINES, answers_from, design_toml, plausibility, read_answer
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import PmsmCtrlError, RequestError, nearest
+from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 
-__all__ = ["FormError", "examples", "form", "from_example", "from_form", "from_text", "shown"]
+__all__ = ["FormError", "form", "from_form", "from_text", "shown"]
 
 WORDS = {
     "motor": "Motor with winding data (resistance, inductance)",
@@ -31,18 +30,6 @@ class FormError(RequestError):
     def __init__(self, fields: Mapping[str, str]) -> None:
         super().__init__("; ".join(fields.values()))
         self.fields = dict(fields)
-
-
-def examples() -> dict[str, Path]:
-    """Return the designs of the package by name.
-
-    Returns
-    -------
-    dict of name to Path
-    """
-    package = Path(__file__).resolve().parents[1]
-    folder = next(place for place in (package / "examples", package.parent / "designs") if place.is_dir())
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def form() -> list[dict[str, Any]]:
@@ -82,28 +69,6 @@ def from_text(text: str, name: str) -> Design:
     Design
     """
     return Design.from_toml(text, source=name).model_copy(update={"source": ""})
-
-
-def from_example(name: str) -> Design:
-    """Return a design of the package.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    Design
-
-    Raises
-    ------
-    RequestError
-        For an unknown name.
-    """
-    known = examples()
-    if name not in known:
-        raise RequestError(f"example '{name}': no such design{nearest(name, known)}")
-    return Design.read(known[name]).model_copy(update={"source": ""})
 
 
 def from_form(name: str, machine: str, given: Mapping[str, str]) -> tuple[Design, list[str], list[str]]:
