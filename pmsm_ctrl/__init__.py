@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pmsm_ctrl.simulate import simulate
     from pmsm_ctrl.track import track
     from pmsm_ctrl.tune import tune
+    from pmsm_ctrl.verify import verify
 
 # public name -> the module that holds it; frozen by tests/unit/test_public_api.py
 _EXPORTS = {
@@ -45,12 +46,13 @@ _EXPORTS = {
     "sweep": "pmsm_ctrl.identify",
     "track": "pmsm_ctrl.track",
     "tune": "pmsm_ctrl.tune",
+    "verify": "pmsm_ctrl.verify",
 }
 
 __version__ = "0.1.0"
 __all__ = [
     "Design", "Log", "add", "compare", "compensate", "diagnose", "export", "fleet", "frf", "identify", "read_log",
-    "simulate", "study", "sweep", "track", "tune",
+    "simulate", "study", "sweep", "track", "tune", "verify",
 ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""compare and diagnose as gates of an automatic check: what is not accepted gives exit status 1."""
+"""compare, diagnose and verify as gates of an automatic check: what is not accepted gives exit status 1."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from pmsm_ctrl.regression.record_result import RecordResult
     from pmsm_ctrl.result import Verdict
 
-__all__ = ["FailOn", "FailOnOption", "MaxErrorOption", "require_accepted"]
+__all__ = [
+    "FailOn", "FailOnOption", "FailOnOutcome", "MaxErrorOption", "OutcomeOption", "require_accepted", "require_applied",
+]  # fmt: skip
 
 
 class FailOn(StrEnum):
@@ -39,6 +41,19 @@ class FailOn(StrEnum):
         return verdict.value == ("effects_missing" if self is FailOn.MISSING else self.value)
 
 
+class FailOnOutcome(StrEnum):
+    """A verdict of `verify` that fails; `ANY` is every one but ``applied``."""
+
+    PARTLY_APPLIED = "partly_applied"
+    NOT_APPLIED = "not_applied"
+    WRONG_GAIN = "wrong_gain"
+    WRONG_SIGN = "wrong_sign"
+    LATE = "late"
+    LIMIT_CYCLE = "limit_cycle"
+    INCONCLUSIVE = "inconclusive"
+    ANY = "any"
+
+
 def _share(text: str) -> float:
     """Read ``3%`` or ``0.03``."""
     percent = text.strip().endswith("%")
@@ -54,6 +69,10 @@ def _share(text: str) -> float:
 FailOnOption = Annotated[
     list[FailOn] | None,
     typer.Option("--fail-on", metavar="VERDICT", help=f"exit status 1 for {', '.join(FailOn)}; may be repeated"),
+]
+OutcomeOption = Annotated[
+    list[FailOnOutcome] | None,
+    typer.Option("--fail-on", metavar="VERDICT", help=f"exit status 1 for {', '.join(FailOnOutcome)}; may be repeated"),
 ]
 MaxErrorOption = Annotated[
     Any,
@@ -90,6 +109,27 @@ def require_accepted(
             failed.append(
                 f"error of {100.0 * error:.3g} % on the {which} {record.name}, --max-error {100.0 * max_error:.3g} %"
             )
+    _leave(failed)
+
+
+def require_applied(verdict: str, fail_on: Iterable[FailOnOutcome] | None) -> None:
+    """Leave with exit status 1 where a verdict of `verify` is one of those.
+
+    Parameters
+    ----------
+    verdict : str
+    fail_on : iterable of FailOnOutcome, optional
+
+    Raises
+    ------
+    typer.Exit
+        When it is.
+    """
+    met = (one for one in fail_on or () if one.value == verdict or (one is FailOnOutcome.ANY and verdict != "applied"))
+    _leave([f"the verdict is {verdict} (--fail-on {one})" for one in met])
+
+
+def _leave(failed: list[str]) -> None:
     for line in failed:
         print(f"pmsm-ctrl: failed: {line}", file=sys.stderr)
     if failed:

@@ -1,4 +1,4 @@
-"""The commands that evaluate logs: identify, compare, diagnose, add, track and frf."""
+"""The commands that evaluate logs: identify, compare, diagnose, add, track, frf and verify."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from pmsm_ctrl.console import NEGATIVE, finish, progress_bar
+from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import printable
-from pmsm_ctrl.gates import FailOnOption, MaxErrorOption, require_accepted
+from pmsm_ctrl.gates import FailOnOption, MaxErrorOption, OutcomeOption, require_accepted, require_applied
 from pmsm_ctrl.options import (
     DesignOption,
     EffectsOption,
@@ -23,6 +24,7 @@ from pmsm_ctrl.options import (
     NewDesignOption,
     PolishOption,
     ReportOption,
+    SeedOption,
     effect_ids,
     load_logs,
     logs_if_given,
@@ -32,7 +34,9 @@ from pmsm_ctrl.options import (
 )
 
 if TYPE_CHECKING:
+    from pmsm_ctrl.design import Design
     from pmsm_ctrl.identify import Method
+    from pmsm_ctrl.log import Log
 
 __all__ = ["LOG_COMMANDS"]
 
@@ -215,4 +219,33 @@ def frf(
     write_design(result.measured, output)
 
 
-LOG_COMMANDS = (identify, compare, diagnose, add, track, frf)
+def verify(
+    before: Annotated[Path, typer.Argument(metavar="BEFORE", help="log before the download of the compensator")],
+    after: Annotated[Path, typer.Argument(metavar="AFTER", help="log of the same motion after it")],
+    design: DesignOption,
+    fail_on: OutcomeOption = None,
+    mapping: MapOption = None,
+    seed: SeedOption = 0,
+    effects: EffectsOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Find out whether a downloaded compensator acts: gain, delay, part of the friction, error before and after."""
+    from pmsm_ctrl.verify import verify as run_verification
+
+    axis = read_design(design, effects)
+    logs = [_single(path, axis, mapping) for path in (before, after)]
+    result = run_verification(axis, logs[0], logs[1], seed=seed)
+    finish("verify", result, json_file=json_file, report=report)
+    require_applied(result.verdict.value, fail_on)
+
+
+def _single(path: Path, axis: Design, mapping: list[str] | None) -> Log:
+    logs = load_logs([path], axis, mapping)
+    if len(logs) != 1:
+        raise RequestError(f"{path}: {len(logs)} logs; one file was expected")
+    return logs[0]
+
+
+LOG_COMMANDS = (identify, compare, diagnose, add, track, frf, verify)

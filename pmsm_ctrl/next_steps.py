@@ -61,7 +61,11 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
         case "compensate":
             words = ("export", design, "--language", "st", "--output", Path(str(design)).stem)
         case "export":
-            words = ("track", "LOG", "--design", design)
+            words = ("verify", "BEFORE", "AFTER", "--design", design)
+        case "verify":
+            words = (
+                ("compensate", design) if verdict == "limit_cycle" else ("track", given["after"], "--design", design)
+            )
         case "study":
             words = ("compensate", design) if given.get("log") else ("import", "LOG", "--design", design)
         case "effects" if not given.get("identifier"):

@@ -20,6 +20,10 @@ COUNT: Schema = {"type": "integer", "minimum": 0}
 TEXTS: Schema = {"type": "array", "items": TEXT}
 VERDICTS = ("consistent", "effects_missing", "unexplained", "not_excited", "implausible", "inconclusive")
 
+OUTCOMES = (
+    "applied", "partly_applied", "not_applied", "wrong_gain", "wrong_sign", "late", "limit_cycle", "inconclusive",
+)  # fmt: skip
+
 
 def _record(required: dict[str, Schema], optional: dict[str, Schema] | None = None) -> Schema:
     return {"type": "object", "properties": required | (optional or {}), "required": list(required)}
@@ -59,6 +63,10 @@ RANKED = _record(
 DEVIATION = _record(
     {"parameter": TEXT, "nominal": NUMBER, "estimate": NUMBER, "stderr": NUMBER, "unit": TEXT, "flagged": FLAG}
 )
+TRACKING = _record(
+    {"rms": NUMBER, "peak": NUMBER, "reversal_peak": NUMBER, "cycle_amplitude": NUMBER, "cycle_frequency": NUMBER,
+     "unit": TEXT}
+)  # fmt: skip
 EXPERIMENT = _record({"separates": TEXTS, "profile": TEXT, "why": TEXT})
 EFFECT = {
     "id": TEXT, "title": TEXT, "enters": {"enum": ["torque", "voltage", "measurement"]}, "equation": TEXT,
@@ -121,6 +129,16 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
          "verdicts": _by_name(COUNT),
          "lost": _list(_record({"record": TEXT, "axis": TEXT, "reason": TEXT, "set_aside": FLAG})),
          "seconds": NUMBER, "processor_seconds": NUMBER, **DOUBTS},
+        {},
+    ),
+    "verify": (
+        "verification",
+        {"verdict": {"enum": list(OUTCOMES)}, "advice": TEXT, "before": TEXT, "after": TEXT, "expected_gain": NUMBER,
+         "gain": ESTIMATE, "gain_interval_95": _list(NUMBER), "gain_before": ESTIMATE, "delay": _maybe(ESTIMATE),
+         "delay_interval_95": _list(NUMBER), "parts": ESTIMATES, "weight": _by_name(NUMBER), "channel": TEXT,
+         "errors": _record({"before": TRACKING, "after": TRACKING}),
+         "change": _record({"measured": _by_name(NUMBER), "promised": _by_name(NUMBER)}),
+         "explained": NUMBER, **DOUBTS},
         {},
     ),
     "export": ("export", {"language": TEXT, "flavour": TEXT}, {"source": TEXT, "files": _by_name(TEXT)}),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 
-__all__ = ["CHANGE", "UNITS", "Metrics", "measure", "measure_contour"]
+__all__ = ["CHANGE", "UNITS", "Metrics", "limit_cycle", "measure", "measure_contour", "turning_samples"]
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def measure(log: Log, skip: float = 0.0) -> Metrics:
     _require(log)
     used = log.t >= log.t[0] + skip
     error = (log["theta_ref"] - log["theta_true"])[used]
-    reference, turned = log["omega_ref"][used], _turns(log["omega_ref"][used])
+    reference, turned = log["omega_ref"][used], turning_samples(log["omega_ref"][used])
     return _metrics(log, used, error, reference, turned)
 
 
@@ -106,7 +106,7 @@ def measure_contour(x: Log, y: Log, radius: float) -> Metrics:
         _require(log)
     every = np.ones(len(x), dtype=bool)
     error = np.hypot(x["theta_true"] + radius, y["theta_true"]) - radius
-    turned = np.unique(np.concatenate([_turns(log["omega_ref"]) for log in (x, y)]))
+    turned = np.unique(np.concatenate([turning_samples(log["omega_ref"]) for log in (x, y)]))
     axes = [_metrics(log, every, error, log["omega_ref"], turned) for log in (x, y)]
     return Metrics(**{name: max(getattr(axis, name) for axis in axes) for name in UNITS})
 
@@ -128,7 +128,7 @@ def _metrics(
     quiet = np.ones(error.size - 1, dtype=bool)
     quiet[np.minimum(turned, error.size - 2)] = False
     quiet[np.maximum(turned - 1, 0)] = False
-    amplitude, frequency = _cycle(log["theta_true"][used], commanded, period)
+    amplitude, frequency = limit_cycle(log["theta_true"][used], commanded, period)
     return Metrics(
         rms=float(np.sqrt(np.mean(error**2))),
         peak=float(np.max(np.abs(error))),
@@ -141,19 +141,41 @@ def _metrics(
     )
 
 
-def _turns(reference: Array) -> NDArray[np.intp]:
-    """Samples at which the reference starts in a direction other than its last one."""
+def turning_samples(reference: Array) -> NDArray[np.intp]:
+    """Return the samples at which a reference speed starts in a direction other than its last one.
+
+    Parameters
+    ----------
+    reference : array, shape (n,)
+
+    Returns
+    -------
+    int array
+    """
     moving = np.flatnonzero(reference)
     signs = np.sign(reference[moving])
     change = np.flatnonzero(np.diff(signs) != 0) + 1
     return np.concatenate([moving[:1], moving[change]])
 
 
-def _cycle(theta: Array, commanded: NDArray[np.bool_], period: float) -> tuple[float, float]:
-    """Return amplitude and frequency of the largest limit cycle while the reference rests.
+def limit_cycle(theta: Array, commanded: NDArray[np.bool_], period: float) -> tuple[float, float]:
+    """Return amplitude and frequency (Hz) of the largest limit cycle while the reference rests; zeros without one.
 
     It lasts to the end of the rest: it is searched in all of the rest (slow hunting), in its last half and in its
     last quarter (a fast cycle after a last slip).
+
+    Parameters
+    ----------
+    theta : array, shape (n,)
+        Position; the amplitude is in its unit.
+    commanded : bool array, shape (n,)
+        Where the reference moves.
+    period : float
+        Of the samples, s.
+
+    Returns
+    -------
+    (float, float)
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[True], commanded, [True]]).astype(np.int8)))
     worst = (0.0, 0.0)

@@ -33,6 +33,8 @@ ALLOWED = {
     ("workbench/desk.py", "order"): "of the steps",
     ("frf/fit.py", "delay"): "of the speed behind the torque, a nuisance",
     ("frf/frf.py", "delay"): "of the speed behind the torque, a nuisance",
+    ("verify/result.py", "delay"): "of the feedforward behind the reference",
+    ("schemas.py", "delay"): "of the feedforward behind the reference",
     ("frf/present.py", "delay"): "of the speed behind the torque, a nuisance",
     ("tune/sampled.py", "d"): "the direct axis",
     ("tune/robust.py", "J_load"): "the inertia of `SecondMass`, and its tolerance in the design",

@@ -30,6 +30,7 @@ PUBLIC = [
     "sweep",
     "track",
     "tune",
+    "verify",
 ]
 VERBS = [name for name in PUBLIC if name[0].islower()]
 SAME_NAME = [name for name in VERBS if importlib.util.find_spec(f"pmsm_ctrl.{name}") is not None]

@@ -1,0 +1,7 @@
+"""Does a downloaded compensator act: gain, delay and part of friction, from logs before and after."""
+
+from pmsm_ctrl.verify import present as _present  # noqa: F401 - registers the section
+from pmsm_ctrl.verify.result import Outcome, Verification
+from pmsm_ctrl.verify.verify import verify
+
+__all__ = ["Outcome", "Verification", "verify"]

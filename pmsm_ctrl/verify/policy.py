@@ -1,0 +1,50 @@
+"""Thresholds of `verify`, each with its unit and its reason.
+
+Set on seeds 80000 to 80003 of `tests.benchmarks.downloads`.
+"""
+
+from __future__ import annotations
+
+# Probability of the intervals of the gain, of its parts and of the delay.
+COVERAGE = 0.95
+# Share of the expected gain below which nothing was applied, and share by which a gain is wrong: compensators off by
+# 20 % still remove two thirds of the error (docs/compensation.md); a smaller deviation is worth a number, no verdict.
+NOTHING, WRONG = 0.1, 0.15
+# Half of the interval of the gain, as a share of the expected one, above which the logs tell too little.
+VAGUE = 0.3
+# Standard error of a part's gain, as a share of the expected one, above which the motion does not tell it.
+UNTOLD = 0.15
+# Share of the expected gain below which a part is missing, and above which it is there.
+MISSING, THERE = 0.25, 0.5
+# Periods of the log by which the delay is uncertain at least: samples do not tell less.
+RESOLVED = 0.25
+# Share of the compensated current that a part must make to be missed.
+WORTH = 0.1
+# s; and periods of the log: a later feedforward leaves a pulse of the friction at every reversal. Drives apply within
+# a period of their speed loop, logs of measured currents lag by the current loop: both stay below.
+LATE, LATE_PERIODS = 1e-3, 1.0
+# s; range of delays that is searched, negative ones are early, and the most steps of it.
+EARLIEST, LATEST, STEPS = -0.01, 0.05, 240
+# Share of the varying current that the controller's law must explain, and s over which both are averaged for that: the
+# noise of a measured current is no fault of the law.
+EXPLAINED, SLOW = 0.95, 0.01
+# Ratio of the residuals from which on the gains of the controller are taken as changed between the logs.
+RETUNED = 2.0
+# Share of the current limit above which samples are left out: there the law is cut off.
+LIMIT = 0.98
+# s over which a measured current and all that explains it are averaged: its noise is in the speed that the controller
+# reads as well, and makes gains too small.
+AVERAGED = 0.005
+# Errors of the gain that no block shows, as a share of the expected one: the law is sampled faster than the log; a
+# measured current lags its reference by the current loop besides.
+SAMPLED, MEASURED = 0.002, 0.015
+# Blocks of the two records whose differences bound the standard errors from below.
+BLOCKS = 24
+# Samples of a record that are evaluated.
+MOST = 200_000
+# Share by which rms and peak of the reference speed, and the number of reversals, may differ between equal motions.
+OTHER_MOTION = 0.03
+# Ratio of the amplitudes at rest from which on a limit cycle is new.
+CYCLE = 1.5
+# Share of the promised reduction of the error that must be reached.
+REACHED = 0.5

@@ -1,0 +1,88 @@
+"""What two logs say of a downloaded compensator, as a section."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pmsm_ctrl.rendering.numbers import percent, with_error, with_prefix
+from pmsm_ctrl.section import Block, Picture, Section, Table, present
+from pmsm_ctrl.verify.result import Outcome, Verification
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__: list[str] = []
+
+SENTENCES = {
+    Outcome.APPLIED: "The compensator's feedforward is applied as the design says.",
+    Outcome.PARTLY_APPLIED: "Only a part of the compensator's feedforward is applied.",
+    Outcome.NOT_APPLIED: "The compensator's feedforward is not applied.",
+    Outcome.WRONG_GAIN: "The compensator's feedforward is applied with another gain than the design's.",
+    Outcome.WRONG_SIGN: "The compensator's feedforward is applied with the wrong sign.",
+    Outcome.LATE: "The compensator's feedforward is applied too late.",
+    Outcome.LIMIT_CYCLE: "The axis has a limit cycle at rest since the download.",
+    Outcome.INCONCLUSIVE: "These two logs do not tell whether the compensator's feedforward is applied.",
+}
+ADDED = (
+    "Current that the second log holds beside its controller, over the feedforward that the compensator computes from "
+    "the reference: points on the line are a gain of 1."
+)
+REVERSAL = "Mean tracking error around a reversal, in the direction of the motion that begins, before and after."
+ERRORS = {"rms": "rms", "peak": "largest", "reversal_peak": "after a reversal (median)"}
+
+
+@present.register
+def _(result: Verification) -> Section:
+    low, high = result.interval
+    found = (f"Gain {result.gain.value:.3f} (95 %: {low:.3f} to {high:.3f}), the design says {result.expected:g}; "
+             f"found in {result.channel}.")  # fmt: skip
+    change = f"What to change: {result.advice}"
+    blocks: list[Block] = [f"{SENTENCES[result.verdict]} {found}", change, *result.notices, _gains(result)]
+    blocks.append(_errors(result))
+    blocks.append(Picture(lambda: _draw(result, "added"), ADDED))
+    if len(result.after.t):
+        blocks.append(Picture(lambda: _draw(result, "reversal"), REVERSAL))
+    names = f"{Path(result.before_name).name or 'before'} and {Path(result.after_name).name or 'after'}"
+    return Section(f"Compensation in the drive: {names}", tuple(blocks))
+
+
+def _gains(result: Verification) -> Table:
+    rows = [("all of it", with_error(result.gain.value, result.gain.stderr), f"{result.expected:g}", "")]
+    rows += [
+        (name, with_error(one.value, one.stderr) if math.isfinite(one.stderr) else "-", f"{result.expected:g}",
+         percent(result.weight[name], 1))
+        for name, one in result.parts.items()
+    ]  # fmt: skip
+    if result.delay is not None:
+        low, high = result.delay_interval
+        rows.append(("delay [ms]", f"{1e3 * result.delay.value:.3g} ({1e3 * low:.3g} to {1e3 * high:.3g})", "0", ""))
+    rows.append(("before the download", with_error(result.before_gain.value, result.before_gain.stderr), "0", ""))
+    return Table(("part of the feedforward", "gain", "design", "share of the current"), tuple(rows), "What is applied")
+
+
+def _errors(result: Verification) -> Table:
+    unit = result.before.unit
+    rows: list[tuple[str, ...]] = [
+        (words, with_prefix(getattr(result.before, name), unit), with_prefix(getattr(result.after, name), unit),
+         percent(result.measured.get(name, math.nan), 1), percent(result.promised.get(name, math.nan), 1))
+        for name, words in ERRORS.items()
+    ]  # fmt: skip
+    if not math.isnan(result.after.cycle_amplitude):
+        cells = (_cycle(one.cycle_amplitude, one.cycle_frequency, unit) for one in (result.before, result.after))
+        rows.append(("limit cycle at rest", *cells, "", ""))
+    header = ("tracking error", "before", "after", "change", "promised by simulation")
+    return Table(header, tuple(rows), "What it gained")
+
+
+def _cycle(amplitude: float, frequency: float, unit: str) -> str:
+    if math.isnan(amplitude):
+        return "-"
+    return f"{with_prefix(amplitude, unit)} at {frequency:.3g} Hz" if amplitude > 0.0 else "none"
+
+
+def _draw(result: Verification, what: str) -> Figure:
+    from pmsm_ctrl.verify import figures
+
+    return figures.added(result) if what == "added" else figures.reversal(result)

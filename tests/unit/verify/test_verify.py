@@ -1,0 +1,188 @@
+"""Logs before and after a download, of drives that apply it in known ways: the gain is what the drive was given."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl import Design, Log, simulate, verify
+from pmsm_ctrl.cli import main
+from pmsm_ctrl.compensate.motions import named_trial
+from pmsm_ctrl.errors import LogError, RequestError
+from pmsm_ctrl.simulate import Scenario, scenario
+from pmsm_ctrl.simulate.fed_forward import fed_currents
+from tests.effort import amount
+from tests.unit.verify.downloads import WAYS, applied, logs_of, verified_design
+
+VERDICTS = {
+    "nothing": "not_applied", "half": "wrong_gain", "as designed": "applied", "reversed": "wrong_sign",
+    "one and a half": "wrong_gain", "3 ms late": "late", "Coulomb alone": "partly_applied",
+}  # fmt: skip
+GAINS = {"nothing": 0.0, "half": 0.5, "as designed": 1.0, "reversed": -1.0, "one and a half": 1.5, "3 ms late": 1.0}
+
+
+@pytest.fixture(scope="module")
+def design(designs: Path) -> Design:
+    return verified_design(Design.read(designs / "low_speed.toml"))
+
+
+@pytest.fixture(scope="module")
+def motion(design: Design) -> Scenario:
+    return scenario("reversal", design, speed=10.0, frequency=1.0, cycles=4.0)
+
+
+@pytest.fixture(scope="module")
+def before(design: Design, motion: Scenario) -> Log:
+    return simulate(design.replace(compensation={"gain": 0.0}), motion, seed=3)
+
+
+@pytest.fixture(scope="module")
+def after(design: Design, motion: Scenario) -> dict[str, Log]:
+    off = design.replace(compensation={"gain": 0.0})
+    return {name: simulate(off, applied(design, motion, *way), seed=4) for name, way in WAYS.items()}
+
+
+def without(log: Log, *names: str) -> Log:
+    return Log({name: values for name, values in log.channels.items() if name not in names}, log.motion)
+
+
+@pytest.mark.parametrize("way", VERDICTS)
+def test_a_drive_is_found_to_do_what_it_does(design: Design, before: Log, after: dict[str, Log], way: str) -> None:
+    found = verify(design, before, after[way])
+    assert found.verdict.value == VERDICTS[way]
+    assert found.explained > 0.99
+    assert abs(found.before_gain.value) < 0.02
+    if way in GAINS:
+        low, high = found.interval
+        assert low - 0.002 < GAINS[way] < high + 0.002
+        assert high - low < (0.2 if way == "3 ms late" else 0.06)
+    if way == "3 ms late":
+        assert found.delay_interval[0] < 0.003 < found.delay_interval[1]
+
+
+def test_the_simulated_drive_applies_its_own_compensator(design: Design, motion: Scenario, before: Log) -> None:
+    """The compensator in the kernel, by its own speed and angle, is what `fed_currents` computes from the log."""
+    log = simulate(design, motion, seed=5)
+    found = verify(design, before, log)
+    assert found.verdict.value == "applied"
+    assert found.gain.value == pytest.approx(1.0, abs=0.01)
+    # the error of the real drive falls as the simulated one promises: it is the same drive with other noise
+    assert found.measured["rms"] == pytest.approx(found.promised["rms"], abs=0.05)
+    assert found.promised["rms"] < -0.7
+
+
+def test_the_feedforward_is_the_friction_of_the_design(design: Design) -> None:
+    speed = np.array([-5.0, -0.5, 0.0, 0.5, 5.0])
+    parts = fed_currents(design, {"theta": np.zeros(5), "i_q": np.zeros(5)}, speed, 1e-3)
+    sign, K_t = np.sign(speed), 1.5 * 4 * 0.172
+    np.testing.assert_allclose(parts["coulomb"], 0.0213 * sign / K_t, rtol=1e-12)
+    np.testing.assert_allclose(parts["viscous"], 0.000168 * speed / K_t, rtol=1e-12)
+    np.testing.assert_allclose(parts["stribeck"], 0.01 * np.exp(-((speed / 2.0) ** 2)) * sign / K_t, rtol=1e-12)
+
+
+@pytest.mark.parametrize("left_out", [("i_q_ref",), ("omega_ref", "omega")])
+@pytest.mark.parametrize("way", ["nothing", "as designed"])
+def test_fewer_channels_tell_the_same(
+    design: Design, before: Log, after: dict[str, Log], way: str, left_out: tuple[str, ...]
+) -> None:
+    found = verify(design, without(before, *left_out), without(after[way], *left_out))
+    assert found.verdict.value == VERDICTS[way]
+
+
+def test_feedforward_behind_the_logged_reference_is_found_in_the_current(
+    design: Design, before: Log, after: dict[str, Log]
+) -> None:
+    log = after["as designed"]
+    parts = fed_currents(design, dict(log.channels), log["omega_ref"], log.period)
+    hidden = log.with_channels(i_q_ref=log["i_q_ref"] - np.sum(list(parts.values()), axis=0))
+    found = verify(design, before, hidden)
+    assert found.verdict.value == "applied"
+    assert found.channel == "i_q"
+    assert "verify_behind_reference" in [notice.code for notice in found.notices]
+
+
+def test_unchanged_drives_are_not_called_changed(design: Design, motion: Scenario) -> None:
+    """Noise of another seed, a friction that fell by a third: the law of the controller is one."""
+    warm = design.with_effect("coulomb", {"F_c": 0.014})
+    for seed in range(80020, 80020 + amount(1, 8)):
+        logs = logs_of(design, motion, WAYS["nothing"], seed, plant=warm)
+        assert verify(design, *logs).verdict.value == "not_applied"
+
+
+@pytest.mark.slow
+def test_intervals_of_the_gain_hold(design: Design) -> None:
+    count = 20
+    held = 0
+    for seed in range(80040, 80040 + count):
+        low, high = verify(design, *logs_of(design, "reversal 2 rad/s", WAYS["as designed"], seed)).interval
+        held += low <= 1.0 <= high
+    assert held >= 0.9 * count
+
+
+def test_a_controller_with_other_gains_is_noticed(design: Design, motion: Scenario, before: Log) -> None:
+    loops = design.require_loops()
+    softer = loops.model_copy(update={"speed": loops.speed.model_copy(update={"K_p": 0.5 * loops.speed.K_p})})
+    retuned = design.model_copy(update={"loops": softer})
+    log = simulate(retuned, motion, seed=6)
+    found = verify(design, before, log)
+    assert "verify_retuned" in [notice.code for notice in found.notices]
+    assert found.gain.value == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_limit_cycle_comes_first(designs: Path) -> None:
+    """Measured speed at a gain of 1 cycles after a push (docs/compensation.md); by the reference it does not."""
+    design = verified_design(Design.read(designs / "seed_motor.toml"))
+    motion = named_trial(design, "push").motions[0]
+    off = design.replace(compensation={"gain": 0.0})
+    measured = design.replace(compensation={"source": "measured"})
+    found = verify(measured, simulate(off, motion, seed=1), simulate(measured, motion, seed=2))
+    assert found.verdict.value == "limit_cycle"
+    assert found.after.cycle_frequency > 1.0
+    assert found.before.cycle_amplitude == 0.0
+    assert "Lower the gain" in found.advice
+
+
+def test_noise_for_a_current_is_no_law(design: Design, before: Log, after: dict[str, Log]) -> None:
+    shuffled = np.random.default_rng(1).permutation(before["i_q_ref"])
+    found = verify(design, without(before, "i_q").with_channels(i_q_ref=shuffled), without(after["nothing"], "i_q"))
+    assert found.verdict.value == "inconclusive"
+    assert "verify_unexplained_law" in [notice.code for notice in found.notices]
+
+
+def test_what_is_missing_is_named(design: Design, before: Log) -> None:
+    with pytest.raises(LogError, match="neither omega_ref nor theta_ref"):
+        verify(design, without(before, "omega_ref", "theta_ref"), before)
+    with pytest.raises(LogError, match="i_q_ref, i_q or torque"):
+        verify(design, without(before, "i_q_ref", "i_q"), before)
+    with pytest.raises(RequestError, match="observer"):
+        verify(design.replace(compensation={"source": "observer", "bandwidth": 100.0}), before, before)
+    with pytest.raises(RequestError, match="none of"):
+        verify(design.replace(compensation={"effects": ["unbalance"]}).with_effect("unbalance", {}), before, before)
+
+
+def test_the_command(
+    design: Design, before: Log, after: dict[str, Log], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    design.write("d.toml")
+    before.write_csv("before.csv")
+    after["half"].write_csv("after.csv")
+    words = ["verify", "before.csv", "after.csv", "--design", "d.toml"]
+    with pytest.raises(SystemExit) as left:
+        main([*words, "--fail-on", "wrong_gain", "--json", "r.json", "--report", "r.html"])
+    assert left.value.code == 1
+    said = capsys.readouterr()
+    assert "Gain 0.5" in said.out
+    assert "Multiply the drive's values by 2" in said.out
+    assert "the verdict is wrong_gain" in said.err
+    data = json.loads(Path("r.json").read_text(encoding="utf-8"))
+    assert data["schema"] == "pmsm-ctrl/verification/1"
+    assert data["verdict"] == "wrong_gain"
+    assert "<svg" in Path("r.html").read_text(encoding="utf-8")
+    with pytest.raises(SystemExit) as left:
+        main([*words, "--fail-on", "late"])
+    assert left.value.code in (0, None)
