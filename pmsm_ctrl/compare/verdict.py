@@ -32,7 +32,8 @@ def judged(
     if believed.contradictions:
         return Verdict.IMPLAUSIBLE, believed.contradictions
     found = tuple(_structured(structure))
-    little = tuple(_unlike(relative, ratios))
+    told = {notice.detail["channel"] for notice in found}
+    little = tuple(_unlike(relative, {name: ratio for name, ratio in ratios.items() if name not in told}))
     if found:
         return Verdict.UNEXPLAINED, (*found, *little)
     doubts = tuple(doubt for doubt in believed.doubts if doubt.code not in ACCOUNTED)
@@ -48,7 +49,7 @@ def _structured(structure: Mapping[str, ResidualStructure]) -> Iterator[Notice]:
 
 
 def _unlike(relative: float, ratios: Mapping[str, float]) -> Iterator[Notice]:
-    """Yield where the prediction explains too little, or the residual is more than noise."""
+    """Yield where the prediction explains too little, or a residual without structure is more than noise."""
     explained = 1.0 - relative**2
     if not explained >= policy.EXPLAINED:
         yield notices.LITTLE_EXPLAINED(percent=100.0 * relative, explained=100.0 * max(0.0, explained))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from pmsm_ctrl.compare import compare
 from pmsm_ctrl.compare.coordinates import Drive, _with_play
 from pmsm_ctrl.compare.dependence import ResidualStructure, Trace, residual_structure
 from pmsm_ctrl.compare.notices import coordinate_words, structure_words
+from pmsm_ctrl.compare.verdict import judged
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.evidence.residual import bench, noise_of
 from pmsm_ctrl.evidence.tests import holm
@@ -248,3 +250,14 @@ def test_laas_fails_at_orders_72_18_12(measured, designs: Path) -> None:
     first = compare(design, log).log.structure["torque"].named[0]
     assert first.coordinate == "position"
     assert first.orders[:3] == (72, 18, 12)
+
+
+def test_a_residual_with_structure_is_not_said_to_have_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its size above the noise floor is a second reason only where no coordinate explains it."""
+    monkeypatch.setattr("pmsm_ctrl.compare.notices.structure_words", lambda found: "depends on position")
+    believed = SimpleNamespace(contradictions=(), doubts=())
+    for named, reasons in ((True, ["residual_structure"]), (False, ["above_noise_floor"])):
+        structure = {"torque": SimpleNamespace(named=named, offset_significant=False)}
+        verdict, found = judged(0.07, structure, {"torque": 1.8, "u_q": 1.0}, believed)  # type: ignore[arg-type]
+        assert [notice.code for notice in found] == reasons
+        assert verdict == ("unexplained" if named else "inconclusive")
