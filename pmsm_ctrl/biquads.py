@@ -32,7 +32,13 @@ class Biquad:
     frequency: float
 
     def at(self, s: Any) -> Any:
-        """Return the continuous response at s (rad/s), a number or an array."""
+        """Return the continuous response.
+
+        Parameters
+        ----------
+        s : complex or array
+            rad/s.
+        """
         (n_2, n_1, n_0), (d_2, d_1, d_0) = self.numerator, self.denominator
         return ((n_2 * s + n_1) * s + n_0) / ((d_2 * s + d_1) * s + d_0)
 
@@ -65,8 +71,26 @@ class Biquad:
         )
         return b_0 / a_0, b_1 / a_0, b_2 / a_0, a_1 / a_0, a_2 / a_0
 
+    def delay(self, period: float) -> float:
+        """Return the delay of the sampled form at low frequency, s; negative for a lead.
+
+        Parameters
+        ----------
+        period : float
+            s.
+        """
+        b_0, b_1, b_2, a_1, a_2 = self.sampled(period)
+        return period * ((b_1 + 2.0 * b_2) / (b_0 + b_1 + b_2) - (a_1 + 2.0 * a_2) / (1.0 + a_1 + a_2))
+
     def sampled_at(self, z: Any, period: float) -> Any:
-        """Return the response of the sampled form at z, a number or an array, for a period in s."""
+        """Return the response of the sampled form.
+
+        Parameters
+        ----------
+        z : complex or array
+        period : float
+            s.
+        """
         b_0, b_1, b_2, a_1, a_2 = self.sampled(period)
         return ((b_0 * z + b_1) * z + b_2) / ((z + a_1) * z + a_2)
 

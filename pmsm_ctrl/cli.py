@@ -153,6 +153,9 @@ def tune(
     ] = 60.0,
     keep: Annotated[bool, typer.Option("--keep", help="check the gains of the design instead of tuning them")] = False,
     robust: Annotated[bool, typer.Option("--robust", help="keep the margins at all corners of the tolerances")] = False,
+    filters: Annotated[
+        bool, typer.Option("--filters/--no-filters", help="take a filter against a resonance where it pays")
+    ] = True,
     prove: Annotated[bool, typer.Option("--prove/--no-prove", help="check the loops on the simulated drive")] = True,
     seed: SeedOption = 0,
     effects: EffectsOption = None,
@@ -175,7 +178,7 @@ def tune(
             else:
                 wanted = Specification(
                     current=current, speed=speed, current_bandwidth=current_bandwidth, speed_bandwidth=speed_bandwidth,
-                    phase_margin=phase_margin, robust=robust,
+                    phase_margin=phase_margin, robust=robust, filters=filters,
                 )  # fmt: skip
                 result = run_tuning(axis, wanted, prove=prove, seed=seed, progress=progress)
     except UnstableLoopError as error:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import control as ct
 import numpy as np
 
-from pmsm_ctrl.design import CurrentLoop, Design
+from pmsm_ctrl.design import CurrentLoop, Design, Filter
 from pmsm_ctrl.sampling import filter_delay
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.margins import Margins, margins
@@ -29,6 +30,8 @@ class Delays:
         The closed current loop as one lag: the reciprocal of its crossover.
     speed_holding, difference_quotient, speed_filter : float
         Sampling and measurement of the speed.
+    current_filters : float
+        Filters of the current reference.
     """
 
     computation: float
@@ -37,6 +40,7 @@ class Delays:
     speed_holding: float
     difference_quotient: float
     speed_filter: float
+    current_filters: float = 0.0
 
     @property
     def current(self) -> float:
@@ -46,7 +50,8 @@ class Delays:
     @property
     def speed(self) -> float:
         """Sum of small time constants in the speed loop, s."""
-        return self.current_loop + self.speed_holding + self.difference_quotient + self.speed_filter
+        measured = self.speed_holding + self.difference_quotient + self.speed_filter
+        return self.current_loop + measured + self.current_filters
 
     def explain_current(self) -> str:
         """Return where the delay of the current loop comes from, in words."""
@@ -57,15 +62,19 @@ class Delays:
 
     def explain_speed(self) -> str:
         """Return where the small time constants of the speed loop come from, in words."""
+        filtered = f", filters of the current {self.current_filters * 1e3:.3g} ms" if self.current_filters else ""
         return (
             f"{self.speed * 1e3:.4g} ms of small time constants (current loop {self.current_loop * 1e3:.3g} ms, "
             f"speed filter {self.speed_filter * 1e3:.3g} ms, difference quotient "
-            f"{self.difference_quotient * 1e3:.3g} ms, zero-order hold {self.speed_holding * 1e3:.3g} ms)"
+            f"{self.difference_quotient * 1e3:.3g} ms, zero-order hold {self.speed_holding * 1e3:.3g} ms{filtered})"
         )
 
 
-def delays(design: Design, current: CurrentLoop) -> Delays:
-    """Return the delays of a design with a current loop; a filter counts with its discrete delay at low frequency."""
+def delays(design: Design, current: CurrentLoop, filters: Iterable[Filter] = ()) -> Delays:
+    """Return the delays of a design with a current loop and filters of the current reference.
+
+    A filter counts with its discrete delay at low frequency.
+    """
     m = Plant.of(design)
     T_s = design.drive.speed_period
     # A PI that does not cancel the pole has the velocity constant K_p / (R T_n); both agree where it does.
@@ -77,6 +86,7 @@ def delays(design: Design, current: CurrentLoop) -> Delays:
         speed_holding=0.5 * T_s,
         difference_quotient=0.5 * T_s,
         speed_filter=filter_delay(T_s, design.sensor.speed_filter),
+        current_filters=sum(one.biquad.delay(T_s) for one in filters),
     )
 
 

@@ -106,8 +106,7 @@ def filtered(tuning: Tuning, words: str) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True)
     cascade, gains = tuning.cascade, resonant.gains
     _bode(upper, lower, open_loop(cascade, gains), COLOURS["speed"], "without a filter")
-    best = gains.model_copy(update={"filters": (resonant.options[0].filter,)})
-    _bode(upper, lower, open_loop(cascade, best), COLOURS["current"], words)
+    _bode(upper, lower, open_loop(cascade, resonant.options[0].gains), COLOURS["current"], words)
     _finish_bode(upper, lower, "Open speed loop")
     return figure
 

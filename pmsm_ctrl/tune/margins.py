@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.tune.sampled import frequencies
 
-__all__ = ["Margins", "first_crossing", "margins", "measured", "response"]
+__all__ = ["Margins", "first_crossing", "margins", "measured", "resolved", "response"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+LIGHT = 0.1  # damping ratio below which a mode gets its own frequencies
 REACH = 16  # points on either side of a crossing: one point's effect on a cubic spline falls to a quarter with each
 
 
@@ -122,6 +123,8 @@ def margins(loop: Any, omega: Array | None = None) -> Margins:
         if not loop.dt:
             raise ValueError("a continuous loop needs its frequencies")
         omega = frequencies(loop.dt)
+    if not given:
+        omega = resolved(loop, omega)
     L = response(loop, omega)
     near = _near_crossings(L)
     gain, phase, _, w_phase, w_gain, _ = ct.stability_margins(ct.frd(L[near], omega[near]), returnall=True)
@@ -143,6 +146,24 @@ def margins(loop: Any, omega: Array | None = None) -> Margins:
         phase_crossover=float(w_phase[up][np.argmin(gain[up])]) / (2.0 * math.pi) if up.any() else math.nan,
         bandwidth=first_crossing(omega, np.abs(T), math.sqrt(0.5)) / (2.0 * math.pi),
     )
+
+
+def resolved(loop: Any, omega: Array) -> Array:
+    """Return frequencies with more of them around the lightly damped modes of a sampled loop, rad/s, rising.
+
+    A resonance is as narrow as its damping, and a fixed grid steps over its peak.
+    """
+    if not (isinstance(loop, ct.StateSpace) and loop.dt):
+        return omega
+    poles = np.linalg.eigvals(loop.A)
+    modes = np.log(poles[(np.abs(poles) > 0.0) & (poles.imag > 0.0)]) / loop.dt
+    modes = modes[(-modes.real < LIGHT * np.abs(modes)) & (modes.imag < omega[-1])]
+    if not modes.size:
+        return omega
+    half = np.maximum(np.abs(modes.real), 1e-6 * modes.imag)
+    around = modes.imag[:, None] + half[:, None] * np.sinh(np.linspace(-6.0, 6.0, 49))
+    inside = around[(around > omega[0]) & (around < omega[-1])]
+    return np.unique(np.concatenate([omega, inside]))
 
 
 def _near_crossings(L: Complex) -> NDArray[np.intp]:

@@ -2,7 +2,7 @@
 
 from pmsm_ctrl.section import Template
 
-__all__ = ["CHECK", "CORNER", "ENCODER", "FILTER", "MARGIN", "POINT", "RIPPLE", "SLOWED", "VOLTAGE"]
+__all__ = ["CHECK", "CORNER", "ENCODER", "FILTER", "MARGIN", "NO_FILTER", "POINT", "RIPPLE", "SLOWED", "VOLTAGE"]
 
 MARGIN = Template("margin_missed", "{loop} loop: {missed}")
 CORNER = Template("margin_missed_at_corner", "{loop} loop, worst corner of the tolerances ({corner}): {missed}")
@@ -10,10 +10,17 @@ POINT = Template("margin_missed_at_point", "speed loop at {speed:.3g} {per_secon
 SLOWED = Template(
     "slowed_by_resonance", "resonance at {resonance:.4g} Hz: the speed loop was slowed down to run without a filter"
 )
+NO_FILTER = Template(
+    SLOWED.code,
+    SLOWED.words + "; no notch and no low-pass keeps the requirements with the stiffness and the inertias of motor and "
+    "load at the ends of their tolerances",
+)
 FILTER = Template(
     SLOWED.code,
-    SLOWED.words + "; a {kind} at {frequency:.4g} Hz meets the requirements at {crossover:.3g} Hz also with "
-    "the stiffness and the inertias of motor and load at the ends of their tolerances; without it {plain:.3g} Hz",
+    SLOWED.words
+    + "; the best filter, a {kind} at {frequency:.4g} Hz, keeps the requirements at {crossover:.3g} Hz also "
+    "with the stiffness and the inertias of motor and load at the ends of their tolerances; without a filter they are "
+    "kept {how} at {unfiltered:.3g} Hz, and with such a load at {plain:.3g} Hz",
 )
 RIPPLE = Template(
     "encoder_ripple",

@@ -76,7 +76,7 @@ def loop_with_observer(design: Design, bandwidth: float, *, gain: float = 1.0, t
     plant = cascade.system(("i_q_ref",), outputs)
     a, inertia = observer_share(design, bandwidth), observer_inertia(design)
     control = pi(loops.speed.K_p, loops.speed.T_n, T)
-    passed = filters(loops.speed, T)  # what is asked for, the observer's share included
+    passed = filters(loops.speed.filters, T)  # what is asked for, the observer's share included
     weights = [1.0, loops.position.K_v][: len(outputs)]
     if bandwidth == 0.0:
         return passed * ct.ss(control) * _combined(plant, [weights])

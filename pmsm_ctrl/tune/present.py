@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable
 from functools import partial
@@ -225,17 +226,40 @@ def _resonance(result: Tuning) -> tuple[Block, ...]:
     rows += [row(_filter(option.filter), option.margins, option) for option in r.options if option.filter is not None]
     rows.append(row("none, gains of this design", result.margins["speed"]))
     caption = (
-        f"Resonance at {r.resonance:.4g} Hz (antiresonance {r.antiresonance:.4g} Hz): filters at the same gains, their "
-        "abs(S) at the worst corner of stiffness and inertias, and the crossover of gains slow enough for every corner"
+        f"Resonance at {r.resonance:.4g} Hz (antiresonance {r.antiresonance:.4g} Hz): filters with the gains of the "
+        "rule for each, their abs(S) at the worst corner of stiffness and inertias, and the crossover of gains slow "
+        "enough for every corner"
     )
     table = Table(("filter", *BRIEF, "requirements", "worst abs(S)", "for all [Hz]"), tuple(rows), caption)
-    if not r.options:
-        return (table,)
-    best = r.options[0].filter
-    assert best is not None
-    words = f"with the {best.kind.replace('_', '-')} at {best.frequency:.4g} Hz"
-    seen = "The resonance raises the loop gain where the phase has passed -180 deg; the filter removes the peak."
-    return table, Picture(lambda: _filtered(result, words), seen)
+    off = Table(
+        ("load", *BRIEF, "requirements"),
+        tuple((name, *_brief(found), ", ".join(map(str, missed(found))) or "met") for name, found in r.moved.items()),
+        "The speed loop of this design with the load off (stiffness -20 % and +20 %: the resonance moves by a tenth)",
+    )
+    blocks: list[Block] = [*_filter_words(result), table, off]
+    if r.options:
+        best = r.options[0].filter
+        assert best is not None
+        words = f"with the {best.kind.replace('_', '-')} at {best.frequency:.4g} Hz"
+        seen = "The resonance raises the loop gain where the phase has passed -180 deg; the filter removes the peak."
+        blocks.append(Picture(lambda: _filtered(result, words), seen))
+    return tuple(blocks)
+
+
+def _filter_words(result: Tuning) -> tuple[str, ...]:
+    """Say what the filter of the loop gains and what it costs."""
+    r, speed = result.resonance, result.loops.speed
+    if r is None or r.used is None or r.used.filter is None:
+        return ()
+    period = result.cascade.period
+    z = cmath.exp(2j * math.pi * result.margins["speed"].crossover * period)
+    cost = -math.degrees(sum(cmath.phase(one.biquad.sampled_at(z, period)) for one in speed.filters))
+    without = f"instead of {r.unfiltered:.3g} Hz" if r.unfiltered > 0.0 else "where no gains without a filter do"
+    return (
+        f"A filter of the current reference is part of the loop: {_filter(r.used.filter)}. The speed loop crosses at "
+        f"{result.margins['speed'].crossover:.3g} Hz {without}; the filter costs {cost:.3g} deg of phase there. It "
+        "keeps the requirements with the stiffness and the inertias of motor and load at the ends of their tolerances.",
+    )
 
 
 def _resistance(result: Tuning) -> Table:

@@ -117,6 +117,8 @@ class Specification:
         K_v, 1/s; by default the largest without resonance.
     robust : bool
         Reduce the bandwidths until the worst corner of ``motor.tolerance`` meets the requirements.
+    filters : bool
+        Whether a filter of the current reference may be taken against a resonance, where it pays.
     at : float, optional
         Speed of the operating point, rad/s; by default a tenth of the no-load speed.
     requirements : Requirements
@@ -131,5 +133,6 @@ class Specification:
     a: float = 1.0 + math.sqrt(2.0)
     position_gain: float | None = None
     robust: bool = False
+    filters: bool = True
     at: float | None = None
     requirements: Requirements = field(default_factory=Requirements)

@@ -6,26 +6,31 @@ G. Ellis, R. D. Lorenz, Resonant load control methods for industrial servo drive
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pmsm_ctrl.design import Design, Filter, SpeedLoop
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune.linearise import linearise, second_mass
-from pmsm_ctrl.tune.margins import Margins, margins, response
+from pmsm_ctrl.tune.margins import Margins, margins, resolved, response
 from pmsm_ctrl.tune.requirements import Missed, Requirements
 from pmsm_ctrl.tune.robust import LOAD, corners, varied, varied_load
 from pmsm_ctrl.tune.sampled import Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
 
-__all__ = ["FilterOption", "Resonance", "resonance", "resonance_frequencies", "slow_down", "slower_gains"]
+__all__ = [
+    "WORTH", "Family", "FilterOption", "Resonance", "moved_margins", "resonance", "resonance_frequencies", "slow_down",
+    "slower_gains",
+]  # fmt: skip
 
 RATIO, STEPS = 1.15, 40  # of the search for slower gains
 SLOWEST = 15  # steps of that search over the corners: seven times slower
 WIDTHS = (0.2, 0.5, 1.0)  # damping of the notches that are tried
-WORTH = 1.1  # crossover with a filter, as a multiple of that without, from which on the filter is proposed
+WORTH = 1.1  # crossover with a filter, as a multiple of that without, from which on the filter is taken
+
+Family = Callable[[float, tuple[Filter, ...]], SpeedLoop]  # by how much slower they are, and the filters behind them
 
 
 @dataclass(frozen=True)
@@ -35,8 +40,10 @@ class FilterOption:
     Attributes
     ----------
     filter : Filter or None
+    gains : SpeedLoop
+        Those of the rigid axis with this filter: its delay is one of the small time constants.
     margins : Margins
-        With the gains of the rigid axis.
+        With these gains.
     missed : tuple of Missed
         Of these.
     worst : Margins
@@ -52,6 +59,7 @@ class FilterOption:
     """
 
     filter: Filter | None
+    gains: SpeedLoop
     margins: Margins
     missed: tuple[Missed, ...]
     worst: Margins
@@ -69,7 +77,7 @@ class Resonance:
     antiresonance, resonance : float
         Hz.
     gains : SpeedLoop
-        Those of the rigid axis, to be used together with the proposed filter.
+        Those of the rigid axis without a filter.
     before : Margins
         Of these gains on the real axis, without a filter.
     options : tuple of FilterOption
@@ -77,7 +85,14 @@ class Resonance:
     plain : FilterOption
         No filter.
     slowed : bool
-        Whether the tuned gains had to be reduced to run without a filter.
+        Whether the gains had to be reduced to run without a filter.
+    unfiltered : float
+        Crossover of the gains that a design without a filter has, Hz: nominal, or over the tolerances where those were
+        asked for; 0 where there are none, NaN where gains were given and not tuned.
+    used : FilterOption or None
+        The filter that the tuned gains have.
+    moved : mapping of str to Margins
+        Of the gains of this design, by what is off: the resonance, the load's inertia, or both at their worst.
     """
 
     antiresonance: float
@@ -86,7 +101,10 @@ class Resonance:
     before: Margins
     options: tuple[FilterOption, ...]
     plain: FilterOption
-    slowed: bool
+    slowed: bool = False
+    unfiltered: float = math.nan
+    used: FilterOption | None = None
+    moved: Mapping[str, Margins] = field(default_factory=dict)
 
     @property
     def proposed(self) -> FilterOption | None:
@@ -104,39 +122,63 @@ def resonance_frequencies(design: Design) -> tuple[float, float] | None:
     return anti, math.sqrt(mass.k * (1.0 / mass.J_load + 1.0 / (design.J - mass.J_load))) / (2.0 * math.pi)
 
 
-def resonance(cascade: Cascade, gains: SpeedLoop, requirements: Requirements, slowed: bool) -> Resonance | None:
+def resonance(cascade: Cascade, make: Family, requirements: Requirements) -> Resonance | None:
     """Judge the gains of the rigid axis on the resonant one, without and with filters; None for a rigid axis."""
     found = resonance_frequencies(cascade.truth)
     if found is None:
         return None
-    judge = _Judge(cascade, gains, requirements)
+    judge, gains = _Judge(cascade, make, requirements), make(1.0, ())
     options = [judge.option(item) for item in _candidates(cascade, found[1])]
     # The fastest over the tolerances first, then the closest to the requirements.
     options.sort(key=lambda o: (-o.crossover, requirements.shortfall(o.worst)))
-    return Resonance(*found, gains, margins(open_loop(cascade, gains)), tuple(options), judge.option(None), slowed)
+    return Resonance(*found, gains, margins(open_loop(cascade, gains)), tuple(options), judge.option(None))
+
+
+def moved_margins(cascade: Cascade, requirements: Requirements) -> dict[str, Margins]:
+    """Return the margins of a cascade's speed loop with the load off: resonance, load inertia, the worst of both.
+
+    The resonance moves by a tenth with the stiffness off by a fifth.
+    """
+    assert cascade.speed is not None
+    spans = {symbol: abs(value) for symbol, value in _load_corners(cascade.truth)[-1].items()}
+    single = [(symbol, sign * spans[symbol]) for symbol in LOAD if symbol in spans for sign in (-1.0, 1.0)]
+    points = [{symbol: value} for symbol, value in single] + _load_corners(cascade.truth)
+    grid, found = frequencies(cascade.period, 1e-3, 600), {}
+    for point in points:
+        loop = open_loop(off_by(cascade, point), cascade.speed)
+        found[_named(point)] = margins(loop, grid)
+    names = list(found)
+    worst = max(names[len(single) :], key=lambda name: requirements.shortfall(found[name]))
+    return {name: found[name] for name in (*names[: len(single)], worst)}
+
+
+def off_by(cascade: Cascade, deviations: Mapping[str, float]) -> Cascade:
+    """Return the cascade around a plant whose load is off by relative deviations of `J`, `J_load` and `k`."""
+    truth, mass = varied(cascade.truth, deviations), varied_load(cascade.truth, deviations)
+    return replace(cascade, truth=truth, model=linearise(truth, cascade.model.point.speed, mass=mass))
+
+
+def _named(deviations: Mapping[str, float]) -> str:
+    return ", ".join(f"{symbol} {100.0 * d:+.3g} %" for symbol, d in deviations.items())
 
 
 class _Judge:
     """Filters on the nominal axis and at the corners of its load."""
 
-    def __init__(self, cascade: Cascade, gains: SpeedLoop, requirements: Requirements) -> None:
-        self._nominal, self._gains, self._requirements = cascade, gains, requirements
+    def __init__(self, cascade: Cascade, make: Family, requirements: Requirements) -> None:
+        self._nominal, self._make, self._requirements = cascade, make, requirements
         self._grid = frequencies(cascade.period, 1e-3, 400)
-        self._corners = []
-        for deviations in _load_corners(cascade.truth):
-            truth, mass = varied(cascade.truth, deviations), varied_load(cascade.truth, deviations)
-            model = linearise(truth, cascade.model.point.speed, mass=mass)
-            self._corners.append((deviations, replace(cascade, truth=truth, model=model)))
+        self._corners = [(point, off_by(cascade, point)) for point in _load_corners(cascade.truth)]
 
     def option(self, item: Filter | None) -> FilterOption:
-        gains = self._gains.model_copy(update={"filters": () if item is None else (item,)})
+        behind = () if item is None else (item,)
+        gains = self._make(1.0, behind)
         nominal = margins(open_loop(self._nominal, gains))
         corners = [(self._margins(at, gains), deviations) for deviations, at in self._corners]
         worst, deviations = max(corners, key=lambda found: self._requirements.shortfall(found[0]))
-        slowed, crossover = self._fastest(gains)
-        name = ", ".join(f"{symbol} {100.0 * d:+.3g} %" for symbol, d in deviations.items())
+        slowed, crossover = self._fastest(behind)
         missed = self._requirements.missed(nominal)
-        return FilterOption(item, nominal, missed, worst, name, slowed, crossover)
+        return FilterOption(item, gains, nominal, missed, worst, _named(deviations), slowed, crossover)
 
     def _margins(self, cascade: Cascade, gains: SpeedLoop) -> Margins:
         return margins(open_loop(cascade, gains), self._grid)
@@ -144,15 +186,18 @@ class _Judge:
     def _fails(self, cascade: Cascade, gains: SpeedLoop) -> bool:
         loop = open_loop(cascade, gains)
         # abs(S) is quick to find and decides most cases
-        if np.abs(1.0 / (1.0 + response(loop, self._grid))).max() > self._requirements.sensitivity_peak:
+        if np.abs(1.0 / (1.0 + response(loop, resolved(loop, self._grid)))).max() > self._requirements.sensitivity_peak:
             return True
         return bool(self._requirements.missed(margins(loop, self._grid)))
 
-    def _fastest(self, gains: SpeedLoop) -> tuple[float, float]:
+    def _fastest(self, behind: tuple[Filter, ...]) -> tuple[float, float]:
         """Return the smallest factor by which the gains must be slower, and the nominal crossover then."""
         every = [self._nominal, *(at for _, at in self._corners)]
         for k in range(SLOWEST):
-            slower = slower_gains(gains, RATIO**k)
+            try:
+                slower = self._make(RATIO**k, behind)
+            except RequestError:  # the method has no gains so slow
+                break
             failed = next((at for at in every if self._fails(at, slower)), None)
             if failed is None:
                 return RATIO**k, self._margins(self._nominal, slower).crossover

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pmsm_ctrl.tune.noise import Noise
     from pmsm_ctrl.tune.position import Stiffness
     from pmsm_ctrl.tune.proof import Proof
-    from pmsm_ctrl.tune.resonance import Resonance
+    from pmsm_ctrl.tune.resonance import FilterOption, Resonance
     from pmsm_ctrl.tune.robust import Robustness
     from pmsm_ctrl.tune.sampled import Cascade
     from pmsm_ctrl.tune.steps import Step
@@ -170,16 +170,8 @@ class Tuning(Result):
 
     def _drive_notices(self) -> list[Notice]:
         out, resonant, ripple = [], self.resonance, self.noise.encoder_ripple
-        if resonant is not None and resonant.slowed:
-            cure = resonant.proposed
-            if cure is None:
-                out.append(notices.SLOWED(resonance=resonant.resonance))
-            else:
-                assert cure.filter is not None
-                out.append(notices.FILTER(
-                    resonance=resonant.resonance, kind=cure.filter.kind.replace("_", "-"),
-                    frequency=cure.filter.frequency, crossover=cure.crossover, plain=resonant.plain.crossover,
-                ))  # fmt: skip
+        if resonant is not None and resonant.slowed and resonant.used is None:
+            out.append(self._unfiltered(resonant))
         limit = self.design.drive.i_max
         if (factor := self.limited.get("voltage")) is not None:
             out.append(notices.VOLTAGE(factor=factor))
@@ -194,6 +186,20 @@ class Tuning(Result):
             )
             for c in failed
         ]
+
+    def _unfiltered(self, resonant: Resonance) -> Notice:
+        """Return why a loop that a resonance slows down has no filter."""
+        asked = self.specification
+        if asked is not None and not asked.filters:
+            return notices.SLOWED(resonance=resonant.resonance)
+        best = resonant.options[0] if resonant.options else None
+        if best is None or best.filter is None or best.crossover == 0.0:
+            return notices.NO_FILTER(resonance=resonant.resonance)
+        how = "over all tolerances" if asked is not None and asked.robust else "nominally"
+        return notices.FILTER(
+            resonance=resonant.resonance, kind=best.filter.kind.replace("_", "-"), frequency=best.filter.frequency,
+            crossover=best.crossover, how=how, unfiltered=resonant.unfiltered, plain=resonant.plain.crossover,
+        )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
         """Return gains, margins and checks as plain values."""
@@ -224,20 +230,14 @@ class Tuning(Result):
             **self.doubts(),
         }
         if resonant is not None:
-            cure = resonant.proposed
             out["resonance"] = {
                 "antiresonance_hz": resonant.antiresonance,
                 "resonance_hz": resonant.resonance,
                 "before": resonant.before.to_dict(),
-                "proposed": cure
-                and {
-                    **(cure.filter.model_dump(exclude_none=True) if cure.filter else {}),
-                    **cure.margins.to_dict(),
-                    "slowed": cure.slowed,
-                    "crossover": cure.crossover,
-                    "worst_corner": cure.corner,
-                    "worst_sensitivity_peak": cure.worst.sensitivity_peak,
-                },
+                "proposed": _option(resonant.proposed),
+                "used": _option(resonant.used),
+                "crossover_without_filter": resonant.unfiltered,
+                "load_off": {name: found.to_dict() for name, found in resonant.moved.items()},
             }
         if self.proof is not None:
             out["proof"] = [
@@ -245,3 +245,17 @@ class Tuning(Result):
                 for check in self.proof.checks
             ]
         return dict(jsonable(out))
+
+
+def _option(option: FilterOption | None) -> dict[str, Any] | None:
+    """Return a filter with its margins as plain values."""
+    if option is None or option.filter is None:
+        return None
+    return {
+        **option.filter.model_dump(exclude_none=True),
+        **option.margins.to_dict(),
+        "slowed": option.slowed,
+        "crossover": option.crossover,
+        "worst_corner": option.corner,
+        "worst_sensitivity_peak": option.worst.sensitivity_peak,
+    }

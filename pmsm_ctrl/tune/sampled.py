@@ -10,6 +10,7 @@ Second-order effects are left out: quantisation, limits, and the rotation of the
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,7 +19,7 @@ import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.design import CurrentLoop, Design, PositionLoop, SpeedLoop
+from pmsm_ctrl.design import CurrentLoop, Design, Filter, PositionLoop, SpeedLoop
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.sampling import smoothing
 from pmsm_ctrl.simulate.parameters import Plant
@@ -61,10 +62,10 @@ def current_loop(design: Design, loop: CurrentLoop, axis: str = "q", truth: Desi
     return winding * delay * ct.ss(pi(K_p, T_n, m.period))
 
 
-def filters(loop: SpeedLoop, period: float) -> Any:
-    """Return the filters of the current reference in z (control.StateSpace), as they run; 1 without any."""
+def filters(behind: Iterable[Filter], period: float) -> Any:
+    """Return filters of the current reference in z (control.StateSpace), as they run; 1 without any."""
     found: Any = 1.0
-    for one in loop.filters:
+    for one in behind:
         b_0, b_1, b_2, a_1, a_2 = one.biquad.sampled(period)
         found = ct.ss(ct.tf([b_0, b_1, b_2], [1.0, a_1, a_2], period)) * found
     return found
@@ -138,6 +139,11 @@ class Cascade:
             results[rows][:, :n][:, keep], results[np.ix_(rows, columns)],
             self.period, inputs=list(inputs), outputs=list(outputs),
         )  # fmt: skip
+
+    @cached_property
+    def speed_plant(self) -> Any:
+        """Plant of the speed controller, from `i_q_ref` to the measured speed (control.StateSpace)."""
+        return self.with_gains(speed=None, position=None).system(("i_q_ref",), ("omega_hat",))
 
     @property
     def _first(self) -> int:
@@ -268,4 +274,4 @@ class Cascade:
 
 def speed_plant(cascade: Cascade) -> Any:
     """Return the plant of the speed controller, from `i_q_ref` to the measured speed, at the speed period."""
-    return cascade.with_gains(speed=None, position=None).system(("i_q_ref",), ("omega_hat",))
+    return cascade.speed_plant

@@ -13,7 +13,7 @@ from typing import Any
 
 import control as ct
 
-from pmsm_ctrl.design import SpeedLoop
+from pmsm_ctrl.design import Filter, SpeedLoop
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune.current import check_bandwidth, check_method, phase_limit, pi_for_margin
 from pmsm_ctrl.tune.delays import Delays, delays
@@ -43,13 +43,20 @@ def pole_placement(K_t: float, J: float, slope: float, omega_0: float, damping: 
     return K_p, K_p * K_t / (J * omega_0 * omega_0)
 
 
-def highest_bandwidth(cascade: Cascade, phase_margin: float = 45.0) -> float:
+def highest_bandwidth(cascade: Cascade, phase_margin: float = 45.0, behind: tuple[Filter, ...] = ()) -> float:
     """Return the highest crossover of the speed loop (Hz) that its delays allow at this phase margin (deg)."""
-    return phase_limit(speed_plant(cascade), phase_margin, LEAST_LAG)
+    return phase_limit(_filtered_plant(cascade, behind), phase_margin, LEAST_LAG)
 
 
-def tune_speed(cascade: Cascade, specification: Specification | None = None) -> SpeedLoop:
-    """Return the speed controller around the current loop of a cascade, for a specification.
+def _filtered_plant(cascade: Cascade, behind: tuple[Filter, ...]) -> Any:
+    plant = speed_plant(cascade)
+    return plant * filters(behind, cascade.period) if behind else plant
+
+
+def tune_speed(
+    cascade: Cascade, specification: Specification | None = None, behind: tuple[Filter, ...] = ()
+) -> SpeedLoop:
+    """Return the speed controller around the current loop of a cascade, with filters behind it, for a specification.
 
     Raises
     ------
@@ -58,14 +65,17 @@ def tune_speed(cascade: Cascade, specification: Specification | None = None) -> 
     """
     wanted = specification or Specification()
     check_method("speed loop", wanted.speed, METHODS)
-    budget = delays(cascade.design, cascade.current)
+    budget = delays(cascade.design, cascade.current, behind)
     if wanted.speed == "symmetrical_optimum":
-        return _symmetrical(cascade, budget, wanted)
-    least = wanted.phase_margin if wanted.speed == "bandwidth" else min(wanted.phase_margin, 45.0)
-    limit = highest_bandwidth(cascade, least)
-    if wanted.speed == "bandwidth":
-        return _by_crossover(cascade, budget, wanted, limit)
-    return _by_poles(cascade, budget, wanted, limit, least)
+        found = _symmetrical(cascade, budget, wanted)
+    else:
+        least = wanted.phase_margin if wanted.speed == "bandwidth" else min(wanted.phase_margin, 45.0)
+        limit = highest_bandwidth(cascade, least, behind)
+        if wanted.speed == "bandwidth":
+            found = _by_crossover(_filtered_plant(cascade, behind), budget, wanted, limit)
+        else:
+            found = _by_poles(cascade, budget, wanted, limit, least)
+    return found.model_copy(update={"filters": behind})
 
 
 def slowed(wanted: Specification, factor: float, budget: Delays) -> Specification:
@@ -103,11 +113,11 @@ def _symmetrical(cascade: Cascade, budget: Delays, wanted: Specification) -> Spe
     return SpeedLoop(K_p=K_p, T_n=T_n, reference_filter=T_n)
 
 
-def _by_crossover(cascade: Cascade, budget: Delays, wanted: Specification, limit: float) -> SpeedLoop:
+def _by_crossover(plant: Any, budget: Delays, wanted: Specification, limit: float) -> SpeedLoop:
     """Meet crossover and phase margin exactly on the sampled loop."""
     phase_margin = wanted.phase_margin
     asked = check_bandwidth("speed loop", wanted.speed_bandwidth, limit, phase_margin, budget.explain_speed())
-    K_p, T_n = pi_for_margin(speed_plant(cascade), asked, phase_margin)
+    K_p, T_n = pi_for_margin(plant, asked, phase_margin)
     if math.isnan(K_p):
         raise RequestError(
             f"speed loop: at {asked:g} Hz the plant lags so little that a PI cannot make the phase margin as "
@@ -137,4 +147,4 @@ def _by_poles(cascade: Cascade, budget: Delays, wanted: Specification, limit: fl
 def open_loop(cascade: Cascade, speed: SpeedLoop) -> Any:
     """Return the open speed loop in z: the PI, the filters behind it, and the plant with its speed measurement."""
     loop = speed_plant(cascade) * ct.ss(pi(speed.K_p, speed.T_n, cascade.period))
-    return loop * filters(speed, cascade.period) if speed.filters else loop
+    return loop * filters(speed.filters, cascade.period) if speed.filters else loop

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pmsm_ctrl.design import CurrentLoop, Design, Loops, SpeedLoop
+from pmsm_ctrl.design import CurrentLoop, Design, Filter, Loops, SpeedLoop
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune import current as current_methods
@@ -23,7 +24,14 @@ from pmsm_ctrl.tune.noise import noise
 from pmsm_ctrl.tune.proof import default_speed, durations
 from pmsm_ctrl.tune.proof import prove as run_proof
 from pmsm_ctrl.tune.requirements import Requirements, Specification
-from pmsm_ctrl.tune.resonance import resonance, resonance_frequencies, slow_down
+from pmsm_ctrl.tune.resonance import (
+    WORTH,
+    Resonance,
+    moved_margins,
+    resonance,
+    slow_down,
+    slower_gains,
+)  # fmt: skip
 from pmsm_ctrl.tune.result import PointMargins, Tuning, UnstableLoopError
 from pmsm_ctrl.tune.robust import robust_gains, robustness
 from pmsm_ctrl.tune.sampled import Cascade, current_loop, frequencies
@@ -33,6 +41,8 @@ __all__ = ["assess", "open_loops", "tune"]
 
 FREE = "current, shaft free"  # the current loop as it is measured: the EMF moves with it
 POINTS = (0.01, 0.1, 1.0, 5.0)  # speeds judged, as shares of that of the operating point
+# By how much slower it is, the current controllers, the filters behind it.
+Family = Callable[[float, CurrentLoop, tuple[Filter, ...]], SpeedLoop]
 LOAD = 0.3  # load judged, as a share of the drive's largest torque
 
 
@@ -76,34 +86,72 @@ def tune(
     asked = within_voltage(design, full) if wanted.current_bandwidth is None else full
     stiff, at = rigid(design), _speed(design, wanted.at)
 
-    def slower(factor: float, inner: CurrentLoop) -> SpeedLoop:
+    def slower(factor: float, inner: CurrentLoop, behind: tuple[Filter, ...] = ()) -> SpeedLoop:
         cascade = Cascade.of(stiff, inner, at=at)
-        return speed_methods.tune_speed(cascade, speed_methods.slowed(wanted, factor, delays(stiff, inner)))
+        reduced = speed_methods.slowed(wanted, factor, delays(stiff, inner, behind))
+        return speed_methods.tune_speed(cascade, reduced, behind)
 
-    current, fastest, slowed = asked, slower(1.0, asked), 1.0
-    speed = fastest
-    if wanted.robust:
-        current, speed, slowed = robust_gains(design, asked, slower, wanted.requirements, at)
-    elif resonance_frequencies(design) is not None:
-        speed, slowed = slow_down(
-            Cascade.of(design, asked, at=at), lambda factor: slower(factor, asked), wanted.requirements
-        )
+    judged = resonance(
+        Cascade.of(design, asked, at=at), lambda factor, behind: slower(factor, asked, behind), wanted.requirements
+    )
+    current, speed, slowed, judged = _by_margins(design, asked, slower, wanted, judged)
     by_margins = slowed > 1.0
     if wanted.speed_bandwidth is None:
         swift = slowed
         found_speed, slowed = within_ripple(
-            Cascade.of(design, current, speed, at=at), lambda factor: slower(factor, current), slowed
+            Cascade.of(design, current, speed, at=at), lambda factor: slower(factor, current, speed.filters), slowed
         )
         speed = speed if slowed == swift else found_speed
     place = position.tune_position(Cascade.of(design, current, speed, at=at), wanted.position_gain)
     tuned = design.model_copy(update={"loops": Loops(current=current, speed=speed, position=place)})
-    found = replace(
-        _assemble(tuned, wanted, fastest, by_margins), slowed={"current": full.K_p / current.K_p, "speed": slowed}
-    )
+    found = replace(_assemble(tuned, wanted, judged), slowed={"current": full.K_p / current.K_p, "speed": slowed})
     if wanted.robust:
         found = replace(found, robustness=replace(found.robustness, slowed=slowed))
     found = replace(found, limited=_limited(full, asked, by_margins, slowed))
     return _checked(found, prove, seed, progress)
+
+
+def _by_margins(
+    design: Design, asked: CurrentLoop, slower: Family, wanted: Specification, judged: Resonance | None
+) -> tuple[CurrentLoop, SpeedLoop, float, Resonance | None]:
+    """Return controllers that meet the requirements, the factor of the speed loop, and what a filter gains.
+
+    A filter against a resonance is taken where it allows a tenth more of crossover than the gains without. It has to
+    meet the requirements over the tolerances of the load: what it gains on the nominal resonance alone is lost when
+    that moves. The gains without a filter meet them nominally, or over all tolerances where those are asked for.
+    """
+    need, at = wanted.requirements, _speed(design, wanted.at)
+    cascade = Cascade.of(design, asked, at=at)
+
+    def gains(behind: tuple[Filter, ...], factor: float | None) -> tuple[CurrentLoop, SpeedLoop, float]:
+        if wanted.robust:
+            return robust_gains(design, asked, lambda slow, inner: slower(slow, inner, behind), need, at)
+        if factor is not None:
+            return asked, slower(factor, asked, behind), factor
+        return asked, *slow_down(cascade, lambda slow: slower(slow, asked, behind), need)
+
+    def crossover(current: CurrentLoop, speed: SpeedLoop) -> float:
+        return margins(speed_methods.open_loop(replace(cascade, current=current), speed)).crossover
+
+    if judged is None:
+        return *gains((), None if wanted.robust else 1.0), None
+    plain, refused = None, None
+    try:
+        plain = gains((), None)
+    except RequestError as error:
+        refused = error
+    unfiltered = 0.0 if plain is None else crossover(*plain[:2])
+    judged = replace(judged, unfiltered=unfiltered, slowed=plain is None or plain[2] > 1.0)
+    best = judged.options[0] if wanted.filters and judged.options else None
+    if best is not None and best.filter is not None and judged.slowed and best.crossover > WORTH * unfiltered:
+        with contextlib.suppress(RequestError):  # over the other tolerances
+            chosen = gains((best.filter,), best.slowed)
+            if crossover(*chosen[:2]) > WORTH * unfiltered:
+                return *chosen, replace(judged, used=best)
+    if plain is None:
+        assert refused is not None
+        raise refused
+    return *plain, judged
 
 
 def _limited(full: CurrentLoop, asked: CurrentLoop, by_margins: bool, slowed: float) -> dict[str, float]:
@@ -146,7 +194,13 @@ def assess(
         When the design has no loops, or the motor's electrical data are not known.
     """
     wanted = Specification(requirements=requirements or Requirements(), at=_speed(design, at))
-    found = _assemble(design, wanted, design.require_loops().speed, False)
+    loops = design.require_loops()
+    judged = resonance(
+        Cascade.of(design, loops.current, at=_speed(design, at)),
+        lambda factor, behind: slower_gains(loops.speed.model_copy(update={"filters": behind}), factor),
+        wanted.requirements,
+    )
+    found = _assemble(design, wanted, judged)
     return _checked(replace(found, specification=None), prove, seed, None)
 
 
@@ -173,7 +227,7 @@ def _speed(design: Design, at: float | None) -> float:
     return default_speed(design) if at is None else at
 
 
-def _assemble(tuned: Design, wanted: Specification, fastest: SpeedLoop, slowed: bool) -> Tuning:
+def _assemble(tuned: Design, wanted: Specification, judged: Resonance | None) -> Tuning:
     """Collect everything that is predicted for the gains; refuse loops that are unstable."""
     loops, requirements, at = tuned.require_loops(), wanted.requirements, _speed(tuned, wanted.at)
     cascade = Cascade.of(tuned, loops.current, loops.speed, loops.position, at=at)
@@ -185,7 +239,7 @@ def _assemble(tuned: Design, wanted: Specification, fastest: SpeedLoop, slowed: 
         requirements=requirements,
         cascade=cascade,
         points=_points(cascade),
-        delays=delays(tuned, loops.current),
+        delays=delays(tuned, loops.current, loops.speed.filters),
         delay_models=compare_delay_models(tuned, loops.current),
         margins=found,
         highest={
@@ -195,7 +249,7 @@ def _assemble(tuned: Design, wanted: Specification, fastest: SpeedLoop, slowed: 
         stiffness=position.stiffness(cascade),
         noise=noise(cascade),
         robustness=robustness(tuned, requirements=requirements, at=at),
-        resonance=resonance(cascade, fastest, requirements, slowed),
+        resonance=replace(judged, moved=moved_margins(cascade, requirements)) if judged is not None else None,
         predicted=linear_steps(cascade, durations(found)),
     )
 

@@ -156,25 +156,32 @@ def test_a_resonance_gets_a_filter_proposed_with_margins_before_and_after(resona
     # Over the tolerances of the load it is worth a tenth of the crossover.
     assert proposed.crossover > 1.1 * found.plain.crossover
     slowed = next(notice for notice in resonant.notices if notice.code == "slowed_by_resonance")
-    assert "a notch at 256 Hz meets the requirements at 5" in slowed.text
+    assert "the best filter, a notch at 256 Hz, keeps the requirements at 49.9 Hz" in slowed.text
+    # The gains without it are faster, though they keep the requirements on the nominal axis alone: it is not taken.
+    assert found.used is None
+    assert found.unfiltered == pytest.approx(resonant.margins["speed"].crossover, rel=1e-3)
+    assert not resonant.loops.speed.filters
+    assert "without a filter they are kept nominally at 56.1 Hz, and with such a load at 43.3 Hz" in slowed.text
 
 
 def test_the_proposed_filter_keeps_the_requirements_at_every_corner_of_the_load(resonant):
-    """Stiffness and both inertias at the ends of their tolerances: the narrow notch alone had abs(S) of 6 there."""
+    """Stiffness and both inertias at the ends of their tolerances, where the narrow notch alone does not."""
     design, proposed = resonant.design, resonant.resonance.proposed
-    gains = resonant.resonance.gains
-    slower = gains.model_copy(update={"K_p": gains.K_p / proposed.slowed, "T_n": gains.T_n * proposed.slowed})
+    # K_p = J / (a K_t T_sigma) and T_n = a^2 T_sigma with a larger a
+    gains, f = proposed.gains, proposed.slowed
+    slower = gains.model_copy(update={"K_p": gains.K_p / f, "T_n": gains.T_n * f**2})
     for k, J_load, J in itertools.product((-0.2, 0.0, 0.2), (-0.15, 0.15), (-0.15, 0.15)):
         apart = {"J": J, "J_load": J_load, "k": k}
         axis = Cascade.of(
             design, resonant.loops.current, truth=varied(design, apart), mass=varied_load(design, apart),
             at=resonant.cascade.model.point.speed,
         )  # fmt: skip
-        loop = open_loop(axis, slower.model_copy(update={"filters": (proposed.filter,)}))
-        grid = frequencies(axis.period, 1e-3, 800)
+        loop = open_loop(axis, slower)
+        grid = frequencies(axis.period, 1e-3, 4000)
         assert np.abs(1.0 / (1.0 + response(loop, grid))).max() < 2.02
     narrow = min(resonant.resonance.options, key=lambda option: option.margins.sensitivity_peak)
-    assert narrow.worst.sensitivity_peak > 5.0
+    # It was 6.1 with the gains of the rigid axis; the rule now counts the filter's delay, which makes them lower.
+    assert narrow.worst.sensitivity_peak > 3.0 > resonant.requirements.sensitivity_peak
     assert narrow is not proposed
 
 
