@@ -260,7 +260,7 @@ def export_code(
         str, typer.Option("--flavour", metavar="iec|br|beckhoff", help="dialect of Structured Text")
     ] = "iec",
     part: Annotated[
-        str, typer.Option("--part", metavar="compensation|tracker", help="part to write into a single file")
+        str, typer.Option("--part", metavar="compensation|filter|tracker", help="part to write into a single file")
     ] = "compensation",
     precision: Annotated[
         str, typer.Option("--precision", metavar="double|single", help="of the numbers in the program")
@@ -275,7 +275,7 @@ def export_code(
     effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Write gains, compensator and tracker as source code. A folder also gets the tables of the drives."""
+    """Write gains, compensator, filters and tracker as source code. A folder also gets the tables of the drives."""
     from pmsm_ctrl.errors import UnsafeGainError
     from pmsm_ctrl.files import require_new, write_text
 

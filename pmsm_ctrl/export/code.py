@@ -1,4 +1,4 @@
-"""export: a design's loop gains, friction compensator and friction tracker as source code for a PLC or a drive."""
+"""export: a design's loop gains, compensator, filters of the current and friction tracker as source code."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pmsm_ctrl.errors import RequestError, UnsafeGainError
 from pmsm_ctrl.export.blocks import Block, identifier
 from pmsm_ctrl.export.compensator import compensator, exported_gain
 from pmsm_ctrl.export.files import br_library, c_header, c_source, st_block, tcpou
+from pmsm_ctrl.export.filters import filters, has_filters
 
 if TYPE_CHECKING:
     from pmsm_ctrl.track.settings import Settings
@@ -18,7 +19,7 @@ __all__ = ["export", "export_files"]
 
 LANGUAGES = ("c", "st")
 FLAVOURS = ("iec", "br", "beckhoff")
-PARTS = ("compensation", "tracker")
+PARTS = ("compensation", "filter", "tracker")
 PRECISIONS = ("double", "single")
 
 
@@ -39,8 +40,8 @@ def export(
         Its ``[compensation]`` says what is compensated; without a gain, 1 is exported.
     language : {"c", "st"}
         C99 with math.h alone, or a Structured Text function block.
-    part : {"compensation", "tracker"}
-        What to export.
+    part : {"compensation", "filter", "tracker"}
+        What to export; the filters are those of the current reference.
     flavour : {"iec", "br", "beckhoff"}
         For Structured Text: the standard, Automation Studio, TwinCAT 3. B&R needs several files: see `export_files`.
     settings : pmsm_ctrl.track.Settings, optional
@@ -74,7 +75,7 @@ def export_files(
     design: Design, language: str, *, flavour: str = "iec", settings: Settings | None = None, force: bool = False,
     precision: str = "double",
 ) -> dict[str, str]:  # fmt: skip
-    """Return every file of the export: compensator, tracker, and the tables that drives accept.
+    """Return every file of the export: compensator, filters, tracker, and the tables that drives accept.
 
     Parameters
     ----------
@@ -105,6 +106,7 @@ def export_files(
 
     _check(language, flavour, "compensation", precision)
     blocks = [_block(design, "compensation", settings, force)]
+    blocks += [filters(design)] if has_filters(design) else []
     missing = ""
     try:
         blocks.append(_block(design, "tracker", settings, force))
@@ -133,6 +135,8 @@ def _block(design: Design, part: str, settings: Settings | None, force: bool) ->
             return replace(block, title=f"{block.title}; its gain is not known to be safe (--force)")
         why = _require_safe(design)
         return replace(block, title=f"{block.title}; the safety of its gain is not known: {why}") if why else block
+    if part == "filter":
+        return filters(design)
     from pmsm_ctrl.export.tracker import tracker
 
     return tracker(design, settings)

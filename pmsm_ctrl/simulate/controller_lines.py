@@ -5,7 +5,7 @@ What is switched off adds no line, so that it costs nothing. The code export pri
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pmsm_ctrl.effects import Effect
@@ -64,13 +64,21 @@ def filter_memory(number: int) -> tuple[str, str]:
     return f"filter_{number}_1", f"filter_{number}_2"
 
 
-def filter_lines(number: int) -> list[str]:
-    """Return the lines by which a filter (transposed direct form II) changes `wanted`."""
+def filter_lines(number: int, names: Mapping[str, str] | None = None) -> list[str]:
+    """Return the lines by which a filter (transposed direct form II) changes `wanted`.
+
+    Parameters
+    ----------
+    number : int
+    names : mapping of str to str, optional
+        Of its `COEFFICIENTS`, where they are not called so.
+    """
     first, second = filter_memory(number)
+    b_0, b_1, b_2, a_1, a_2 = ((names or {}).get(symbol, symbol) for symbol in COEFFICIENTS)
     return [
-        f"passed = b_0 * wanted + {first}",
-        f"{first} = b_1 * wanted - a_1 * passed + {second}",
-        f"{second} = b_2 * wanted - a_2 * passed",
+        f"passed = {b_0} * wanted + {first}",
+        f"{first} = {b_1} * wanted - {a_1} * passed + {second}",
+        f"{second} = {b_2} * wanted - {a_2} * passed",
         "wanted = passed",
     ]
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from pmsm_ctrl.design import Design
+from pmsm_ctrl.design import Design, Filter
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["NOTE", "drive_units"]
@@ -78,9 +78,42 @@ def drive_units(design: Design) -> dict[str, dict[str, float]]:
             "MD32200 K_v [1000/min]": position.K_v * 60.0 / 1000.0,
         },
     }
+    for number, one in enumerate(speed.filters, start=1):
+        found["general"] |= _general(number, one)
+        found["Siemens"] |= _siemens(number, one)
     if design.motion == "rotary":
         return found
     return {
         maker: {axis_unit(name, design.motion): value for name, value in gains.items() if name not in _PER_TURN}
         for maker, gains in found.items()
     }
+
+
+def _general(number: int, one: Filter) -> dict[str, float]:
+    """Return a filter as numerator and denominator, which every drive with a filter of second order takes."""
+    (n_2, n_1, n_0), (d_2, d_1, d_0) = one.biquad.numerator, one.biquad.denominator
+    name = f"current filter {number}, {one.kind.replace('_', '-')}"
+    turn = 2.0 * math.pi
+    if d_2 == 0.0:
+        found = {f"{name}: pole [Hz]": d_0 / d_1 / turn}
+        return found | ({f"{name}: zero [Hz]": n_0 / n_1 / turn} if n_1 > 0.0 else {})
+    found = {
+        f"{name}: denominator frequency [Hz]": math.sqrt(d_0) / turn,
+        f"{name}: denominator damping [1]": 0.5 * d_1 / math.sqrt(d_0),
+    }
+    if n_2 > 0.0:
+        found[f"{name}: numerator frequency [Hz]"] = math.sqrt(n_0) / turn
+        found[f"{name}: numerator damping [1]"] = 0.5 * n_1 / math.sqrt(n_0)
+    return found
+
+
+def _siemens(number: int, one: Filter) -> dict[str, float]:
+    """Return a filter as STARTER asks for it (SINAMICS S120 Function Manual FH1, Current setpoint filter)."""
+    name = f"current setpoint filter {number}"
+    if one.kind == "notch":
+        found = {f"{name}, blocking frequency [Hz]": one.frequency, f"{name}, bandwidth -3 dB [Hz]": one.width or 0.0}
+        return found | ({f"{name}, notch depth [dB]": -one.depth} if one.depth is not None else {})
+    if one.kind == "low_pass" and one.order != 1:
+        damping = math.sqrt(0.5) if one.damping is None else one.damping
+        return {f"{name}, characteristic frequency [Hz]": one.frequency, f"{name}, damping [1]": damping}
+    return {}
