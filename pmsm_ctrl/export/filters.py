@@ -57,7 +57,7 @@ def filters(design: Design) -> Block:
         Value("fault", "the input is not a number: no current", kind="flag"),
     )
     constants: list[Value] = []
-    given: dict[str, ast.expr] = {value.name: name(value.name) for value in inputs} | {"held": name("held")}
+    given: dict[str, ast.expr] = {**{value.name: name(value.name) for value in inputs}, "held": name("held")}
     taken: list[str] = []
     steady: list[str] = []
     for k, one in enumerate(chosen):
