@@ -16,6 +16,8 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.export.blocks import identifier
+from pmsm_ctrl.export.drives import ax8000_friction, compensation_list, sinumerik_friction
+from pmsm_ctrl.export.simulators import simulator_files
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["angle_table", "cogging_table", "friction_points", "friction_table", "table_files"]
@@ -141,7 +143,11 @@ def table_files(design: Design) -> dict[str, str]:
     files = {}
     if np.any(table[:, 1:]):
         files[f"{axis}_friction.csv"] = _friction_csv(design, table)
-        files[f"{axis}_frict_comp.lis"] = _compensation_list(design, table)
+        files[f"{axis}_frict_comp.lis"] = compensation_list(design, table)
+        files[f"{axis}_friction_ax8000.csv"] = ax8000_friction(design, table)
+        if design.loops is not None and design.loops.speed.K_p > 0.0:
+            files[f"{axis}_friction_sinumerik.csv"] = sinumerik_friction(design)
+        files |= simulator_files(design, table)
     rows, angles = cogging_table(design), angle_table(design)
     if rows:
         lines = ["order,amplitude [N m],phase [rad],phase [deg]"]
@@ -173,32 +179,9 @@ def _friction_csv(design: Design, table: Array) -> str:
     return "\n".join([*lines, ""])
 
 
-def _compensation_list(design: Design, table: Array) -> str:
-    """Entries of a compensation list of TwinCAT CNC (TF5200), which holds one table for both directions.
-
-    Source: Beckhoff Information System, TF5200, P-COMP-00041 to P-COMP-00047: speeds rise, in 0.001 deg/s
-    or um/s; the current's unit is the drive's own.
-    """
-    linear = design.motion == "linear"
-    speed = 1e6 if linear else 180e3 / math.pi
-    mean = table[:, 1:].mean(axis=1)
-    apart = float(np.abs(table[:, 1] - table[:, 2]).max() / 2.0)
-    lines = [
-        f"# Friction of {design.name} for frict_comp; speeds in {'um/s' if linear else '0.001 deg/s'}.",
-        "# The currents are in uA peak: bring them to the unit of dig_drv.act_torque of your drive, or set",
-        "# frict_comp.scaling_factor. One table serves both directions; each differs from it by at most",
-        f"# {apart / design.K_t_assumed * 1e6:.4g} uA.",
-        "frict_comp.mode 3",
-        f"frict_comp.table_entries {len(table)}",
-    ]
-    for k, (w, torque) in enumerate(zip(table[:, 0].tolist(), mean.tolist(), strict=True)):
-        lines.append(f"frict_comp.table[{k}].in {round(w * speed)}")
-        lines.append(f"frict_comp.table[{k}].out {round(torque / design.K_t_assumed * 1e6)}")
-    return "\n".join([*lines, ""])
-
-
 def _ax8000(rows: list[tuple[float, float, float]]) -> str:
     """Values of object 32CB of Beckhoff's AX8000: for each of ten harmonics its order, phase in degrees, amplitude."""
+    # which angle phi counts from, its sign, and sine or cosine the manual leaves open (docs/export.md)
     lines = ["object,what,value,unit"]
     for k, (order, amplitude, phase) in enumerate(sorted(rows, key=lambda row: -row[1])[:HARMONICS]):
         first = 0x07 + 3 * k

@@ -1,0 +1,159 @@
+"""Tables of drives and simulators: read as the drive reads them they add what the compensator adds."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.export.drives import characteristic, pulses
+from pmsm_ctrl.export.read_back import (
+    added_to,
+    read_ax8000,
+    read_cogging_ax8000,
+    read_compensation_list,
+    read_friction_csv,
+    read_sinumerik,
+    read_torque_over_angle,
+)
+from pmsm_ctrl.export.simulators import joint_friction
+from pmsm_ctrl.export.tables import friction_points, table_files
+from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.simulate.fed_forward import fed_currents
+
+
+@pytest.fixture(scope="module")
+def design(designs: Path) -> Design:
+    return Design.read(designs / "low_speed.toml")
+
+
+@pytest.fixture(scope="module")
+def files(design: Design) -> dict[str, str]:
+    return table_files(design)
+
+
+T = np.arange(0.0, 4.0, 2.5e-4)
+POSITION = 10.0 / np.pi * (1.0 - np.cos(np.pi * T))
+SPEED = 10.0 * np.sin(np.pi * T)
+
+
+def wanted(design: Design, *names: str) -> np.ndarray:
+    parts = fed_currents(design, {"theta": POSITION, "i_q": np.zeros_like(T)}, SPEED, 2.5e-4)
+    return np.sum([parts[name] for name in names], axis=0)
+
+
+def test_friction_over_speed_is_the_compensators(design: Design, files: dict[str, str]) -> None:
+    exact = wanted(design, "coulomb", "viscous", "stribeck")
+    moving = np.abs(SPEED) > 1e-3
+    for reading in (
+        read_friction_csv(files["low_speed_friction.csv"], design),
+        read_compensation_list(files["low_speed_frict_comp.lis"], design, cycle=2.5e-4),
+    ):
+        found = reading(POSITION, SPEED, T)
+        assert np.abs(found - exact)[moving].max() < 2e-3 * np.abs(exact).max()
+
+
+def test_waves_of_the_angle_are_the_compensators(design: Design, files: dict[str, str]) -> None:
+    exact = wanted(design, "cogging")
+    for name, reader in (("cogging_ax8000", read_cogging_ax8000), ("torque_over_angle", read_torque_over_angle)):
+        found = reader(files[f"low_speed_{name}.csv"], design)(POSITION, SPEED, T)
+        np.testing.assert_allclose(found, exact, atol=1e-3 * np.abs(exact).max())
+
+
+def test_a_cnc_reads_its_table_once_a_cycle_and_late(design: Design, files: dict[str, str]) -> None:
+    text = files["low_speed_frict_comp.lis"]
+    late = text.replace("delay_cycles 0", "delay_cycles 3")
+    now, then = (read_compensation_list(one, design)(POSITION, SPEED, T) for one in (text, late))
+    np.testing.assert_allclose(then[12:], now[:-12])
+    assert len(set(now[:8])) <= 2
+
+
+def test_presliding_becomes_a_travel(design: Design) -> None:
+    """The friction turns over twice the deflection: in 0.0001 deg, and as a spring rate."""
+    soft = design.with_effect("presliding", {"z_s": 5e-4})
+    files = table_files(soft)
+    assert f"position_delay {round(np.degrees(1e-3) * 1e4)}" in files["low_speed_frict_comp.lis"]
+    assert "30 in its own example" in files["low_speed_frict_comp.lis"]
+    rows = [line.split(",") for line in files["low_speed_friction_ax8000.csv"].splitlines()]
+    spring, static = (float(rows[k][2]) for k in (1, 2))
+    assert spring == pytest.approx(static / 5e-4, rel=1e-6)
+    swing = read_ax8000(files["low_speed_friction_ax8000.csv"], soft)(POSITION, SPEED, T)
+    turned = np.searchsorted(T, 1.0)
+    assert swing[turned + 4] == pytest.approx(static / design.K_t, rel=0.15)
+    assert swing[turned + 100] < 0.0
+
+
+def test_a_pulse_with_the_reset_time_is_a_step_of_the_current(designs: Path) -> None:
+    """Coulomb friction alone: 2 F_c/K_t at each reversal, whatever the acceleration."""
+    seed = Design.read(designs / "seed_motor.toml").without_effect("viscous")
+    loop = seed.require_loops().speed
+    table = pulses(seed)
+    np.testing.assert_allclose(table[:, 1] * loop.K_p, 2.0 * 0.0213 / seed.K_t, rtol=1e-6)
+    reading = read_sinumerik(table_files(seed)["seed_motor_friction_sinumerik.csv"], seed)
+    found = reading(POSITION, SPEED, T)
+    between = (T > 1.001) & (T < 1.999)
+    np.testing.assert_allclose(found[between], -2.0 * 0.0213 / seed.K_t, rtol=1e-3)
+
+
+def test_the_characteristic_of_the_pulses() -> None:
+    """The manual's four ranges: up to a_1, level, down to a_3, level."""
+    a = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
+    found = characteristic(np.column_stack([a, [0.5, 1.0, 1.0, 0.8, 0.6]]))
+    assert found == (1.0, 2.0, 8.0, 1.0, 0.6)
+    a1, a2, a3, high, low = characteristic(np.column_stack([a, np.ones(5)]))
+    assert a1 < a2 < a3
+    assert high == low == 1.0
+
+
+def test_simulators_hold_coulomb_and_viscous_friction_exactly(designs: Path) -> None:
+    seed = Design.read(designs / "seed_motor.toml")
+    files = table_files(seed)
+    joint = ElementTree.fromstring(files["seed_motor_mujoco.xml"]).find("worldbody/body/joint")
+    dynamics = ElementTree.fromstring(files["seed_motor.urdf"]).find("joint/dynamics")
+    assert joint is not None
+    assert dynamics is not None
+    isaac = tomllib.loads(files["seed_motor_isaaclab.toml"])
+    for level, slope in (
+        (joint.get("frictionloss"), joint.get("damping")),
+        (dynamics.get("friction"), dynamics.get("damping")),
+        (isaac["dynamic_friction"], isaac["viscous_friction"]),
+    ):
+        assert float(level or 0) == pytest.approx(0.0213, rel=1e-6)
+        assert float(slope or 0) == pytest.approx(0.000168, rel=1e-6)
+    assert float(joint.get("armature") or 0) == pytest.approx(9e-5)
+    assert isaac["friction"] == pytest.approx(0.0213)
+
+
+def test_what_a_simulator_loses_is_named(design: Design, files: dict[str, str]) -> None:
+    found = joint_friction(design, friction_points(design)[0])
+    assert found.lost == ("stribeck", "cogging")
+    assert found.breakaway == pytest.approx(0.0313, rel=1e-6)
+    assert 0.001 < found.missed < 0.05
+    for name in ("low_speed_mujoco.xml", "low_speed.urdf", "low_speed_isaaclab.toml"):
+        assert "Not held by this format: stribeck, cogging." in files[name]
+
+
+def test_a_linear_axis_slides(designs: Path) -> None:
+    files = table_files(Design.read(designs / "emps.toml"))
+    (urdf,) = (text for name, text in files.items() if name.endswith(".urdf"))
+    (mjcf,) = (text for name, text in files.items() if name.endswith("_mujoco.xml"))
+    assert 'type="prismatic"' in ElementTree.tostring(ElementTree.fromstring(urdf), encoding="unicode")
+    assert ElementTree.fromstring(mjcf).find("worldbody/body/joint[@type='slide']") is not None
+
+
+def test_a_table_read_back_compensates_as_the_compensator_does(design: Design, files: dict[str, str]) -> None:
+    motion = scenario("reversal", design, speed=2.0, frequency=1.0, cycles=1.0)
+    readings = [read_friction_csv(files["low_speed_friction.csv"], design),
+                read_torque_over_angle(files["low_speed_torque_over_angle.csv"], design)]  # fmt: skip
+    fed = added_to(motion, lambda *given: np.sum([one(*given) for one in readings], axis=0), 2.5e-4)
+    off = design.replace(compensation={"gain": 0.0})
+    plain, table, own = (
+        float(np.sqrt(np.mean((log["theta_ref"] - log["theta"]) ** 2)))
+        for log in (simulate(off, motion), simulate(off, fed), simulate(design, motion))
+    )
+    assert table < 0.4 * plain
+    assert table == pytest.approx(own, rel=0.1)
