@@ -1,17 +1,19 @@
-"""The command fleet: logs of many axes to a table of results."""
+"""The command fleet: logs of many axes to a table of results, and the table to a page."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pmsm_ctrl.console import finish, progress_bar
+from pmsm_ctrl.console import command_line, finish, progress_bar
+from pmsm_ctrl.files import printable, require_writable, write_text
 from pmsm_ctrl.options import ForceOption, JsonOption, MapOption
 
 if TYPE_CHECKING:
-    from pmsm_ctrl.fleet import Manifest
+    from pmsm_ctrl.fleet import FleetReport, Manifest
 
 __all__ = ["FLEET_COMMANDS"]
 
@@ -19,14 +21,16 @@ __all__ = ["FLEET_COMMANDS"]
 def fleet(
     words: Annotated[
         list[str],
-        typer.Argument(metavar="RUN.toml | FOLDER", help="a manifest, or a folder of logs with --design"),
+        typer.Argument(
+            metavar="RUN.toml | FOLDER | report RESULTS", help="a manifest, a folder of logs with --design, or a report"
+        ),
     ],
     design: Annotated[
         Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="design of every axis of a folder")
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="RESULTS", help="folder of the results; results if left out"),
+        typer.Option("--output", "-o", metavar="PATH", help="folder of the results, or page of the report"),
     ] = None,
     jobs: Annotated[
         int, typer.Option("--jobs", "-j", metavar="N", min=0, help="worker processes; 0: one per core; 1: none")
@@ -42,7 +46,10 @@ def fleet(
     json_file: JsonOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Evaluate the logs of many axes into one table. What is done is not done again."""
+    """Evaluate the logs of many axes into one table. What is done is not done again; `report` makes a page of it."""
+    if words[0] == "report":
+        _report(words[1:], output, json_file)
+        return
     from pmsm_ctrl.fleet import Engine
     from pmsm_ctrl.fleet import fleet as run_fleet
 
@@ -52,12 +59,45 @@ def fleet(
     finish("fleet", result, json_file=json_file)
 
 
+def _report(words: list[str], output: Path | None, json_file: Path | None) -> None:
+    """Answer the questions of a fleet, on the terminal and as a page."""
+    from pmsm_ctrl.errors import RequestError
+    from pmsm_ctrl.fleet import fleet_report
+
+    if len(words) != 1:
+        raise RequestError("fleet report: one folder of results was expected: pmsm-ctrl fleet report RESULTS")
+    if output is not None:
+        require_writable(output)
+    found = fleet_report(words[0])
+    finish("fleet_report", found, json_file=json_file)
+    if output is not None:
+        write_text(output, _page(found))
+        print(printable(f"report: {output}"))
+
+
+def _page(found: FleetReport) -> str:
+    from pmsm_ctrl.fleet.present import sections, verdict_of
+    from pmsm_ctrl.report import Headline, render
+
+    logs = sum(one.records for one in found.axes)
+    numbers = (
+        (f"{len(found.axes)}", f"axes with {logs} logs"), (f"{len(found.missing)}", "lack an effect"),
+        (f"{len({one.axis for one in found.changes})}", "change over time"),
+        (f"{len(found.worthless)}", "logs without an answer"),
+    )  # fmt: skip
+    headline = Headline(f"{logs} logs were evaluated one by one.", verdict_of(found), None, numbers)
+    first, *rest = sections(found)
+    shown = (replace(first, blocks=first.blocks[1:]).without(found.notices), *rest)
+    return render(
+        "Fleet", shown, headline=headline, notices=found.notices, facts={"results": found.results},
+        command=command_line(),
+    )  # fmt: skip
+
+
 def _manifest(
     words: list[str], design: Path | None, output: Path | None, joint: bool, mapping: list[str] | None
 ) -> Manifest:
     """Return the manifest of a file, or of folders of logs."""
-    from dataclasses import replace
-
     from pmsm_ctrl.console import parse_map
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import Manifest, read_manifest

@@ -58,6 +58,8 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
             words = ("compare", (given.get("holdout") or logs)[0], "--design", design)
         case "track" | "frf":
             words = ("compensate", design)
+        case "fleet" if "report" not in given["words"][:1]:
+            words = ("fleet", "report", given.get("output") or "RESULTS", "--output", "fleet.html")
         case "compensate":
             words = ("export", design, "--language", "st", "--output", Path(str(design)).stem)
         case "export":

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Balance", "Block", "Notice", "Picture", "Section", "Table", "Template", "Traces", "present"]
+__all__ = ["Balance", "Block", "Notice", "Picture", "Section", "Sparkline", "Table", "Template", "Traces", "present"]
 
 Array = NDArray[np.float64]
 MOST_WARNINGS, MOST_ROWS = 3, 12  # of a brief section
@@ -78,6 +78,27 @@ class Template:
         return Notice(self.code, self.words.format(**detail), detail)
 
 
+@dataclass(frozen=True, eq=False)
+class Sparkline:
+    """A curve as small as a cell of a table, with a band.
+
+    Attributes
+    ----------
+    x, y, half : array, shape (n,)
+        The band is y - half to y + half; NaN where it is not known.
+    label : str
+        The same in words, for those who do not see it.
+    mark : float
+        Abscissa of a vertical line; NaN for none.
+    """
+
+    x: Array
+    y: Array
+    half: Array
+    label: str
+    mark: float = float("nan")
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows under a header, all cells text; `folded` ones are shown on demand in HTML and left out of the text.
@@ -89,12 +110,18 @@ class Table:
         As long as the header, or shorter.
     caption : str
     folded : bool
+    curves : dict of str to tuple of Sparkline or None
+        Columns of curves behind the others by heading, one curve a row; in HTML alone.
+    sortable : bool
+        Whether a page lets the reader sort and filter the rows; such a table is shown whatever its length.
     """
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     folded: bool = False
+    curves: Mapping[str, tuple[Sparkline | None, ...]] = field(default_factory=dict, hash=False)
+    sortable: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,21 @@
-"""What a run over a fleet has to say."""
+"""What a run over a fleet, and the report on one, have to say."""
 
 from __future__ import annotations
 
-from pmsm_ctrl.fleet.result import FleetResult
-from pmsm_ctrl.section import Block, Section, Table, present
+from collections.abc import Iterable
+from datetime import datetime
 
-__all__: list[str] = []
+import numpy as np
+
+from pmsm_ctrl.fleet.answers import AxisAnswer, Change, Finding, FleetReport, Series
+from pmsm_ctrl.fleet.policy import FALSE_DISCOVERIES, OUTLYING
+from pmsm_ctrl.fleet.result import FleetResult, Lost
+from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error
+from pmsm_ctrl.section import Block, Section, Sparkline, Table, present
+
+__all__ = ["sections"]
+
+DRAWN = ("F_c", "F_v")  # parameters that the table of axes draws
 
 
 @present.register
@@ -20,6 +30,211 @@ def _(result: FleetResult) -> Section:
         rows = tuple((name.replace("_", " "), str(count)) for name, count in result.verdicts.items())
         blocks.append(Table(("verdict of the diagnosis", "logs"), rows))
     if result.lost:
-        lost = tuple((one.record, one.axis, one.reason) for one in result.lost)
-        blocks.append(Table(("log", "axis", "no answer, because"), lost, "Logs without an answer"))
+        blocks.append(_lost_table(result.lost, "Logs without an answer"))
     return Section("Fleet", tuple(blocks))
+
+
+@present.register
+def _(result: FleetReport) -> Section:
+    first, *rest = sections(result)
+    return Section("Fleet", (*first.blocks, *rest))
+
+
+def sections(report: FleetReport) -> tuple[Section, ...]:
+    """Return the report as the sections of a page; the first one holds the verdict, the notices and all axes.
+
+    Parameters
+    ----------
+    report : FleetReport
+
+    Returns
+    -------
+    tuple of Section
+    """
+    verdict = verdict_of(report)
+    axes = Section("Axes", (verdict, *report.notices, _axes_table(report)))
+    found = (_missing(report), _changed(report), _unlike(report), _temperature(report), _worthless(report))
+    return (axes, *(one for one in found if one is not None))
+
+
+def verdict_of(report: FleetReport) -> str:
+    """Return the answer in one sentence.
+
+    Parameters
+    ----------
+    report : FleetReport
+    """
+    consistent, changing = sum(one.consistent for one in report.axes), len({one.axis for one in report.changes})
+    return (
+        f"{len(report.axes)} axes: {len(report.missing)} lack an effect, {consistent} are consistent with their "
+        f"design, {changing} change over time; at most {percent(FALSE_DISCOVERIES, 0)} of the named axes are expected "
+        "to be false."
+    )
+
+
+def _word(axis: AxisAnswer) -> str:
+    if axis.missing:
+        return "effects missing"
+    if axis.consistent:
+        return "consistent"
+    return "no answer" if not axis.answered else "not decided"
+
+
+def _axes_table(report: FleetReport) -> Table:
+    typed = any(one.type for one in report.axes)
+    changed: dict[str, list[Change]] = {}
+    for change in report.changes:
+        changed.setdefault(change.axis, []).append(change)
+    marks = {(c.axis, c.parameter): _day(c.when) for c in report.changes if c.when is not None}
+    header = ("axis", *(("type",) if typed else ()), "records", "verdict", "lacks", "q", "changes")
+    rows = tuple(
+        (
+            one.name, *((one.type,) if typed else ()), str(one.records), _word(one),
+            ", ".join(found.effect for found in one.findings), probability(one.q_value) if one.missing else "",
+            "; ".join(_briefly(change) for change in changed.get(one.name, ())),
+        )
+        for one in report.axes
+    )  # fmt: skip
+    curves = {
+        f"{name} [{unit}]": tuple(_spark(one, name, marks.get((one.name, name), np.nan)) for one in report.axes)
+        for name in DRAWN
+        if (unit := next((one.series[name].unit for one in report.axes if name in one.series), None)) is not None
+    }
+    return Table(header, rows, "All axes", curves=curves, sortable=True)
+
+
+def _spark(axis: AxisAnswer, name: str, mark: float) -> Sparkline | None:
+    series = axis.series.get(name)
+    if series is None:
+        return None
+    return Sparkline(series.days, series.value, 1.96 * series.stderr, _in_words(series), mark)
+
+
+def _in_words(series: Series) -> str:
+    first, last = (with_error(series.value[k], series.stderr[k]) for k in (0, -1))
+    return f"{series.name} over {len(series.value)} records: first {first}, last {last} {series.unit}"
+
+
+def _briefly(change: Change) -> str:
+    if change.step is not None and change.when is not None:
+        return f"{change.parameter} {_sign(change.step.size)} on {change.when:%Y-%m-%d}"
+    assert change.trend is not None
+    return f"{change.parameter} {_sign(7.0 * change.trend.slope)} a week"
+
+
+def _sign(value: float) -> str:
+    return f"{value:+.2g}"
+
+
+def _missing(report: FleetReport) -> Section | None:
+    if not report.missing:
+        return None
+    rows = tuple(
+        (
+            one.name, found.effect, ", ".join(found.equivalents), f"{found.records} of {found.of}", _since(found),
+            probability(found.p_value), probability(one.q_value),
+        )
+        for one in report.missing for found in one.findings
+    )  # fmt: skip
+    said = (
+        f"{len(report.missing)} of {len(report.axes)} axes lack an effect. An effect has to show in two records, where "
+        "an axis has as many. p allows for all candidates and records of an axis, q for all axes (Benjamini and "
+        "Hochberg)."
+    )
+    header = ("axis", "lacks", "or, not distinguished", "records", "since", "p", "q")
+    return Section("Missing effects", (said, Table(header, rows, "Missing effects", sortable=True)))
+
+
+def _since(found: Finding) -> str:
+    if found.before is None:
+        return "the first record"
+    return f"{found.since:%Y-%m-%d} (not on {found.before:%Y-%m-%d})"
+
+
+def _changed(report: FleetReport) -> Section | None:
+    if not report.judged:
+        return None
+    said = (
+        f"{len(report.changes)} of {report.judged} parameters change over time, allowing for their number. Friction "
+        "scatters between records by more than the error of each, which every interval includes."
+    )
+    steps = tuple(_step_row(one) for one in report.changes if one.step is not None)
+    trends = tuple(_trend_row(one) for one in report.changes if one.trend is not None)
+    blocks: list[Block] = [said]
+    header: tuple[str, ...]
+    if steps:
+        header = ("axis", "parameter", "change", "unit", "date", "between (95 %)", "q")
+        blocks.append(Table(header, steps, "Steps", sortable=True))
+    if trends:
+        header = ("axis", "parameter", "a week", "unit", "share a week", "limit", "reached in [days]", "q")
+        blocks.append(Table(header, trends, "Trends", sortable=True))
+    return Section("Changes over time", tuple(blocks))
+
+
+def _step_row(change: Change) -> tuple[str, ...]:
+    assert change.step is not None
+    between = f"{_date(change.earliest)} and {_date(change.latest)}"
+    return (change.axis, change.parameter, with_error(change.step.size, change.step.stderr), change.unit,
+            _date(change.when), between, probability(change.q_value))  # fmt: skip
+
+
+def _trend_row(change: Change) -> tuple[str, ...]:
+    trend = change.trend
+    assert trend is not None
+    reached = "" if not np.isfinite(change.reached) else with_error(change.reached, change.reached_stderr)
+    return (change.axis, change.parameter, with_error(7.0 * trend.slope, 7.0 * trend.stderr), change.unit,
+            percent(7.0 * trend.slope / trend.level, 1) if trend.level else "",
+            "" if np.isnan(change.limit) else number(change.limit), reached, probability(change.q_value))  # fmt: skip
+
+
+def _date(when: datetime | None) -> str:
+    return "" if when is None else f"{when:%Y-%m-%d}"
+
+
+def _day(when: datetime) -> float:
+    return when.timestamp() / 86400.0
+
+
+def _unlike(report: FleetReport) -> Section | None:
+    if not report.unlike:
+        return None
+    rows = tuple(
+        (one.axis, one.parameter, number(one.value), number(one.median), one.unit, f"{one.score:+.1f}")
+        for one in report.unlike[:50]
+    )
+    said = f"Parameters farther than {OUTLYING:g} robust standard deviations from the median of the axes of their type."
+    header = ("axis", "parameter", "median of its records", "of its type", "unit", "distance")
+    return Section("Axes unlike the others", (said, Table(header, rows, "Axes unlike the others", sortable=True)))
+
+
+def _temperature(report: FleetReport) -> Section | None:
+    rows = tuple(
+        (one.name, with_error(one.per_degree.slope, one.per_degree.stderr), probability(one.per_degree.p_value))
+        for one in report.axes if one.per_degree is not None
+    )  # fmt: skip
+    if not rows:
+        return None
+    header = ("axis", f"F_c per degree [{_unit(report.axes)}/K]", "p")
+    said = "F_c over the mean temperature of each record, a straight line; p of a slope of zero, for one axis."
+    return Section("Temperature and friction", (said, Table(header, rows, "Temperature and friction", sortable=True)))
+
+
+def _unit(axes: Iterable[AxisAnswer]) -> str:
+    return next((one.series["F_c"].unit for one in axes if "F_c" in one.series), "")
+
+
+def _worthless(report: FleetReport) -> Section | None:
+    if not report.worthless:
+        return None
+    said = f"{len(report.worthless)} logs give no answer."
+    return Section("Logs without an answer", (said, _lost_table(report.worthless, "Logs without an answer")))
+
+
+def _lost_table(lost: Iterable[Lost], caption: str) -> Table:
+    rows = tuple((one.axis, _short(one.record), one.reason.removeprefix(f"{one.record}: ")) for one in lost)
+    return Table(("axis", "log", "no answer, because"), rows, caption)
+
+
+def _short(record: str) -> str:
+    """Return the last two parts of a path."""
+    return "/".join(record.replace("\\", "/").split("/")[-2:])

@@ -7,14 +7,16 @@ import re
 from collections.abc import Iterator
 from html import escape
 from itertools import count, groupby
+from pathlib import Path
 
 from pmsm_ctrl.rendering.cells import numeric_columns
 from pmsm_ctrl.rendering.live import live_html
+from pmsm_ctrl.rendering.sparkline import sparkline_svg
 from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.rendering.text import to_text
 from pmsm_ctrl.section import Block, Notice, Picture, Section, Table, Traces
 
-__all__ = ["gist_of", "picture_html", "to_html", "to_notebook"]
+__all__ = ["gist_of", "picture_html", "tables_script", "to_html", "to_notebook"]
 
 _UNIT = re.compile(r"\[[^]]*\]")
 _LONG = 14  # rows beyond which a table is shown on demand
@@ -70,6 +72,11 @@ def gist_of(section: Section) -> str:
     """
     first = section.blocks[0] if section.blocks else ""
     return first if isinstance(first, str) and "\n" not in first else ""
+
+
+def tables_script() -> str:
+    """Return the script by which the tables of a page are sorted and filtered."""
+    return Path(__file__).with_name("tables.js").read_text(encoding="utf-8").rstrip()
 
 
 def picture_html(picture: Picture, name: str, title: str, prefix: str) -> str:
@@ -152,16 +159,21 @@ class _Renderer:
 
     def table(self, table: Table) -> str:
         right = numeric_columns(table)
-        folded = table.folded or len(table.rows) > _LONG
+        folded = table.folded or (len(table.rows) > _LONG and not table.sortable)
         caption = f"<caption>{escape(table.caption)}</caption>\n" if table.caption and not folded else ""
         head = "".join(
             f'<th scope="col"{_class(r)}>{_unbroken(cell)}</th>' for cell, r in zip(table.header, right, strict=True)
         )
+        head += "".join(f'<th scope="col">{_unbroken(heading)}</th>' for heading in table.curves)
         rows = "".join(
-            "<tr>" + "".join(f"<td{_class(r)}>{_cell(c)}</td>" for c, r in zip(row, right, strict=False)) + "</tr>\n"
-            for row in table.rows
+            "<tr>"
+            + "".join(f"<td{_class(r)}>{_cell(c)}</td>" for c, r in zip(row, right, strict=False))
+            + "".join(f"<td>{sparkline_svg(curves[k])}</td>" for curves in table.curves.values())
+            + "</tr>\n"
+            for k, row in enumerate(table.rows)
         )
-        small = ' class="small"' if len(table.header) > _MANY else ""
+        classes = ["small"] * (len(table.header) + len(table.curves) > _MANY) + ["sortable"] * table.sortable
+        small = f' class="{" ".join(classes)}"' if classes else ""
         label = escape(f"Table {next(self.tables)} of {self.title}")
         text = (
             f'<div class="scroll" role="region" aria-label="{label}" tabindex="0">\n<table{small}>\n{caption}'

@@ -1,7 +1,8 @@
 """Render sections into one self-contained HTML page: no network, same input same bytes.
 
 With Bokeh installed, a page that has traces holds its script and one of this package; the content security policy names
-both by their hashes and permits nothing else. Without it a page holds no script at all.
+both by their hashes and permits nothing else. A page with a table that can be sorted holds a short script of this
+package. Any other page holds no script at all.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from importlib import metadata
 from typing import Any
 
 from pmsm_ctrl.rendering import live, to_html
-from pmsm_ctrl.rendering.html import picture_html
+from pmsm_ctrl.rendering.html import picture_html, tables_script
 from pmsm_ctrl.report.result import Headline
 from pmsm_ctrl.section import Notice, Section
 
@@ -79,6 +80,8 @@ def render(
     ]
     first_traces = next(filter(None, (re.search(r'<div class="live" id="(\w+)"', one["html"]) for one in shown)), None)
     scripts = live.scripts() if first_traces is not None else ()
+    if any('class="sortable"' in one["html"] or 'class="small sortable"' in one["html"] for one in shown):
+        scripts = (*scripts, tables_script())
     text: str = _template().render(
         title=title,
         headline=headline,

@@ -1,0 +1,87 @@
+"""The answers of a fleet on rows whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import false_discovery_control
+
+from pmsm_ctrl.fleet.answers import answered
+from pmsm_ctrl.fleet.policy import FALSE_DISCOVERIES
+from tests.unit.fleet.rows import FIRST, a_fleet, of_record
+
+
+def test_what_is_true_of_each_axis_is_found() -> None:
+    report = answered("r", a_fleet(40, 10, 1), {"F_c": 0.03})
+    assert [one.name for one in report.missing] == ["axis0001", "axis0021"]
+    (found,) = report.missing[0].findings
+    assert (found.effect, found.records, found.of) == ("cogging", 5, 10)
+    assert ((found.since - FIRST).days, (found.before - FIRST).days) == (5, 4) if found.before else False
+    drifting = {one.axis for one in report.changes if one.trend is not None}
+    stepping = {one.axis: (one.when - FIRST).days for one in report.changes if one.step is not None and one.when}
+    assert drifting == {"axis0002", "axis0022"}
+    assert stepping == {"axis0003": 5, "axis0023": 5}
+    assert {one.axis for one in report.worthless} == {"axis0004", "axis0024"}
+    assert not [one.name for one in report.axes if one.consistent and one.name in ("axis0001", "axis0021")]
+
+
+def test_a_trend_says_when_a_limit_is_reached() -> None:
+    """F_c = 0.02 (1 + 0.03 day) reaches 0.03 on day 16.7, 7.7 days after the last record."""
+    rows = [row for day in range(10) for row in of_record("a", day, 0.02 * (1 + 0.03 * day) + 1e-5 * (-1) ** day)]
+    (change,) = answered("r", rows, {"F_c": 0.03}).changes
+    assert change.reached == pytest.approx(0.5 / 0.03 - 9, abs=3 * change.reached_stderr)
+    assert change.reached_stderr < 0.3
+
+
+def test_an_effect_that_shows_once_is_no_property_of_an_axis() -> None:
+    rows = [row for day in range(5) for row in of_record("a", day, 0.02, effects={"cogging": 1e-9} if day == 2 else {})]
+    assert not answered("r", rows, {}).missing
+    once = list(of_record("b", 0, 0.02, effects={"cogging": 1e-9}))
+    assert answered("r", once, {}).missing, "an axis with a single record has no second one"
+
+
+def test_the_rate_of_false_discoveries_over_the_fleet() -> None:
+    """200 axes with one record, 180 of which lack nothing, with p-values as they are then: uniform."""
+    shares = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        p = np.concatenate((rng.uniform(0, 1e-4, 20), rng.uniform(0, 1, 180)))
+        rows = [row for k in range(200) for row in of_record(f"a{k:03d}", 0, 0.02, effects={"cogging": p[k]})]
+        report = answered("r", rows, {})
+        named = {int(one.name[1:]) for one in report.missing}
+        assert named == set(np.flatnonzero(false_discovery_control(p) <= FALSE_DISCOVERIES))
+        shares.append(sum(k >= 20 for k in named) / max(1, len(named)))
+    assert np.mean(shares) <= FALSE_DISCOVERIES
+
+
+def test_the_newest_evaluation_of_a_log_counts() -> None:
+    from dataclasses import replace
+    from datetime import timedelta
+
+    old = [replace(row, key="old") for row in of_record("a", 0, 0.05, effects={"cogging": 1e-9})]
+    new = [replace(row, evaluated=row.evaluated + timedelta(hours=1)) for row in of_record("a", 0, 0.02)]
+    for rows in (old + new, new + old):
+        (axis,) = answered("r", rows, {}).axes
+        assert (axis.records, axis.missing) == (1, False)
+
+
+def test_an_axis_far_from_the_others_is_named() -> None:
+    rng = np.random.default_rng(4)
+    levels = 0.02 * (1 + 0.02 * rng.standard_normal((12, 3)))
+    levels[7] *= 1.5
+    rows = [row for (k, day), F_c in np.ndenumerate(levels) for row in of_record(f"a{k:02d}", day, float(F_c))]
+    assert [one.axis for one in answered("r", rows, {}).unlike] == ["a07"]
+
+
+def test_friction_over_temperature() -> None:
+    """F_c falls by 1e-4 N m per degree."""
+    rng = np.random.default_rng(2)
+    degrees = rng.uniform(15, 35, 12)
+    levels = 0.02 - 1e-4 * (degrees - 20) + 1e-5 * rng.standard_normal(12)
+    records = enumerate(zip(levels, degrees, strict=True))
+    rows = [row for day, (F_c, degree) in records for row in of_record("a", day, F_c, temperature=degree)]
+    (axis,) = answered("r", rows, {}).axes
+    assert axis.per_degree is not None
+    low, high = axis.per_degree.interval()
+    assert low <= -1e-4 <= high
+    assert high - low < 1e-5
