@@ -119,7 +119,9 @@ def strongest_orders(
     seen = int(np.sum(score > 0.0))
     if seen == 0:
         return np.stack([first, first]), [], 0
-    by_chance = 2.0 * np.log(seen / 0.01)  # of so many chi-squares with two degrees of freedom
+    # The largest of so many chi-squares with two degrees of freedom, in units of their median 2 ln 2: a residual that
+    # hangs together from sample to sample has larger ones throughout.
+    by_chance = 2.0 * np.log(seen / 0.01) * max(1.0, float(np.median(score[score > 0.0])) / (2.0 * np.log(2.0)))
     level = np.divide(first * np.sqrt(by_chance), np.sqrt(score), out=np.full_like(first, np.nan), where=score > 0.0)
     best, orders = float(score.max()), [int(np.argmax(score)) + 1]
     theta, direction = prepared.signals["theta"][prepared.keep], np.sign(prepared.signals["omega"][prepared.keep])

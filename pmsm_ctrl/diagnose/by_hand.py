@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.compare.orders import strongest_orders
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.contributions import Contributions, contributions_of
@@ -235,6 +236,28 @@ class Stepwise(Result):
             On the time axis of `contributions`, or of `held_out`; the speed first.
         """
         return coordinates_of(self._fit.record if held_out is None else self._case.holdouts[held_out])
+
+    def orders(self, held_out: int | None = None) -> Array | None:
+        """Return how much of the torque's residual repeats with every turn.
+
+        Parameters
+        ----------
+        held_out : int, optional
+            Of this held-out record, and not of the fitted ones.
+
+        Returns
+        -------
+        array, shape (2, orders), or None
+            Amplitude of orders 1, 2, ... of a turn, and what noise alone exceeds in one of a hundred spectra, N m; NaN
+            where no turn is slow enough for an order. None for a linear axis, which has no turns.
+        """
+        if held_out is None:
+            record, residual = self._fit.record, self._fit.residual
+        else:
+            record, residual = self._case.held_out(self._fit, held_out)
+        if record.linear:
+            return None
+        return strongest_orders(record.prepared, residual[0], record.mask, record.weight[0], 1)[0]
 
     def traces(self) -> Traces:
         """Return the balances for a page on which one zooms, and switches the added effects on and off."""

@@ -389,7 +389,8 @@ def _records(request: Request, model: Stepwise) -> list[dict[str, Any]]:
         out.append({
             "curves": curves, "held_out": number is not None, "balances": balances, "coordinates": list(over),
             "name": " + ".join(names) if number is None else names[number],
-            "start": float(columns["t"][0]), "stop": float(columns["t"][-1]), "samples": len(columns["t"]),
+            "orders": model.orders(number), "start": float(columns["t"][0]),
+            "stop": float(columns["t"][-1]), "samples": len(columns["t"]),
         })  # fmt: skip
     return out
 

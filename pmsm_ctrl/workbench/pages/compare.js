@@ -1,7 +1,7 @@
 // Step 3: the traces, the residual, the candidates, and the error of the model after every effect.
 import { fill, h, number, percent } from "./dom.js";
 import { blocked, usable } from "./logs.js";
-import { Traces } from "./plots.js";
+import { ORDERS, Traces } from "./plots.js";
 
 const view = { record: 0, balance: "torque", over: "", off: new Set(), drawn: "", traces: null, version: 0 };
 
@@ -19,7 +19,7 @@ export function showCompare(section, app) {
   if (view.record >= model.records.length) view.record = 0;
   const record = model.records[view.record];
   if (!record.balances.some((one) => one.name === view.balance)) view.balance = record.balances[0].name;
-  if (!record.coordinates.includes(view.over)) view.over = record.coordinates[0];
+  if (!drawable(record).includes(view.over)) view.over = record.coordinates[0];
   for (const name of view.off) if (!model.names.includes(name)) view.off.delete(name);
   const busy = !!job;
   fill(place("models"), [model.models, model.names, model.verdict, busy, job?.kind, [...view.off], view.record, view.balance, job?.models?.length], () => errorsByModel(app, record));
@@ -49,7 +49,7 @@ async function draw(record, app) {
   const fresh = view.frame !== frameKey || !view.traces || view.drawn === "";
   view.drawn = wanted + frameKey;
   view.frame = frameKey;
-  const asked = { record: view.record, balance: view.balance, off: [...view.off].join("|"), over: view.over, version: record.curves };
+  const asked = { record: view.record, balance: view.balance, off: [...view.off].join("|"), over: view.over, orders: record.orders, version: record.curves };
   if (!fresh) return view.traces.update(asked);
   view.traces = new Traces(place, section.querySelector("[data-part=scatter]"));
   await view.traces.build(record, kind, balance.unit, asked).catch((error) => {
@@ -71,11 +71,14 @@ function choices(app, model, record) {
   return [
     model.records.length > 1 ? select("record", "Record", model.records.map((one, k) => [k, `${one.name} (${one.held_out ? "held out" : "fitted"})`]), view.record, "record") : h("span", {}, `Record ${record.name}`),
     record.balances.length > 1 ? select("balance", "Balance", record.balances.map((one) => [one.name, one.name === "torque" ? torque : one.name]), view.balance, "balance") : null,
-    select("over", "Residual over", record.coordinates.map((one) => [one, one]), view.over, "over"),
+    select("over", "Residual over", drawable(record).map((one) => [one, one]), view.over, "over"),
     h("button", { type: "button", id: "whole", onclick: () => view.traces?.zoom(record.start, record.stop) }, "Whole record"),
     h("span", { class: "zoom" }, ["In", "Out", "←", "→"].map((word) => h("button", { type: "button", "aria-label": { In: "Zoom in", Out: "Zoom out", "←": "Earlier", "→": "Later" }[word], onclick: () => step(word, record) }, word))),
   ];
 }
+
+// What the residual is drawn over: the coordinates, and the orders of a turn where there are turns.
+const drawable = (record) => [...record.coordinates, ...(record.orders ? [ORDERS] : [])];
 
 function step(word, record) {
   const { start, end } = view.traces.range;

@@ -56,6 +56,8 @@ function latest(work) {
   };
 }
 
+export const ORDERS = "order of a turn"; // in the place of a coordinate: how much of the torque's residual repeats with every turn
+
 // The traces of a record: both sides of the balance, the residual, the speed; and the residual over a coordinate.
 export class Traces {
   constructor(place, scatterPlace) {
@@ -93,11 +95,12 @@ export class Traces {
     for (const figure of [upper, middle, lower]) styled(figure);
     await show(this.place, [upper, middle, lower]);
     const scatter = panel(`residual [${unit}]`, narrow ? 220 : 210, null, "box_zoom,pan,undo,reset");
-    scatter.below[0].axis_label = record.coordinates[0];
-    scatter.scatter(field("x"), field("y"), { source: this.dots, size: 3, fill_color: blue, fill_alpha: 0.3, line_color: null });
+    this.unit = unit;
+    this.cloud = scatter.scatter(field("x"), field("y"), { source: this.dots, size: 3, fill_color: blue, fill_alpha: 0.3, line_color: null });
     scatter.line(field("centre"), field("mean"), { source: this.means, line_color: red, line_width: 2.5 });
     styled(scatter);
     this.scatter = scatter;
+    this.labelled();
     await show(this.scatterPlace, [scatter]);
     this.place.dataset.drawn = String(1 + Number(this.place.dataset.drawn || 0));
     this.range.change.connect(() => this.load());
@@ -105,6 +108,13 @@ export class Traces {
 
   get bins() {
     return Math.round(Math.max(300, this.place.clientWidth - 90));
+  }
+
+  labelled() {
+    const { over } = this.asked;
+    this.scatter.below[0].axis_label = over === ORDERS ? "order of a turn (dots; line: what noise reaches in one spectrum of a hundred)" : over;
+    this.scatter.left[0].axis_label = `${over === ORDERS ? "amplitude" : "residual"} [${over === ORDERS ? "N m" : this.unit}]`;
+    this.cloud.glyph.setv(over === ORDERS ? { size: 6, fill_alpha: 0.9 } : { size: 3, fill_alpha: 0.3 });
   }
 
   async update(asked) {
@@ -115,7 +125,15 @@ export class Traces {
   async ask(start, stop) {
     const { record, balance, off, over, version } = this.asked;
     const stretch = { record, balance, off, v: version, start, stop };
-    const [traces, scatter] = await Promise.all([columns(`view/model?${query({ ...stretch, bins: this.bins })}`), columns(`view/scatter?${query({ ...stretch, over })}`)]);
+    const spectrum = (orders) => {
+      const x = orders[0].map((_, k) => k + 1);
+      const [amplitude, level] = orders.map((row) => row.map((value) => value ?? NaN));
+      return { x, y: amplitude, centre: x, mean: level };
+    };
+    const [traces, scatter] = await Promise.all([
+      columns(`view/model?${query({ ...stretch, bins: this.bins })}`),
+      over === ORDERS ? spectrum(this.asked.orders) : columns(`view/scatter?${query({ ...stretch, over })}`),
+    ]);
     return { traces, scatter };
   }
 
@@ -125,7 +143,7 @@ export class Traces {
     this.source.data = traces;
     this.dots.data = { x: scatter.x, y: scatter.y };
     this.means.data = { centre: scatter.centre, mean: scatter.mean };
-    this.scatter.below[0].axis_label = this.asked.over;
+    this.labelled();
     await this.shaded();
     this.place.dataset.milliseconds = (performance.now() - began).toFixed(1);
     this.place.dataset.drawn = String(1 + Number(this.place.dataset.drawn || 0));

@@ -46,6 +46,18 @@ def test_what_is_hidden_is_ranked_first_and_brings_the_error_down(begun: Stepwis
     assert not any(one.refusal is None for one in whole.rank())
 
 
+def test_the_spectrum_over_the_turn_shows_the_cogging(begun: Stepwise) -> None:
+    for held_out in (None, 0):
+        spectrum = begun.orders(held_out)
+        assert spectrum is not None
+        amplitude, level = spectrum
+        assert amplitude[23] == pytest.approx(COGGING["a_s"], rel=0.05)
+        assert amplitude[23] > 3.0 * level[23]
+    without = begun.add("cogging 24").orders()
+    assert without is not None
+    assert without[0][23] < without[1][23]
+
+
 def test_a_preview_is_what_adding_takes_from_the_residual(begun: Stepwise) -> None:
     curve, before = begun.preview("cogging 24"), begun.contributions()
     after = begun.add("cogging 24").contributions()

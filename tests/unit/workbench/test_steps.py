@@ -124,6 +124,10 @@ def test_switching_an_effect_off_and_looking_at_a_candidate(page: Page, files: d
     assert error == pytest.approx(model["models"][-1]["errors"]["torque"]["relative"], rel=1e-6)
     dots = unpacked(page.get("view/scatter", params={"over": "speed [rad/s]"}).content)
     assert len(dots["x"]) == len(dots["y"]) > 500
+    for record in model["records"]:  # nothing repeats with the turn
+        amplitude, level = np.array(record["orders"], dtype=float)
+        assert len(amplitude) == len(level) > 50
+        assert np.mean(amplitude[np.isfinite(amplitude)] > level[np.isfinite(amplitude)]) < 0.05
     held = unpacked(page.get("view/model", params={"record": "1", "bins": "4000"}).content)
     assert np.std(held["residual"]) < 1.5 * np.std(after["residual"])
 
