@@ -27,6 +27,10 @@ READING = ("get", "pop", "setdefault", "startswith", "parameter", "parameters", 
 ALLOWED = {
     ("track/model.py", "gap"): "a gap of the log, as an event of the tracker",
     ("datasheet.py", "g"): "gram",
+    ("design_parts.py", "order"): "of a low-pass filter",
+    ("fleet/paths.py", "d"): "the day of a date",
+    **{("fleet/example.py", name): "the plant of a simulated fleet" for name in (
+        "unbalance", "viscous_asymmetry", "a_s", "a_c", "dF_v")},
     ("importers/vocabulary.py", "d"): "the direct axis",
     ("importers/vocabulary.py", "n"): "what German puts between the parts of a compound",
     ("next_steps.py", "stribeck"): "an example of the command",
@@ -53,7 +57,7 @@ ALLOWED = {
     ("regression/present.py", "dF_v"): "a level of a record's own",
     ("rendering/numbers.py", "n"): "nano",
     ("rendering/numbers.py", "k"): "kilo",
-}
+}  # fmt: skip
 
 
 def names_used(path: Path) -> Iterator[tuple[int, str]]:
