@@ -1,4 +1,4 @@
-"""The commands that evaluate logs: identify, compare, diagnose, add, track, frf and verify."""
+"""The commands that evaluate logs: identify, compare, diagnose, add, track, frf, verify and quadrants."""
 
 from __future__ import annotations
 
@@ -241,6 +241,39 @@ def verify(
     require_applied(result.verdict.value, fail_on)
 
 
+def quadrants(
+    x: Annotated[Path, typer.Argument(metavar="X", help="log of the first axis of a circle")],
+    y: Annotated[Path, typer.Argument(metavar="Y", help="log of the second axis, from the same trigger")],
+    design: DesignOption,
+    after: Annotated[
+        list[Path] | None, typer.Option("--after", metavar="LOG", help="the same after a change: X, then Y")
+    ] = None,
+    mapping: MapOption = None,
+    mapping_y: Annotated[
+        list[str] | None,
+        typer.Option("--map-y", metavar="CHANNEL=COLUMN", help="of the second axis, where it differs from --map"),
+    ] = None,
+    effects: EffectsOption = None,
+    json_file: JsonOption = None,
+    report: ReportOption = None,
+    force: ForceOption = False,
+) -> None:
+    """Measure the spikes that friction leaves at the reversals of a circle, before and after a change."""
+    from pmsm_ctrl.verify import quadrants as measure
+
+    axis = read_design(design, effects)
+    maps = (mapping, mapping_y or mapping) * 2
+    logs = [_single(path, axis, one) for path, one in zip((x, y, *_pair(after)), maps, strict=False)]
+    result = measure(logs[0], logs[1], (logs[2], logs[3]) if after else None)
+    finish("quadrants", result, json_file=json_file, report=report)
+
+
+def _pair(after: list[Path] | None) -> list[Path]:
+    if after and len(after) != 2:
+        raise RequestError(f"--after: {len(after)} given; two were expected, the log of X and that of Y")
+    return after or []
+
+
 def _single(path: Path, axis: Design, mapping: list[str] | None) -> Log:
     logs = load_logs([path], axis, mapping)
     if len(logs) != 1:
@@ -248,4 +281,4 @@ def _single(path: Path, axis: Design, mapping: list[str] | None) -> Log:
     return logs[0]
 
 
-LOG_COMMANDS = (identify, compare, diagnose, add, track, frf, verify)
+LOG_COMMANDS = (identify, compare, diagnose, add, track, frf, verify, quadrants)

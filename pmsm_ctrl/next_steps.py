@@ -64,6 +64,8 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
             words = ("export", design, "--language", "st", "--output", Path(str(design)).stem)
         case "export":
             words = ("verify", "BEFORE", "AFTER", "--design", design)
+        case "quadrants":
+            words = ("compensate", design)
         case "verify":
             words = (
                 ("compensate", design) if verdict == "limit_cycle" else ("track", given["after"], "--design", design)

@@ -67,6 +67,7 @@ TRACKING = _record(
     {"rms": NUMBER, "peak": NUMBER, "reversal_peak": NUMBER, "cycle_amplitude": NUMBER, "cycle_frequency": NUMBER,
      "unit": TEXT}
 )  # fmt: skip
+CIRCLE = _record({"quadrant_error": NUMBER, "radius": NUMBER, "speed": NUMBER, "spikes": _list(NUMBER), "rest": NUMBER})
 EXPERIMENT = _record({"separates": TEXTS, "profile": TEXT, "why": TEXT})
 EFFECT = {
     "id": TEXT, "title": TEXT, "enters": {"enum": ["torque", "voltage", "measurement"]}, "equation": TEXT,
@@ -139,6 +140,11 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
          "errors": _record({"before": TRACKING, "after": TRACKING}),
          "change": _record({"measured": _by_name(NUMBER), "promised": _by_name(NUMBER)}),
          "explained": NUMBER, **DOUBTS},
+        {},
+    ),
+    "quadrants": (
+        "quadrants",
+        {"unit": TEXT, "before": CIRCLE, "after": _maybe(CIRCLE), "change": NUMBER, **DOUBTS},
         {},
     ),
     "export": ("export", {"language": TEXT, "flavour": TEXT}, {"source": TEXT, "files": _by_name(TEXT)}),

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pmsm_ctrl.verify.quadrants import QuadrantError
 from pmsm_ctrl.verify.result import Verification
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["added", "reversal"]
+__all__ = ["added", "polar", "reversal"]
 
 # Colours of Okabe and Ito, distinguishable with any colour vision.
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#666666"
@@ -51,6 +52,23 @@ def reversal(result: Verification) -> Figure:
     axes.set(xlabel="time from the reversal [ms]", ylabel=f"tracking error [{result.after.unit}]")
     axes.legend(frameon=False)
     _finish(axes)
+    return figure
+
+
+def polar(result: QuadrantError) -> Figure:
+    """Draw the deviation of both records around the circle, so enlarged that the largest is a quarter of the radius."""
+    figure = _figure(5.6, 5.6)
+    axes = figure.add_subplot(projection="polar")
+    records = [(result.before, GREY, "before"), *([(result.after, BLUE, "after")] if result.after else [])]
+    scale = 0.25 / max(one.worst for one, _, _ in records)
+    turn = np.linspace(0.0, 2.0 * np.pi, 361)
+    axes.plot(turn, np.ones_like(turn), color=ORANGE, lw=0.8, label="reference")
+    for one, colour, label in records:
+        step = max(1, len(one.angle) // MOST)
+        axes.plot(one.angle[::step], 1.0 + scale * one.deviation[::step], color=colour, lw=0.9, label=label)
+    axes.set(ylim=(0.0, 1.4), yticks=[1.0 - 0.25, 1.0, 1.25])
+    axes.set_yticklabels([f"{-0.25 / scale:.2g}", "0", f"{0.25 / scale:.2g} {result.unit}"])
+    axes.legend(frameon=False, loc="center")
     return figure
 
 

@@ -53,3 +53,11 @@ NO_PROMISE = Template(
 )
 CROPPED = Template("verify_cropped", "only the first {count} samples of each log were evaluated")
 CLIPPED = Template("verify_current_limit", "{share:.1%} of the samples are at the current limit and were left out")
+NO_SPIKE = Template(
+    "quadrants_no_spike",
+    "the largest deviation behind a reversal ({spike:.2g} {unit}) is not three times that elsewhere ({rest:.2g} {unit} "
+    "rms): there is no spike to speak of",
+)
+OTHER_CIRCLE = Template(
+    "quadrants_other_circle", "radius or speed of the two circles differ by {share:.0%}: the spikes depend on both"
+)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pmsm_ctrl.rendering.numbers import percent, with_error, with_prefix
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
+from pmsm_ctrl.verify.quadrants import QuadrantError
 from pmsm_ctrl.verify.result import Outcome, Verification
 
 if TYPE_CHECKING:
@@ -86,3 +87,37 @@ def _draw(result: Verification, what: str) -> Figure:
     from pmsm_ctrl.verify import figures
 
     return figures.added(result) if what == "added" else figures.reversal(result)
+
+
+@present.register
+def _(result: QuadrantError) -> Section:
+    before, after, unit = result.before, result.after, result.unit
+    said = f"Quadrant error {with_prefix(before.worst, unit)}"
+    if after is not None:
+        said += f" before and {with_prefix(after.worst, unit)} after ({percent(result.change, 0)})"
+    said += f"; circle of {with_prefix(before.radius, unit, 3)} at {with_prefix(before.speed, unit, 3)}/s, "
+    said += f"{before.turns:.2g} turns."
+    columns = [before, *([after] if after is not None else [])]
+    rows = [
+        (f"{90 * k} deg", *(_spike(float(one.spikes[k]), float(one.scatter[k]), unit) for one in columns))
+        for k in range(4)
+    ]
+    rows.append(("elsewhere, rms", *(with_prefix(one.rest, unit) for one in columns)))
+    rows.append(("radius less the reference's", *(with_prefix(one.radius_error, unit) for one in columns)))
+    header = ("place on the circle", *("before", "after")[: len(columns)])
+    table = Table(header, tuple(rows), "Radial deviation behind the reversals, outwards; +- from turn to turn")
+    picture = Picture(
+        lambda: _polar(result), "Radial deviation around the circle, enlarged; spikes follow the reversals."
+    )
+    return Section("Quadrant error", (said, *result.notices, table, picture))
+
+
+def _spike(value: float, scatter: float, unit: str) -> str:
+    around = "" if math.isnan(scatter) else f" +- {with_prefix(scatter, unit)}"
+    return f"{with_prefix(value, unit)}{around}"
+
+
+def _polar(result: QuadrantError) -> Figure:
+    from pmsm_ctrl.verify import figures
+
+    return figures.polar(result)

@@ -90,6 +90,7 @@ OVERWRITING = {
         f"add stribeck -d d.toml --log l.csv {more}" for more in ("-o kept", "-o n --json kept", "-o n --report kept")
     ],
     "frf": [f"frf l.csv -d d.toml {option} kept" for option in ("-o", "--json", "--report")],
+    "quadrants": [f"quadrants l.csv l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
     "verify": [f"verify l.csv l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
     "track": [f"track l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
     "fleet": ["fleet logs -d d.toml --json kept", "fleet report logs -o kept"],

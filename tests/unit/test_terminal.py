@@ -89,6 +89,7 @@ GIVEN: dict[str, dict[str, Any]] = {
     "compare": {"design": Path("a.toml"), "log": [Path("l.csv"), Path("m.csv")]},
     "diagnose": {"design": Path("a.toml"), "log": [Path("l.csv")], "holdout": None},
     "frf": {"design": Path("a.toml"), "log": [Path("l.csv")]},
+    "quadrants": {"design": Path("a.toml"), "x": Path("x.csv"), "y": Path("y.csv")},
     "verify": {"design": Path("a.toml"), "before": Path("b.csv"), "after": Path("a.csv")},
     "track": {"design": Path("a.toml"), "log": [Path("l.csv")]}, "export": {"design": Path("a.toml")},
     "study": {"design": Path("a.toml"), "log": None}, "import": {"file": Path("l.csv")}, "effects": {},
