@@ -22,7 +22,8 @@ def fleet(
     words: Annotated[
         list[str],
         typer.Argument(
-            metavar="RUN.toml | FOLDER | report RESULTS", help="a manifest, a folder of logs with --design, or a report"
+            metavar="RUN.toml | FOLDER | report RESULTS | example FOLDER",
+            help="a manifest, a folder of logs with --design, a report, or a simulated fleet",
         ),
     ],
     design: Annotated[
@@ -50,6 +51,9 @@ def fleet(
     if words[0] == "report":
         _report(words[1:], output, json_file)
         return
+    if words[0] == "example":
+        _example(words[1:], design)
+        return
     from pmsm_ctrl.fleet import Engine
     from pmsm_ctrl.fleet import fleet as run_fleet
 
@@ -73,6 +77,20 @@ def _report(words: list[str], output: Path | None, json_file: Path | None) -> No
     if output is not None:
         write_text(output, _page(found))
         print(printable(f"report: {output}"))
+
+
+def _example(words: list[str], design: Path | None) -> None:
+    """Write the logs of a simulated fleet, with what is true of its axes."""
+    from pmsm_ctrl.design import Design
+    from pmsm_ctrl.errors import RequestError
+    from pmsm_ctrl.fleet.example import simulated_fleet
+
+    if len(words) != 1 or Path(words[0]).exists():
+        raise RequestError("fleet example: the name of one new folder was expected")
+    axis = Design.read(design) if design is not None else Design.example("seed_motor")
+    with progress_bar(f"fleet example {words[0]}"):
+        drawn = simulated_fleet(words[0], axis)
+    print(printable(f"{words[0]}: logs of {len(drawn)} axes, run.toml, and the truth in truth.json"))
 
 
 def _page(found: FleetReport) -> str:

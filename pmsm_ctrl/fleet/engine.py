@@ -19,6 +19,7 @@ from pmsm_ctrl.fleet.store import Row
 __all__ = ["Engine", "completed"]
 
 DEATHS = 3  # workers that a job may end
+PATIENCE = "20s"  # for a scheduler to answer
 LONGEST = 900.0  # s a job may take before its worker is ended: 100 times the usual
 
 
@@ -151,7 +152,7 @@ def _client(engine: Engine, processes: int) -> Iterator[Any]:
     with dask.config.set(quiet):
         if engine.scheduler:
             try:
-                client = Client(engine.scheduler, timeout="20s")
+                client = Client(engine.scheduler, timeout=PATIENCE)
             except (OSError, ValueError) as error:
                 raise RequestError(f"--scheduler {engine.scheduler}: does not answer ({error})") from None
             with client:

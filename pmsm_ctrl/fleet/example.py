@@ -24,6 +24,13 @@ EFFECTS: tuple[tuple[str, dict[str, float]], ...] = (
     ("viscous_asymmetry", {"dF_v": 5e-5}),
 )
 DRIFT = 0.02  # a day, relative, of a drifting axis's F_c
+MANIFEST = """logs = "logs/*/*.csv"
+path = "{axis}/{time:%Y-%m-%d}.csv"
+design = "design.toml"
+
+[limits]
+F_c = 0.03  # N m
+"""
 
 
 @dataclass(frozen=True)
@@ -113,9 +120,7 @@ def simulated_fleet(
             _write(path, design, one, day, seed * 1_000_000 + k * 1000 + day, duration)
     spoil(sorted((root / "logs").rglob("*.csv")), broken, seed)
     design.write(root / "design.toml")
-    write_text(
-        root / "run.toml", 'logs = "logs/*/*.csv"\npath = "{axis}/{time:%Y-%m-%d}.csv"\ndesign = "design.toml"\n'
-    )
+    write_text(root / "run.toml", MANIFEST)
     write_text(root / "truth.json", json.dumps([vars(one) for one in drawn], indent=1))
     return drawn
 

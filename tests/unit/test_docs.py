@@ -30,7 +30,12 @@ PAGES = [
 ]
 DATA = "shared/data"
 # Pages that take half a minute each; what they call is tested elsewhere, and that their commands exist below.
-LONG = ("docs/compensation.md", "docs/tutorials/compensator.md", "docs/tutorials/your_log.md")
+LONG = (
+    "docs/compensation.md",
+    "docs/tutorials/compensator.md",
+    "docs/tutorials/fleet.md",
+    "docs/tutorials/your_log.md",
+)
 
 
 @pytest.fixture
