@@ -28,6 +28,7 @@ from pmsm_ctrl.options import (
     effect_ids,
     load_logs,
     logs_if_given,
+    measured_bode,
     output_option,
     read_design,
     write_design,
@@ -204,17 +205,28 @@ def frf(
     log: LogArgument,
     design: DesignOption,
     output: NewDesignOption = None,
+    response: Annotated[
+        str | None,
+        typer.Option("--response", metavar="plant|open|closed", help="what a measured Bode diagram is of"),
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", metavar="UNIT", help="of a measured axis, such as rpm/A or (rad/s)/(N m)")
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="take what a Bode file does not state as it was found")
+    ] = False,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
     report: ReportOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Measure the frequency response of the axis from logs with excitation, and compare it with the design's."""
+    """Measure the axis' frequency response from logs, or read a Bode diagram, and compare it with the design's."""
     from pmsm_ctrl.frf import frf as measure
 
     axis = read_design(design, effects)
-    result = measure(axis, load_logs(log, axis, mapping))
+    given = measured_bode(log, axis, design, kind=response, unit=unit, yes=yes)
+    result = measure(axis, load_logs(log, axis, mapping) if given is None else given)
     finish("frf", result, json_file=json_file, report=report)
     write_design(result.measured, output)
 

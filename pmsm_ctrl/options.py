@@ -17,14 +17,16 @@ from pmsm_ctrl.files import printable, require_distinct, require_new
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.effects import Effect
+    from pmsm_ctrl.frf import MeasuredBode
     from pmsm_ctrl.importers import ImportReport, Proposal
     from pmsm_ctrl.log import Log
 
 __all__ = [
     "DesignArgument", "DesignOption", "EffectsOption", "ForceOption", "HoldoutOption", "JsonOption",
     "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption", "ReportOption",
-    "SeedOption", "TruthOption", "Verb", "confirmed_import", "design_if_given", "effect_ids", "load_logs",
-    "logs_if_given", "output_option", "read_design", "scenario_names", "write_design",
+    "SeedOption", "TruthOption", "Verb", "confirmed_import", "design_if_given",
+    "effect_ids", "load_logs", "logs_if_given", "measured_bode", "output_option", "read_design", "scenario_names",
+    "write_design",
 ]  # fmt: skip
 
 
@@ -192,7 +194,7 @@ def confirmed_import(
 
 
 def _agreed() -> bool:
-    """Ask on a terminal whether a proposal is taken; nobody can be asked elsewhere."""
+    """Return whether a proposal is taken, asked on a terminal; nobody can be asked elsewhere."""
     if not sys.stdin.isatty():
         return False
     try:
@@ -208,6 +210,37 @@ def _agreed() -> bool:
         )
     except EOFError:
         return False
+
+
+def measured_bode(
+    paths: list[Path], design: Design, source: Path, *, kind: str | None, unit: str | None, yes: bool
+) -> MeasuredBode | None:
+    """Return the measured Bode diagram in a file, once its doubts are confirmed; None where the files are logs.
+
+    Raises
+    ------
+    RequestError
+        When doubts are not confirmed; the message holds the command that does.
+    """
+    import shlex
+
+    from pmsm_ctrl.errors import RequestError
+    from pmsm_ctrl.frf import is_bode_file, read_response
+
+    stated = kind is not None or unit is not None
+    if not stated and not (len(paths) == 1 and is_bode_file(paths[0])):
+        return None
+    if len(paths) != 1:
+        raise RequestError(f"{len(paths)} files given; one measured Bode diagram was expected")
+    file = paths[0]
+    given = read_response(file, design, kind=kind, unit=unit)
+    print(printable("\n".join([f"{file}: {', '.join(given.columns)}", *given.doubts])), file=sys.stderr)
+    if given.doubts and not (yes or _agreed()):
+        typed = ["pmsm-ctrl", "frf", str(file), "--design", str(source), "--response", given.kind]
+        typed += ["--unit", given.unit] if given.unit else []
+        doubts = "; ".join(given.doubts)
+        raise RequestError(f"{file}: not read, {doubts}; --yes takes it so, or: {shlex.join([*typed, '--yes'])}")
+    return given
 
 
 def _to_confirm(file: Path, design: Path | None, proposal: Proposal) -> str:

@@ -15,6 +15,7 @@ from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.fit import Axis, fit_axis
+from pmsm_ctrl.frf.from_bode import MeasuredBode
 from pmsm_ctrl.frf.measured import LOOPS, Stretch, closed_loop, plant, stretches
 from pmsm_ctrl.frf.result import Band, FrequencyResponse, Response
 from pmsm_ctrl.log import Logs, as_logs, names_of
@@ -40,7 +41,7 @@ UNITS = {
 MARGINS = {"phase_margin": "deg", "gain_margin_db": "dB", "crossover": "Hz", "sensitivity_peak": ""}
 
 
-def frf(design: Design, logs: Logs) -> FrequencyResponse:
+def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
     """Measure the frequency response of an axis from logs with excitation, and compare it with the design's.
 
     The response from drive torque to speed is taken by the local polynomial method, with the outermost reference that
@@ -51,8 +52,9 @@ def frf(design: Design, logs: Logs) -> FrequencyResponse:
     ----------
     design : Design
         Its torque constant turns currents into torque.
-    logs : Log or sequence of Log
-        With ``theta`` or ``omega``, and ``torque`` or ``i_q``; excited by a multisine, a chirp, noise or the like.
+    logs : Log or sequence of Log, or MeasuredBode
+        A measured Bode diagram from `read_response`, or logs: with ``theta`` or ``omega``, and ``torque`` or ``i_q``;
+        excited by a multisine, a chirp, noise or the like.
 
     Returns
     -------
@@ -65,17 +67,40 @@ def frf(design: Design, logs: Logs) -> FrequencyResponse:
     DesignError
         When the design's inertia is unknown: give a guess, with which nothing is weighed.
     """
+    if isinstance(logs, MeasuredBode):
+        shown = {} if logs.kind == "plant" else {"speed": _closed(logs)}
+        period = design.drive.speed_period
+        return _fitted(design, logs.file, logs.speed, {"plant": logs.plant, **shown}, period, words.taken(logs))
     given = as_logs(logs)
     records = stretches(design, given)
     response, found = plant(design, records)
-    axis = fit_axis(response, design.J, max(one.period for one in records))
-    speed = _mean_speed(records)
+    loops = {name: one for name in LOOPS if (one := closed_loop(name, records)) is not None}
+    period = max(one.period for one in records)
+    return _fitted(
+        design, names_of(given, "log"), _mean_speed(records), {"plant": response, **loops}, period, list(found)
+    )  # fmt: skip
+
+
+def _closed(given: MeasuredBode) -> Response:
+    """Return the closed speed loop of a measured one."""
+    one = given.measured
+    if given.kind == "closed":
+        return one
+    closed = np.asarray(one.value / (1.0 + one.value))
+    return replace(one, value=closed, stderr=one.stderr / np.abs(1.0 + one.value) ** 2)
+
+
+def _fitted(
+    design: Design, name: str, speed: float, responses: dict[str, Response], period: float, found: list[Notice]
+) -> FrequencyResponse:
+    """Fit the axis to the response of the plant, and compare it with the design's."""
+    response = responses["plant"]
+    axis = fit_axis(response, design.J, period)
     own = _own_response(design, speed, response)
     estimates = _estimates(design, axis, speed)
     measured = _measured_design(design, axis)
-    loops = {name: one for name in LOOPS if (one := closed_loop(name, records)) is not None}
     return FrequencyResponse(
-        design, measured, names_of(given, "log"), speed, {"plant": response, **loops}, own,
+        design, measured, name, speed, responses, own,
         axis.response(response.frequency), estimates, _bands(response, own, axis),
         _margins(design, measured, axis, speed), axis.misfit, (*found, *_judged(design, axis, estimates)),
     )  # fmt: skip

@@ -1,6 +1,13 @@
 """The words of every notice of the frequency responses."""
 
-from pmsm_ctrl.section import Template
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pmsm_ctrl.section import Notice, Template
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.frf.from_bode import MeasuredBode
 
 REVERSES = Template(
     "frf_axis_reverses",
@@ -43,3 +50,9 @@ LATE = Template(
     "frf_delay",
     "the speed lags the torque by {found} ms: the channels are not sampled together, or one of them is filtered",
 )
+BODE_DOUBT = Template("frf_file_interpreted", "{file}: {doubt}")
+
+
+def taken(given: MeasuredBode) -> list[Notice]:
+    """Return what was found from the numbers of a measured Bode diagram and not stated."""
+    return [BODE_DOUBT(file=given.file, doubt=doubt) for doubt in given.doubts]
