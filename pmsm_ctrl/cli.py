@@ -449,6 +449,9 @@ def workbench(
         int, typer.Option("--max-upload", metavar="MB", min=1, help="largest file that is accepted")
     ] = 2048,
     folder: Annotated[Path | None, typer.Option("--folder", metavar="FOLDER", help="where sessions are kept")] = None,
+    allow_code: Annotated[
+        bool, typer.Option("--allow-code", help="run effects that are written in the page: RUNS Python code from there")
+    ] = False,
 ) -> None:
     """Open the workbench: a local page to compare, to learn which effect is missing, and to add it."""
     from dataclasses import replace
@@ -462,7 +465,7 @@ def workbench(
     from pmsm_ctrl.importers import log_files
     from pmsm_ctrl.workbench import Settings, serve
 
-    settings = Settings(host=host, port=port, browser=browser, upload=max_upload << 20)
+    settings = Settings(host=host, port=port, browser=browser, upload=max_upload << 20, code=allow_code)
     if folder is not None:
         settings = replace(settings, folder=folder)
     serve(settings, design, log_files(logs or ()))

@@ -19,7 +19,7 @@ from starlette.routing import Route
 
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.files import example_designs
-from pmsm_ctrl.workbench import sheet, views
+from pmsm_ctrl.workbench import own, sheet, views
 from pmsm_ctrl.workbench.desk import Desk
 from pmsm_ctrl.workbench.session import Session
 
@@ -63,6 +63,7 @@ def make_app(desk: Desk) -> Starlette:
         (f"{s}/logs", answers.upload, ["PUT"]),
         (f"{s}/logs/{{log}}", answers.change_log, ["POST", "DELETE"]),
         (f"{s}/steps", answers.step, ["POST"]),
+        (f"{s}/effects", answers.effects, ["POST"]),
         (f"{s}/stop", answers.stop, ["POST"]),
         (f"{s}/view/{{what}}", answers.view, ["GET"]),
         (f"{s}/take/{{kind}}", answers.take, ["GET"]),
@@ -112,7 +113,12 @@ class _Answers:
         return self.shown(request)
 
     async def about(self, request: Request) -> Response:
-        known = {"form": sheet.form(), "examples": list(example_designs()), "channels": views.channels()}
+        known: dict[str, Any] = {
+            "form": sheet.form(),
+            "examples": list(example_designs()),
+            "channels": views.channels(),
+        }
+        known["template"] = own.TEMPLATE if self.desk.code else ""
         return JSONResponse(known | {"sessions": await run_in_threadpool(self.desk.sessions.kept)})
 
     async def design(self, request: Request) -> Response:
@@ -134,6 +140,10 @@ class _Answers:
 
     async def step(self, request: Request) -> Response:
         self.desk.step(self.session(request), await _json(request))
+        return self.shown(request)
+
+    async def effects(self, request: Request) -> Response:
+        await self.desk.set_code(self.session(request), await _json(request))
         return self.shown(request)
 
     async def stop(self, request: Request) -> Response:

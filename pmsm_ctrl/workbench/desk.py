@@ -12,7 +12,7 @@ from typing import Any
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.log import CHANNELS
-from pmsm_ctrl.workbench import sheet, takeaway, tasks
+from pmsm_ctrl.workbench import own, sheet, takeaway, tasks
 from pmsm_ctrl.workbench.session import Session, Sessions, needed
 from pmsm_ctrl.workbench.workers import Workers
 
@@ -32,10 +32,13 @@ class Desk:
     ----------
     sessions : Sessions
     workers : Workers
+    code : bool
+        Whether effects that are written in a page are run.
     """
 
-    def __init__(self, sessions: Sessions, workers: Workers) -> None:
+    def __init__(self, sessions: Sessions, workers: Workers, *, code: bool = False) -> None:
         self.sessions = sessions
+        self.code = code
         self.workers = workers
         self._running: dict[str, asyncio.Task[None]] = {}
         self._wanted: dict[str, tuple[str, Callable[[], Awaitable[None]]]] = {}
@@ -243,6 +246,8 @@ class Desk:
         if bad:
             raise RequestError(f"{bad} could not be read; correct its channels in step 2, or leave it out")
         asked = self._asked(session)
+        if asked["code"] and not self.code:
+            raise RequestError("this session has effects of its own; start the server with --allow-code")
         if not any(entry["role"] == "fit" for entry in asked["logs"]):
             raise RequestError("no log is marked 'fit'; mark at least one in step 2")
         return {"folder": str(session.folder), **asked, "steps": state["steps"]}
@@ -254,7 +259,7 @@ class Desk:
             for entry in session.state["logs"]
             if entry["role"] != "off"
         ]
-        return {"design": session.state["design"]["toml"], "logs": logs}
+        return {"design": session.state["design"]["toml"], "logs": logs, "code": session.state.get("code", "")}
 
     def step(self, session: Session, asked: Mapping[str, Any]) -> None:
         """Change the model: begin, add, remove, undo, reorder, or let the diagnosis find all.
@@ -297,13 +302,39 @@ class Desk:
                 model = await self.workers.run(session.id, tasks.solve, request)
             finally:
                 session.forget(tasks.STOP)  # else a process that repeats the search later would stop at once
-            if self._asked(session) != {key: request[key] for key in ("design", "logs")}:
+            if self._asked(session) != {key: request[key] for key in ("design", "logs", "code")}:
                 session.message = "the design or a log was changed meanwhile: compare again"
                 return
             session.changed(model=model, steps=steps)
             self._sweep(session, model)
 
         self._start(session, "find" if "find" in asked else "step", work)
+
+    async def set_code(self, session: Session, asked: Mapping[str, Any]) -> None:
+        """Run effects that were written in the page, and offer them; the model begins anew.
+
+        Parameters
+        ----------
+        session : Session
+        asked : dict
+            ``code``, in Python; empty to take the effects back.
+
+        Raises
+        ------
+        RequestError
+            When the server was not started with ``--allow-code``, or the code cannot be run.
+        """
+        if not self.code:
+            raise RequestError("code from the page is not run; start the server with --allow-code")
+        if session.job is not None or session.state["design"] is None:
+            raise RequestError("choose a design first, and wait until nothing is being computed")
+        code = str(needed(asked, "code"))
+        request = {"folder": str(session.folder), "code": code}
+        found = []
+        if code.strip():
+            session.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            found = await self.workers.run(session.id, own.described, session.state["design"]["toml"], request)
+        session.changed(code=code if found else "", own=found, steps=[], model=None)
 
     def stop(self, session: Session) -> None:
         """End a search after the step that it is at.

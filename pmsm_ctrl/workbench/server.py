@@ -48,6 +48,8 @@ class Settings:
         Where sessions are kept.
     token : str
         Random; part of every address.
+    code : bool
+        Whether effects that are written in the page are run: whoever has the address can run anything then.
     """
 
     host: str = LOCAL
@@ -56,6 +58,7 @@ class Settings:
     upload: int = 2048 << 20
     folder: Path = field(default_factory=default_folder)
     token: str = field(default_factory=lambda: secrets.token_urlsafe(18), repr=False)
+    code: bool = False
 
 
 def guarded(desk: Desk, settings: Settings, port: int) -> Guard:
@@ -144,7 +147,7 @@ def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] =
 
     import uvicorn
 
-    desk = Desk(Sessions(settings.folder), Workers())
+    desk = Desk(Sessions(settings.folder), Workers(), code=settings.code)
     try:
         settings.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError as error:
@@ -162,6 +165,8 @@ def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] =
             "sessions, unencrypted. Use a trusted network, or a tunnel (ssh -L) instead",
             file=sys.stderr,
         )
+    if settings.code:
+        print("pmsm-ctrl: warning: whoever has this address can run Python code as this user", file=sys.stderr)
     print(f"workbench: {address}\nsessions: {settings.folder}\nCtrl-C ends the server; sessions are kept", flush=True)
     app: Any = guarded(desk, settings, port)
     server = uvicorn.Server(uvicorn.Config(

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pmsm_ctrl.workbench import tasks
+from pmsm_ctrl.workbench import own, tasks
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -104,6 +104,7 @@ def script(request: Mapping[str, Any]) -> str:
     lines = [
         '"""Repeats the steps of a session of the workbench. Put the logs beside this file, under their names."""',
         "",
+        *_own_effects(request),
         "from pmsm_ctrl import Design, read_log",
         "from pmsm_ctrl.diagnose import stepwise",
         "",
@@ -111,7 +112,7 @@ def script(request: Mapping[str, Any]) -> str:
         *(f"    {line!r}" for line in request["design"].splitlines(keepends=True)),
         ")",
         "",
-        "design = Design.from_toml(DESIGN)",
+        f"design = Design.from_toml(DESIGN){'.with_own_effects(*OWN)' if request.get('code') else ''}",
     ]
     for role, name in (("fit", "fitted"), ("holdout", "held_out")):
         lines.append(f"{name} = [")
@@ -130,3 +131,16 @@ def script(request: Mapping[str, Any]) -> str:
         f'print(model.design.write("{stem(tasks.design_of(request["design"]).name)}_found.toml"))',
     ]
     return "\n".join(lines) + "\n"
+
+
+def _own_effects(request: Mapping[str, Any]) -> list[str]:
+    """Return the code of the page's own effects, and what gathers them."""
+    if not request.get("code"):
+        return []
+    names = [one["id"] for one in own.described(request["design"], request)]
+    return [
+        *request["code"].splitlines(),
+        "",
+        f"OWN = [one for one in list(globals().values()) if getattr(one, 'id', None) in {names!r}]",
+        "",
+    ]

@@ -18,6 +18,7 @@ import numpy as np
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.workbench.curves import overview, write_curves
+from pmsm_ctrl.workbench.own import bound
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -237,7 +238,7 @@ def fitted(request: Request, steps: Sequence[Mapping[str, Any]]) -> tuple[Stepwi
         fit, held = logs_of(request, "fit"), logs_of(request, "holdout")
         if not fit:
             raise RequestError("no log is marked 'fit'; mark at least one in step 2")
-        made = stepwise(design_of(request["design"]), fit, holdout=held or None), None
+        made = stepwise(bound(design_of(request["design"]), request), fit, holdout=held or None), None
     else:
         before, last = fitted(request, steps[:-1])[0], steps[-1]
         if "add" in last:
@@ -256,7 +257,7 @@ def fitted(request: Request, steps: Sequence[Mapping[str, Any]]) -> tuple[Stepwi
 def _key(request: Request, steps: Sequence[Mapping[str, Any]]) -> str:
     """Name a model by all that it depends on."""
     logs = [{k: entry.get(k) for k in ("id", "mapping", "role", "window")} for entry in request["logs"]]
-    return _digest([request["folder"], request["design"], logs, list(steps)])
+    return _digest([request["folder"], request["design"], request.get("code", ""), logs, list(steps)])
 
 
 class _Talk:
@@ -308,7 +309,7 @@ def solve(request: Request) -> dict[str, Any]:
     model, diagnosis = fitted(request, request["steps"])
     if key in _shown:
         return _shown[key] | jsonable({"records": _records(request, model)})
-    design, catalogue = model.design, catalogue_of(design_of(request["design"]))
+    design, catalogue = model.design, catalogue_of(bound(design_of(request["design"]), request))
     given = len(design_of(request["design"]).effects)
     _shown[key] = jsonable({
         "models": [_model_errors(one) for one in model.models],
@@ -359,7 +360,7 @@ def _verdict(diagnosis: Diagnosis | None) -> dict[str, Any] | None:
 def _records(request: Request, model: Stepwise) -> list[dict[str, Any]]:
     """Write the curves of the fitted records and of every held-out one, and return what can be drawn of them."""
     out = []
-    key = _digest([request["design"], request["logs"], request["steps"]])[:12]
+    key = _digest([request["design"], request.get("code", ""), request["logs"], request["steps"]])[:12]
     for number in (None, *range(len(model.held_out_names))):
         over = model.coordinates(number)
         columns: dict[str, Any] = {}

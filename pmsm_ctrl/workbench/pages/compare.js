@@ -3,7 +3,7 @@ import { fill, h, number, percent } from "./dom.js";
 import { blocked, usable } from "./logs.js";
 import { ORDERS, Traces } from "./plots.js";
 
-const view = { record: 0, balance: "torque", over: "", off: new Set(), drawn: "", traces: null, version: 0 };
+const view = { record: 0, balance: "torque", over: "", off: new Set(), drawn: "", traces: null, version: 0, code: null };
 
 export function showCompare(section, app) {
   const { model, job } = app.state;
@@ -23,7 +23,7 @@ export function showCompare(section, app) {
   for (const name of view.off) if (!model.names.includes(name)) view.off.delete(name);
   const busy = !!job;
   fill(place("models"), [model.models, model.names, model.verdict, busy, job?.kind, [...view.off], view.record, view.balance, job?.models?.length], () => errorsByModel(app, record));
-  fill(place("candidates"), [model.candidates, busy], () => candidates(app));
+  fill(place("candidates"), [model.candidates, busy, app.state.own], () => candidates(app));
   fill(place("choices"), [model.records.map((one) => one.name), view.record, view.balance, view.over], () => choices(app, model, record));
   draw(record, app);
 }
@@ -192,8 +192,25 @@ function candidates(app) {
       ? [h("p", { class: "soft" }, "Significant on this log. Move over one, or go there with the tabulator: the orange curve over the residual is what it would take away."), table(advised, "a")]
       : h("p", {}, "No candidate passes the tests: nothing of the catalogue is missing, as far as these logs show."),
     h("details", { id: "refused" }, h("summary", {}, `${others.length} candidates that the log does not call for`), table(others, "b")),
+    app.about.template ? ownEffect(app) : null,
     closed.length ? h("details", { id: "closed" }, h("summary", {}, `${closed.length} that this log cannot evaluate`), h("ul", {}, closed.map((one) => h("li", {}, h("b", {}, one.title), `: ${one.why_not}`)))) : null,
   ];
+}
+
+// Where the server was started for it: an effect that is written here.
+function ownEffect(app) {
+  const { own, code } = app.state;
+  const use = async (text) => {
+    const failed = await app.act("effects", { code: text });
+    if (failed) return;
+    view.code = null;
+    app.enter("compare");
+  };
+  return h("details", { id: "own" }, h("summary", {}, "An effect of your own"),
+    own?.length ? h("p", {}, "Offered: ", own.map((one) => `${one.title} (${one.id})`).join(", "), " ", h("button", { type: "button", class: "plain", disabled: !!app.state.job, onclick: () => use("") }, "Take back")) : null,
+    h("label", { for: "own-code" }, "Python code, which is run on the computer of the server; the model begins anew with what it offers."),
+    h("textarea", { id: "own-code", rows: "14", spellcheck: "false", autocomplete: "off", value: view.code ?? (code || app.about.template), oninput: (event) => (view.code = event.target.value) }),
+    h("button", { type: "button", id: "own-use", disabled: !!app.state.job, onclick: () => use(document.getElementById("own-code").value) }, "Run it, and offer the effect"));
 }
 
 async function add(app, one) {

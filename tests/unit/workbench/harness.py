@@ -74,14 +74,14 @@ class Page:
 class Bench:
     """A server of the tests."""
 
-    def __init__(self, folder: Path, limit: int = 8 << 20, make: Any = None) -> None:
+    def __init__(self, folder: Path, limit: int = 8 << 20, make: Any = None, code: bool = False) -> None:
         self.folder = folder
         from pmsm_ctrl.workbench.desk import Desk
         from pmsm_ctrl.workbench.server import Settings, guarded
         from pmsm_ctrl.workbench.session import Sessions
         from pmsm_ctrl.workbench.workers import Workers
 
-        self.desk = Desk(Sessions(folder), Workers(make or thread))
+        self.desk = Desk(Sessions(folder), Workers(make or thread), code=code)
         self.app = guarded(self.desk, Settings(folder=folder, token=TOKEN, upload=limit), PORT)
 
     def client(self, **options: Any) -> Any:

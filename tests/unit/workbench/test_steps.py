@@ -15,6 +15,7 @@ import pytest
 
 from pmsm_ctrl import Design
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.workbench import own
 from pmsm_ctrl.workbench.desk import Desk
 from pmsm_ctrl.workbench.session import Sessions, unlike
 from pmsm_ctrl.workbench.workers import Workers
@@ -330,3 +331,45 @@ def test_steps_are_bounded(tmp_path: Path) -> None:
     session.changed(steps=[{"add": "cogging"}] * 100)
     with pytest.raises(RequestError, match="keeps 100 steps"):
         Desk(Sessions(tmp_path), Workers(thread)).step(session, {"add": "cogging"})
+
+
+OWN = own.TEMPLATE.replace("math.sqrt(abs(omega)) * direction", "omega * abs(omega)").replace(
+    "N m (s/rad)^0.5", "N m s^2/rad^2"
+)
+
+
+def test_an_effect_that_is_written_in_the_page(tmp_path: Path, files: dict[str, bytes]) -> None:
+    """The hidden drag, as a user's own effect: offered, added, taken away in the script."""
+    with Bench(tmp_path, code=True).client() as client:
+        page = Page(client, f"/{TOKEN}/s/abcdefghjkmn")
+        loaded(page, files)
+        assert client.get(f"{page.base}/about").json()["template"] == own.TEMPLATE
+        wrong = page.post("effects", {"code": "import nothing_of_that_name"}).json()
+        assert "cannot be run: ModuleNotFoundError" in wrong["error"]
+        shown = page.post("effects", {"code": OWN}).json()
+        assert shown["own"] == [{"id": "seal_drag", "title": "Wiper seal"}]
+        page.post("steps", {"begin": True})
+        ranked = {one["name"] for one in page.idle()["model"]["candidates"] if one["advised"]}
+        assert "seal_drag" in ranked
+        page.post("steps", {"add": "seal_drag"})
+        effects = {one["id"]: one for one in page.idle()["model"]["effects"]}
+        assert float(effects["seal_drag"]["parameters"][0].split()[2].strip("(")) == pytest.approx(4e-6, rel=0.05)
+        script = page.get("take/script").text
+        assert "def seal_drag(" in script
+        assert ".with_own_effects(*OWN)" in script
+        names: dict[str, Any] = {"__name__": "script"}
+        path = tmp_path / "steps.py"
+        path.write_text(script[: script.index("fitted = [")], encoding="utf-8")
+        exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), names)
+        assert names["OWN"][0].id == "seal_drag"
+    with Bench(tmp_path).client() as client:  # the same session, and a server that was not started for code
+        page = Page(client, f"/{TOKEN}/s/abcdefghjkmn")
+        assert "--allow-code" in page.post("steps", {"undo": True}).json()["error"]
+
+
+def test_code_from_a_page_is_not_run(page: Page, files: dict[str, bytes], tmp_path: Path) -> None:
+    loaded(page, files)
+    answer = page.post("effects", {"code": f"open({str(tmp_path / 'mark')!r}, 'w')"})
+    assert (answer.status_code, "--allow-code" in answer.json()["error"]) == (400, True)
+    assert not (tmp_path / "mark").exists()
+    assert page.get("about").json()["template"] == ""
