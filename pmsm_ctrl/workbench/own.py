@@ -91,7 +91,7 @@ def described(design: str, request: Mapping[str, Any]) -> list[dict[str, str]]:
     list of dict
         ``id`` and ``title`` of every effect.
     """
-    from pmsm_ctrl.workbench.tasks import design_of
+    from pmsm_ctrl.design import Design
 
-    bound(design_of(design), request)
+    bound(Design.from_toml(design), request)
     return [{"id": effect.id, "title": effect.title} for effect in _effects(request["folder"], request["code"])]
