@@ -192,6 +192,10 @@ def fields() -> str:
                 for inner, deeper in part.model_fields.items():
                     if hasattr(deeper.annotation, "model_fields"):
                         lines += _fields(deeper.annotation, f"[{name}.{inner}]")
+                    for key, listed in getattr(deeper.annotation, "model_fields", {}).items():
+                        for item in getattr(listed.annotation, "__args__", ()):
+                            if hasattr(item, "model_fields"):
+                                lines += _fields(item, f"[[{name}.{inner}.{key}]]")
     lines += ["## Names of datasheets", "", "| name | unit | sets |", "|---|---|---|"]
     lines += [f"| `{key}` | {sheet.meaning} | `{sheet.field}` |" for key, sheet in DATASHEET.items()]
     return "\n".join(lines) + "\n"

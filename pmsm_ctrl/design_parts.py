@@ -184,7 +184,7 @@ class CurrentLoop(Part):
 class Filter(Part):
     """A filter of the current reference, sampled at the rate of the speed loop (Tustin, prewarped at `frequency`)."""
 
-    kind: Literal["notch", "low_pass", "lead"]
+    kind: Literal["notch", "low_pass", "lead"] = Field(description="notch, low_pass or lead")
     frequency: Positive = Field(
         description="of the notch, corner of the low-pass (order 2: natural frequency), largest lead, Hz"
     )
