@@ -18,6 +18,7 @@ from pmsm_ctrl.options import (
     ForceOption,
     HoldoutOption,
     JsonOption,
+    LiveOption,
     LogArgument,
     MapOption,
     MethodOption,
@@ -25,6 +26,7 @@ from pmsm_ctrl.options import (
     PolishOption,
     ReportOption,
     SeedOption,
+    TrackedArgument,
     effect_ids,
     load_logs,
     logs_if_given,
@@ -169,15 +171,20 @@ def add(
 
 
 def track(
-    log: LogArgument,
     design: DesignOption,
+    log: TrackedArgument = None,
+    live: LiveOption = None,
+    idle: Annotated[
+        float | None,
+        typer.Option("--idle", metavar="S", min=0.1, help="with --live: end when nothing came for this time"),
+    ] = None,
     estimate: Annotated[
         str | None,
         typer.Option(
             "--estimate",
             metavar="NAMES",
             help="what is estimated beside F_c and F_v: T_load, J, T_load,J or none; "
-            "by default T_load where the axis reverses, and J where it accelerates",
+            "by default T_load where the axis reverses, and J where it accelerates; live both",
         ),
     ] = None,
     mapping: MapOption = None,
@@ -186,7 +193,8 @@ def track(
     report: ReportOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Track F_c and F_v over a log with an extended Kalman filter."""
+    """Track F_c and F_v over a log, or live over a stream, with an extended Kalman filter."""
+    from pmsm_ctrl.live_command import watch_source
     from pmsm_ctrl.log import as_logs
     from pmsm_ctrl.track import Settings
     from pmsm_ctrl.track import track as run_tracking
@@ -194,6 +202,12 @@ def track(
     names = () if estimate in (None, "none") else tuple(name.strip() for name in str(estimate).split(","))
     Settings(estimate=names)  # an unknown name is refused before the log is read
     axis = read_design(design, effects)
+    if live is not None or not log:
+        watched = watch_source(
+            axis, live, log, mapping=mapping, estimate=None if estimate is None else names, idle=idle
+        )
+        finish("track", watched, json_file=json_file, report=report)
+        return
     logs = load_logs(log, axis, mapping)
     measured = all("theta" in one for one in as_logs(logs))
     settings = None if estimate is None else Settings(measure="theta" if measured else "omega", estimate=names)

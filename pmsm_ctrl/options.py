@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DesignArgument", "DesignOption", "EffectsOption", "ForceOption", "HoldoutOption", "JsonOption",
-    "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption", "ReportOption",
-    "SeedOption", "TruthOption", "Verb", "confirmed_import", "design_if_given",
+    "LiveOption", "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption",
+    "ReportOption", "SeedOption", "TrackedArgument", "TruthOption", "Verb", "confirmed_import", "design_if_given",
     "effect_ids", "load_logs", "logs_if_given", "measured_bode", "output_option", "read_design", "scenario_names",
     "write_design",
 ]  # fmt: skip
@@ -98,6 +98,13 @@ EffectsOption = Annotated[
 SEVERAL = "files, a quoted pattern such as 'run_*.csv', or a folder"
 LogArgument = Annotated[
     list[Path], typer.Argument(metavar="LOG...", help=f"measured or simulated logs of one axis: {SEVERAL}")
+]
+TrackedArgument = Annotated[
+    list[Path] | None, typer.Argument(metavar="LOG...", help=f"measured or simulated logs of one axis: {SEVERAL}")
+]
+LiveOption = Annotated[
+    str | None,
+    typer.Option("--live", metavar="SOURCE", help="a growing file, or - for standard input, until Ctrl-C"),
 ]
 LogsOption = Annotated[
     list[Path] | None,

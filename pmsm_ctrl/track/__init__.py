@@ -5,5 +5,6 @@ from pmsm_ctrl.track.live import FrictionTracker, Reading
 from pmsm_ctrl.track.result import Tracking
 from pmsm_ctrl.track.settings import Settings
 from pmsm_ctrl.track.tracking import track
+from pmsm_ctrl.track.watching import Alarm, Watched, watch
 
-__all__ = ["FrictionTracker", "Reading", "Settings", "Tracking", "track"]
+__all__ = ["Alarm", "FrictionTracker", "Reading", "Settings", "Tracking", "Watched", "track", "watch"]

@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pmsm_ctrl.track.result import Tracking
+    from pmsm_ctrl.track.watching import Watched
 
-__all__ = ["draw"]
+__all__ = ["course", "draw"]
 
 BLACK, BLUE, VERMILION, GREEN, GREY = "#000000", "#0072B2", "#D55E00", "#009E73", "#999999"
 POINTS = 4000  # more than a page can show
@@ -80,3 +81,20 @@ def _innovations(axis: Any, tracking: Tracking) -> None:
     axis.plot(tracking.t[judged], tracking.normalised[judged], ".", markersize=1.5, color=VERMILION)
     axis.set_ylabel("normalised innovation [1]")
     axis.legend(loc="upper right", fontsize="x-small")
+
+
+def course(watched: Watched) -> Figure:
+    """Draw F_c and F_v of a live source with 95 % bands, alarms as lines."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 4.8), layout="constrained")
+    for axes, name in zip(figure.subplots(2, 1, sharex=True), ("F_c", "F_v"), strict=True):
+        value, stderr = getattr(watched, name), getattr(watched, f"stderr_{name}")
+        axes.fill_between(watched.t, value - 1.96 * stderr, value + 1.96 * stderr, alpha=0.25, lw=0)
+        axes.plot(watched.t, value)
+        for alarm in watched.alarms:
+            axes.axvline(alarm.t, color="#D55E00", lw=0.8)
+        axes.set_ylabel(f"{name} [{watched.estimates[name].unit}]")
+        axes.grid(True, alpha=0.25)
+    figure.axes[-1].set_xlabel("time [s]")
+    return figure

@@ -6,7 +6,7 @@ from pmsm_ctrl.section import Template
 
 __all__ = [
     "CHANGED", "CONSTANT_SPEED", "EFFECT_LEFT_OUT", "INCONSISTENT", "NOT_EXCITED", "NOT_MOVED", "ONE_DIRECTION",
-    "REJECTED", "UNMODELLED_TORQUE",
+    "REJECTED", "STREAM_CLOCK", "STREAM_LOST", "STREAM_REOPENED", "UNMODELLED_TORQUE",
 ]  # fmt: skip
 
 EFFECT_LEFT_OUT = Template(
@@ -33,3 +33,9 @@ NOT_EXCITED = Template(
 ONE_DIRECTION = Template("one_direction", "the axis turns in one direction: T_load and F_c are not separable")
 CHANGED = Template("changed_abruptly", "friction or load changed abruptly (changes: {count})")
 REJECTED = Template("measurements_rejected", "measurements rejected as outliers: {count}")
+STREAM_LOST = Template(
+    "stream_samples_lost",
+    "of the stream {lost} samples are missing, {damaged} lines were damaged, {repeated} did not advance in time",
+)
+STREAM_CLOCK = Template("stream_clock_set_back", "the clock of the stream was set back (times: {count}); time goes on")
+STREAM_REOPENED = Template("stream_reopened", "the source was opened again (times: {count})")

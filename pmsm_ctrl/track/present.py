@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pmsm_ctrl.rendering.numbers import number, with_error
-from pmsm_ctrl.section import Picture, Section, Table, present
+from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.track.result import Tracking
+from pmsm_ctrl.track.watching import Watched
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,3 +75,32 @@ def _figure(tracking: Tracking) -> Figure:
     from pmsm_ctrl.track.figures import draw
 
     return draw(tracking)
+
+
+@present.register
+def _(watched: Watched) -> Section:
+    rows = tuple(
+        (f"{name} [{e.unit}]", with_error(e.value, e.stderr), "-" if e.nominal is None else number(e.nominal))
+        for name, e in watched.estimates.items()
+    )
+    alarms = tuple(
+        (f"{one.t:.3f}", *(f"{number(one.before[name])} -> {number(one.after[name])}" for name in ("F_c", "F_v")))
+        for one in watched.alarms
+    )
+    samples = ", ".join(f"{name} {count}" for name, count in watched.counts.items())
+    blocks: list[Block] = [
+        f"{watched.samples} samples of {watched.source} over {number(float(np.ptp(watched.t)))} s.",
+        *watched.notices,
+        Table(("parameter", "last", "design"), rows),
+    ]
+    if alarms:
+        blocks.append(Table(("t [s]", "F_c", "F_v"), alarms, "Abrupt changes, and the friction a second later"))
+    blocks.append(f"Samples: {samples}.")
+    blocks.append(Picture(lambda: _course(watched), "F_c and F_v with 95 % bands."))
+    return Section(f"Friction tracked live: {watched.source}", tuple(blocks))
+
+
+def _course(watched: Watched) -> Figure:
+    from pmsm_ctrl.track.figures import course
+
+    return course(watched)

@@ -1,0 +1,321 @@
+"""Tracking of a stream: F_c and F_v as samples arrive, what happened to the stream, and alarms."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError, NextCommand
+from pmsm_ctrl.result import Estimate, Result, jsonable
+from pmsm_ctrl.section import Notice
+from pmsm_ctrl.track import notices as words
+from pmsm_ctrl.track.live import FrictionTracker, Reading
+from pmsm_ctrl.track.model import CHANGE, EVENTS, REJECTED, STATES
+from pmsm_ctrl.track.result import UNITS
+from pmsm_ctrl.track.settings import Settings
+from pmsm_ctrl.track.stream import IDLE, REOPENED, Header, read_header
+from pmsm_ctrl.units import axis_unit
+
+__all__ = ["Alarm", "Watched", "watch"]
+
+Array = NDArray[np.float64]
+
+FIRST = 200  # samples from which the period of a stream is known
+LOST = 1.5  # periods from which on samples are missing
+MOST = 2000  # points of the history, and alarms that are kept
+LETTERS = re.compile("[b-df-hj-mo-zB-DF-HJ-MO-Z]")  # of labels; 1e-3, nan and inf have none of them
+SETTLED = 1.0  # s after a change, when the new friction is told
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """An abrupt change that the tracker announced.
+
+    Attributes
+    ----------
+    t : float
+        s, by the stream's clock.
+    before, after : dict of str to float
+        F_c and F_v before it, and a second later.
+    """
+
+    t: float
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Watched(Result):
+    """The end of a stream.
+
+    Attributes
+    ----------
+    design : Design
+    source : str
+    samples : int
+    estimates : dict of str to Estimate
+        Last ones.
+    alarms : tuple of Alarm
+    lost, damaged, repeated, jumps, reconnects : int
+        Samples that are missing, lines that held no sample, samples that did not advance in time, jumps of the clock
+        backwards, and how often the source was opened again.
+    t, F_c, F_v, stderr_F_c, stderr_F_v : array, shape (n,)
+        Course of the estimates, thinned.
+    counts : dict of str to int
+        Samples by event.
+    left_out : tuple of Notice
+        Effects of the design that the tracker does not model.
+    """
+
+    design: Design
+    source: str
+    samples: int
+    estimates: Mapping[str, Estimate]
+    alarms: tuple[Alarm, ...]
+    lost: int
+    damaged: int
+    repeated: int
+    jumps: int
+    reconnects: int
+    t: Array = field(repr=False)
+    F_c: Array = field(repr=False)
+    F_v: Array = field(repr=False)
+    stderr_F_c: Array = field(repr=False)
+    stderr_F_v: Array = field(repr=False)
+    counts: Mapping[str, int] = field(default_factory=dict)
+    left_out: tuple[Notice, ...] = ()
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """What happened to the stream and to the axis."""
+        out = list(self.left_out)
+        if not any(self.counts.get(name) for name in ("updated", "constant speed", "change")):
+            out.append(words.NOT_MOVED())
+        if self.alarms:
+            out.append(words.CHANGED(count=len(self.alarms)))
+        if rejected := self.counts.get(EVENTS[REJECTED], 0):
+            out.append(words.REJECTED(count=rejected))
+        if self.lost or self.damaged or self.repeated:
+            out.append(words.STREAM_LOST(lost=self.lost, damaged=self.damaged, repeated=self.repeated))
+        if self.jumps:
+            out.append(words.STREAM_CLOCK(count=self.jumps))
+        if self.reconnects:
+            out.append(words.STREAM_REOPENED(count=self.reconnects))
+        return tuple(out)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values fit for JSON, with the keys of a tracking."""
+        return dict(jsonable({
+            "schema": "pmsm-ctrl/tracking/1", "log": self.source, **self.doubts(), "estimates": dict(self.estimates),
+            "samples": dict(self.counts),
+            "stream": {"samples": self.samples, "lost": self.lost, "damaged": self.damaged, "repeated": self.repeated,
+                       "clock_jumps": self.jumps, "reconnects": self.reconnects},
+            "alarms": [vars(alarm) for alarm in self.alarms],
+            "t": self.t, "history": {"F_c": self.F_c, "F_v": self.F_v},
+            "stderr": {"F_c": self.stderr_F_c, "F_v": self.stderr_F_v},
+        }))  # fmt: skip
+
+
+class _Watcher:
+    """What is known of a stream between two samples."""
+
+    def __init__(self, design: Design, settings: Settings | None, estimate: tuple[str, ...] | None) -> None:
+        self.design, self.settings, self.estimate = design, settings, estimate
+        self.tracker: FrictionTracker | None = None
+        self.waiting: deque[dict[str, float]] = deque()
+        self.period, self.offset, self.last, self.theta = math.nan, 0.0, math.nan, math.nan
+        self.samples = self.lost = self.damaged = self.repeated = self.jumps = self.reconnects = 0
+        self.counts: dict[str, int] = {}
+        self.alarms: list[Alarm] = []
+        self.pending: tuple[float, dict[str, float]] | None = None
+        self.history: list[Reading] = []
+        self.step, self.reading = 1, None
+
+    reading: Reading | None
+
+    def take(self, given: dict[str, float]) -> list[Alarm]:
+        """Take one sample in; the first ones wait until the period is known."""
+        if self.tracker is None:
+            self.waiting.append(given)
+            return self.begin() if len(self.waiting) >= FIRST else []
+        return self._sample(given)
+
+    def begin(self) -> list[Alarm]:
+        """Start the tracker with the samples that waited."""
+        if self.tracker is not None or not self.waiting:
+            return []
+        given = list(self.waiting)
+        self.waiting.clear()
+        steps = np.diff([one["t"] for one in given])
+        steps = steps[steps > 0.0]
+        self.period = float(np.median(steps)) if steps.size else self.design.log_period
+        measure: Any = "theta" if "theta" in given[0] else "omega"
+        settings = self.settings or Settings(
+            measure=measure, estimate=("T_load", "J") if self.estimate is None else self.estimate
+        )
+        self.tracker = FrictionTracker(self.design, settings, period=self.period)
+        return [alarm for one in given for alarm in self._sample(one)]
+
+    def _sample(self, given: dict[str, float]) -> list[Alarm]:
+        assert self.tracker is not None
+        t = given["t"] + self.offset
+        step = t - self.last
+        if step < -0.5 * self.period:  # the clock was set back, or counts anew: time goes on
+            self.jumps += 1
+            self.offset += self.period - step
+            t = self.last + self.period
+        elif step <= 0.0:
+            self.repeated += 1
+            return []
+        elif step > LOST * self.period:
+            self.lost += round(step / self.period) - 1
+        self.last = t
+        theta = given.get("theta", math.nan)
+        if math.isfinite(self.theta) and self.design.motion == "rotary":  # an angle within a turn is counted on
+            theta -= 2.0 * math.pi * round((theta - self.theta) / (2.0 * math.pi))
+        self.theta = theta if math.isfinite(theta) else self.theta
+        before = self.reading
+        self.reading = self.tracker.update(
+            t, given.get("omega", math.nan), given.get("i_q", math.nan), theta=theta, i_d=given.get("i_d", 0.0),
+            torque=given.get("torque"), T_load=given.get("T_load", 0.0),
+        )  # fmt: skip
+        self.samples += 1
+        event = self.reading.event
+        self.counts[event] = self.counts.get(event, 0) + 1
+        self._keep()
+        return self._announce(before, event)
+
+    def _announce(self, before: Reading | None, event: str) -> list[Alarm]:
+        """Return the changes that have settled; the tracker's own rules say what is a change."""
+        assert self.reading is not None
+        if event == EVENTS[CHANGE] and before is not None and self.pending is None:
+            self.pending = self.reading.t, {"F_c": before.F_c, "F_v": before.F_v}
+        if self.pending is None or self.reading.t < self.pending[0] + SETTLED:
+            return []
+        (t, old), self.pending = self.pending, None
+        alarm = Alarm(t, old, {"F_c": self.reading.F_c, "F_v": self.reading.F_v})
+        self.alarms = [*self.alarms, alarm][-MOST:]
+        return [alarm]
+
+    def _keep(self) -> None:
+        assert self.reading is not None
+        if self.samples % self.step == 0:
+            self.history.append(self.reading)
+        if len(self.history) > MOST:
+            self.history, self.step = self.history[::2], 2 * self.step
+
+    def result(self, source: str) -> Watched:
+        self.begin()
+        if self.tracker is None or self.reading is None:
+            raise LogError(f"{source}: no sample came", next_command=NextCommand.IMPORT)
+        state, P = self.tracker.state, self.tracker.P
+        active = [name for name in ("F_c", "F_v", *self.tracker.settings.estimate) if name in UNITS]
+        errors = {STATES[k]: math.sqrt(max(float(P[i, i]), 0.0)) for i, k in enumerate(self.tracker.settings.active)}
+        nominal = {**self.design.parameters("coulomb"), **self.design.parameters("viscous"), "J": self.design.J}
+        estimates = {
+            name: Estimate(
+                state[name], axis_unit(UNITS[name], self.design.motion), errors.get(name, math.nan), nominal.get(name)
+            )
+            for name in active
+        }
+        course = self.history or [self.reading]
+        t, F_c, F_v, e_c, e_v = np.array([[r.t, r.F_c, r.F_v, r.stderr_F_c, r.stderr_F_v] for r in course]).T
+        return Watched(
+            self.design, source, self.samples, estimates, tuple(self.alarms), self.lost, self.damaged, self.repeated,
+            self.jumps, self.reconnects, t, F_c, F_v, e_c, e_v, counts=self.counts, left_out=self.tracker.notices,
+        )  # fmt: skip
+
+
+def watch(
+    design: Design, lines: Iterable[str], *, source: str = "stream", mapping: Mapping[str, str] | None = None,
+    settings: Settings | None = None, estimate: tuple[str, ...] | None = None, every: float = 1.0,
+    patience: float = math.inf, show: Callable[[Reading], None] | None = None,
+    alarm: Callable[[Alarm], None] | None = None,
+) -> Watched:  # fmt: skip
+    """Track F_c and F_v over a stream until it ends, or until it is interrupted.
+
+    Parameters
+    ----------
+    design : Design
+    lines : iterable of str
+        A header, then samples; with `IDLE` and `REOPENED` of `pmsm_ctrl.track.stream.follow`.
+    source : str
+        What the result calls the stream.
+    mapping : dict of str to str, optional
+        Channel to column.
+    settings : Settings, optional
+        Of the tracker; without them the angle is measured where there is one, and `estimate` says what is estimated.
+    estimate : tuple of {"T_load", "J"}, optional
+        Beside F_c and F_v; both if left out. An axis that turns in one direction only needs an empty one.
+    every : float
+        Time between two calls of `show`, s by the stream's clock.
+    patience : float
+        Time without a line after which the stream has ended, s.
+    show : function of Reading, optional
+    alarm : function of Alarm, optional
+
+    Returns
+    -------
+    Watched
+        After Ctrl-C as well, with what was known then.
+
+    Raises
+    ------
+    LogError
+        When the stream has no header or not one sample, or its header lacks a channel.
+    """
+    watcher = _Watcher(design, settings, estimate)
+    header: Header | None = None
+    heard, due = time.monotonic(), -math.inf
+    try:
+        for line in lines:
+            if line == IDLE:
+                if time.monotonic() - heard > patience:
+                    break
+                continue
+            heard = time.monotonic()
+            if line == REOPENED:
+                watcher.reconnects += 1
+                continue
+            if (new := _header(line, mapping, design, header)) is not None:
+                header = new
+                continue
+            values = header.values(line) if header is not None else None
+            if values is None or not math.isfinite(values["t"]):
+                watcher.damaged += header is not None
+                continue
+            for one in watcher.take(values):
+                if alarm is not None:
+                    alarm(one)
+            if show is not None and watcher.reading is not None and watcher.reading.t >= due:
+                due = watcher.reading.t + every
+                show(watcher.reading)
+    except KeyboardInterrupt:  # Ctrl-C is how a live tracking ends
+        pass
+    return watcher.result(source)
+
+
+def _header(line: str, mapping: Mapping[str, str] | None, design: Design, known: Header | None) -> Header | None:
+    """Return the header that a line is; a file that was opened again repeats it."""
+    if known is not None and not LETTERS.search(line):
+        return None
+    found = read_header(line, mapping, design.motion)
+    if found is None:
+        return None
+    columns = found.columns
+    if "t" not in columns or not {"theta", "omega"} & set(columns) or not {"i_q", "torque"} & set(columns):
+        raise LogError(
+            f"the header '{line.strip()[:80]}' lacks a channel: t, theta or omega, and i_q or torque were expected "
+            f"(found: {', '.join(columns)})",
+            next_command=NextCommand.MAP,
+        )
+    return found

@@ -1,0 +1,155 @@
+"""Live tracking: against the tracking of the whole log, and through what happens to streams."""
+
+from __future__ import annotations
+
+import io
+import json
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl.cli import main
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.track import Settings, track, watch
+from pmsm_ctrl.track.stream import IDLE, REOPENED, follow, lines_of, read_header
+
+
+@pytest.fixture(scope="module")
+def seed(designs: Path) -> Design:
+    return Design.read(designs / "seed_motor.toml")
+
+
+@pytest.fixture(scope="module")
+def log(seed: Design) -> Log:
+    whole = simulate(seed, scenario("triangle", seed, speed=150.0, period=2.0), seed=1).between(0.0, 3.0)
+    return Log({name: whole[name] for name in ("t", "theta", "i_d", "i_q")})
+
+
+@pytest.fixture(scope="module")
+def lines(log: Log) -> list[str]:
+    rows = np.column_stack([log[name] for name in log]).tolist()
+    return ["t [s],theta [rad],i_d [A],i_q [A]\n", *(",".join(map(repr, row)) + "\n" for row in rows)]
+
+
+def test_a_stream_is_tracked_as_its_whole_log(seed: Design, log: Log, lines: list[str]) -> None:
+    """The stream goes through filterpy, the log through its compiled twin, which knows the log's noise besides."""
+    settings = Settings(measure="theta", estimate=(), torque_noise=0.006)
+    whole = track(seed, log, settings)
+    found = watch(seed, lines, settings=settings)
+    for name, one in found.estimates.items():
+        assert one.value == pytest.approx(whole.estimates[name].value, rel=1e-6)
+        assert one.stderr == pytest.approx(whole.estimates[name].stderr, rel=1e-4)
+    assert found.samples == len(log)
+    assert (found.lost, found.damaged, found.repeated, found.jumps, found.reconnects) == (0, 0, 0, 0, 0)
+    assert found.warnings == ()
+
+
+def test_lost_samples_damaged_lines_and_a_clock_set_back_are_survived_and_told(seed: Design, lines: list[str]) -> None:
+    head, rows = lines[0], lines[1:]
+    broken = [head, *rows[:1000], *rows[1005:1500], "1.5,garbage\n", rows[1499], REOPENED, head]
+    # from here on the clock counts anew
+    for row in rows[1500:]:
+        t, rest = row.split(",", 1)
+        broken.append(f"{float(t) - 1.4!r},{rest}")
+    found = watch(seed, broken)
+    assert (found.lost, found.damaged, found.jumps, found.reconnects) == (5, 1, 1, 1)
+    assert found.repeated == 1
+    codes = {notice.code for notice in found.notices}
+    assert {"stream_samples_lost", "stream_clock_set_back", "stream_reopened"} <= codes
+    estimate = found.estimates["F_c"]
+    assert estimate.value == pytest.approx(0.0213, abs=4.0 * estimate.stderr)
+    assert np.all(np.diff(found.t) > 0.0)
+
+
+def test_a_step_of_friction_is_an_alarm(seed: Design) -> None:
+    """Two seconds with F_c, two with 1.6 F_c, as if the axis had been restarted with a dry bearing."""
+    motion = scenario("triangle", seed, speed=150.0, period=1.0)
+    dry = seed.with_effect("coulomb", {"F_c": 0.034})
+    parts = [simulate(plant, motion, seed=k).between(0.0, 2.0) for k, plant in enumerate((seed, dry))]
+    said = ["t [s];theta [deg];i_q [mA]\n"]
+    for k, part in enumerate(parts):
+        said += [f"{2.0 * k + t:.6f};{np.degrees(a % (2.0 * np.pi)):.6f};{1e3 * i:.4f}\n".replace(".", ",")
+                 for t, a, i in zip(part.t, part["theta"], part["i_q"], strict=True)]  # fmt: skip
+    heard: list[float] = []
+    found = watch(seed, said, alarm=lambda one: heard.append(one.t))
+    assert len(heard) == len(found.alarms) >= 1
+    assert all(2.0 < t < 3.0 for t in heard)
+    assert found.estimates["F_c"].value == pytest.approx(0.034, rel=0.05)
+    assert "changed_abruptly" in {notice.code for notice in found.notices}
+
+
+def test_ctrl_c_leaves_with_the_last_state(seed: Design, lines: list[str]) -> None:
+    def interrupted() -> Iterator[str]:
+        yield from lines[:2001]
+        raise KeyboardInterrupt
+
+    found = watch(seed, interrupted())
+    assert found.samples == 2000
+    assert found.estimates["F_c"].stderr < 0.1 * 0.0213
+
+
+def test_a_growing_file_that_is_cut_and_comes_back(tmp_path: Path, seed: Design, lines: list[str]) -> None:
+    path = tmp_path / "growing.csv"
+
+    def write() -> None:
+        time.sleep(0.05)
+        with open(path, "w", encoding="utf-8") as stream:
+            for k in range(0, 1001, 250):
+                stream.write("".join(lines[k : k + 250]))
+                stream.flush()
+                time.sleep(0.02)
+        time.sleep(0.1)
+        path.unlink()
+        path.write_text("".join([lines[0], *lines[1250:2001]]), encoding="utf-8")
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    found = watch(seed, follow(path, poll=0.02), source=str(path), patience=0.4)
+    writer.join()
+    assert found.reconnects >= 1
+    assert (found.samples, found.damaged) == (2000, 0)
+
+
+def test_headers(seed: Design) -> None:
+    header = read_header("Zeit [ms]\tx [deg]\ti_q [A]\n", {"t": "Zeit [ms]", "theta": "x [deg]"})
+    assert header is not None
+    assert header.values("1,5\t180,0\t0,25\n") == {"t": 0.0015, "theta": pytest.approx(np.pi), "i_q": 0.25}
+    assert header.values("1,5\t180,0\n") is None
+    assert read_header("0.1,0.2,0.3\n") is None
+    with pytest.raises(LogError, match="a unit that converts"):
+        read_header("t [s],theta [V],i_q [A]\n")
+    with pytest.raises(LogError, match="no column for torque"):
+        read_header("t [s],theta [rad]\n", {"torque": "M [N m]"})
+    with pytest.raises(LogError, match="lacks a channel"):
+        watch(seed, ["t [s],i_q [A]\n", "0.0,1.0\n"])
+    with pytest.raises(LogError, match="no sample came"):
+        watch(seed, [IDLE], patience=-1.0)
+    assert list(lines_of(io.StringIO("a\n\n b\n"))) == ["a\n", " b\n"]
+
+
+def test_the_command(
+    tmp_path: Path, designs: Path, lines: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin", io.StringIO("".join(lines[:1501])))
+    words = ["track", "--design", str(designs / "seed_motor.toml")]
+    with pytest.raises(SystemExit) as left:
+        main([*words, "--live", "-", "--json", "w.json", "--report", "w.html"])
+    assert left.value.code in (0, None)
+    said = capsys.readouterr().out
+    assert said.count("F_v") >= 2
+    data = json.loads(Path("w.json").read_text(encoding="utf-8"))
+    assert data["stream"]["samples"] == 1500
+    assert data["estimates"]["F_c"]["value"] == pytest.approx(0.0213, rel=0.1)
+    for more, told in ([], "neither LOG nor --live"), (["l.csv", "--live", "-"], "excludes LOG"):
+        with pytest.raises(SystemExit) as left:
+            main([*words, *more])
+        assert left.value.code == 2
+        assert told in capsys.readouterr().err
