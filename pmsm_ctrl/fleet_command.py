@@ -13,7 +13,7 @@ from pmsm_ctrl.files import printable, require_writable, write_text
 from pmsm_ctrl.options import ForceOption, JsonOption, MapOption
 
 if TYPE_CHECKING:
-    from pmsm_ctrl.fleet import FleetReport, Manifest
+    from pmsm_ctrl.fleet import Engine, FleetReport, FleetResult, Manifest
 
 __all__ = ["FLEET_COMMANDS"]
 
@@ -22,7 +22,7 @@ def fleet(
     words: Annotated[
         list[str],
         typer.Argument(
-            metavar="RUN.toml | FOLDER | report RESULTS | example FOLDER",
+            metavar="[watch] RUN.toml | [watch] FOLDER | report RESULTS | example FOLDER",
             help="a manifest, a folder of logs with --design, a report, or a simulated fleet",
         ),
     ],
@@ -42,6 +42,9 @@ def fleet(
     memory: Annotated[
         str, typer.Option("--memory", metavar="SIZE", help="limit of a worker, such as 2GB; auto shares the machine's")
     ] = "auto",
+    every: Annotated[
+        float, typer.Option("--every", metavar="SECONDS", min=0.0, help="of watch: between two looks")
+    ] = 60.0,
     joint: Annotated[bool, typer.Option("--joint", help="evaluate the records of an axis together")] = False,
     mapping: MapOption = None,
     json_file: JsonOption = None,
@@ -57,10 +60,28 @@ def fleet(
     from pmsm_ctrl.fleet import Engine
     from pmsm_ctrl.fleet import fleet as run_fleet
 
+    engine = Engine(jobs, scheduler, memory)
+    if words[0] == "watch":
+        _watch(_manifest(words[1:], design, output, joint, mapping), engine, every)
+        return
     manifest = _manifest(words, design, output, joint, mapping)
     with progress_bar(f"fleet {words[0]}") as progress:
-        result = run_fleet(manifest, engine=Engine(jobs, scheduler, memory), progress=progress)
+        result = run_fleet(manifest, engine=engine, progress=progress)
     finish("fleet", result, json_file=json_file)
+
+
+def _watch(manifest: Manifest, engine: Engine, every: float) -> None:
+    """Follow a folder: table and page are renewed as logs arrive, until Ctrl-C."""
+    from pmsm_ctrl.fleet import fleet_report
+    from pmsm_ctrl.fleet.watch import watch
+
+    page = Path(manifest.results) / "fleet.html"
+
+    def told(done: FleetResult) -> None:
+        write_text(page, _page(fleet_report(manifest.results)))
+        print(printable(f"{done.evaluated} logs evaluated, {done.logs} in all: {page}"), flush=True)
+
+    watch(manifest, told, every=every, engine=engine)
 
 
 def _report(words: list[str], output: Path | None, json_file: Path | None) -> None:
@@ -120,6 +141,8 @@ def _manifest(
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import Manifest, read_manifest
 
+    if not words:
+        raise RequestError("fleet watch: a manifest, or a folder with --design was expected")
     if len(words) == 1 and words[0].endswith(".toml"):
         if design is not None:
             raise RequestError("--design: excludes a manifest, which names its own designs")

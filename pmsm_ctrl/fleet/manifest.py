@@ -12,12 +12,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.errors import LogError, RequestError, nearest
 from pmsm_ctrl.fleet.paths import Place, compiled, guessed
 from pmsm_ctrl.importers import log_files
 from pmsm_ctrl.importers.folders import SUFFIXES
 
-__all__ = ["Item", "Manifest", "Settings", "items_of", "manifest_of", "read_manifest"]
+__all__ = ["Item", "Manifest", "NoLogError", "Settings", "items_of", "manifest_of", "read_manifest"]
+
+
+class NoLogError(RequestError):
+    """A manifest that matches no file, yet."""
 
 
 @dataclass(frozen=True)
@@ -204,16 +208,16 @@ def items_of(manifest: Manifest) -> tuple[Item, ...]:
 
     Raises
     ------
+    NoLogError
+        When there is no log.
     RequestError
-        When there is no log, a path does not match the pattern, or an axis has no design.
-    LogError
-        When a pattern matches no file.
+        When no path matches the pattern, or an axis has no design.
     """
     items = sorted(
         _listed(manifest) if manifest.table else _found(manifest), key=lambda one: (one.axis, one.time, one.files)
     )
     if not items:
-        raise RequestError("fleet: no log was found")
+        raise NoLogError("fleet: no log was found")
     if not manifest.settings.joint:
         return tuple(items)
     by_axis: dict[tuple[str, str, str], list[Item]] = {}
@@ -228,8 +232,9 @@ def _found(manifest: Manifest) -> Iterator[Item]:
     pattern = compiled(manifest.path) if manifest.path else None
     if pattern is not None and manifest.time == "path" and "time" not in pattern.groupindex:
         raise RequestError(f'path = \'{manifest.path}\': no {{time}} in it; add time = "modified" or time = "column"')
-    matched = pattern is None
-    for root, path in _files(manifest.logs):
+    files = list(_files(manifest.logs))
+    matched = pattern is None or not files
+    for root, path in files:
         place = pattern.place(path) if pattern is not None else guessed(path, root)
         if place is not None:
             matched = True
@@ -246,11 +251,18 @@ def _files(logs: Sequence[str]) -> Iterator[tuple[Path, Path]]:
     seen: set[Path] = set()
     for one in logs:
         root = Path(one)
-        inside = _below(root) if root.is_dir() else log_files([one])
+        inside = _below(root) if root.is_dir() else _matching(one)
         for path in inside:
             if path not in seen:
                 seen.add(path)
                 yield (root if root.is_dir() else _fixed_part(one)), path
+
+
+def _matching(pattern: str) -> list[Path]:
+    try:
+        return log_files([pattern])
+    except LogError:  # there may be other patterns, and a log may come
+        return []
 
 
 def _fixed_part(pattern: str) -> Path:

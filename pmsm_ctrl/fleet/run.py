@@ -24,6 +24,7 @@ def fleet(
     manifest: Manifest | str | os.PathLike[str],
     *,
     engine: Engine | None = None,
+    quiet: float = 0.0,
     progress: Callable[[float], None] | None = None,
 ) -> FleetResult:
     """Evaluate the logs of many axes: import, identify, compare and diagnose each, into one table of results.
@@ -37,6 +38,8 @@ def fleet(
         Or the TOML file of one.
     engine : Engine, optional
         Workers; as many as the machine has cores if left out.
+    quiet : float
+        s; a log that was changed more recently may be incomplete, and is left for the next run.
     progress : function, optional
         Called with the share done, 0 to 1.
 
@@ -53,7 +56,7 @@ def fleet(
     """
     started = time.perf_counter()
     given = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
-    items = items_of(given)
+    items = [item for item in items_of(given) if not quiet or _settled(item, quiet)]
     designs = {path: Design.read(path) for path in sorted({item.design for item in items} - {""})}
     store = Store(given.results)
     hashes = Hashes(store.noted("hashes"))
@@ -72,6 +75,14 @@ def fleet(
     if jobs:
         store.join()
     return _result(given.results, keys, store, len(jobs), time.perf_counter() - started, spent)
+
+
+def _settled(item: Item, quiet: float) -> bool:
+    """Whether none of its files was changed within the last seconds."""
+    try:
+        return all(time.time() - os.stat(file).st_mtime >= quiet for file in item.files)
+    except OSError:  # it is gone, which the evaluation says
+        return True
 
 
 def _result(

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from pmsm_ctrl.errors import RequestError
@@ -76,37 +73,44 @@ def test_a_join_that_was_killed_counts_nothing_twice(tmp_path: Path, monkeypatch
     assert len(list((tmp_path / "r" / "rows").glob("*.parquet"))) == 1
 
 
+# One process imports once; each of its children writes until it is killed.
 WRITER = """
-import sys
+import os, random, signal, sys, time
+import pyarrow.dataset, pyarrow.parquet
 from datetime import UTC, datetime
 from pmsm_ctrl.fleet.store import Row, Store
 now = datetime.now(UTC)
 def row(key, number, kind="parameter", name="F_c"):
     return Row(key, number, "a", "", "l.csv", now, now, "identify", kind, name)
-store = Store(sys.argv[1])
-for k in range(100000):
-    key = f"{sys.argv[2]}-{k}"
-    store.add([row(key, n) for n in range(20)] + [row(key, 20, "status", "done")])
-    print(key, flush=True)
-    if k % 7 == 6:
-        store.join()
+def write(number):
+    store = Store(sys.argv[1])
+    for k in range(100000):
+        key = f"{number}-{k}"
+        store.add([row(key, n) for n in range(20)] + [row(key, 20, "status", "done")])
+        os.write(1, f"{key}\\n".encode())
+        if k % 7 == 6:
+            store.join()
+random.seed(3)
+for number in range(int(sys.argv[2])):
+    child = os.fork()
+    if not child:
+        write(number)
+    time.sleep(random.uniform(0.02, 0.4))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
 """
 
 
 def test_kill_at_any_moment_loses_no_log_that_was_done(tmp_path: Path) -> None:
-    rng, store, told = np.random.default_rng(3), Store(tmp_path / "r"), []
-    for number in range(amount(2, 50)):
-        command = [sys.executable, "-c", WRITER, str(tmp_path / "r"), str(number)]
-        with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as writer:
-            assert writer.stdout is not None
-            told.append(writer.stdout.readline().strip())  # it runs
-            time.sleep(float(rng.uniform(0.0, 0.15)))
-            writer.send_signal(signal.SIGKILL)
-            told += [line.strip() for line in writer.stdout if line.endswith("\n")]
-        rows = list(store.read())
-        done = {one.key for one in rows if one.kind == "status"}
-        assert set(told) <= done
-        assert len(rows) == 21 * len(done), "every log is there once and whole"
+    command = [sys.executable, "-c", WRITER, str(tmp_path / "r"), str(amount(5, 50))]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    rows = list(Store(tmp_path / "r").read())
+    done = {one.key for one in rows if one.kind == "status"}
+    assert told
+    assert set(told) <= done
+    assert len(rows) == 21 * len(done), "every log is there once and whole"
+    Store(tmp_path / "r").join()
+    assert len(list((tmp_path / "r" / "rows").glob("*.parquet"))) == 1
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
