@@ -22,6 +22,7 @@ from pmsm_ctrl.track import Settings, model
 from pmsm_ctrl.track.inputs import samples_of
 from pmsm_ctrl.track.settings import numbers
 from pmsm_ctrl.track.tracking import Filtered, filter_samples
+from tests.effort import slow
 from tests.unit.export.structured_text import FunctionBlock, parsed, parsed_library, parsed_tcpou
 from tests.unit.track.tracking_axes import step_of_F_c
 
@@ -184,7 +185,7 @@ FLAVOURS: dict[str, Callable[[dict[str, str]], FunctionBlock]] = {
 }
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", ["speed, load and inertia", *(slow(name) for name in VARIANTS if "," not in name)])
 @pytest.mark.parametrize("flavour", FLAVOURS)
 def test_structured_text_runs_as_the_twin_does(design: Design, log: Any, flavour: str, variant: str) -> None:
     settings = VARIANTS[variant]
@@ -230,7 +231,7 @@ def test_a_tracker_that_could_not_work_is_refused(design: Design) -> None:
         export(loose, "c", part="tracker")
     with pytest.raises(RequestError, match="name a folder"):
         export(design, "st", part="tracker", flavour="br")
-    with pytest.raises(RequestError, match="accepted: compensation, tracker"):
+    with pytest.raises(RequestError, match="accepted: compensation, filter, tracker"):
         export(design, "st", part="observer")
     with pytest.raises(RequestError, match="flavours are Structured Text's"):
         export(design, "c", flavour="br")
