@@ -65,7 +65,7 @@ def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
     LogError
         When a channel is missing, or nothing is excited.
     DesignError
-        When the design's inertia is unknown: give a guess, with which nothing is weighed.
+        When a measured speed loop is given to a design without loops or motor data.
     """
     if isinstance(logs, MeasuredBode):
         shown = {} if logs.kind == "plant" else {"speed": _closed(logs)}
@@ -95,15 +95,25 @@ def _fitted(
 ) -> FrequencyResponse:
     """Fit the axis to the response of the plant, and compare it with the design's."""
     response = responses["plant"]
-    axis = fit_axis(response, design.J, period)
-    own = _own_response(design, speed, response)
-    estimates = _estimates(design, axis, speed)
-    measured = _measured_design(design, axis)
+    unknown = design.motor.J is None
+    axis = fit_axis(response, _guessed_inertia(response) if unknown else design.J, period)
+    believed = design.with_parameters(J=axis.J) if unknown else design  # with the inertia found nothing else is hidden
+    own = _own_response(believed, speed, response)
+    estimates = _estimates(believed, axis, speed)
+    measured = _measured_design(believed, axis)
+    judged = _judged(believed, axis, estimates)
+    if unknown:
+        estimates["J"] = replace(estimates["J"], nominal=None)
     return FrequencyResponse(
         design, measured, name, speed, responses, own,
         axis.response(response.frequency), estimates, _bands(response, own, axis),
-        _margins(design, measured, axis, speed), axis.misfit, (*found, *_judged(design, axis, estimates)),
+        _margins(believed, measured, axis, speed), axis.misfit, (*found, *judged),
     )  # fmt: skip
+
+
+def _guessed_inertia(response: Response) -> float:
+    """Return the inertia that the response has without friction and resonance, to begin a fit with."""
+    return float(np.median(1.0 / (2.0 * math.pi * response.frequency * np.abs(response.value))))
 
 
 def _mean_speed(records: Sequence[Stretch]) -> float:

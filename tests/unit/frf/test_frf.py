@@ -106,6 +106,15 @@ def test_a_resonance_that_the_design_has_wrongly_is_said(seed: Design) -> None:
     assert [one.code for one in rigid.notices] == ["frf_resonance_not_seen"]
 
 
+def test_an_unknown_inertia_is_measured(seed: Design, found: FrequencyResponse, sprung: Log) -> None:
+    result = frf(seed.replace(motor={"J": "unknown"}), sprung)
+    assert result.estimates["J"].value == pytest.approx(found.estimates["J"].value, rel=1e-4)
+    assert result.estimates["J"].nominal is None
+    assert result.estimates["resonance"].value == pytest.approx(found.estimates["resonance"].value, rel=1e-4)
+    assert pytest.approx(9e-5, rel=0.01) == result.measured.J
+    assert [one.code for one in result.notices] == ["frf_resonance_not_in_design"]
+
+
 def test_channels_that_are_apart_are_late(seed: Design) -> None:
     log = simulate(seed, multisine(design=seed), seed=4)
     late = log.slice(1, len(log)).with_channels(theta=log["theta"][:-1], omega=log["omega"][:-1])
