@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.errors import DesignError, LogError, RequestError
 from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.fit import Axis, fit_axis
@@ -63,7 +63,7 @@ def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
     Raises
     ------
     LogError
-        When a channel is missing, or nothing is excited.
+        When a channel is missing, nothing is excited, or the response does not determine the inertia.
     DesignError
         When a measured speed loop is given to a design without loops or motor data.
     """
@@ -97,6 +97,11 @@ def _fitted(
     response = responses["plant"]
     unknown = design.motor.J is None
     axis = fit_axis(response, _guessed_inertia(response) if unknown else design.J, period)
+    if not axis.covariance[0, 0] < policy.UNDETERMINED**2:
+        raise LogError(
+            f"{name}: the response at {len(response)} frequencies does not determine the inertia: its error is larger "
+            "than itself; excite more strongly, or over a wider range, and log the reference that is excited"
+        )
     believed = design.with_parameters(J=axis.J) if unknown else design  # with the inertia found nothing else is hidden
     own = _own_response(believed, speed, response)
     estimates = _estimates(believed, axis, speed)

@@ -21,3 +21,5 @@ RESONANCE = 0.001
 DEVIATION = 0.01
 # Share of a response below which a deviation from the design is not reported, however surely it is seen: 0.4 dB.
 SMALLEST_DEVIATION = 0.05
+# Relative error of the inertia from which on a response says nothing about the axis.
+UNDETERMINED = 1.0

@@ -123,6 +123,14 @@ def test_channels_that_are_apart_are_late(seed: Design) -> None:
     assert result.estimates["delay"].value == pytest.approx(1e-3, abs=20e-6)
 
 
+def test_a_response_that_holds_no_inertia_is_refused(seed: Design) -> None:
+    """Counts of a coarse encoder, answered by the controller, are all that is in this torque."""
+    coarse = seed.replace(sensor={"encoder_counts": 500, "speed_filter": 1e-4, "current_noise": 1e-4})
+    log = simulate(coarse, chirp(design=coarse, f_stop=100.0), seed=3)
+    with pytest.raises(LogError, match="does not determine the inertia"):
+        frf(coarse, Log({name: log[name] for name in ("t", "theta", "i_q")}))
+
+
 def test_an_axis_that_reverses_is_doubted(seed: Design) -> None:
     codes = [one.code for one in frf(seed, simulate(seed, multisine(design=seed, bias=0.0), seed=4)).notices]
     assert {"frf_axis_reverses", "frf_misfit"} <= set(codes)
