@@ -11,9 +11,11 @@ from pmsm_ctrl.diagnose.search import Trial, blocked_gain, try_group
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 from pmsm_ctrl.regression.prediction import errors
+from pmsm_ctrl.regression.records import LEVELS
 
 __all__ = [
     "WINDING",
+    "apart",
     "beside_rivals",
     "contribution",
     "cross_validated",
@@ -81,9 +83,23 @@ def strain(solved: Solved) -> float:
     return float(np.sum(solved.rest[solved.rows :][_winding(solved.model)] ** 2))
 
 
+def apart(solved: Solved) -> float:
+    """How far friction and load of several records left each other, as a sum of squares in their spread.
+
+    Where each record moves one way only these stand in for a load.
+    """
+    levels = [name.split(" ")[0] in LEVELS for name in _with_prior(solved.model)]
+    return float(np.sum(solved.rest[solved.rows :][np.array(levels, dtype=bool)] ** 2))
+
+
 def _winding(model: Model) -> NDArray[np.bool_]:
     """Which of the rows of priors are the winding's."""
-    return np.array([name in WINDING for name in np.array(model.names)[np.isfinite(model.sigma)]], dtype=bool)
+    return np.array([name in WINDING for name in _with_prior(model)], dtype=bool)
+
+
+def _with_prior(model: Model) -> list[str]:
+    """Return the names of the parameters that have a prior, in the order of its rows."""
+    return [name for name, sigma in zip(model.names, model.sigma.tolist(), strict=True) if np.isfinite(sigma)]
 
 
 def contribution(fit: Fitted, trial: Trial) -> float:

@@ -38,7 +38,8 @@ class Policy:
         Smallest contribution worth a name, as a share of the rms of the balance where it acts. Clean, blind.
     small_size, explained : float
         A smaller contribution is enough where it explains this share of the residual's sum of squares: beside a hard
-        acceleration all friction is small. Machines; currents in steps of 60 mA.
+        acceleration all friction is small. Machines; currents in steps of 60 mA, where less than that is 58 % of the
+        residual.
     excess : float
         Share that an effect must explain of what the residual has above its noise floor. What a sampling, a filter or
         a current loop leaves is no noise, and any effect explains a little of it. A significant effect that was not
@@ -61,10 +62,10 @@ class Policy:
         Share of what an effect explains that must be left when no base parameter leaves its bounds: most of it. A
         convention.
     relief, absurd : float
-        Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect. From `relief` on
-        that is reported, and no error has to fall; from `absurd` on (15 tolerances: no motor has four times the
-        resistance of its datasheet) any cross-validation gain is enough, and a winding so far off is unexplained.
-        Blind on a slow sine, where a dead time is as well a resistance.
+        Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect, or the levels of
+        several records to each other. From `relief` on that is reported, and no error has to fall; from `absurd` on (15
+        tolerances: no motor has four times the resistance of its datasheet) any cross-validation gain is enough, and a
+        winding so far off is unexplained. Blind on a slow sine, where a dead time is as well a resistance; worlds.
     tied_gain, tied_share : float
         Two explanations are equal where their sums of squares differ by less than this, in units of the noise, or by
         less than this share of the gain. Blind.
@@ -99,15 +100,17 @@ class Policy:
         Twice the log-likelihood by which one rival must beat the other in the proposed experiment.
     explained_torque : float
         Share of the torque's mean square that a model must explain; of what is not noise, or else log and design do
-        not belong together. Half: with less, most of the torque is something else.
+        not belong together. Half: with less, most of the torque is something else. A residual of which more than this
+        share lies above its noise floor is not called consistent: all candidates together explain most of it. Of 50
+        clean worlds eight have such a residual, where edges are not sampled or the drive runs into its limit.
     implausible_factor : float
         Factor by which J, R or psi_f cannot differ from the design's: another unit, another gear, another axis.
     friction_share : float
         Share of the torque from which on a dry friction below zero contradicts the design; with less it stays at zero,
         and something else is missing. A convention.
     above_floor : float
-        Weighted residual over the noise floor from which on a model is not called consistent. The rest of a
-        clean log lies within 1.25 times it where motions are smooth, and up to 1.8 where edges are not sampled.
+        Weighted residual over the noise floor up to which a torque that is not explained may be noise, and no
+        contradiction of log and design. A convention.
     refused_share : float
         The same for a significant effect that was refused: the share of the residual that it would explain.
     events : Search

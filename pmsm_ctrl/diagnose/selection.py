@@ -11,6 +11,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.measures import (
+    apart,
     beside_rivals,
     contribution,
     cross_validated,
@@ -258,7 +259,8 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     if refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
         refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, policy)
-    elif refusal is None:
+    elif refusal is None and [row for row, _ in trial.group.entering] == [0]:
+        # what shows in a voltage as well may change the torque's error by chance: its balances were judged together
         was, now = (sound_error(fit, policy.sound_weight) for fit in (before, after))
         refusal = criteria.no_plain_error_worse(was, now, policy)
     old, new = (
@@ -267,7 +269,7 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     )
     if not (trial.slow or trial.candidate.effect.structure.has_memory):
         old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (before, after))
-    relief = strain(before.plain) - strain(after.plain)
+    relief = strain(before.plain) - strain(after.plain) + apart(before.plain) - apart(after.plain)
     return (
         refusal or criteria.error_lowered(old, new, relief, policy) or _judge_parameters(before, after, trial, policy)
     )

@@ -14,6 +14,7 @@ import numpy as np
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.level import level_of
+from pmsm_ctrl.diagnose.measures import excess_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Deviation, Verdict
@@ -167,7 +168,7 @@ def open_questions(
         level = level_of(fit, row)
         if row == 0 and level.explained < policy.explained_torque:
             yield notices.LITTLE_EXPLAINED(percent=100.0 * max(level.explained, 0.0))
-        if level.left > policy.above_floor:
+        if level.left**2 * (1.0 - policy.explained_torque) > 1.0:  # most of the residual is no noise
             balance = fit.record.drive if row == 0 else name
             yield notices.ABOVE_FLOOR(balance=balance, ratio=level.left)
     for deviation in deviations:
@@ -180,14 +181,15 @@ def open_questions(
 
 
 def _refused(selection: Selection, policy: Policy) -> Iterator[Notice]:
-    """Yield the refused effect that explains most of the residual, where that is much and significant."""
-    fit = selection.fit
-    total = max(fit.solved.chi2, 1e-300)
-    for trial in sorted(fit.trials, key=lambda t: -t.gain):
+    """Yield the refused effect that explains most of the residual of its balances, if that is much and significant."""
+    found = []
+    for trial in selection.fit.trials:
+        share, _ = excess_of(selection.fit.solved, trial, trial.gain)
         refusal = selection.refused.get(name_of(trial))
-        if trial.gain < policy.refused_share * total:
-            return
-        if refusal is None or refusal.reason is Reason.NOT_SIGNIFICANT or trial.p_value >= policy.significance:
+        if share < policy.refused_share or refusal is None or trial.p_value >= policy.significance:
             continue
-        yield notices.LARGE_REFUSED(effect=name_of(trial), percent=100.0 * trial.gain / total, refusal=refusal)
-        return
+        if refusal.reason is not Reason.NOT_SIGNIFICANT:
+            found.append((share, trial, refusal))
+    if found:
+        share, trial, refusal = max(found, key=lambda one: one[0])
+        yield notices.LARGE_REFUSED(effect=name_of(trial), percent=100.0 * share, refusal=refusal)

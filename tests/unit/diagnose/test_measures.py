@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.diagnose.case import Case
-from pmsm_ctrl.diagnose.measures import contribution, gain_of_rows, plain_errors, relief, strain, weighted_errors
+from pmsm_ctrl.diagnose.measures import apart, contribution, gain_of_rows, plain_errors, relief, strain, weighted_errors
 
 REST = np.array([3.0, -1.0, 2.0, 4.0, 5.0, 6.0])  # three rows of the log, then the priors of J, R and psi_f
 PART = np.array([1.0, 0.5, 0.0, 2.0, 1.0, 4.0])  # what an effect explains of them
@@ -27,6 +27,13 @@ def test_gain_is_that_of_the_rows_and_relief_that_of_the_winding() -> None:
     assert relief(solved(), PART) == pytest.approx(fall[4] + fall[5]), "the inertia is no winding"
     assert strain(solved()) == pytest.approx(5.0**2 + 6.0**2)
     assert gain_of_rows(solved(), -PART) == 0.0
+
+
+def test_records_that_left_each_other_are_counted_like_a_winding_off_its_datasheet() -> None:
+    found = solved()
+    found.model.names = ("J", "F_c", "dF_c between records, 1", "offset of all records")
+    assert apart(found) == pytest.approx(5.0**2 + 6.0**2)
+    assert apart(solved()) == 0.0
 
 
 def fit(coarse: float = 0.0) -> Any:

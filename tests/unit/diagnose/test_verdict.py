@@ -42,7 +42,7 @@ def fit_of(
         record=record, residual=left * row, weights=SimpleNamespace(sigma=np.ones(1)),
         model=SimpleNamespace(names=list(at), nominal=nominal, matrix=matrix),
         plain=SimpleNamespace(values=np.array(list(at.values())), stderr=0.01 * nominal),
-        trials=[], solved=SimpleNamespace(chi2=1000.0),
+        trials=[], solved=SimpleNamespace(rest_of=lambda row: np.full(10, 10.0)),  # a sum of squares of 1000
     )  # fmt: skip
 
 
@@ -111,7 +111,8 @@ def test_friction_may_be_anything_above_zero() -> None:
 def test_a_torque_that_does_not_belong_to_the_motion_is_implausible() -> None:
     assert verdict_of(fit_of(measured=10.0, left=9.0)) == ("implausible", ["unrelated_torque"])
     # most of a torque near its noise floor is noise, not another axis'
-    assert verdict_of(fit_of(measured=2.4, left=1.9)) == ("inconclusive", ["little_explained"])
+    # (and most of what is left lies above the floor: 1 - 1 / 1.9^2)
+    assert verdict_of(fit_of(measured=2.4, left=1.9)) == ("inconclusive", ["little_explained", "above_noise_floor"])
 
 
 def test_a_log_of_noise_decides_nothing() -> None:
@@ -120,7 +121,9 @@ def test_a_log_of_noise_decides_nothing() -> None:
 
 
 def test_a_residual_well_above_its_floor_is_not_consistent() -> None:
-    assert verdict_of(fit_of(left=2.5)) == ("inconclusive", ["above_noise_floor"])
+    # half of a sum of squares of 2 is noise: beyond that all candidates together explain most of the residual
+    assert verdict_of(fit_of(left=1.42)) == ("inconclusive", ["above_noise_floor"])
+    assert verdict_of(fit_of(left=1.41)) == ("consistent", [])
 
 
 def test_a_record_that_is_too_short_decides_nothing() -> None:
@@ -146,7 +149,8 @@ def test_a_parameter_outside_its_tolerance_is_not_consistent() -> None:
 def test_a_large_effect_that_was_refused_leaves_the_question_open(gain: float, reason: Reason, expected: Any) -> None:
     fit = fit_of()
     candidate = SimpleNamespace(effect=SimpleNamespace(label=lambda shape: "cogging"))
-    fit.trials = [SimpleNamespace(gain=gain, p_value=1e-9, candidate=candidate, group=SimpleNamespace(shape={}))]
+    group = SimpleNamespace(shape={}, entering=[(0, None)])  # its share is that of the residual of its balances
+    fit.trials = [SimpleNamespace(gain=gain, p_value=1e-9, candidate=candidate, group=group)]
     assert verdict_of(fit, refused={"cogging": Refusal(reason, {"p": 0.5})}) == expected
 
 
