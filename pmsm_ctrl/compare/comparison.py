@@ -324,6 +324,7 @@ def _record(
 ) -> Record:
     """Simulate and search one log."""
     balances = prediction.record
+    balances.kept.clear()  # the columns of a fit that is done
     prepared = balances.prepared
     load = balances.signals.get("T_load")
     predicted = prediction.predicted[0] + (0.0 if load is None else balances.shaped(load))

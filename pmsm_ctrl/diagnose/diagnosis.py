@@ -41,6 +41,7 @@ from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
+from pmsm_ctrl.regression.columns import forget_effects
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import name_of
@@ -159,12 +160,14 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     selection = swap(case, first, partial(_select, progress=lambda share: progress(0.9)))
     last = with_shapes_fitted(case.design, selection.fit)
     selection = replace(selection, fits=(*selection.fits[:-1], last))
-    case.record.kept.clear()  # hundreds of columns that no test of a candidate needs any more
+    forget_effects(case.record)  # hundreds of columns that no test of a candidate needs any more
+    case.fits.clear()
     structure = None
     if explains_most(selection.fit, case.policy):
         structure = unexplained(selection, case.policy)
     else:  # what most of the torque is, no name can tell
         selection = Selection(selection.fits[:1], (), selection.refused)
+    selection = selection.with_last_candidates()
     experiment = next_experiment(case, selection) if plan else None
     return outcome(case, selection, structure, experiment)
 

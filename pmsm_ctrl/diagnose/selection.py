@@ -132,6 +132,10 @@ class Selection:
             return replace(self, refused=found.refused)
         return Selection((*self.fits, found.fit), (*self.steps, found.step), found.refused)
 
+    def with_last_candidates(self) -> Selection:
+        """Return the selection without the candidates of all rounds but the last: on a long log they are large."""
+        return replace(self, fits=(*(replace(fit, trials=()) for fit in self.fits[:-1]), self.fit))
+
 
 def name_of(trial: Trial) -> str:
     """Return the effect, with its order where an axis can have several.

@@ -136,7 +136,8 @@ def settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...]
         found = _settled_model(design, record, (), settled)
         if found.record.kept is not record.kept:  # a bristle turns the friction: its columns are others
             return found
-        record.kept[key] = replace(found, record=replace(found.record, kept={}))  # no circle of references
+        # no circle of references
+        record.kept[key] = replace(found, record=replace(found.record, kept={}), rough=found.rough.bare())
     remembered: Settled = record.kept[key]
     return replace(remembered, record=replace(remembered.record, kept=record.kept))
 

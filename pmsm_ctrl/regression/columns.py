@@ -12,7 +12,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import UnavailableError
 from pmsm_ctrl.regression.balances import MODELLED, Memo, Record, Rows
 
-__all__ = ["Group", "UnavailableError", "candidate_groups", "effect_group", "seen_as_candidate"]
+__all__ = ["Group", "UnavailableError", "candidate_groups", "effect_group", "forget_effects", "seen_as_candidate"]
 
 Array = NDArray[np.float64]
 
@@ -105,8 +105,20 @@ def _memo(record: Record, effect: Effect, key: tuple[object, ...]) -> Memo:
     return record.memo if modelled or len(record.kept) * columns > MOST_KEPT else record.kept
 
 
+def forget_effects(record: Record) -> None:
+    """Forget the columns of effects that were remembered; those of the base model stay.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    for key in [key for key in record.kept if key[0] in ("seen", "effect")]:
+        del record.kept[key]
+    record.memo.clear()
+
+
 def _key(effect: Effect, shape: Mapping[str, float]) -> tuple[object, ...]:
-    return (effect.id, id(effect.term), *sorted(shape.items()))
+    return ("effect", effect.id, id(effect.term), *sorted(shape.items()))
 
 
 def candidate_groups(record: Record, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> list[Group]:

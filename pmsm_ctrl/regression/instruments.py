@@ -80,14 +80,16 @@ def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
     if "omega_ref" not in record.signals or not {LATENESS, SPREAD} <= set(model.names) or sigma <= 0.0:
         return None
     weight = record.weight[0] * record.mask / sigma
-    entering = np.flatnonzero(np.any(model.matrix[0], axis=0))
+    entering = model.entering[0]
     names = [model.names[k] for k in entering]
     noisy = [k for k, name in enumerate(names) if name in NOISY or model.group_of(int(entering[k])).delays]
     columns, target = model.matrix[0][:, entering] * weight[:, None], record.target[0] * weight
     instruments = np.column_stack([*_instruments(record), *_of_speed(model, names, entering)]) * weight[:, None]
     size = np.linalg.norm(instruments, axis=0)
-    left, singular, _ = np.linalg.svd(instruments[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-    basis = left[:, singular > RANK * singular[0]]
+    instruments = instruments[:, size > 0.0] / size[size > 0.0]
+    _, singular, turn = np.linalg.svd(np.linalg.qr(instruments, mode="r"), full_matrices=False)
+    told = singular > RANK * singular[0]
+    basis = instruments @ (turn[told].T / singular[told])
     seen = columns.copy()
     seen[:, noisy] = basis @ (basis.T @ columns[:, noisy])
     size = np.linalg.norm(columns, axis=0)

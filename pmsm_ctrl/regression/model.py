@@ -114,6 +114,15 @@ class Model:
         made = Model.of((*self.groups, group), (*self.names, *names), nominal, sigma)
         return replace(made, doubt=self.doubt, bias=self.bias)
 
+    # Read in every fit, some times.
+    @cached_property
+    def entering(self) -> tuple[NDArray[np.int64], ...]:
+        """The columns that enter each balance."""
+        return tuple(
+            np.array([k for k in range(matrix.shape[1]) if np.any(matrix[:, k])], dtype=np.int64)
+            for matrix in self.matrix
+        )
+
     @property
     def prior_doubt(self) -> Array:
         """Standard deviations of the priors, in units of those that they are solved with, shape (priors,)."""
@@ -195,6 +204,10 @@ class Solved:
     def predicted(self, matrix: Array | None = None) -> Array:
         """Predicted balances, shape (channels, m)."""
         return (self.model.matrix if matrix is None else matrix) @ self.values
+
+    def bare(self) -> Solved:
+        """Return values and standard errors alone: bases and residual of a long log are large."""
+        return replace(self, rest=self.rest[:0], bases=())
 
     # Read at every trial of a candidate.
     @cached_property
@@ -431,7 +444,7 @@ def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
     count = len(model.sigma)
     bases, triangles, along, rest = [], [], [], []
     for row, matrix in enumerate(model.matrix):
-        entering = np.flatnonzero(np.any(matrix, axis=0))
+        entering = model.entering[row]
         columns = whitener.part(row, matrix[:, entering].T)
         size = np.linalg.norm(columns, axis=1)
         basis, triangle = np.linalg.qr((columns / np.where(size > 0.0, size, 1.0)[:, None]).T)

@@ -18,6 +18,7 @@ __all__ = ["FEWEST_DIRECTIONS", "SAMPLES_PER_DIRECTION", "Saturated", "rough_wei
 
 Array = NDArray[np.float64]
 
+MOST_KEPT = 20e6  # bytes of hat functions that are kept from one fit to the next
 KNOTS = 10  # of the hat functions of speed and of time in the saturated model
 # Effective samples that the saturated model leaves for each of its directions, and the fewest directions it keeps.
 SAMPLES_PER_DIRECTION, FEWEST_DIRECTIONS = 8.0, 10
@@ -61,7 +62,7 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
     grams, entering = [], []
     residual, lost = np.zeros(record.target.shape), 0
     for row in range(len(record.channels)):
-        inside = np.flatnonzero(np.any(model.matrix[row], axis=0))
+        inside = model.entering[row]
         blocks = [record.target[row][None], model.matrix[row][:, inside].T]
         end = 1 + len(inside)
         for place, group in zip(places, groups, strict=True):
@@ -126,10 +127,14 @@ def _effective(weight: Array) -> float:
 def _smooth(record: Record) -> Array:
     """Hat functions of speed and of time, shape (k, m): what no effect of the catalogue may explain of the torque."""
     key = ("hat functions",)
-    if key not in record.kept:
-        out = []
-        for x in (record.at_grid(record.signals["omega"]), record.t):
-            knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, KNOTS)))
-            out += [np.interp(x, knots, hat) for hat in np.eye(len(knots))]
-        record.kept[key] = np.array(out)
-    return np.asarray(record.kept[key])
+    known: Array | None = record.kept.get(key)
+    if known is not None:
+        return known
+    out = []
+    for x in (record.at_grid(record.signals["omega"]), record.t):
+        knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, KNOTS)))
+        out += [np.interp(x, knots, hat) for hat in np.eye(len(knots))]
+    made = np.array(out)
+    if made.nbytes <= MOST_KEPT:
+        record.kept[key] = made
+    return made
