@@ -412,8 +412,8 @@ class Evaluated(Part):
 
     log: str = Field(default="", description="fingerprint of the log's channels")
     cutoff: NonNegative = Field(default=0.0, description="of the low-pass of both sides, Hz")
-    late: Finite = Field(default=0.0, description="time by which torque and currents were undone, s")
-    filter: NonNegative = Field(default=0.0, description="time constant that was undone in them, s")
+    late: Finite = Field(default=0.0, description="delay of torque and currents that was corrected, s")
+    filter: NonNegative = Field(default=0.0, description="time constant of their filter that was corrected, s")
     age: Finite = Field(default=0.0, description="age of a speed that is all that is known of the motion, s")
     weight: NonNegative = Field(default=0.0, description="share of the torque that errors at edges are weighed by")
     encoder_lines: tuple[int, ...] = Field(default=(), description="lines of the encoder whose errors are fitted")

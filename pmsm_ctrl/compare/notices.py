@@ -37,7 +37,7 @@ LITTLE_EXPLAINED = Template(
 )
 ABOVE_FLOOR = Template(
     "above_noise_floor",
-    "{channel}: the residual is {ratio:.2g} times its noise floor, although it depends on no coordinate significantly",
+    "{channel}: the residual is {ratio:.2g} times its noise floor, with no significant dependence on any coordinate",
 )
 
 OBJECTIONS = {

@@ -71,6 +71,20 @@ class Contributions:
             left = left + self.effects[name]
         return left
 
+    @property
+    def size(self) -> float:
+        """Rms of the measured side."""
+        return float(np.sqrt(np.mean(self.measured[self.used] ** 2)))
+
+    @property
+    def products(self) -> Array:
+        """Mean products of the residual and all effects, shape (1 + effects, 1 + effects).
+
+        They give the error with any of the effects switched off.
+        """
+        rows = np.array([self.residual()[self.used], *(values[self.used] for values in self.effects.values())])
+        return np.asarray(rows @ rows.T / max(rows.shape[1], 1))
+
     def error(self, without: tuple[str, ...] = ()) -> float:
         """Return the rms of the residual of the fit as a share of the rms of the measured side.
 
@@ -83,8 +97,7 @@ class Contributions:
         -------
         float
         """
-        size = float(np.mean(self.measured[self.used] ** 2))
-        return float(np.sqrt(np.mean(self.residual(without)[self.used] ** 2) / size))
+        return float(np.sqrt(np.mean(self.residual(without)[self.used] ** 2))) / self.size
 
 
 def contributions_of(fit: Fitted, channel: str, direction: Array) -> Contributions:

@@ -156,12 +156,12 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     -------
     Diagnosis
     """
-    first = _select(case, progress=progress, taken=taken)
-    selection = swap(case, first, partial(_select, progress=lambda share: progress(0.9)))
-    last = with_shapes_fitted(case.design, selection.fit)
-    selection = replace(selection, fits=(*selection.fits[:-1], last))
+    selection = _select(case, progress=progress, taken=taken)
+    selection = swap(case, selection, partial(_select, progress=lambda share: progress(0.9)))
     forget_effects(case.record)  # hundreds of columns that no test of a candidate needs any more
     case.fits.clear()
+    last = with_shapes_fitted(case.design, selection.fit)
+    selection = replace(selection, fits=(*selection.fits[:-1], last))
     structure = None
     if explains_most(selection.fit, case.policy):
         structure = unexplained(selection, case.policy)

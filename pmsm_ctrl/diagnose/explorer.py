@@ -93,15 +93,7 @@ def coordinates_of(record: Record) -> dict[str, Array]:
 
 
 def _balance(parts: Contributions, drive: str, floor: float) -> Balance:
-    used = parts.used
-    rows = np.array([parts.residual()[used], *(values[used] for values in parts.effects.values())])
+    name = drive if parts.channel == "torque" else parts.channel
     return Balance(
-        drive if parts.channel == "torque" else parts.channel,
-        parts.unit,
-        parts.measured,
-        parts.predicted,
-        parts.effects,
-        rows @ rows.T / max(rows.shape[1], 1),
-        float(np.sqrt(np.mean(parts.measured[used] ** 2))),
-        floor,
-    )
+        name, parts.unit, parts.measured, parts.predicted, parts.effects, parts.products, parts.size, floor
+    )  # fmt: skip

@@ -53,12 +53,12 @@ NOT_SEPARABLE = Template("not_separable", "{parameters} not separable on this mo
 EFFECT_NOT_EXCITED = Template("effect_not_excited", "{effect}: {why}")
 BEYOND_LOG = Template(
     "beyond_log",
-    "{effect}: {parameter} is {value:.3g} or more, as far as this log can tell; what the effect amounts to within the "
-    "log is known, not where it ends",
+    "{effect}: {parameter} is at least {value:.3g}: the log is too short to show the final value; the size of the "
+    "effect within the log is determined",
 )
 ESTIMATE_AT_BOUND = Template(
     "estimate_at_bound",
-    "{parameter} stays at its bound {bound:g}, and the others are fitted beside it; without bounds it would be "
+    "{parameter} is held at its bound {bound:g}, and the others are fitted with it; without bounds it would be "
     "{value:.3g} +- {stderr:.2g}",
 )
 TORQUE_CONSTANT = Template(
@@ -98,18 +98,18 @@ RESEMBLANCE = Template(
 )
 WINDING_IMPOSSIBLE = Template(
     "winding_impossible",
-    "{parameter} would have to be {value:.3g} {unit}, {ratio:.2g} times its nominal value: the winding is another one, "
-    "or a voltage that acts like {like} is missing; no effect of the catalogue explains it",
+    "{parameter} would be {value:.3g} {unit}, {ratio:.2g} times its nominal value: another winding, or a missing "
+    "voltage term that resembles {like}; no effect of the catalogue explains it",
 )
 # -- events
 EVENT_PUSH = Template(
     "event_push",
-    "from {start:.4g} to {stop:.4g} s a torque of {size:+.2g} {unit} acts that no motion explains: a push, or a load; "
-    "the stretch is left out of the fit",
+    "from {start:.4g} to {stop:.4g} s a torque of {size:+.2g} {unit} acts that the motion does not explain: a push, "
+    "or a load; the stretch is left out of the fit",
 )
 EVENT_BRAKE = Template(
     "event_brake",
-    "from {start:.4g} to {stop:.4g} s the friction is {size:+.2g} {unit} higher than elsewhere: something brakes; "
+    "from {start:.4g} to {stop:.4g} s the friction is {size:+.2g} {unit} higher than elsewhere: a brake, or contact; "
     "the stretch is left out of the fit",
 )
 EVENT_STEP = Template(
@@ -140,7 +140,7 @@ LITTLE_EXPLAINED = Template(
 )
 ABOVE_FLOOR = Template(
     "above_noise_floor",
-    "the residual of the {balance} is {ratio:.2g} times its noise floor, although it depends on nothing significantly",
+    "the residual of the {balance} is {ratio:.2g} times its noise floor, with no significant dependence",
 )
 OUTSIDE_TOLERANCE = Template(
     "parameter_outside_tolerance",

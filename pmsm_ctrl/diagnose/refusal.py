@@ -42,8 +42,8 @@ WORDS: Mapping[Reason, str] = {
     Reason.TOO_SMALL: "significant but too small: {percent:.2g} % of the balance where it acts",
     Reason.MINOR: "significant but minor: {percent:.2g} % of what the residual has above its noise",
     Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
-    Reason.EXPLAINED_BY_RIVALS: "timing, filters of the channels or waves of a turn explain it as well (gain beside "
-    "them {gain})",
+    Reason.EXPLAINED_BY_RIVALS: "channel timing, channel filters or harmonics of a turn explain it as well (gain "
+    "beside them {gain})",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",

@@ -161,15 +161,14 @@ def _change(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Arra
 
 def _with_tangents(design: Design, fit: Fitted, free: Sequence[Free]) -> tuple[Solved, slice]:
     """Solve the model with a column for every shape, the slope of the prediction over its logarithm; and which."""
-    count, model = len(fit.model.names), fit.model
-    for k in range(len(free)):
-        unit = np.eye(len(free))[k] * DIFFERENCE
+    count, slopes = len(fit.model.names), []
+    for unit in np.eye(len(free)) * DIFFERENCE:
         ahead, back = (_change(design, fit, _shifted(fit.accepted, free, sign * unit)) for sign in (1.0, -1.0))
-        slope = (ahead - back) / (2.0 * DIFFERENCE)
-        rows = tuple(row[None, :] if np.any(row) else None for row in slope)
-        if all(row is None for row in rows):
+        slopes.append((ahead - back) / (2.0 * DIFFERENCE))
+        if not np.any(slopes[-1]):
             raise UnavailableError("a shape does nothing")
-        model = model.plus(Group(None, (f"shape {k}",), rows, {}))
+    rows = tuple(row if np.any(row) else None for row in np.array(slopes).swapaxes(0, 1))
+    model = fit.model.plus(Group(None, tuple(f"shape {k}" for k in range(len(free))), rows, {}))
     return solve_model(fit.record, model, fit.weights), slice(count, count + len(free))
 
 

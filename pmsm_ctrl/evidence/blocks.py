@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FEWEST_RECORDS", "block_sums", "equal_blocks", "left_out_gains", "record_blocks"]
+__all__ = [
+    "FEWEST_RECORDS", "block_sums", "equal_blocks", "left_out_gains", "no_smaller_than_by_blocks", "record_blocks",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -189,3 +191,25 @@ def block_sums(basis: Array, residual: Array, place: Array) -> Array:
     share, turn = np.linalg.eigh(grams)
     left = np.sqrt(np.maximum(1.0 - share, LEAST_LEFT))[:, :, None]
     return np.asarray((turn @ (turn.swapaxes(1, 2) @ along / left))[:, :, 0])
+
+
+def no_smaller_than_by_blocks(covariance: Array, changes: Array, prior: Array) -> Array:
+    """Return a covariance whose standard errors are no smaller than what blocks of the record differ by.
+
+    Parameters
+    ----------
+    covariance : array, shape (k, k)
+        By a model of the noise.
+    changes : array, shape (blocks, k)
+        What each block contributes to the estimates: `block_sums`, as values.
+    prior : array, shape (k,)
+        Variance that the priors add.
+
+    Returns
+    -------
+    array, shape (k, k)
+    """
+    by_blocks = np.sqrt(np.sum(changes**2, axis=0) + prior)
+    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    larger = np.maximum(np.divide(by_blocks, stderr, out=np.ones_like(stderr), where=stderr > 0.0), 1.0)
+    return np.asarray(covariance * np.outer(larger, larger))

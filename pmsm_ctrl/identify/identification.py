@@ -232,15 +232,21 @@ def identify(
     solution = _solved(method, design, several.log, processing) if base is None else _Solution(base.problem, base.fit)
     problem, fit = solution.problem, with_joint_errors(solution.fit, several.stderr)
     found, bounds = _identified(design, problem, fit)
-    shown, unexplained = problem, fit.residual
     if base is None and method != "output_error":  # which has no columns of the given design
         shown, unexplained = _shown(design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit)
         worse = worse_by_error(_best_error(shown, fit.values), _best_error(shown, {}))
     else:
+        shown, unexplained = problem, fit.residual
         worse = worse_than_given(design, found, base.record if base else timed_record(design, several.log))
     sizes = _sizes(unexplained[shown.mask], shown.torque[shown.mask])
     over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
+    said = (
+        *contradictions, *record_notices(several.rows), *((worse,) if worse else ()), *_large(sizes["relative_error"]),
+        *believed.notices[len(believed.contradictions) :], *problem.notes,
+        *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *bounds, *_doubts(design, fit),
+        *moved(over, fit),
+    )  # fmt: skip
     return Identification(
         design=found if worse is None else design,
         improved=worse is None,
@@ -253,19 +259,7 @@ def identify(
         shown=shown,
         unexplained=unexplained,
         log_name=names_of(logs, "the given log"),
-        notices=(
-            *contradictions,
-            *record_notices(several.rows),
-            *((worse,) if worse else ()),
-            *_large(sizes["relative_error"]),
-            *believed.notices[len(believed.contradictions) :],
-            *problem.notes,
-            *orders_beyond(design, several.log, problem.cutoff),
-            *solution.notices,
-            *bounds,
-            *_doubts(design, fit),
-            *moved(over, fit),
-        ),
+        notices=said,
         contradictions=contradictions,
         records=several.rows,
         spreads=several.spreads,

@@ -16,7 +16,7 @@ __all__ = [
 # -- of any method
 BOUND = Template(
     "parameter_at_bound",
-    "{name} stays at its bound {bound:g}, and the others are fitted beside it; without bounds it would be {value:.4g} "
+    "{name} is held at its bound {bound:g}, and the others are fitted with it; without bounds it would be {value:.4g} "
     "+- {stderr:.2g} {unit}",
 )
 ILL_CONDITIONED = Template(
@@ -94,7 +94,7 @@ MISFIT = Template(
     "describe the friction completely",
 )
 NEGATIVE = Template(
-    "negative_friction", "{symbol} = {value:.3g} {unit} is negative: it stays at 0, and the line is fitted so"
+    "negative_friction", "{symbol} = {value:.3g} {unit} is negative: it is held at 0, and the line is fitted with that"
 )
 ONE_DIRECTION = Template("one_direction", "only one direction: a constant load is indistinguishable from F_c")
 DIRECTION_DEPENDENT = Template(

@@ -18,7 +18,7 @@ CURRENT_SIGN = Template(
 )
 MOTION_SIGN = Template(
     "motion_sign",
-    "{channel} counts against the current and the voltages: the encoder is counted backwards; map it as '-COLUMN'",
+    "{channel} has the opposite sign of current and voltages: the encoder counts backwards; map it as '-COLUMN'",
 )
 VOLTAGE_SIGN = Template(
     "voltage_sign",
@@ -71,11 +71,11 @@ CURRENT_OFFSET = Template(
 UNRELATED_TORQUE = Template(
     "unrelated_torque",
     "{channel} does not drive this motion: it explains {percent:.2g} % of the inertia's torque, and {left:.2g} % of it "
-    "belongs to no motion at all; another axis's channel, noise, or another time",
+    "follows from no motion: a channel of another axis, noise, or another time base",
 )
 MAGNITUDE_CHANNEL = Template(
     "magnitude_channel",
-    "{channel} holds magnitudes: it never changes its sign while the motion needs both; log the sign",
+    "{channel} contains magnitudes: its sign never changes, although the motion requires both signs; log the sign",
 )
 REFERENCE_AS_MEASURED = Template(
     "reference_as_measured", "{channel} is the same as {reference}: the reference was logged as the measured value"

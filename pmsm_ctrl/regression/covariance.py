@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.evidence.blocks import block_sums
+from pmsm_ctrl.evidence.blocks import block_sums, no_smaller_than_by_blocks
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.model import Solved
 
@@ -44,21 +44,18 @@ class NoiseCovariance:
 
     def of_fit(self) -> Array:
         """Covariance of the fit's values, shape (k, k), no smaller than what blocks of the record differ by."""
-        covariance = self.of_noise()
-        model = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        larger = np.maximum(self._by_blocks() / model, 1.0)
-        covariance *= np.outer(larger, larger)
+        covariance = no_smaller_than_by_blocks(self.of_noise(), *self._by_blocks())
         for k, size in self.fit.model.bias.items():
             covariance[k, k] += size**2
         return covariance
 
-    def _by_blocks(self) -> Array:
-        """Standard errors of the fit's values by leaving out blocks of the record, and those of the priors."""
+    def _by_blocks(self) -> tuple[Array, Array]:
+        """Return what blocks of the record contribute to the fit's values, and the variances that the priors add."""
         fit, used = self.fit, self.weights.used
         place = np.tile((used - used[0]) / max(float(used[-1] - used[0]), 1.0), len(fit.bases))
         changes = block_sums(fit.q[: fit.rows], fit.rest[: fit.rows], place) @ fit.inverse.T
         prior = fit.inverse @ (fit.mixing[fit.parts[-1].stop :] * fit.model.prior_doubt[:, None]).T
-        return np.asarray(np.sqrt(np.sum(changes**2, axis=0) + np.sum(prior**2, axis=1)))
+        return changes, np.asarray(np.sum(prior**2, axis=1))
 
     def of_noise(self) -> Array:
         """Covariance of the fit's values by the model of the noise alone, shape (k, k)."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.evidence.blocks import block_sums
+from pmsm_ctrl.evidence.blocks import block_sums, no_smaller_than_by_blocks
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, SPREAD
 from pmsm_ctrl.regression.model import Model
@@ -114,8 +114,8 @@ def _errors(seen: Array, prior: Array, inverse: Array, left: tuple[Array, Array]
     basis, triangle = np.linalg.qr(np.vstack([seen, np.diag(np.sqrt(prior))]))
     changes = block_sums(basis[: len(seen)], *left) @ triangle @ inverse.T
     sure = inverse * np.sqrt(prior)
-    by_blocks = np.sum(changes**2, axis=0) + np.sum(sure**2, axis=1)
-    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), by_blocks)))
+    larger = no_smaller_than_by_blocks(covariance, changes, np.sum(sure**2, axis=1))
+    return np.asarray(np.sqrt(np.diag(larger)))
 
 
 def _place(mask: NDArray[np.bool_]) -> Array:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.evidence.blocks import block_sums
+from pmsm_ctrl.evidence.blocks import block_sums, no_smaller_than_by_blocks
 from pmsm_ctrl.evidence.linalg import OWN_SHARE, factored, own_shares
 from pmsm_ctrl.evidence.noise import NoiseModel, degrees_of_freedom, fit_noise
 from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
@@ -298,7 +298,10 @@ def _solve_free(problem: Problem, instruments: Array | None, ratio: float | None
     sure = beside.T @ (_prior_variances(problem.columns, prior)[:, None] * beside)
     covariance = factor.inverse @ (spread * meat + sure) @ factor.inverse.T
     if by_blocks:
-        covariance = _no_less_than_by_blocks(covariance, factor.inverse, (rows, residual[mask], sure), problem.t[mask])
+        t = problem.t[mask]
+        place = (t - t[0]) / max(float(t[-1] - t[0]), 1e-300)
+        changes = block_sums(rows, residual[mask], place) @ factor.inverse.T
+        covariance = no_smaller_than_by_blocks(covariance, changes, np.diag(factor.inverse @ sure @ factor.inverse.T))
     covariance += np.diag([column.bias**2 for column in problem.columns])
     stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     dof = degrees_of_freedom(noise, free, int(mask.sum()))
@@ -322,29 +325,6 @@ def _solve_free(problem: Problem, instruments: Array | None, ratio: float | None
         weights=factor.inverse @ rows.T,
         nuisances={problem.names[k]: (float(beta[k]), float(stderr[k])) for k in np.flatnonzero(~own).tolist()},
     )
-
-
-def _no_less_than_by_blocks(
-    covariance: Array, inverse: Array, fitted: tuple[Array, Array, Array], t: Array
-) -> Array:  # fmt: skip
-    """Return the covariance of the estimates, no smaller than what blocks of the record differ by.
-
-    Parameters
-    ----------
-    covariance : array, shape (columns, columns)
-        By the model of the noise.
-    inverse : array, shape (columns, rank)
-    fitted : arrays
-        Basis of the columns, residual, and covariance of the priors in the basis.
-    t : array, shape (n,)
-        s.
-    """
-    rows, residual, sure = fitted
-    changes = block_sums(rows, residual, (t - t[0]) / max(float(t[-1] - t[0]), 1e-300)) @ inverse.T
-    by_blocks = np.sqrt(np.sum(changes**2, axis=0) + np.diag(inverse @ sure @ inverse.T))
-    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    larger = np.maximum(np.divide(by_blocks, stderr, out=np.ones_like(stderr), where=stderr > 0.0), 1.0)
-    return np.asarray(covariance * np.outer(larger, larger))
 
 
 def _prior_rows(columns: Sequence[Column], x: Array, y: Array) -> Array:

@@ -46,20 +46,18 @@ ENCODER_LINES = Template(
 )
 DRIVE_FILTERED = Template(
     "drive_signal_filtered",
-    "the {quantity} was filtered before it was logged, with a time constant of about {lag:.2g} ms: that is undone "
-    "before everything else; if it is known, state it as filter in [log]",
+    "the {quantity} was filtered before it was logged, with a time constant of about {lag:.2g} ms (corrected); "
+    "if the time constant is known, state it as filter in [log]",
 )
 EQUAL_STEPS = Template(
     "equal_steps",
     "time stamps jitter by up to {jitter:.1f} % of a period, the motion does not: equal sampling intervals are used",
 )
-OTHER_ZERO = Template(
-    "other_zero", "the angle is counted from another zero in {records}: what depends on the angle was matched"
-)
+OTHER_ZERO = Template("other_zero", "the angle has a different zero in {records}: the records were aligned")
 RECORD_DISAGREES = Template(
     "record_disagrees",
-    "inertia or friction is not that of the other records, beyond what friction differs between these: {records} "
-    "(p = {p:.2g}); look at it by itself, or leave it out",
+    "inertia or friction differs from that of the other records by more than their spread: {records} (p = {p:.2g}); "
+    "evaluate it alone, or leave it out",
 )
 RESAMPLED = Template("resampled", "time stamps jitter by up to {jitter:.1f} % of a period: resampled at {rate:.6g} Hz")
 GAPS = Template("gaps", "gaps in time: {count}, {seconds:.3g} s in total, not used")

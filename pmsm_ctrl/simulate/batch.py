@@ -22,6 +22,8 @@ from pmsm_ctrl.simulate.run import Prepared, prepare, simulate
 
 __all__ = ["simulate_batch"]
 
+Work = tuple[tuple[int, ...], Callable[[], list[Any]]]  # numbers of drives, and what simulates them
+
 
 def simulate_batch(
     designs: Sequence[Design],
@@ -82,41 +84,50 @@ def simulate_batch(
         raise RequestError(f"batch: workers: found {workers}; it should be at least 1")
     if not designs:
         return []
-    done = 0
-    counting = threading.Lock()
-
-    def plant(k: int) -> Design | None:
-        return truths[k] if truths is not None else None
-
-    def finish(log: Log) -> Any:
-        nonlocal done
-        kept = log if keep is None else keep(log)
-        if progress is not None:
-            with counting:
-                done += 1
-                progress(done / len(designs))
-        return kept
-
-    def one(k: int) -> Any:
-        try:
-            log = simulate(designs[k], scenario, truth=plant(k), seed=seed + k, keep_truth=keep_truth)
-        except PmsmCtrlError as error:
-            raise type(error)(f"drive {k} of {len(designs)}: {error}") from error
-        return finish(log)
-
-    def several(group: Group) -> list[Any]:
-        logs = simulate_group(group, seed, keep_truth)
-        return [one(k) for k in group.numbers] if logs is None else [finish(log) for log in logs]
-
+    batch = _Batch(designs, scenario, truths, seed, keep_truth, keep, progress)
     together = []
     if lanes or (lanes is None and len(designs) >= LANES):
         together = groups(_prepared(designs, scenario, truths), always=bool(lanes))
     grouped = {k for group in together for k in group.numbers}
-    work: list[tuple[tuple[int, ...], Callable[[], list[Any]]]] = [
-        (group.numbers, partial(several, group)) for group in together
-    ]
-    work += [((k,), partial(lambda k: [one(k)], k)) for k in range(len(designs)) if k not in grouped]
+    work: list[Work] = [(group.numbers, partial(batch.several, group)) for group in together]
+    work += [((k,), partial(batch.alone, (k,))) for k in range(len(designs)) if k not in grouped]
     return _in_threads(work, workers or os.cpu_count() or 1)
+
+
+class _Batch:
+    """The drives of a batch, each of which is simulated and counted; arguments are those of `simulate_batch`."""
+
+    def __init__(
+        self, designs: Sequence[Design], scenario: str | Scenario, truths: Sequence[Design] | None, seed: int,
+        keep_truth: bool, keep: Callable[[Log], Any] | None, progress: Callable[[float], None] | None,
+    ) -> None:  # fmt: skip
+        self.designs, self.scenario, self.truths = designs, scenario, truths
+        self.seed, self.keep_truth, self.keep, self.progress = seed, keep_truth, keep, progress
+        self.done, self.counting = 0, threading.Lock()
+
+    def alone(self, numbers: tuple[int, ...]) -> list[Any]:
+        """Simulate drives one after the other."""
+        return [self._finish(self._one(k)) for k in numbers]
+
+    def several(self, group: Group) -> list[Any]:
+        """Simulate drives side by side, or one after the other where that is not possible."""
+        logs = simulate_group(group, self.seed, self.keep_truth)
+        return self.alone(group.numbers) if logs is None else [self._finish(log) for log in logs]
+
+    def _one(self, k: int) -> Log:
+        truth = self.truths[k] if self.truths is not None else None
+        try:
+            return simulate(self.designs[k], self.scenario, truth=truth, seed=self.seed + k, keep_truth=self.keep_truth)
+        except PmsmCtrlError as error:
+            raise type(error)(f"drive {k} of {len(self.designs)}: {error}") from error
+
+    def _finish(self, log: Log) -> Any:
+        kept = log if self.keep is None else self.keep(log)
+        if self.progress is not None:
+            with self.counting:
+                self.done += 1
+                self.progress(self.done / len(self.designs))
+        return kept
 
 
 def _prepared(
@@ -130,7 +141,7 @@ def _prepared(
     return found
 
 
-def _in_threads(work: list[tuple[tuple[int, ...], Callable[[], list[Any]]]], workers: int) -> list[Any]:
+def _in_threads(work: list[Work], workers: int) -> list[Any]:
     """Run pieces of work, each with the numbers of its drives; return one value for each drive, in order."""
     work = sorted(work, key=lambda piece: piece[0])
     results: dict[int, Any] = {}

@@ -13,8 +13,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.workbench.curves import overview, write_curves
@@ -374,12 +372,9 @@ def _records(request: Request, model: Stepwise) -> list[dict[str, Any]]:
             columns = columns or {"t": parts.t, "used": parts.used}
             columns |= {f"{channel}:measured": parts.measured, f"{channel}:predicted": parts.predicted}
             columns |= {f"{channel}:part:{name}": values for name, values in parts.effects.items()}
-            used = parts.used
-            rows = np.array([parts.residual()[used], *(values[used] for values in parts.effects.values())])
             balances.append({
-                "name": channel, "unit": parts.unit, "parts": list(parts.effects),
-                "products": rows @ rows.T / max(rows.shape[1], 1),
-                "size": float(np.sqrt(np.mean(parts.measured[used] ** 2))),
+                "name": channel, "unit": parts.unit, "parts": list(parts.effects), "products": parts.products,
+                "size": parts.size,
             })  # fmt: skip
         columns |= {f"over:{label}": values for label, values in over.items()}
         curves = f"model-{key}-{'fit' if number is None else number}"
