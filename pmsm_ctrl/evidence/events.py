@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.evidence.linalg import GRAM_RANK_TOLERANCE, factored
+from pmsm_ctrl.evidence.linalg import GRAM_RANK_TOLERANCE, orthonormal
 
 __all__ = ["Burst", "Search", "Shift", "basis_of", "bursts", "explained_by", "shift"]
 
@@ -107,10 +107,7 @@ def basis_of(motion: Array, weight: Array) -> Array:
     weight : array, shape (m,)
     """
     columns = motion * weight[:, None]
-    columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    # on the triangular factor: the basis of so many columns would be worked out twice otherwise
-    triangle: Array = np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
-    basis: Array = columns @ factored(triangle).inverse
+    basis: Array = columns @ orthonormal(columns.T @ columns)  # of so many columns a triangular factor takes long
     return basis
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "added_each",
     "factored",
     "gram_of",
+    "orthonormal",
     "own_shares",
     "projection_on_all",
 ]
@@ -128,6 +129,24 @@ def gram_of(blocks: Sequence[Array], weight: Array) -> Array:
             np.multiply(block[:, start : start + CHUNK], part_weight, out=part[end - len(block) : end])
         out += part @ part.T
     return out
+
+
+def orthonormal(gram: Array) -> Array:
+    """Return the weights that make columns with this Gram matrix orthonormal, on the directions that there are.
+
+    Parameters
+    ----------
+    gram : array, shape (k, k)
+
+    Returns
+    -------
+    array, shape (k, rank)
+    """
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    kept = values > GRAM_RANK_TOLERANCE * values.max(initial=0.0)
+    weights: Array = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    return weights
 
 
 def projection_on_all(gram: Array, right: Array, room: int, first: int = 0) -> tuple[Array, int]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.blocks import equal_blocks, left_out_gains
-from pmsm_ctrl.evidence.linalg import GRAM_RANK_TOLERANCE, added, gram_of, projection_on_all
+from pmsm_ctrl.evidence.linalg import added, gram_of, orthonormal, projection_on_all
 from pmsm_ctrl.evidence.tests import f_tail, rank_test
 from pmsm_ctrl.evidence.whitening import ChannelWhitener, channel_whitener, inflation
 
@@ -223,16 +223,7 @@ def _beyond(gram: Array, base: Index, own: Index) -> tuple[Array, int, float]:
 
     The residual comes first in the Gram matrix.
     """
-    directions = _orthonormal(gram[np.ix_(base, base)])
+    directions = orthonormal(gram[np.ix_(base, base)])
     shared = directions.T @ gram[np.ix_(base, own)]
     found = added(gram[np.ix_(own, own)], shared, gram[own, 0] - shared.T @ (directions.T @ gram[base, 0]))
     return np.concatenate([found.values, -directions @ (shared @ found.values)]), found.rank, found.gain
-
-
-def _orthonormal(gram: Array) -> Array:
-    """Return the weights, shape (k, rank), that make columns with this Gram matrix orthonormal."""
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    kept = values > GRAM_RANK_TOLERANCE * values.max(initial=0.0)
-    weights: Array = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
-    return weights
