@@ -118,10 +118,8 @@ class Model:
     @cached_property
     def entering(self) -> tuple[NDArray[np.int64], ...]:
         """The columns that enter each balance."""
-        return tuple(
-            np.array([k for k in range(matrix.shape[1]) if np.any(matrix[:, k])], dtype=np.int64)
-            for matrix in self.matrix
-        )
+        entering = ([k for k, column in enumerate(matrix.T) if np.any(column)] for matrix in self.matrix)
+        return tuple(np.array(columns, dtype=np.int64) for columns in entering)
 
     @property
     def prior_doubt(self) -> Array:
