@@ -17,7 +17,7 @@ from datetime import timedelta
 from pathlib import Path
 
 from pmsm_ctrl import Design, fleet
-from pmsm_ctrl.fleet import Engine, FleetReport, FleetResult, Store, fleet_report, read_manifest
+from pmsm_ctrl.fleet import Engine, FleetReport, FleetResult, Manifest, Store, fleet_report, read_manifest
 from pmsm_ctrl.fleet.example import FIRST, Axis, simulated_fleet
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,13 +48,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )  # fmt: skip
     print(f"{given.axes} axes, {records} logs each, simulated in {time.perf_counter() - start:.0f} s: {folder}")
     manifest = read_manifest(folder / "run.toml")
-    plain = fleet(replace(manifest, results=str(folder / "plain")), engine=Engine(jobs=1))
-    print_speed("one process", plain)
+    plain = timed("one process", manifest, folder / "plain", 1)
     if given.workers:
-        spread = fleet(replace(manifest, results=str(folder / "workers")), engine=Engine(jobs=given.workers))
-        print_speed(f"{given.workers} workers", spread)
-        print(f"  {plain.seconds / spread.seconds:.2f} times as fast as one process; "
-              f"{share(spread):.0%} of the time of the workers is evaluation")  # fmt: skip
+        spread = timed(f"{given.workers} workers", manifest, folder / "workers", given.workers)
+        print(f"  {plain.seconds / spread.seconds:.2f} times as fast on the clock, with {os.cpu_count()} cores")
         print(f"  same rows: {numbers(folder / 'plain') == numbers(folder / 'workers')}")
     again = fleet(replace(manifest, results=str(folder / "plain")), engine=Engine(jobs=1))
     print(f"a run with nothing new: {again.seconds:.2f} s for {again.logs} logs, {again.evaluated} evaluated")
@@ -66,22 +63,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
           f"{YEAR * size / plain.logs / 1e9:.1f} GB of results")  # fmt: skip
 
 
-def share(run: FleetResult) -> float:
-    """Return how much of the time of two workers was evaluation, on the clock of the processor."""
-    return min(1.0, run.processor_seconds / (2.0 * run.seconds))
-
-
-def print_speed(name: str, run: FleetResult) -> None:
-    """Print logs a minute, on the clock and per core."""
+def timed(name: str, manifest: Manifest, results: Path, jobs: int) -> FleetResult:
+    """Run a fleet and print logs a minute, the processor time beside the evaluation, and the memory."""
+    before = processor_time()
+    run = fleet(replace(manifest, results=str(results)), engine=Engine(jobs=jobs))
+    beside = processor_time() - before - run.processor_seconds  # start, compiling, engine, writing
     own, children = (
         resource.getrusage(who).ru_maxrss / 1e3 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     )
+    each, rate = run.processor_seconds / max(1, run.evaluated), run.evaluated / max(run.processor_seconds, 1e-9)
     print(
-        f"{name}: {run.evaluated} logs in {run.seconds:.0f} s, {60 * run.evaluated / run.seconds:.1f} logs a minute, "
-        f"{60 * run.evaluated / max(run.processor_seconds, 1e-9):.1f} a minute of a core; "
-        f"overhead {run.seconds - run.processor_seconds:.1f} s beside {run.processor_seconds:.1f} s of evaluation; "
-        f"most memory {own:.0f} MB here, {children:.0f} MB in a worker (load {os.getloadavg()[0]:.1f})"
+        f"{name}: {run.evaluated} logs in {run.seconds:.0f} s at load {os.getloadavg()[0]:.1f}; "
+        f"{each:.2f} s of a processor a log, {60 * rate:.0f} logs a minute and core; {beside:.1f} s of a processor "
+        f"beside it ({beside / max(run.processor_seconds, 1e-9):.0%}); most memory {own:.0f} MB here, "
+        f"{children:.0f} MB in a worker"
     )
+    return run
+
+
+def processor_time() -> float:
+    """Return the processor time of this process and of those that it has ended, s."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
 
 
 def numbers(results: Path) -> dict[tuple[str, int], tuple[object, ...]]:
@@ -102,7 +105,8 @@ def print_answers(report: FleetReport, truth: Sequence[Axis]) -> None:
         named = {word: one for one in answer.findings for word in (one.effect, *one.equivalents)}
         if axis.effect and axis.effect in named:
             found += 1
-            late.append((named[axis.effect].since - FIRST - timedelta(days=axis.since)).days)
+            appeared = (FIRST + timedelta(days=axis.since)).date()
+            late.append((named[axis.effect].since.date() - appeared).days)
         missed += bool(axis.effect) and axis.effect not in named
         false += sum(axis.effect not in (one.effect, *one.equivalents) for one in answer.findings)
         if axis.effect or answer.missing:
