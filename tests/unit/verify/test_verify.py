@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pmsm_ctrl import Design, Log, simulate, verify
+from pmsm_ctrl import Design, Log, read_log, simulate, verify
 from pmsm_ctrl.cli import main
 from pmsm_ctrl.compensate.motions import named_trial
 from pmsm_ctrl.errors import LogError, RequestError
@@ -186,3 +187,14 @@ def test_the_command(
     with pytest.raises(SystemExit) as left:
         main([*words, "--fail-on", "late"])
     assert left.value.code in (0, None)
+
+
+def test_a_real_drive_that_was_not_changed(designs: Path, measured: Callable[[str], Path]) -> None:
+    """Two parts of one record of EMPS, whose controller is P over P: its law is found, and nothing beside it."""
+    design = Design.read(designs / "emps.toml")
+    log = read_log(measured("emps/DATA_EMPS.mat"), design)
+    quarter = len(log) // 4
+    found = verify(design, log.slice(0, quarter), log.slice(quarter, 2 * quarter))
+    assert found.verdict.value == "not_applied"
+    assert found.explained > 0.999
+    assert found.interval[0] < 0.0 < found.interval[1]
