@@ -27,6 +27,7 @@ READING = ("get", "pop", "setdefault", "startswith", "parameter", "parameters", 
 ALLOWED = {
     ("track/model.py", "gap"): "a gap of the log, as an event of the tracker",
     ("datasheet.py", "g"): "gram",
+    ("frf/bode.py", "g"): "a name of a response in a file",
     ("design_parts.py", "order"): "of a low-pass filter",
     ("fleet/paths.py", "d"): "the day of a date",
     **{("fleet/example.py", name): "the plant of a simulated fleet" for name in (
