@@ -27,7 +27,7 @@ from pmsm_ctrl.errors import CacheWarning, RequestError
 from pmsm_ctrl.files import STALE, atomic_path, require_writable, write_text
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
-from tests.effort import amount
+from tests.effort import amount, slow
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 
@@ -151,7 +151,7 @@ def look(folder: Path, outputs: list[str]) -> list[bool]:
     return new
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", ["simulate", "identify", "import", *map(slow, ("add", "tune", "export"))])
 def test_killed_where_it_writes(run: Callable[..., int], tmp_path: Path, record: Path, command: str) -> None:
     outputs = COMMANDS[command][1]
     for name in outputs:

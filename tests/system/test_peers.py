@@ -72,6 +72,7 @@ def test_two_logs_of_drives_drawn_at_random() -> None:
     report(rows)
 
 
+@pytest.mark.slow
 def test_a_generic_library_names_the_products_that_are_effects() -> None:
     case = make(305, False)
     assert case is not None

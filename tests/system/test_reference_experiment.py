@@ -45,6 +45,7 @@ def covered(motor: Design, seeds: int) -> dict[str, float]:
     return {symbol: count / seeds for symbol, count in hits.items()}
 
 
+@pytest.mark.slow
 def test_with_noise_within_a_hundredth_and_its_own_interval(motor: Design) -> None:
     # 8 runs: a 95 % interval misses more than 2 of them once in 170 times
     assert all(share >= 6 / 8 for share in covered(motor, 8).values())

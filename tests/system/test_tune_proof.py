@@ -20,7 +20,7 @@ from pmsm_ctrl.tune.proof import BANDWIDTH_TOLERANCE, PHASE_TOLERANCE, Outcome, 
 from pmsm_ctrl.tune.tuning import tune
 from tests.effort import slow
 
-MACHINES = ("seed_motor", "geared_resonant", slow("small_servo"), slow("servo_2kw"))
+MACHINES = ("seed_motor", *map(slow, ("geared_resonant", "small_servo", "servo_2kw")))
 
 
 @cache

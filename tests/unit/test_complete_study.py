@@ -15,6 +15,7 @@ from pmsm_ctrl.simulate import scenario, simulate
 VERBS = {"tune", "sweep", "identify", "compare", "compensate", "track", "export"}
 
 
+@pytest.mark.slow
 def test_parts_of_the_drive_are_told_or_done(designs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the minutes of the compensation, whose own tests are elsewhere."""
 

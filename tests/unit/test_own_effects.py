@@ -149,10 +149,10 @@ def wrong_log(design: Design, effect: Effect, values: Mapping[str, float]) -> Lo
 
 
 # One of every structure, and of every role that a parameter can have.
-CHOSEN = ("encoder_eccentricity", "delay")
+CHOSEN = ("delay",)
 FURTHER = (
-    "cogging", "backlash", "stribeck", "presliding", "viscous_power", "iron_loss", "dead_time", "current_gain",
-    "compliance",
+    "encoder_eccentricity", "cogging", "backlash", "stribeck", "presliding", "viscous_power", "iron_loss", "dead_time",
+    "current_gain", "compliance",
 )  # fmt: skip
 
 

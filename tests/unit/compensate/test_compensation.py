@@ -24,6 +24,7 @@ from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.feedforward import Feedforward, compensation_lines
 from pmsm_ctrl.tune import tune
 from tests.benchmarks.windows import EFFECTS, check, prepared, side_by_side
+from tests.effort import slow
 from tests.unit.compensate.random_drives import random_drive
 
 
@@ -149,7 +150,7 @@ def test_with_stiff_loops_compensation_reaches_the_noise_of_the_axis(design: Des
     assert plain.rms**2 - floor.rms**2 > 10.0 * abs(on.rms**2 - floor.rms**2)
 
 
-@pytest.mark.parametrize("name", ["low_speed", "adaptive", "small_servo", "servo_2kw", "geared_resonant"])
+@pytest.mark.parametrize("name", ["low_speed", *map(slow, ("adaptive", "small_servo", "servo_2kw", "geared_resonant"))])
 def test_shipped_designs_are_compensated_with_their_tuned_gains(project_root: Path, name: str) -> None:
     """Nine tenths of what friction adds go, and nine tenths of the peak, or all but what noise leaves of it."""
     shipped = Design.read(project_root / "designs" / f"{name}.toml")

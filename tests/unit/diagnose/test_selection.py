@@ -189,7 +189,7 @@ def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float
             "u_q", "a resistance", "winding_impossible",
         )  # fmt: skip
         assert structure.share == pytest.approx(1.0, abs=1e-4)
-        assert "R would have to be 4.3 Ohm, 4.3 times its nominal value" in structure.notice.text
+        assert "R would be 4.3 Ohm, 4.3 times its nominal value" in structure.notice.text
         x, forward, backward = structure.curve
         assert np.polyfit(x, forward, 1)[0] == pytest.approx(R - 1.0, rel=0.01)
         assert np.isnan(backward).all()

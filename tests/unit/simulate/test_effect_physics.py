@@ -139,6 +139,7 @@ def lugre_drift(mean, size, frequency, cycles, sigma_0, step):
     return np.array(trace)
 
 
+@pytest.mark.slow
 def test_no_drift_over_1e5_cycles_where_plain_lugre_drifts(bare, checked):
     mean, size, frequency = 0.3 * F_C, 0.15 * F_C, 200.0
     design = bare.with_effect("presliding", BRISTLE).replace(sensor={"log_divider": 80 * 500})

@@ -82,6 +82,7 @@ def test_a_speed_loop_on_a_hard_spring_answers_as_the_linear_model(bare, k):
     assert found == pytest.approx(size * expected[: len(found)], abs=0.002 * size)
 
 
+@pytest.mark.slow
 def test_with_friction_a_very_hard_spring_is_a_rigid_shaft(project_root):
     rigid = Design.read(project_root / "designs/seed_motor.toml").without_effect("viscous").replace(sensor=IDEAL)
     hard = rigid.with_effect("compliance", {"J_load": J_LOAD, "k": 3e6, "d": 0.01})

@@ -83,6 +83,7 @@ def test_gains_scale_with_the_machine(design, factor):
     assert math.isclose(tune_current(thick).T_n, loop.T_n, rel_tol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_linear_axis_is_described_in_metres_and_newtons() -> None:
     """No radian and no newton metre in what is said of a linear axis, the gains in drives' units included."""
     design = next(machine(seed) for seed in range(50) if machine(seed).motion == "linear")

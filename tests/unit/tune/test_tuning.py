@@ -289,6 +289,7 @@ def seal_drag(omega: float, direction: float, k_seal: float) -> float:
     return k_seal * math.sqrt(abs(omega)) * direction
 
 
+@pytest.mark.slow
 def test_a_users_own_effect_is_in_the_model_and_in_the_proof(root):
     own = Effect(
         id="seal_drag", title="Wiper seal", equation=r"k\sqrt{|\omega|}", source="a user", enters="torque",
