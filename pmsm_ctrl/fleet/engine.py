@@ -21,6 +21,7 @@ __all__ = ["Engine", "completed"]
 DEATHS = 3  # workers that a job may end
 PATIENCE = "20s"  # for a scheduler to answer
 LONGEST = 900.0  # s a job may take before its worker is ended: 100 times the usual
+THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # of libraries, in a worker
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,10 @@ def _client(engine: Engine, processes: int) -> Iterator[Any]:
             "fleet: dask.distributed not installed: pip install 'pmsm-ctrl[fleet]'; --jobs 1 does without"
         ) from None
     quiet = {"distributed.scheduler.allowed-failures": DEATHS - 1, "distributed.logging.distributed": "critical",
-             "distributed.worker.memory.terminate": 0.95, "distributed.admin.tick.limit": "1h"}  # fmt: skip
+             "distributed.worker.memory.terminate": 0.95, "distributed.admin.tick.limit": "1h",
+             # dask has workers give memory back at once, and each large array then costs its page faults: 1.6 times
+             "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, 1),
+             "distributed.worker.profile.enabled": False}  # fmt: skip
     with dask.config.set(quiet):
         if engine.scheduler:
             try:
