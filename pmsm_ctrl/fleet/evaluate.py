@@ -89,9 +89,20 @@ def evaluated(job: Job) -> tuple[Row, ...]:
         wanted = [verb for verb in verbs if getattr(job.settings, verb, True)]
         reasons = [_attempt(out, verb, lambda verb=verb: verbs[verb](out, logs)) for verb in wanted]  # type: ignore[misc]
     out.add("fleet", "quantity", "processor_time", value=time.thread_time() - started, unit="s")
+    if (memory := _memory()) is not None:
+        out.add("fleet", "quantity", "memory", value=memory, unit="B")
     worthless = all(reasons)
     out.add("fleet", "status", FAILED if worthless else DONE, text=reasons[0] if worthless else "")
     return tuple(out.rows)
+
+
+def _memory() -> float | None:
+    """Return the resident memory of this process, B; None without psutil, which dask.distributed brings."""
+    try:
+        import psutil
+    except ImportError:
+        return None
+    return float(psutil.Process().memory_info().rss)
 
 
 def _attempt(out: _Rows, source: str, step: Callable[[], None]) -> str:

@@ -88,10 +88,10 @@ def processor_time() -> float:
 
 
 def numbers(results: Path) -> dict[tuple[str, int], tuple[object, ...]]:
-    """Return the rows but for times."""
+    """Return the rows but for what they cost."""
     return {
         (row.record, row.row): (row.source, row.kind, row.name, row.value, row.stderr, row.p_value, row.text)
-        for row in Store(results).read() if row.name != "processor_time"
+        for row in Store(results).read() if row.name not in ("processor_time", "memory")
     }  # fmt: skip
 
 

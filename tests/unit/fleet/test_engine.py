@@ -28,14 +28,14 @@ pytest.importorskip("pyarrow")
 
 # Workers close sockets and files of their own when they are ended; that is theirs.
 pytestmark = pytest.mark.filterwarnings("ignore")
-TIMING = "processor_time"
+COST = ("processor_time", "memory")
 
 
 def numbers(results: str | Path) -> dict[tuple[str, int], tuple[object, ...]]:
-    """Return every row of the results but the times that it took."""
+    """Return every row of the results but what it cost."""
     return {
         (row.record, row.row): (row.source, row.kind, row.name, row.value, row.stderr, row.p_value, row.text)
-        for row in Store(results).read() if row.name != TIMING
+        for row in Store(results).read() if row.name not in COST
     }  # fmt: skip
 
 
