@@ -10,10 +10,11 @@ import typer
 
 from pmsm_ctrl.console import command_line, finish, progress_bar
 from pmsm_ctrl.files import printable, require_writable, write_text
-from pmsm_ctrl.options import ForceOption, JsonOption, MapOption
+from pmsm_ctrl.options import EffectsOption, ForceOption, JsonOption, MapOption
 
 if TYPE_CHECKING:
     from pmsm_ctrl.fleet import Engine, FleetReport, FleetResult, Manifest
+    from pmsm_ctrl.options import OwnEffects
 
 __all__ = ["FLEET_COMMANDS"]
 
@@ -42,6 +43,8 @@ def fleet(
     memory: Annotated[
         str, typer.Option("--memory", metavar="SIZE", help="limit of a worker, such as 2GB; auto shares the machine's")
     ] = "auto",
+    retry: Annotated[bool, typer.Option("--retry", help="try logs again that were set aside")] = False,
+    effects: EffectsOption = None,
     every: Annotated[
         float, typer.Option("--every", metavar="SECONDS", min=0.0, help="of watch: between two looks")
     ] = 60.0,
@@ -62,19 +65,22 @@ def fleet(
 
     engine = Engine(jobs, scheduler, memory)
     if words[0] == "watch":
-        _watch(_manifest(words[1:], design, output, joint, mapping), engine, every)
+        _watch(_manifest(words[1:], design, output, joint, mapping, effects), engine, every, retry)
         return
-    manifest = _manifest(words, design, output, joint, mapping)
+    manifest = _manifest(words, design, output, joint, mapping, effects)
     with progress_bar(f"fleet {words[0]}") as progress:
-        result = run_fleet(manifest, engine=engine, progress=progress)
+        result = run_fleet(manifest, engine=engine, retry=retry, progress=progress)
     finish("fleet", result, json_file=json_file)
 
 
-def _watch(manifest: Manifest, engine: Engine, every: float) -> None:
+def _watch(manifest: Manifest, engine: Engine, every: float, retry: bool) -> None:
     """Follow a folder: table and page are renewed as logs arrive, until Ctrl-C."""
+    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import fleet_report
     from pmsm_ctrl.fleet.watch import watch
 
+    if retry:
+        raise RequestError("--retry: not with watch; run fleet once with it")
     page = Path(manifest.results) / "fleet.html"
 
     def told(done: FleetResult) -> None:
@@ -134,8 +140,9 @@ def _page(found: FleetReport) -> str:
 
 
 def _manifest(
-    words: list[str], design: Path | None, output: Path | None, joint: bool, mapping: list[str] | None
-) -> Manifest:
+    words: list[str], design: Path | None, output: Path | None, joint: bool, mapping: list[str] | None,
+    effects: OwnEffects | None,
+) -> Manifest:  # fmt: skip
     """Return the manifest of a file, or of folders of logs."""
     from pmsm_ctrl.console import parse_map
     from pmsm_ctrl.errors import RequestError
@@ -153,7 +160,9 @@ def _manifest(
         manifest = Manifest(logs=tuple(words), design=str(design))
     settings = manifest.settings
     settings = replace(settings, joint=joint or settings.joint, mapping={**settings.mapping, **parse_map(mapping)})
-    return replace(manifest, settings=settings, results=str(output) if output is not None else manifest.results)
+    own = "" if effects is None else str(effects.path.resolve())  # workers have working folders of their own
+    results = str(output) if output is not None else manifest.results
+    return replace(manifest, settings=settings, results=results, effects=own)
 
 
 FLEET_COMMANDS = (fleet,)

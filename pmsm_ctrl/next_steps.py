@@ -58,6 +58,8 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
             words = ("compare", (given.get("holdout") or logs)[0], "--design", design)
         case "track" | "frf":
             words = ("compensate", design)
+        case "fleet" if verdict == "set_aside":
+            words = _again(given)
         case "fleet" if "report" not in given["words"][:1]:
             words = ("fleet", "report", given.get("output") or "RESULTS", "--output", "fleet.html")
         case "compensate":
@@ -77,6 +79,15 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
         case "effects":
             words = ("add", given["identifier"], "--design", design or "DESIGN", "--log", "LOG", "--output", _new())
     return " ".join(["pmsm-ctrl", *(_shown(str(word)) for word in words)]) if words else ""
+
+
+def _again(given: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return the words of a fleet's command that tries again what was set aside."""
+    values = {name: value for name in ("design", "output", "scheduler") if (value := given.get(name))}
+    values |= {"effects": given["effects"].path} if given.get("effects") else {}
+    stated = [word for name, value in values.items() for word in (f"--{name}", value)]
+    mapped = [word for pair in given.get("mapping") or () for word in ("--map", pair)]
+    return ("fleet", *given["words"], *stated, *mapped, *(["--joint"] if given.get("joint") else []), "--retry")
 
 
 # Commands whose output is a design, with which one goes on.

@@ -5,19 +5,24 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.errors import PmsmCtrlError
+from pmsm_ctrl.errors import PmsmCtrlError, RequestError
+from pmsm_ctrl.files import sha256
 from pmsm_ctrl.fleet.manifest import Item, Settings
 from pmsm_ctrl.fleet.store import Row
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 
-__all__ = ["Job", "evaluated", "set_aside"]
+if TYPE_CHECKING:
+    from pmsm_ctrl.effects import Effect
+
+__all__ = ["Job", "evaluated", "own_effects", "set_aside"]
 
 DONE, FAILED, SET_ASIDE = "done", "failed", "set_aside"  # words of the status
 
@@ -33,12 +38,45 @@ class Job:
     design : Design or None
         None where the item cannot be evaluated.
     settings : Settings
+    effects, digest : str
+        File with own effects, and its hash; empty where there is none. A worker runs the file once.
     """
 
     item: Item
     key: str
     design: Design | None
     settings: Settings
+    effects: str = ""
+    digest: str = ""
+
+
+@cache
+def own_effects(path: str, digest: str) -> tuple[Effect, ...]:
+    """Run a file of own effects, once in a process.
+
+    Parameters
+    ----------
+    path : str
+    digest : str
+        Its SHA-256.
+
+    Returns
+    -------
+    tuple of Effect
+
+    Raises
+    ------
+    RequestError
+        When it is no longer the file of this hash, cannot be run, or defines an id of the catalogue.
+    """
+    from pmsm_ctrl.effects import catalogue_with
+    from pmsm_ctrl.effects.loading import load_effects
+
+    found = load_effects(path)
+    if sha256(path) != digest:
+        raise RequestError(f"{path}: was changed while the fleet was evaluated; start the run again")
+    catalogue_with(found)
+    return found
 
 
 @dataclass
@@ -125,9 +163,12 @@ def _imported(out: _Rows) -> list[Log]:
     """Return the logs, and say what they hold; one in doubt is refused."""
     from pmsm_ctrl.importers import read_log, require_confirmed
 
+    if out.job.item.problem:
+        raise PmsmCtrlError(out.job.item.problem)
+    if out.job.effects and out.job.design is not None:
+        known = own_effects(out.job.effects, out.job.digest)
+        out.job = replace(out.job, design=out.job.design.with_own_effects(*known))
     job, logs = out.job, []
-    if job.item.problem:
-        raise PmsmCtrlError(job.item.problem)
     for file in job.item.files:
         log = read_log(file, job.design, job.settings.mapping)
         out.doubts("import", log.provenance.notices)

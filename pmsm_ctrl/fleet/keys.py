@@ -84,7 +84,7 @@ def _design_digest(path: str) -> str:
         raise RequestError(f"{path}: no design can be read here ({error.strerror})") from None
 
 
-def key_of(item: Item, settings: Settings, hashes: Hashes) -> str:
+def key_of(item: Item, settings: Settings, hashes: Hashes, effects: str = "") -> str:
     """Return the key of what is evaluated: equal keys give equal rows.
 
     Parameters
@@ -92,6 +92,8 @@ def key_of(item: Item, settings: Settings, hashes: Hashes) -> str:
     item : Item
     settings : Settings
     hashes : Hashes
+    effects : str
+        Hash of the file with own effects; empty where there is none.
 
     Returns
     -------
@@ -107,6 +109,6 @@ def key_of(item: Item, settings: Settings, hashes: Hashes) -> str:
     content = {
         "logs": logs, "design": _design_digest(item.design) if item.design else "", "settings": asdict(settings),
         "package": package_digest(), "axis": item.axis, "type": item.type, "time": item.time.isoformat(),
-        "files": item.files, "problem": item.problem,
+        "files": item.files, "problem": item.problem, "effects": effects,
     }  # fmt: skip
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=dict).encode()).hexdigest()[:32]

@@ -68,6 +68,8 @@ class Manifest:
     limits : dict of str to float
         Highest allowed value of a parameter, SI units, by symbol; the report says when a trend reaches it.
     settings : Settings
+    effects : str
+        Python file with own effects of every design; it is run. A manifest's file cannot name one.
     """
 
     logs: tuple[str, ...] = ()
@@ -79,6 +81,7 @@ class Manifest:
     table: str = ""
     limits: Mapping[str, float] = field(default_factory=dict)
     settings: Settings = field(default_factory=Settings)
+    effects: str = ""
 
 
 @dataclass(frozen=True)

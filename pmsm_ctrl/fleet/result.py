@@ -61,6 +61,11 @@ class FleetResult(Result):
     processor_seconds: float
     notices: tuple[Notice, ...] = ()
 
+    @property
+    def verdict(self) -> str:
+        """``set_aside`` where a log was, and ``evaluated``."""
+        return "set_aside" if any(one.set_aside for one in self.lost) else "evaluated"
+
     def to_dict(self) -> dict[str, Any]:
         """Return the schema ``pmsm-ctrl/fleet/1``."""
         plain: dict[str, Any] = jsonable({

@@ -8,9 +8,11 @@ from collections import Counter
 from collections.abc import Callable
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.files import sha256
 from pmsm_ctrl.fleet import notices as words
 from pmsm_ctrl.fleet.engine import Engine, completed
-from pmsm_ctrl.fleet.evaluate import DONE, SET_ASIDE, Job
+from pmsm_ctrl.fleet.evaluate import DONE, SET_ASIDE, Job, own_effects
 from pmsm_ctrl.fleet.keys import Hashes, key_of
 from pmsm_ctrl.fleet.manifest import Item, Manifest, items_of, read_manifest
 from pmsm_ctrl.fleet.result import FleetResult, Lost
@@ -25,6 +27,7 @@ def fleet(
     *,
     engine: Engine | None = None,
     quiet: float = 0.0,
+    retry: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> FleetResult:
     """Evaluate the logs of many axes: import, identify, compare and diagnose each, into one table of results.
@@ -40,6 +43,8 @@ def fleet(
         Workers; as many as the machine has cores if left out.
     quiet : float
         s; a log that was changed more recently may be incomplete, and is left for the next run.
+    retry : bool
+        Whether logs that were set aside are tried again.
     progress : function, optional
         Called with the share done, 0 to 1.
 
@@ -50,7 +55,7 @@ def fleet(
     Raises
     ------
     RequestError
-        When the manifest is wrong, or something is not installed.
+        When the manifest is wrong, a file of own effects cannot be run, or something is not installed.
     DesignError
         When a design is wrong.
     """
@@ -60,11 +65,19 @@ def fleet(
     designs = {path: Design.read(path) for path in sorted({item.design for item in items} - {""})}
     store = Store(given.results)
     hashes = Hashes(store.noted("hashes"))
-    keys = {key_of(item, given.settings, hashes): item for item in items}
+    digest = _loaded(given.effects)
+    keys = {key_of(item, given.settings, hashes, digest): item for item in items}
     store.note("hashes", hashes.known)
     store.note("limits", given.limits)
     done = store.done()
-    jobs = [Job(i, key, designs.get(i.design), given.settings) for key, i in keys.items() if key not in done]
+    if retry:
+        again = {key for key, word in done.items() if word == SET_ASIDE and key in keys}
+        store.forget(again)
+        done = {key: word for key, word in done.items() if key not in again}
+    jobs = [
+        Job(item, key, designs.get(item.design), given.settings, given.effects, digest)
+        for key, item in keys.items() if key not in done
+    ]  # fmt: skip
     advance, finished, spent = progress or (lambda share: None), 0, 0.0
     for ready in completed(jobs, engine or Engine()) if jobs else ():
         rows = [row for of_one in ready for row in of_one]
@@ -75,6 +88,18 @@ def fleet(
     if jobs:
         store.join()
     return _result(given.results, keys, store, len(jobs), time.perf_counter() - started, spent)
+
+
+def _loaded(effects: str) -> str:
+    """Return the hash of a file of own effects, which is run here first: what it lacks is said before the work."""
+    if not effects:
+        return ""
+    try:
+        digest = sha256(effects)
+    except OSError as error:
+        raise RequestError(f"{effects}: no own effects can be read here ({error.strerror})") from None
+    own_effects(effects, digest)
+    return digest
 
 
 def _settled(item: Item, quiet: float) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from itertools import chain
@@ -89,6 +89,7 @@ def require_pyarrow() -> Any:
     """
     try:
         import pyarrow
+        import pyarrow.compute
         import pyarrow.parquet
     except ImportError:
         raise RequestError("fleet: pyarrow not installed: pip install 'pmsm-ctrl[fleet]'") from None
@@ -224,6 +225,24 @@ class Store:
             tables = [parquet.read_table(path, schema=self.schema) for path in small]
             self._write(self.arrow.concat_tables(tables), [path.name for path in small])
             for path in small:
+                path.unlink(missing_ok=True)
+
+    def forget(self, keys: Collection[str]) -> None:
+        """Take the rows of some keys out: their parts are written again without them, and replaced at once.
+
+        Parameters
+        ----------
+        keys : collection of str
+        """
+        if not keys:
+            return
+        parquet, compute = self.arrow.parquet, self.arrow.compute
+        wanted = self.arrow.array(sorted(keys))
+        for path in self.parts():
+            table = parquet.read_table(path, schema=self.schema)
+            gone = compute.is_in(table["key"], value_set=wanted)
+            if compute.any(gone).as_py():
+                self._write(table.filter(compute.invert(gone)), [path.name])
                 path.unlink(missing_ok=True)
 
     # -- beside the rows --------------------------------------------------------------------------------------

@@ -618,7 +618,7 @@ def test_every_verb_with_a_design_takes_own_effects_and_says_that_the_file_is_ru
 
     for name, verb in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
         options = {option.name: option for option in verb.params}
-        if "design" in options and name not in ("import", "workbench", "fleet"):  # see their own options and docs
+        if "design" in options and name not in ("import", "workbench"):  # see their own options and docs
             found = [option for option in verb.params if "--effects" in option.opts]
             assert found, name
             assert "RUNS" in found[0].help

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from pmsm_ctrl.fleet import Manifest, read_manifest
 
 SEED = Path(__file__).resolve().parents[3] / "designs" / "seed_motor.toml"
 
@@ -19,6 +22,37 @@ def write_log(path: Path, F_c: float, seed: int) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savetxt(path, np.column_stack((t, omega, torque)), fmt="%.9g", delimiter=",",
                header="t [s],omega [rad/s],torque [N m]", comments="")  # fmt: skip
+
+
+OWN_EFFECT = """
+import math
+
+from pmsm_ctrl.effects import Effect, Parameter, kernel
+
+
+@kernel
+def drag(omega, direction, k_seal):
+    return k_seal * math.sqrt(abs(omega)) * direction
+
+
+seal = Effect(
+    id="seal_drag", title="Wiper seal", equation="k sqrt(w)", source="a user", enters="torque",
+    parameters=(Parameter("k_seal", "N m", 0.0, 0.0, math.inf, "drag at 1 rad/s", linear=True),),
+    term=drag, needs="several speeds",
+)
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, two_axes: Path) -> Manifest:
+    """Return the manifest of two axes whose design names an effect of a user's file."""
+    (tmp_path / "seal.py").write_text(OWN_EFFECT, encoding="utf-8")
+    design = SEED.read_text(encoding="utf-8") + '\n[[effects]]\nid = "seal_drag"\nk_seal = 0.0\n'
+    (tmp_path / "own.toml").write_text(design, encoding="utf-8")
+    return replace(
+        read_manifest(two_axes / "run.toml"), design=str(tmp_path / "own.toml"), effects=str(tmp_path / "seal.py"),
+        results=str(tmp_path / "results"),
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")

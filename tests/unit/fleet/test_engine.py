@@ -18,7 +18,7 @@ import pytest
 
 from pmsm_ctrl import fleet
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.fleet import Engine, Store, read_manifest
+from pmsm_ctrl.fleet import Engine, Manifest, Store, read_manifest
 from pmsm_ctrl.fleet.engine import completed
 from pmsm_ctrl.fleet.evaluate import Job
 from pmsm_ctrl.fleet.manifest import Item, Settings
@@ -73,6 +73,14 @@ def test_workers_give_the_same_numbers_as_one_process(two_axes: Path, tmp_path: 
     for name, jobs_ in (("one", 1), ("two", 2)):
         fleet(replace(manifest, results=str(tmp_path / name)), engine=Engine(jobs_))
     assert numbers(tmp_path / "one") == numbers(tmp_path / "two")
+
+
+@pytest.mark.slow
+def test_workers_load_own_effects(own: Manifest, tmp_path: Path) -> None:
+    for name, jobs_ in (("one", 1), ("two", 2)):
+        fleet(replace(own, results=str(tmp_path / name)), engine=Engine(jobs_))
+    assert numbers(tmp_path / "one") == numbers(tmp_path / "two")
+    assert any(row[2] == "k_seal" for row in numbers(tmp_path / "two").values())
 
 
 KILLER = """

@@ -12,7 +12,7 @@ import pytest
 from pmsm_ctrl import Design, fleet, identify, read_log
 from pmsm_ctrl.cli import main
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.fleet import Engine, FleetResult, Manifest, Store, read_manifest
+from pmsm_ctrl.fleet import Engine, FleetResult, Manifest, Row, Store, read_manifest
 from pmsm_ctrl.fleet import evaluate as evaluation
 
 pytest.importorskip("pyarrow")
@@ -66,6 +66,44 @@ def test_what_is_done_is_not_done_again(
     design.write_text(Path(manifest.design).read_text(encoding="utf-8") + "\n", encoding="utf-8")
     fleet(replace(manifest, design=str(design)), engine=ALONE)
     assert len(asked) == 5, "another design"
+
+
+def test_own_effects_are_known_and_part_of_the_key(own: Manifest) -> None:
+    own = replace(own, logs=own.logs[:1])
+    assert {one.text for one in _statuses(fleet(replace(own, effects=""), engine=ALONE))} != {""}
+    found = fleet(own, engine=ALONE)
+    assert (found.evaluated, len(found.lost)) == (5, 1), "the hash of the file is part of the key"
+    assert sum(one.name == "k_seal" for one in Store(own.results).read(("parameter",))) == 4
+    path = Path(own.effects)
+    path.write_text(path.read_text(encoding="utf-8").replace("seal_drag", "coulomb"), encoding="utf-8")
+    with pytest.raises(RequestError, match="already"):
+        fleet(own, engine=ALONE)
+
+
+def test_what_was_set_aside_is_tried_again_when_asked(
+    two_axes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def ends(job: evaluation.Job) -> tuple[Row, ...]:
+        return evaluation.set_aside(job, "test") if "a1" in job.item.name else evaluation.evaluated(job)
+
+    manifest = replace(read_manifest(two_axes / "run.toml"), results=str(tmp_path / "r"))
+    monkeypatch.setattr("pmsm_ctrl.fleet.engine.evaluated", ends)
+    words = ["fleet", str(two_axes / "run.toml"), "-o", str(tmp_path / "r"), "--jobs", "1"]
+    with pytest.raises(SystemExit):
+        main(words)
+    assert f"next: pmsm-ctrl fleet {words[1]} --output {words[3]} --retry" in capsys.readouterr().out
+    monkeypatch.undo()
+    assert fleet(manifest, engine=ALONE).evaluated == 0
+    again = fleet(manifest, engine=ALONE, retry=True)
+    assert (again.evaluated, [one.axis for one in again.lost]) == (2, ["a2"]), "not what failed"
+    rows = [(one.key, one.row) for one in Store(tmp_path / "r").read()]
+    assert len(rows) == len(set(rows))
+    assert len(list(Store(tmp_path / "r").read(("status",)))) == 5
+    assert fleet(manifest, engine=ALONE, retry=True).evaluated == 0
+
+
+def _statuses(found: FleetResult) -> list[Row]:
+    return list(Store(found.results).read(("status",)))
 
 
 def test_a_log_that_has_changed_is_evaluated_again(tmp_path: Path) -> None:
