@@ -373,6 +373,16 @@ def import_log(
     ] = None,
     output: Annotated[Path | None, output_option("LOG", "write it as canonical CSV")] = None,
     mapping: MapOption = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            "--rate",
+            metavar="HZ",
+            min=1e-6,
+            max=1e9,
+            help="of a file without time; with --map t=COLUMN of a column that counts samples",
+        ),
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="take a proposed mapping without a question")] = False,
     json_file: JsonOption = None,
     force: ForceOption = False,
@@ -384,7 +394,7 @@ def import_log(
     if beside is not None:
         require_distinct([beside, *([json_file] if json_file else [])], [file, *([design] if design else [])])
         require_new(() if force else [beside])
-    result = confirmed_import(file, design, mapping, yes=yes, json_file=json_file)
+    result = confirmed_import(file, design, mapping, yes=yes, json_file=json_file, rate=rate)
     finish("import", result, json_file=json_file, whole=True)
     if output is not None and beside is not None:
         result.log.write_csv(output)
@@ -432,11 +442,9 @@ def effects(
 @app.command()
 def workbench(
     design: Annotated[
-        Path | None, typer.Argument(metavar="[DESIGN]", help="design in TOML; or chosen in the page")
+        Path | None, typer.Argument(metavar="DESIGN", help="design in TOML; or chosen in the page")
     ] = None,
-    logs: Annotated[
-        list[Path] | None, typer.Argument(metavar="[LOG]...", help="logs; or dropped onto the page")
-    ] = None,
+    logs: Annotated[list[Path] | None, typer.Argument(metavar="LOG...", help="logs; or dropped onto the page")] = None,
     host: Annotated[
         str,
         typer.Option(
@@ -453,7 +461,7 @@ def workbench(
         bool, typer.Option("--allow-code", help="run effects that are written in the page: RUNS Python code from there")
     ] = False,
 ) -> None:
-    """Open the workbench: a local page to compare, to learn which effect is missing, and to add it."""
+    """Open the workbench, a local page in the browser. It compares, ranks the missing effects and adds them."""
     from dataclasses import replace
     from importlib.util import find_spec
 
@@ -473,7 +481,7 @@ def workbench(
 
 @app.command()
 def schema(
-    verb: Annotated[str | None, typer.Argument(metavar="[VERB]", help="a command with --json; all if left out")] = None,
+    verb: Annotated[str | None, typer.Argument(metavar="VERB", help="a command with --json; all if left out")] = None,
 ) -> None:
     """Print the JSON Schema of what a command writes with --json."""
     import json

@@ -23,8 +23,9 @@ def fleet(
     words: Annotated[
         list[str],
         typer.Argument(
-            metavar="[watch] RUN.toml | [watch] FOLDER | report RESULTS | example FOLDER",
-            help="a manifest, a folder of logs with --design, a report, or a simulated fleet",
+            metavar="WHAT...",
+            help="a manifest RUN.toml or, with --design, a FOLDER of logs; `watch` before either follows new logs; "
+            "`report RESULTS` makes a page; `example FOLDER` simulates a fleet",
         ),
     ],
     design: Annotated[
@@ -46,14 +47,15 @@ def fleet(
     retry: Annotated[bool, typer.Option("--retry", help="try logs again that were set aside")] = False,
     effects: EffectsOption = None,
     every: Annotated[
-        float, typer.Option("--every", metavar="SECONDS", min=0.0, help="of watch: between two looks")
+        float,
+        typer.Option("--every", metavar="SECONDS", min=0.0, help="of watch: time between two scans of the folder"),
     ] = 60.0,
     joint: Annotated[bool, typer.Option("--joint", help="evaluate the records of an axis together")] = False,
     mapping: MapOption = None,
     json_file: JsonOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Evaluate the logs of many axes into one table. What is done is not done again; `report` makes a page of it."""
+    """Evaluate the logs of many axes into one table. Logs that are in the table already are not evaluated again."""
     if words[0] == "report":
         _report(words[1:], output, json_file)
         return

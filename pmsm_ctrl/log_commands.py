@@ -193,7 +193,7 @@ def track(
     report: ReportOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Track F_c and F_v over a log, or live over a stream, with an extended Kalman filter."""
+    """Track F_c and F_v over a log or a live stream. An extended Kalman filter estimates them."""
     from pmsm_ctrl.live_command import watch_source
     from pmsm_ctrl.log import as_logs
     from pmsm_ctrl.track import Settings
@@ -235,7 +235,7 @@ def frf(
     report: ReportOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Measure the axis' frequency response from logs, or read a Bode diagram, and compare it with the design's."""
+    """Measure the frequency response of the axis. From logs or a Bode file; compared with the design's."""
     from pmsm_ctrl.frf import frf as measure
 
     axis = read_design(design, effects)
@@ -257,7 +257,7 @@ def verify(
     report: ReportOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Find out whether a downloaded compensator acts: gain, delay, part of the friction, error before and after."""
+    """Check whether a downloaded compensator acts. Its gain, its delay and the error before and after are found."""
     from pmsm_ctrl.verify import verify as run_verification
 
     axis = read_design(design, effects)
@@ -284,7 +284,7 @@ def quadrants(
     report: ReportOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Measure the spikes that friction leaves at the reversals of a circle, before and after a change."""
+    """Measure the quadrant errors of a circle. They can be compared before and after a change."""
     from pmsm_ctrl.verify import quadrants as measure
 
     axis = read_design(design, effects)

@@ -60,8 +60,10 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
             words = ("compensate", design)
         case "fleet" if verdict == "set_aside":
             words = _again(given)
+        case "fleet" if given["words"][:1] == ["example"]:
+            words = ("fleet", Path(given["words"][1]) / "run.toml")
         case "fleet" if "report" not in given["words"][:1]:
-            words = ("fleet", "report", given.get("output") or "RESULTS", "--output", "fleet.html")
+            words = ("fleet", "report", _results(given), "--output", "fleet.html")
         case "compensate":
             words = ("export", design, "--language", "st", "--output", Path(str(design)).stem)
         case "export":
@@ -92,6 +94,15 @@ def _again(given: Mapping[str, Any]) -> tuple[Any, ...]:
 
 # Commands whose output is a design, with which one goes on.
 WRITING = ("tune", "sweep", "identify", "diagnose", "add", "frf")
+
+
+def _results(given: Mapping[str, Any]) -> Any:
+    """Return the folder of the results of a fleet: as stated, or as the manifest says."""
+    from pmsm_ctrl.fleet import read_manifest
+
+    source = given["words"][-1]
+    stated = read_manifest(source).results if str(source).endswith(".toml") else "results"
+    return given.get("output") or stated
 
 
 def _shown(word: str) -> str:

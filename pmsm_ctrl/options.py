@@ -38,6 +38,12 @@ def output_option(metavar: str, text: str, *names: str) -> Any:
 class Verb(typer.core.TyperCommand):
     """A command that is not run where an output is also an input, or exists, unless ``--force`` is given."""
 
+    def __init__(self, *given: Any, **settings: Any) -> None:
+        super().__init__(*given, **settings)
+        for one in self.params:
+            if one.param_type_name == "argument":
+                _plain_argument(one)
+
     OUTPUTS = ("output", "json_file", "report", "history")
     EXTENDED = ("history",)  # is added to
 
@@ -54,6 +60,14 @@ class Verb(typer.core.TyperCommand):
             done = super().invoke(ctx)
             say_next(str(self.name), given)
         return done
+
+
+def _plain_argument(argument: Any) -> None:
+    """Show an argument as ``DESIGN``, ``[NAME]`` or ``LOG...``, without the braces and types of newer typer."""
+    name = argument.metavar or str(argument.name).upper()
+    shown = name if argument.required else f"[{name}]"
+    argument._usage_display_name = lambda: shown
+    argument.display_type_rich = lambda ctx=None: None
 
 
 def _paths(value: Any) -> Iterator[Path]:
@@ -165,7 +179,13 @@ def design_if_given(path: Path | None, own: Iterable[Effect] | None = None) -> D
 
 
 def confirmed_import(
-    file: Path, design: Path | None, mapping: list[str] | None, *, yes: bool, json_file: Path | None
+    file: Path,
+    design: Path | None,
+    mapping: list[str] | None,
+    *,
+    yes: bool,
+    json_file: Path | None,
+    rate: float | None = None,
 ) -> ImportReport:
     """Return the import of a file; what names with units do not settle is proposed, and has to be confirmed.
 
@@ -178,8 +198,11 @@ def confirmed_import(
     """
     from pmsm_ctrl.errors import LogError, RequestError
     from pmsm_ctrl.importers import describe, open_table, propose
+    from pmsm_ctrl.importers.clock import timed_by
 
     axis, known = design_if_given(design), parse_map(mapping)
+    if rate is not None:
+        known["t"] = timed_by(rate, known.get("t", ""))
     try:
         report = describe(file, axis, known)
         if not report.assumed:
@@ -192,8 +215,10 @@ def confirmed_import(
     proposal = propose(open_table(file, axis), axis, known)
     if refused is not None and not proposal.guesses:
         raise refused
-    print(proposal.summary())
-    if proposal.complete and (yes or _agreed()):
+    taken = yes and proposal.complete  # the report ends with the same [log] table
+    said = proposal.summary()
+    print(said.rstrip().removesuffix(proposal.table.rstrip()).rstrip() + "\n" if taken else said)
+    if taken or (proposal.complete and _agreed()):
         return describe(file, axis, proposal.mapping)
     if json_file is not None:
         write_json(json_file, "proposal", proposal.to_dict())
@@ -254,8 +279,13 @@ def _to_confirm(file: Path, design: Path | None, proposal: Proposal) -> str:
     """Return the message with the command that takes a proposal."""
     import shlex
 
+    from pmsm_ctrl.importers.guessing import NO_PERIOD
+
     typed = ["pmsm-ctrl", "import", str(file), *(["--design", str(design)] if design is not None else [])]
     for channel, column in proposal.mapping.items():
+        if channel == "t" and column == NO_PERIOD:
+            typed += ["--rate", "HZ"]
+            continue
         typed += ["--map", f"{channel}={column}"]
     for group in proposal.missing:
         typed += ["--map", f"{group.split()[-1]}=COLUMN [UNIT]"]

@@ -15,7 +15,7 @@ from pmsm_ctrl.importers.names import split_header, unit_spelling
 from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["with_clock"]
+__all__ = ["timed_by", "with_clock"]
 
 _EVERY = re.compile(r"\s*every\s+(.*)", re.IGNORECASE)
 _PERIOD = re.compile(r"(\d[\d.,]*(?:e[+-]?\d+)?)\s*([^\W\d]+)\s*$", re.IGNORECASE)
@@ -36,9 +36,9 @@ def with_clock(
     spec = (mapping or {}).get("t") or (design.log.channels.get("t") if design is not None else None)
     rate = design.log.rate if design is not None else None
     if rate is not None and spec and not _EVERY.match(spec):  # a time that counts samples
-        return table, {**(mapping or {}), "t": f"{1.0 / rate:.17g} * {split_header(spec)[0]} [s]"}
+        return table, {**(mapping or {}), "t": timed_by(rate, spec)}
     if rate is not None and not spec:
-        spec = f"every {1.0 / rate:.17g} s"
+        spec = timed_by(rate)
     asked = _EVERY.match(spec) if spec else None
     if asked is None:
         return table, mapping
@@ -63,6 +63,24 @@ def with_clock(
         locate=lambda column, row: f"row {row + 1}" if column == last else table.locate(column, row),
     )
     return timed, {**(mapping or {}), "t": f"#{last + 1}"}
+
+
+def timed_by(rate: float, column: str = "") -> str:
+    """Return the mapping of `t` that this rate stands for.
+
+    Parameters
+    ----------
+    rate : float
+        Samples a second, above 0.
+    column : str
+        The column that counts samples; empty for a file without time.
+
+    Returns
+    -------
+    str
+    """
+    period = f"{1.0 / rate:.17g}"
+    return f"{period} * {split_header(column)[0]} [s]" if column else f"every {period} s"
 
 
 def _seconds(number: str, unit: str) -> tuple[float, str]:

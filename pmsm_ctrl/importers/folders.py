@@ -13,7 +13,10 @@ from pmsm_ctrl.errors import LogError
 __all__ = ["SUFFIXES", "log_files"]
 
 # Files of a folder that are taken for logs; what stands on the command line itself may have any name.
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".mat", ".mf4", ".mdf", ".tdms", ".parquet", ".h5", ".npz", ".npy")
+SUFFIXES = (
+    ".csv", ".txt", ".tsv", ".dat", ".mat", ".mf4", ".mdf", ".tdms", ".parquet", ".h5", ".npz", ".npy",
+    ".mcap", ".db3",
+)  # fmt: skip
 
 
 def log_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:

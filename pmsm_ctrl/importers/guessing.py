@@ -23,6 +23,7 @@ __all__ = ["Guess", "guesses"]
 
 LOOKED_AT = 200_000  # samples of each column
 MOST = 40  # columns whose physics is looked at
+NO_PERIOD = "every RATE ms"  # of a file whose rate nothing tells
 DERIVATIVE = 0.99  # correlation of travelled distance and integrated speed
 MOST_PAIRED = 12  # columns that are tried in pairs
 CLEARLY = 0.1  # share that is left unexplained where neither motion nor drive signal is known by name
@@ -163,15 +164,28 @@ def _by_name(case: _Case) -> None:
     for i, channel in exact:
         if channel not in case.role.values() and not case.spoiled(i):
             case.take(i, channel, f"named '{case.columns[i].name}'")
+    _say_several(case, exact)
     for i, channel, said, unsure in sorted(words, key=lambda one: bool(one[3])):
         if channel in case.role.values() or case.spoiled(i):
             continue
         if channel == "torque" and "command" in unsure and "i_q" in case.role.values():
             case.seen_as[i] = unsure
             continue
-        case.take(i, channel, f"the name says {said}", *([unsure] if unsure else []))
+        case.take(i, channel, f"its name contains {said}", *([unsure] if unsure else []))
         if unsure:
             case.doubts.append(say.UNSURE_NAME(column=case.columns[i].label, channel=channel, reason=unsure))
+
+
+def _say_several(case: _Case, exact: list[tuple[int, str]]) -> None:
+    """Doubt a channel that several columns are named after, as the joints of a robot are."""
+    for channel in ("theta", "omega", "torque", "i_q"):
+        taken = case.at(channel)
+        others = [i for i, name in exact if name == channel and i != taken]
+        if taken is None or not others:
+            continue
+        case.seen_as.update((i, f"{channel} as well") for i in others)
+        names = {"column": case.columns[taken].label, "other": case.columns[others[0]].label}
+        case.doubts.append(say.SEVERAL_COLUMNS(channel=channel, count=len(others) + 1, **names))
 
 
 def _is_linear(case: _Case) -> bool:
@@ -243,10 +257,11 @@ def _rate_from_motion(case: _Case, ticks: int | None) -> Array | None:
         period = _round(period)
         case.doubts.append(say.RATE_FROM_MOTION(what=label, rate=1.0 / period))
     question = "" if known else "the rate"
-    every = f"{number(1e3 * period)} ms" if known else "RATE ms"
     reasons = (label, "the period makes the speed the derivative of the position" if known else "its rate is not known")
     if ticks is None:
-        case.clock = Guess("t", -1, "none", f"every {every}", reasons, question)
+        case.clock = Guess(
+            "t", -1, "none", f"every {number(1e3 * period)} ms" if known else NO_PERIOD, reasons, question
+        )
     else:
         case.open[ticks] = question
         case.factor[ticks] = period

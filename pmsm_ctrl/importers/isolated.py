@@ -21,7 +21,7 @@ PATIENCE = 600.0  # s; a damaged file may put a reader into an endless loop
 
 
 def ask(kind: str, path: Path, file: str, words: Sequence[str] = ()) -> tuple[dict[str, Any], bytes]:
-    """Read a file of this kind ("MAT" or "MDF") in the worker; return its answer and the bytes of the values.
+    """Read a file of this kind ("MAT", "MDF" or "ROS 2") in the worker; return its answer and the bytes of the values.
 
     Raises
     ------

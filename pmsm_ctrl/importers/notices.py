@@ -8,8 +8,9 @@ __all__ = [
     "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES",
     "FROM_PHYSICS", "FROZEN_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "POSITION_JUMPS",
     "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION", "REFERENCE_FACTOR",
-    "SATURATED_CHANNEL", "SPEED_FACTOR", "SPEED_SPIKES", "SPEED_UNRELATED", "TIME_GAPS", "TORQUE_FACTOR",
-    "TORQUE_SIGN", "TORQUE_UNRELATED", "UNIT_ASSUMED", "UNLIKELY_INERTIA", "UNLIKELY_PERIOD", "UNSURE_NAME",
+    "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_SPIKES", "SPEED_UNRELATED", "TIME_GAPS",
+    "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "UNIT_ASSUMED", "UNLIKELY_INERTIA", "UNLIKELY_PERIOD",
+    "UNSURE_NAME",
 ]  # fmt: skip
 
 # -- time ----
@@ -78,12 +79,17 @@ UNLIKELY_INERTIA = Template(
 
 # -- a proposed mapping ----
 UNIT_ASSUMED = Template("unit_assumed", "units that the file does not state were assumed: {units}")
+SEVERAL_COLUMNS = Template(
+    "several_columns", "{channel}: {count} columns are named so; '{column}' is taken and '{other}' is not"
+)
 UNSURE_NAME = Template("unsure_name", "'{column}' is taken for {channel}: {reason}")
-FROM_PHYSICS = Template("from_physics", "{columns}: taken for {what} by the numbers alone, the names do not say it")
-NO_RATE = Template("no_rate", "{what}, and nothing tells the rate: it has to be stated")
+FROM_PHYSICS = Template("from_physics", "{columns}: taken for {what} by the numbers alone; the names do not state it")
+NO_RATE = Template(
+    "no_rate", "{what}, and no column gives the rate: state it, with --rate 1000 or rate = 1000 in [log]"
+)
 RATE_FROM_MOTION = Template(
     "rate_from_motion",
-    "{what}: a rate of {rate:.6g} Hz follows from position and speed, and is no better than their units",
+    "{what}: a rate of {rate:.6g} Hz follows from position and speed, and is as uncertain as their units",
 )
 RATED_UNKNOWN = Template(
     "rated_unknown", "{channel} ('{column}') is a share of a rated value that the file does not state"
@@ -91,6 +97,6 @@ RATED_UNKNOWN = Template(
 RATED_FROM_INERTIA = Template(
     "rated_from_inertia",
     "{channel} ('{column}') is a share of a rated value that the file does not state: [{unit}] makes the inertia that "
-    "of the design; the data sheet knows it better",
+    "of the design; take the value of the data sheet where there is one",
 )
 NOT_READABLE = Template("not_readable", "with this mapping the file is refused: {reason}")

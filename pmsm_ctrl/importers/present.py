@@ -86,9 +86,9 @@ def _facts(report: ImportReport) -> tuple[tuple[str, str], ...]:
 
 def _channels(report: ImportReport) -> Table:
     """Return one row a channel; columns whose cells are all neutral are left out."""
-    head = ("channel", "column", "unit", "factor to SI", "how", "range", "step", "at its limit")
+    head = ("channel", "column", "factor to SI", "found", "range", "step", "at limit")
     rows = [_row(c) for c in report.channels]
-    kept = [k for k in range(len(head)) if {row[k] for row in rows} not in ({"1"}, {"-"})]
+    kept = [k for k in range(len(head)) if {row[k] for row in rows} not in ({"1"}, {"-"}, {"mapped"})]
     shown = tuple(tuple(row[k] for k in kept) for row in rows)
     return Table(tuple(head[k] for k in kept), shown, "The channels")
 
@@ -97,14 +97,19 @@ def _row(c: ChannelReport) -> tuple[str, ...]:
     step = "constant" if math.isnan(c.quantum) else number(c.quantum) if c.quantum > 0.0 else "-"
     return (
         c.channel,
-        c.column,
-        f"[{c.stated_unit}]" + (" assumed" if c.assumed_unit else ""),
-        f"{c.gain:.9g}",
+        _with_unit(c),
+        f"{c.gain:.6g}",
         c.how,
         f"{c.minimum:.5g} ... {c.maximum:.5g} {c.unit}",
         step,
         f"{100 * c.saturated:.2g} %" if c.saturated else "-",
     )
+
+
+def _with_unit(c: ChannelReport) -> str:
+    unit = f"[{c.stated_unit}]"
+    label = c.column if c.column.endswith(unit) else f"{c.column} {unit}"
+    return f"{label} assumed" if c.assumed_unit else label
 
 
 def _figure(report: ImportReport) -> Figure:

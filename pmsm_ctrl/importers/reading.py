@@ -22,9 +22,10 @@ from pmsm_ctrl.log import Log, Provenance
 
 __all__ = ["log_of", "open_table", "read_all", "read_log"]
 
-ACCEPTED = "CSV and other text, MAT, MDF4, TDMS, Parquet, NumPy"
+ACCEPTED = "CSV and other text, MAT, MDF4, TDMS, Parquet, NumPy, ROS 2 bags"
 _REFUSED = {
     b"PK\x03\x04": "a zip archive or Excel workbook; save the sheet as CSV",
+    b"#ROSBAG V": "a ROS 1 bag; convert it to MCAP first (`mcap convert`, or rosbags-convert)",
     b"\x1f\x8b": "gzip-compressed; unpack it first",
     **{bytes([0x80, protocol]): "a Python pickle, which is never read" for protocol in range(2, 6)},
 }
@@ -38,9 +39,9 @@ def read_log(
     Parameters
     ----------
     source
-        A path, the bytes of a file, or a stream of bytes: CSV and other text, MAT (v4 to v7.3), MDF4, TDMS, Parquet or
-        NumPy, found from the content. Or a data frame of pandas, polars or pyarrow, whose columns are read as those of
-        a file.
+        A path, the bytes of a file, or a stream of bytes: CSV and other text, MAT (v4 to v7.3), MDF4, TDMS, Parquet,
+        NumPy or a ROS 2 bag, found from the content. Or a data frame of pandas, polars or pyarrow, whose columns are
+        read as those of a file.
     design
         Its [log] table maps foreign columns to channels; its motion decides between rotary and linear units.
     mapping
@@ -188,6 +189,10 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None, file:
         from pmsm_ctrl.importers.parquet import open_parquet
 
         return open_parquet(target, file)
+    if head.startswith((b"\x89MCAP0\r\n", b"SQLite format 3\0")):
+        from pmsm_ctrl.importers.bags import open_bag
+
+        return open_bag(target, file)
     from pmsm_ctrl.importers.text import open_text
 
     settings = design.log if design is not None else None

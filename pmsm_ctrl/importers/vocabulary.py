@@ -20,7 +20,7 @@ _QUANTITIES = {
     "omega rpm velocidad regime giri",
     "acceleration": "acceleration accel acc beschleunigung accelerazione kasokudo",
     "current": "current cur curr strom courant corrente denryu denryuu isq isd iq id corriente amps",
-    "torque": "torque trq drehmoment moment couple coppia toruku torukku tau force kraft forza chikara par",
+    "torque": "torque trq drehmoment moment couple coppia toruku torukku tau force kraft forza chikara par effort",
     "voltage": "voltage volt spannung tension tensione denatsu uq ud vq vd usq usd",
     "temperature": "temperature temperatur temperatura ondo temp",
 }

@@ -1,4 +1,4 @@
-"""Readers in a separate process: the C code of scipy and of asammdf crashes on some damaged files.
+"""Readers in a separate process: the C code of libraries crashes on some damaged files.
 
 Started by `pmsm_ctrl.importers.isolated` as ``worker.py FORMAT PATH [WORD ...]``; imports nothing of this package, so
 that it starts quickly. Nothing in a file is executed.
@@ -202,7 +202,21 @@ def _mdf_values(content: Any, group: int, index: int) -> np.ndarray:
     return np.asarray(samples, dtype=np.float64)
 
 
-READERS = {"mat": read_mat, "mdf": read_mdf}
+def read_ros(path: str, words: Sequence[str]) -> Answer:
+    """Return the numeric fields of all topics of a ROS 2 bag, by the module beside this one."""
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    place = os.path.join(os.path.dirname(os.path.abspath(__file__)), "bag_worker.py")
+    spec = spec_from_file_location("bag_worker", place)
+    if spec is None or spec.loader is None:
+        raise ImportError(place)
+    module = sys.modules["bag_worker"] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    answer: Answer = module.read_bag(path, words)
+    return answer
+
+
+READERS = {"mat": read_mat, "mdf": read_mdf, "ros 2": read_ros}
 
 
 if __name__ == "__main__":

@@ -78,6 +78,7 @@ READERS: dict[str, Reader] = {
     "parquet": lambda content: _log(b"PAR1" + content[4:], ".parquet"),
     "mat": lambda content: _log(b"MATLAB 5.0 MAT-file" + content[19:], ".mat"),
     "mdf": lambda content: _log(b"MDF     " + content[8:], ".mf4"),
+    "bag": lambda content: _log(b"\x89MCAP0\r\n" + content[8:], ".mcap"),
     "design": lambda content: _file(content, ".toml", lambda path: Design.read(path).to_toml()),
 }
 
@@ -156,11 +157,22 @@ def _mdf(path: Path) -> None:
             content.save(path, overwrite=True)
 
 
+def _bag(path: Path) -> None:
+    from mcap.writer import CompressionType
+    from mcap_ros2.writer import Writer
+
+    with open(path, "wb") as stream, Writer(stream, compression=CompressionType.NONE, enable_crcs=False) as bag:
+        for name, values in (("t", T), ("theta", np.sin(T)), ("i_q", np.cos(T))):
+            number = bag.register_msgdef("std_msgs/msg/Float64", "float64 data\n")
+            for k, value in enumerate(values):
+                bag.write_message(f"/{name}", number, {"data": float(value)}, log_time=1_000_000 * (k + 1))
+
+
 def seeds(reader: str) -> list[bytes]:
     """Return good files for a reader; raises ImportError when the library that writes them is not there."""
     binary: dict[str, tuple[Callable[[Path], None], str]] = {
         "mat": (_mat, ".mat"), "hdf5": (_hdf5, ".mat"), "tdms": (_tdms, ".tdms"),
-        "parquet": (_parquet, ".parquet"), "mdf": (_mdf, ".mf4"), "npy": (_npy, ".npy"),
+        "parquet": (_parquet, ".parquet"), "mdf": (_mdf, ".mf4"), "npy": (_npy, ".npy"), "bag": (_bag, ".mcap"),
     }  # fmt: skip
     if reader == "text":
         return [text.encode() for text in TEXTS]

@@ -42,7 +42,7 @@ function drop(app) {
   return h("div", { class: "card drop big", ...dropping(take) },
     h("label", { for: "log-file" }, "Drop log files here, or choose them"),
     h("input", { type: "file", id: "log-file", multiple: true, onchange: (event) => take([...event.target.files]) }),
-    h("p", { class: "soft" }, "CSV and other text, MAT, MDF4, TDMS, Parquet. Needed: time, position or speed, and current or torque. Files stay on this computer."));
+    h("p", { class: "soft" }, "CSV and other text, MAT, MDF4, TDMS, Parquet, NumPy, ROS 2 bags. Needed: time, position or speed, and current or torque. Files stay on this computer."));
 }
 
 function card(app, entry) {

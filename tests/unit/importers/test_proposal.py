@@ -184,6 +184,19 @@ def test_without_units_nothing_tells_a_rate(tmp_path: Path, axis: dict[str, np.n
     assert "no_rate" in codes(found)
 
 
+def test_a_rate_on_the_command_line_makes_the_time(
+    tmp_path: Path, axis: dict[str, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = text(tmp_path / "a.csv", ["pos,speed,iq"], (axis["theta"], axis["omega"], axis["i_q"]), ",", 9)
+    assert run(app, ["import", str(path)]) == 2
+    assert "--rate HZ" in capsys.readouterr().err
+    canonical = str(tmp_path / "si.csv")
+    rate = f"{1.0 / (axis['t'][1] - axis['t'][0]):.9g}"
+    assert run(app, ["import", str(path), "--rate", rate, "--yes", "--output", canonical]) == 0
+    assert capsys.readouterr().out.count("[log.channels]") == 1  # of the report, not of the proposal as well
+    np.testing.assert_allclose(read_log(canonical).t, axis["t"], atol=1e-9)
+
+
 def test_the_smoother_of_two_speeds_is_the_reference(tmp_path: Path, axis: dict[str, np.ndarray]) -> None:
     columns = (axis["t"], axis["omega_ref"], axis["theta"], axis["omega"], axis["i_q"])
     path = text(tmp_path / "a.csv", [], columns, "\t", 9)
