@@ -106,7 +106,7 @@ def _fixed_seeds() -> None:
     np.random.seed(20240501)  # noqa: NPY002 - libraries under test may still use the legacy generator
 
 
-@pytest.fixture(params=[1, 2, 3])
+@pytest.fixture(params=effort.seeds(1, 2, 3))
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    """Return generators of several fixed seeds, one test run each."""
+    """Return generators of several fixed seeds, one test run each: the first every time, the others with ``--slow``."""
     return np.random.default_rng(request.param)

@@ -75,7 +75,7 @@ def lines(draw: st.DrawFn) -> list[str]:
     return words
 
 
-@settings(BOUNDED, max_examples=amount(30, 100))
+@settings(BOUNDED, max_examples=amount(12, 100))
 @given(lines())
 def test_any_words(words: list[str]) -> None:
     run(words, {"some.toml": b"[motor]\nJ = 1\n", "some.csv": b"t,x\n1,2\n"})

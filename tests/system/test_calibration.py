@@ -63,6 +63,7 @@ def test_what_cannot_be_simulated_is_said_in_one_line(designs) -> None:
         diagnose(design, log, calibrate=-1)
 
 
+@pytest.mark.slow
 def test_a_log_of_torque_instead_of_currents_is_calibrated_as_well(designs) -> None:
     design = Design.read(designs / "seed_motor.toml")
     log = simulate(design, scenario("identification", design, duration=15.0), seed=22)

@@ -13,6 +13,7 @@ from pmsm_ctrl.diagnose import Diagnosis, diagnose
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
+from tests.effort import seeds
 
 pytestmark = pytest.mark.data
 
@@ -72,6 +73,7 @@ def test_laas_names_cogging_72_18_12(measured, laas: Design) -> None:
     assert orders[:3] == [72.0, 18.0, 12.0]
 
 
+@pytest.mark.slow
 def test_laas_acceleration_log_shows_the_strongest_cogging_around_its_reversals(measured, laas: Design) -> None:
     log = read_log(measured("laas_mn4004/acc_current.txt"), design=laas)
     found = diagnose(laas, log)
@@ -87,7 +89,8 @@ def test_laas_acceleration_log_shows_the_strongest_cogging_around_its_reversals(
     assert values["F_c"] == pytest.approx(0.084, rel=0.05)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
+@pytest.mark.slow
 def test_paper_sweep_with_a_torque_constant_of_one(designs: Path, seed: int) -> None:
     # the paper put in 0.0213 and 0.000168 and got back 0.02066 and 0.0001625, both 3 % low
     design = Design.read(designs / "seed_motor.toml").replace(assumed={"K_t": 1.0})

@@ -23,7 +23,7 @@ from pmsm_ctrl.cli import main
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
-from tests.effort import slow
+from tests.effort import seeds
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 T = 0.001 * np.arange(60)
@@ -172,7 +172,7 @@ def files_in(folder: Path) -> set[Path]:
     return {path for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize("name", [*NAMES[2:7], *(slow(name) for name in (*NAMES[:2], *NAMES[7:]))])
+@pytest.mark.parametrize("name", seeds(NAMES[4], *NAMES[:4], *NAMES[5:]))
 def test_a_name_is_a_name_wherever_it_is_shown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:

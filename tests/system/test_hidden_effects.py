@@ -61,7 +61,8 @@ SEEN = (
 # Of each kind one is hidden every time: these have the equations, or the structure, of one of the others.
 FURTHER = {
     "viscous", "viscous_power", "position_dependent_friction", "unbalance", "torque_saturation", "iron_loss",
-    "current_gain", "backlash", "torque_ripple",
+    "current_gain", "backlash", "torque_ripple", "viscous_asymmetry", "quadratic_drag", "constant_load",
+    "current_offset", "coulomb",
 }  # fmt: skip
 
 
@@ -109,11 +110,11 @@ def test_error_falls_to_the_floor_of_the_true_model(blind: ModuleType) -> None:
     [
         slow("viscous_asymmetry", "speed and direction", 3),
         # a log in which no Stribeck curve takes half of it, as one does with seeds 3 to 7
-        ("thermal_drift", "time since start", 8),
+        slow("thermal_drift", "time since start", 8),
         slow("torque_ripple", "order 24 of a turn", 3),  # six times the four pole pairs
         ("dead_time", "u_q balance", 3),
         # which is the load; while inertia makes the load, the acceleration tells as much, and with seeds 3 and 5 more
-        ("load_dependent_friction", "current", 4),
+        slow("load_dependent_friction", "current", 4),
     ],
 )  # fmt: skip
 def test_effect_left_out_of_the_candidates_is_drawn_and_not_called_something_else(
@@ -127,6 +128,7 @@ def test_effect_left_out_of_the_candidates_is_drawn_and_not_called_something_els
 
 
 @pytest.mark.parametrize("seed", seeds(2008, 7, 8))
+@pytest.mark.slow
 def test_effect_that_stood_in_for_two_is_exchanged(blind: ModuleType, seed: int) -> None:
     # alone, a Stribeck curve with a wide bend explains more of this than either of the two
     case = blind.Case(("thermal_drift", "quadratic_drag"), 1.0, "identification", seed)
@@ -178,6 +180,7 @@ def test_a_log_shows_what_it_says_it_would(blind: ModuleType, effect: str, symbo
     assert blind.run(blind.Case((effect,), 0.3 * amount / unit, "moves", seed)).steps == ()
 
 
+@pytest.mark.slow
 def test_an_axis_has_one_transmission(blind: ModuleType) -> None:
     result = blind.run(blind.Case(("backlash",), 1.0, "mixed", 6))
     assert [s.effect for s in result.steps] == ["backlash"]
@@ -233,6 +236,7 @@ def test_what_is_left_around_reversals_is_unexplained_when_it_only_resembles_an_
     assert "is not noise" in last_caption(result)
 
 
+@pytest.mark.slow
 def test_a_gap_left_out_of_the_candidates_is_called_nothing_else(blind: ModuleType) -> None:
     result = blind.run(blind.Case(("backlash",), 1.0, "identification", 31, left_out=True))
     assert result.steps == ()
@@ -312,6 +316,7 @@ def test_a_parameter_far_beyond_its_tolerance_is_no_missing_effect(
 
 
 @pytest.mark.parametrize("seed", seeds(21, 22))
+@pytest.mark.slow
 def test_a_lightly_damped_spring_shows_in_slow_reversals(blind: ModuleType, seed: int) -> None:
     case = blind.Case(("compliance",), 2.0, "servo", seed)
     result = blind.run(case)
@@ -331,6 +336,7 @@ def test_slow_reversals_do_not_tell_a_lateness(blind: ModuleType, seed: int) -> 
         assert result.timing.late == pytest.approx(0.0, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_friction_by_load_is_held_where_it_would_explain_the_torque_by_itself(blind: ModuleType) -> None:
     case = blind.Case(("load_dependent_friction",), 1.0, "servo", 200)
     design, truth = blind.truth_of(Design.read(blind.DESIGN), case)

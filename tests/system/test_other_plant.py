@@ -16,6 +16,7 @@ COARSE = ("currents in steps of 60 mA", "voltages in steps of 0.5 V")
 
 
 @pytest.mark.parametrize(("effect", "own_angle"), [slow("", False), (", logged angle alone", True)])
+@pytest.mark.slow
 def test_eccentricity_of_the_encoder_that_commutates_and_of_another(effect: str, own_angle: bool) -> None:
     found = diagnose(*other_log("encoder_eccentricity" + effect, 40))
     assert right("encoder_eccentricity", found)
@@ -30,8 +31,8 @@ def test_nothing_is_named_where_nothing_is_missing(seed: int) -> None:
 @pytest.mark.parametrize(
     ("kind", "seed"),
     [
-        ("stamps that jitter", 1501), slow("stamps that jitter", 1502), ("samples that jitter", 1501),
-        ("currents in steps of 60 mA", 1500), ("voltages in steps of 0.5 V", 1500),
+        slow("stamps that jitter", 1501), slow("stamps that jitter", 1502), slow("samples that jitter", 1501),
+        ("currents in steps of 60 mA", 1500), slow("voltages in steps of 0.5 V", 1500),
         slow("voltages in steps of 0.5 V", 1501),
     ],
 )  # fmt: skip
@@ -67,6 +68,7 @@ def test_an_angle_of_five_digits_gives_way_to_the_speed() -> None:
     assert any("few digits" in text for text in coarse.warnings)
 
 
+@pytest.mark.slow
 def test_an_effect_is_found_from_speed_alone() -> None:
     design, log = other_log("viscous_asymmetry", 702)
     found = diagnose(design, Log({name: values for name, values in log.channels.items() if name != "theta"}))
@@ -74,7 +76,7 @@ def test_an_effect_is_found_from_speed_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), [slow("slow ramps", 901), ("staircase", 902), slow("cycle", 903), ("steps", 904)]
+    ("kind", "seed"), [slow("slow ramps", 901), slow("staircase", 902), slow("cycle", 903), ("steps", 904)]
 )
 def test_motions_of_machines_raise_no_alarm(kind: str, seed: int) -> None:
     # on slow ramps the acceleration is nearly all noise: a load that took no part in it would lower the error
@@ -95,6 +97,7 @@ def test_motions_of_machines_show_effects(effect: str, kind: str, seed: int) -> 
 
 # of the seeds 901 to 905 four name it; in 902 timing explains it as well
 @pytest.mark.parametrize("seed", seeds(901, 903))
+@pytest.mark.slow
 def test_a_spring_above_the_band_is_known_by_its_give(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
     # J_load 1.1e-4 kg m^2 on 15 N m/rad rings at 59 Hz; the log's band ends at 40 Hz
     found = diagnosed_spring(monkeypatch, 15.0, seed)
@@ -121,6 +124,7 @@ def diagnosed_spring(monkeypatch: pytest.MonkeyPatch, k: float, seed: int) -> Di
 
 
 @pytest.mark.parametrize("size", seeds("large", "small"))
+@pytest.mark.slow
 def test_a_diagnosis_has_no_units_of_its_own(size: str) -> None:
     design, log = other_log("unbalance", 981, duration=10.0)
     torque, current, time = SIZES[size]
@@ -140,6 +144,7 @@ def test_a_diagnosis_has_no_units_of_its_own(size: str) -> None:
         ("cycle", 1180, "fast"),  # u_d is known no better than the whole voltage
     ],
 )
+@pytest.mark.slow
 def test_drives_of_other_sizes_raise_no_alarm(kind: str | None, seed: int, size: str) -> None:
     assert diagnose(*sized(*other_log("none", seed, kind=kind), *SIZES[size])).verdict == "consistent"
 

@@ -81,6 +81,7 @@ def test_a_generic_library_names_the_products_that_are_effects() -> None:
     assert not {"omega", "direction", "alpha"} & set(library.names)
 
 
+@pytest.mark.slow
 def test_what_fails_is_a_row_with_its_reason() -> None:
     case = make(305, False)
     assert case is not None

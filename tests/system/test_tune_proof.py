@@ -87,6 +87,7 @@ def test_the_simulated_response_lies_on_the_predicted_curve(tuned):
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
+@pytest.mark.slow
 def test_the_proof_does_not_hang_on_the_seed(seed, number):
     assert all_pass(prove(seed.design, seed=number))
 
@@ -158,6 +159,7 @@ def run_script(path: Path, monkeypatch, *arguments: str) -> int:
     return 0
 
 
+@pytest.mark.slow
 def test_the_script_that_tunes_and_verifies(designs, capsys, monkeypatch):
     assert run_script(designs / "tune_and_verify.py", monkeypatch) == 0
     out = capsys.readouterr().out

@@ -18,6 +18,7 @@ from pmsm_ctrl import console
 from pmsm_ctrl.cli import app, main
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import NextCommand, PmsmCtrlError, RequestError
+from tests.effort import slow
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 PLAIN = (
@@ -519,9 +520,9 @@ def completed(words: str) -> list[str]:
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        ("pmsm-ctrl in", ["init"]),
-        ("pmsm-ctrl tune --cur", ["--current", "--current-bandwidth"]),
-        ("pmsm-ctrl effects cog", ["cogging"]),
+        slow("pmsm-ctrl in", ["init"]),
+        slow("pmsm-ctrl tune --cur", ["--current", "--current-bandwidth"]),
+        slow("pmsm-ctrl effects cog", ["cogging"]),
         ("pmsm-ctrl simulate x --scenario tri", ["triangle"]),
     ],
 )
@@ -627,6 +628,7 @@ def test_every_verb_with_a_design_takes_own_effects_and_says_that_the_file_is_ru
 # ---- several logs -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_several_logs_by_name_pattern_and_folder(
     tmp_path: Path, design: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

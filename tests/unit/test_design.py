@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.units import DATASHEET, UNITS
+from tests.effort import amount
 
 # ---- the reference machine, from which every datasheet number is worked out as a test bench would measure it ----
 
@@ -199,7 +200,7 @@ def design_data(draw: st.DrawFn) -> dict[str, Any]:
     return {"motor": motor} | draw(st.fixed_dictionaries({}, optional=optional))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=amount(50, 150), deadline=None)
 @given(design_data())
 def test_design_survives_toml_without_loss(data: dict[str, Any]) -> None:
     import tomllib

@@ -31,10 +31,18 @@ PAGES = [
 DATA = "shared/data"
 # Pages that take half a minute each; what they call is tested elsewhere, and that their commands exist below.
 LONG = (
+    "docs/adding_an_effect.md",
     "docs/compensation.md",
+    "docs/diagnosis.md",
+    "docs/export.md",
+    "docs/frf.md",
     "docs/tutorials/compensator.md",
+    "docs/tutorials/emps.md",
     "docs/tutorials/fleet.md",
     "docs/tutorials/your_log.md",
+    "docs/tracking.md",
+    "docs/verify.md",
+    "docs/workbench.md",
 )
 
 

@@ -23,6 +23,7 @@ from pmsm_ctrl.result import Result, Verdict
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.track import track
+from tests.effort import slow
 
 DOUBT = Notice("speed_factor", "dtheta/dt is 1.99 times omega, seen at the import")
 VERBS: dict[str, Callable[[Design, Log], Result]] = {
@@ -55,7 +56,7 @@ def noise(clean: Log) -> Log:
     return clean.with_channels(i_q=np.random.default_rng(1).normal(0.0, 0.3, len(clean)))
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", [verb if verb == "diagnose" else slow(verb) for verb in VERBS])
 def test_a_doubt_of_the_import_is_in_text_json_and_page(verb: str, design: Design, doubted: Log) -> None:
     found = VERBS[verb](design, doubted)
     data = found.to_dict()

@@ -24,6 +24,7 @@ from pmsm_ctrl.report.present import history_section
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Picture
 from pmsm_ctrl.simulate import scenario
+from tests.effort import seeds
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 LOG = "t [s],omega [rad/s],torque [N m]\n" + "".join(f"{k * 1e-3:.3f},{k % 7},0.1\n" for k in range(20))
@@ -112,7 +113,7 @@ def test_the_table_of_overwriting_has_every_command() -> None:
     assert set(OVERWRITING) == {c.name or c.callback.__name__ for c in app.registered_commands if c.callback}
 
 
-@pytest.mark.parametrize("line", [line for lines in OVERWRITING.values() for line in lines])
+@pytest.mark.parametrize("line", [line for lines in OVERWRITING.values() for line in (seeds(*lines) if lines else ())])
 def test_no_command_overwrites_a_file(line: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("kept", "kept.c", "table.log.toml"):
         (folder / name).write_text("mine", encoding="utf-8")
@@ -242,6 +243,7 @@ def test_a_closed_output_is_no_fault_of_the_program(monkeypatch: pytest.MonkeyPa
     assert run(app, ["--version"]) == 0
 
 
+@pytest.mark.slow
 def test_dollar_signs_in_a_name_are_no_formula() -> None:
     """A log named so ended a study after all of its work: matplotlib takes text between two of them for a formula."""
     design = Design.read(SEED_MOTOR)

@@ -14,6 +14,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pytest
 
+from tests.effort import seeds
+
 html5lib = pytest.importorskip("html5lib", reason="HTML5LIB ABSENT: the gallery was not parsed (pip install html5lib)")
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -69,6 +71,7 @@ def test_only_simulated_records_can_be_zoomed() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+@pytest.mark.slow
 def test_page_is_accessible(page: Path) -> None:
     tree = parsed(page)
     assert tree.get("lang") == "en"
@@ -142,7 +145,7 @@ def measured(page: Path, width: int, height: int, expression: str, tmp_path: Pat
 
 
 @no_browser
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("page", seeds(*PAGES), ids=lambda path: path.stem)
 def test_phone_needs_no_sideways_scrolling(page: Path, tmp_path: Path) -> None:
     root = "document.documentElement"
     assert measured(page, 390, 844, f"{root}.scrollWidth - {root}.clientWidth", tmp_path) == "0"
@@ -164,7 +167,7 @@ def test_the_first_screen_shows_the_error_falling_and_the_residual(width: int, h
 
 
 @no_browser
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("page", seeds(*PAGES), ids=lambda path: path.stem)
 def test_browser_draws_the_page(page: Path, tmp_path: Path) -> None:
     picture, unfolded = tmp_path / "page.png", tmp_path / "page.html"
     unfolded.write_text(page.read_text("utf-8").replace("<details", "<details open"), encoding="utf-8")

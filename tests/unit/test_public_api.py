@@ -83,6 +83,7 @@ IMPORTS = {
 }
 
 
+@pytest.mark.slow
 def test_every_form_of_import_gives_what_can_be_called() -> None:
     """Each in an interpreter that has none of the package's modules, but keeps the libraries."""
     lines = ["import sys"]

@@ -106,6 +106,7 @@ def test_closed_loop_feeds_a_test_signal_in(seed_motor: Design) -> None:
     assert run.errors["i_q"].rms < 1.1 * run.errors["i_q"].floor
 
 
+@pytest.mark.slow
 def test_closed_loop_speed_hides_what_its_current_shows(seed_motor: Design) -> None:
     log = simulate(
         seed_motor, "triangle", truth=seed_motor.with_effect("stribeck", {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0})

@@ -22,7 +22,7 @@ from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared, prepare
 from pmsm_ctrl.simulate import scenario, simulate
-from tests.effort import amount
+from tests.effort import amount, seeds
 from tests.unit.simulate.composed import simulate_composed
 
 # hidden effects at a strength that a drive engineer would call visible
@@ -192,7 +192,7 @@ def test_clean_logs_raise_no_alarm(seed_motor: Design) -> None:
 
 
 @pytest.mark.parametrize("motion", ["identification", "triangle"])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_hidden_stribeck_is_at_low_speed(seed_motor: Design, motion: str, seed: int) -> None:
     log = simulate(seed_motor, motion, truth=seed_motor.with_effect("stribeck", STRIBECK), seed=seed)
     found = compare(seed_motor, log).log.structure["torque"]
@@ -218,6 +218,7 @@ def test_hidden_cogging_is_at_its_order(designs: Path, motion: str) -> None:
     assert amplitude[23] > noise[23]
 
 
+@pytest.mark.slow
 def test_hidden_asymmetry_grows_with_speed_and_keeps_its_sign(seed_motor: Design) -> None:
     truth = seed_motor.with_effect("viscous_asymmetry", {"dF_v": 2e-5})
     log = simulate_composed(seed_motor, scenario("identification", seed_motor), truth)

@@ -23,6 +23,7 @@ from pmsm_ctrl.regression.evaluated import record_as_evaluated, with_evaluation
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.simulate import simulate
+from tests.effort import slow
 
 STRIBECK = {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0}
 PRESLIDING = {"z_s": 0.02}
@@ -34,7 +35,7 @@ def seed_motor(designs: Path) -> Design:
 
 
 @pytest.mark.parametrize(
-    ("effect", "values"), [("stribeck", STRIBECK), ("presliding", PRESLIDING)], ids=["stribeck", "presliding"]
+    ("effect", "values"), [slow("stribeck", STRIBECK), ("presliding", PRESLIDING)], ids=["stribeck", "presliding"]
 )
 def test_errors_a_written_design_are_those_of_the_diagnosis(
     seed_motor: Design, effect: str, values: dict[str, float]
@@ -49,6 +50,7 @@ def test_errors_a_written_design_are_those_of_the_diagnosis(
 
 
 @pytest.mark.parametrize(("start", "stop", "along"), [(10.8, 11.3, False), (10.8, 1e9, True)], ids=["push", "step"])
+@pytest.mark.slow
 def test_what_the_diagnosis_left_out_is_left_out(
     seed_motor: Design, start: float, stop: float, along: bool, tmp_path: Path
 ) -> None:
@@ -84,6 +86,7 @@ def test_the_log_is_read_in_the_band_of_the_fit(seed_motor: Design, cutoff: floa
     assert usual.cutoff == timed_record(seed_motor, log).cutoff != cutoff
 
 
+@pytest.mark.slow
 def test_what_add_writes_explains_as_much_as_its_own_fit(seed_motor: Design) -> None:
     log = simulate(seed_motor, "triangle", truth=seed_motor.with_effect("presliding", PRESLIDING), seed=54211)
     written = add(seed_motor, log, "presliding")

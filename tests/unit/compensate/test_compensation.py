@@ -104,6 +104,7 @@ def test_every_variant_is_also_run_with_wrong_parameters(study: CompensationStud
 
 
 @pytest.mark.parametrize(("T_n", "K_v", "counts"), [(0.005, 20.0, 131072), (0.005, 60.0, 4096), (0.02, 20.0, 131072)])
+@pytest.mark.slow
 def test_hunting_is_gone_with_the_commanded_speed(design: Design, T_n: float, K_v: float, counts: int) -> None:
     """A soft, integrating speed loop on strong stiction hunts; the motion's own speed, zero at rest, cannot help."""
     hunting = design.with_effect("stribeck", {"dF_s": 0.04, "w_s": 1.0, "delta": 2.0}).replace(

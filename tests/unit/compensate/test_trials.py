@@ -38,6 +38,7 @@ def rich(design: Design) -> Design:
 
 
 @pytest.mark.parametrize("source", ["reference", "commanded", "adaptive"])
+@pytest.mark.slow
 def test_friction_that_turns_over_the_deflection_of_the_contact(design: Design, source: str) -> None:
     """On a soft contact a feedforward that turns at once pushes the axis further than none does."""
     soft = design.with_effect("presliding", {"z_s": 1.6e-3, "z_b": 0.5, "tau_z": 1e-3})

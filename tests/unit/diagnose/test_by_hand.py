@@ -28,6 +28,7 @@ def error(model: Stepwise) -> tuple[float, float]:
     return last.errors["torque"]["relative"], last.holdout["torque"]["relative"]
 
 
+@pytest.mark.slow
 def test_what_is_hidden_is_ranked_first_and_brings_the_error_down(begun: Stepwise) -> None:
     ranked = begun.rank()
     assert {ranked[0].effect, ranked[1].effect} >= {"cogging 24"}

@@ -11,6 +11,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import simulate
+from tests.effort import seeds
 
 DRY = 0.0213  # N m
 
@@ -32,7 +33,7 @@ def friction(found: Diagnosis) -> float:
     return next(d.estimate for d in found.parameter_deviations if d.parameter == "F_c")
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize(
     ("code", "stop", "along"),
     [("event_push", 11.3, False), ("event_brake", 14.8, True), ("event_friction_step", 1e9, True)],
@@ -58,6 +59,7 @@ def test_what_happens_once_is_named_and_left_out(
 
 
 @pytest.mark.parametrize("effect", [None, "stribeck", "compliance", "cogging", "thermal_drift"])
+@pytest.mark.slow
 def test_a_log_without_an_event_names_none(design: Design, effect: str | None) -> None:
     from pmsm_ctrl.effects.catalogue import CATALOGUE
 

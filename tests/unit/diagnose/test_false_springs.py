@@ -12,6 +12,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import scenario, simulate
+from tests.effort import seeds
 
 SPRINGS = ("compliance", "backlash")
 
@@ -26,7 +27,7 @@ def filtered(log: Log, seconds: float) -> Log:
     return log.with_channels(**{k: lfilter([1.0 - pole], [1.0, -pole], log[k]) for k in ("i_d", "i_q")})
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize(("motion", "lag"), [("identification", 1e-3), ("identification", 5e-3), ("trapezoid", 5e-3)])
 def test_a_filter_of_the_current_is_no_spring(seed_motor: Design, motion: str, lag: float, seed: int) -> None:
     log = filtered(simulate(seed_motor, scenario(motion, seed_motor), seed=seed), lag)
@@ -47,7 +48,7 @@ def test_a_wave_of_a_turn_is_no_spring(seed_motor: Design, hidden: str, values: 
     assert not diagnose(seed_motor, log, plan=False, candidates=SPRINGS).steps
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_spring_is_still_found(seed_motor: Design, seed: int) -> None:
     J = 0.5 * seed_motor.J
     true = seed_motor.with_effect("compliance", {"J_load": J, "k": J * (2.0 * np.pi * 25.0) ** 2, "d": 1e-4})

@@ -9,6 +9,7 @@ from scipy.optimize import curve_fit
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add
 from pmsm_ctrl.log import Log
+from tests.effort import seeds
 
 J, F_C, F_V, DF, W_S, DELTA = 1e-3, 0.2, 0.002, 0.1, 4.0, 1.6
 NOISE = 0.004
@@ -28,7 +29,7 @@ def friction(w: np.ndarray, F_c: float, F_v: float, dF: float, w_s: float, delta
     return F_v * w + np.sign(w) * (F_c + dF * np.exp(-(np.abs(w / w_s) ** delta)))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_standard_errors_are_those_of_nonlinear_least_squares(seed: int) -> None:
     log = stribeck_log(seed)
     effects = [{"id": "coulomb", "F_c": F_C}, {"id": "viscous", "F_v": F_V}]

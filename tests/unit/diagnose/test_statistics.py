@@ -27,6 +27,7 @@ from tests.effort import seeds
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
+@pytest.mark.slow
 def test_the_estimates_own_weights_raise_no_more_alarms_than_they_say(designs, seed: int) -> None:
     """Coloured noise (autoregressive, 0.9) in place of the residual: p below 5 % in about 5 % of 400 draws."""
     design = Design.read(designs / "seed_motor.toml")
@@ -50,6 +51,7 @@ def test_the_estimates_own_weights_raise_no_more_alarms_than_they_say(designs, s
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize(("effect", "symbols"), [("constant_load", 1), ("cogging", 2)])
+@pytest.mark.slow
 def test_amount_that_a_log_shows_is_found_half_the_time(designs, effect: str, symbols: int, seed: int) -> None:
     """White noise and the effect at that amount, 2000 draws: the chi-square test passes in half of them."""
     design = Design.read(designs / "seed_motor.toml")

@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from pmsm_ctrl.diagnose import diagnose
+from tests.effort import seeds
 from tests.torque_steps import BARE, torque_steps
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize("levels", [(1.4,), (1.2, 1.4, 1.6)], ids=["two levels", "six levels"])
 def test_stribeck_under_a_torque_command_is_found(levels: tuple[float, ...], seed: int) -> None:
     log = torque_steps(seed, noise=0.0, levels=levels, stribeck=0.1, stay=0.45, bits=17)

@@ -18,6 +18,7 @@ from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.section import Notice
+from tests.effort import seeds
 from tests.unit.regression.test_drive_timing import believed, made
 
 DOUBT, HANDLED = Notice("torque_sign", "opposite sign"), Notice("time_gaps", "gaps")
@@ -154,7 +155,7 @@ def test_a_large_effect_that_was_refused_leaves_the_question_open(gain: float, r
     assert verdict_of(fit, refused={"cogging": Refusal(reason, {"p": 0.5})}) == expected
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", seeds(1, 3))
 def test_no_effect_is_named_where_most_of_the_torque_is_unexplained(seed: int) -> None:
     # a load that no motion tells is twice as large as all the rest; a wave of the shaft beside it is significant
     log, rng = made(seed), np.random.default_rng(seed)

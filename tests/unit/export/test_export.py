@@ -24,6 +24,7 @@ from pmsm_ctrl.export import export_files as checked_export_files
 from pmsm_ctrl.export.blocks import identifier
 from pmsm_ctrl.export.tables import angle_table, friction_points
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
+from tests.effort import seeds
 from tests.unit.export.compiled_c import FLAGS, Compensator
 from tests.unit.export.structured_text import parsed, parsed_library, parsed_tcpou
 
@@ -126,6 +127,7 @@ def test_an_input_that_is_no_number_adds_nothing_and_sets_the_flag(
     assert function.memory.i_q_add == 0.0
 
 
+@pytest.mark.slow
 def test_dead_zone_and_limit_are_those_of_the_simulation(designs: Path, tmp_path: Path) -> None:
     plain = Design.read(designs / "seed_motor.toml")
     changed = plain.replace(compensation={"gain": 1.0, "dead_zone": 0.5, "limit": 0.01, "effects": ("coulomb",)})
@@ -352,7 +354,7 @@ def test_bad_requests_are_told(design: Design) -> None:
 DESIGNS = sorted((Path(__file__).resolve().parents[3] / "designs").glob("*.toml"))
 
 
-@pytest.mark.parametrize("path", DESIGNS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", seeds(*DESIGNS), ids=lambda path: path.stem)
 def test_every_design_is_exported_and_compiles(path: Path, tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("gcc not found: the exported C cannot be compiled")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.benchmarks.exported import check
 from tests.effort import amount
 
 
+@pytest.mark.slow
 def test_the_exported_c_is_at_rest_where_the_window_says_so() -> None:
     rows = check(range(1, 1 + amount(1, 30)), report=lambda text: None)
     assert not [row for row in rows if row.wrong or row.other]

@@ -14,6 +14,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.export import export, export_files
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.feedforward import smoothing_width
+from tests.effort import slow
 from tests.unit.export.compiled_c import Compensator, simulate_with
 from tests.unit.export.structured_text import parsed, parsed_tcpou
 
@@ -28,11 +29,11 @@ def seed_motor(designs: Path) -> Design:
 @pytest.mark.parametrize(
     ("source", "ramp"),
     [
-        ("reference", 0.0),
+        slow("reference", 0.0),
         ("commanded", 0.0),
-        ("measured", 0.0),
-        ("observer", 0.0),
-        ("reference", 1e-3),
+        slow("measured", 0.0),
+        slow("observer", 0.0),
+        slow("reference", 1e-3),
         ("commanded", 1e-3),
     ],
 )

@@ -200,6 +200,7 @@ def test_result_forms() -> None:
 
 
 @pytest.mark.parametrize("seed", [200, 201])
+@pytest.mark.slow
 def test_friction_by_load_does_not_explain_the_torque_by_itself(designs: Path, seed: int) -> None:
     design = Design.read(designs / "seed_motor.toml").with_effect("load_dependent_friction", {"mu": 0.06})
     # driven by friction alone, the torque is a share of itself: mu = 1 and no inertia would fit it to the last digit

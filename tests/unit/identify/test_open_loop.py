@@ -62,6 +62,7 @@ def test_several_logs_and_a_plain_axis(design: Design, believed: Design) -> None
     assert both.estimates["J"].stderr < one.estimates["J"].stderr
 
 
+@pytest.mark.slow
 def test_the_shape_of_an_effect(design: Design) -> None:
     stribeck = {"dF_s": 0.01, "w_s": 12.0, "delta": 2.0}
     truth = design.with_effect("stribeck", stribeck)

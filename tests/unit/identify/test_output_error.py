@@ -14,6 +14,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify import Processing, identify
 from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.simulate.motions import Scenario
+from tests.effort import seeds
 
 IDEAL = {"encoder_counts": 0, "current_noise": 0.0}
 TRUE = {"J": 9e-5, "F_c": 0.0213, "F_v": 0.000168}
@@ -34,7 +35,7 @@ def believed(design) -> Design:
     )
 
 
-@pytest.mark.parametrize("name", ["triangle", "reversal", "identification"])
+@pytest.mark.parametrize("name", seeds("reversal", "triangle", "identification"))
 def test_a_log_without_noise_gives_the_truth(design, believed, name) -> None:
     motion = scenario(name, design, **({"duration": 12.0} if name == "identification" else {}))
     # the controller of the log believed the same as the one that is replayed
@@ -55,6 +56,7 @@ def test_a_noisy_log_within_its_errors(design, believed, seed) -> None:
     assert result.design.parameters("coulomb")["F_c"] == result.estimates["F_c"].value
 
 
+@pytest.mark.slow
 def test_parameters_that_no_regression_is_linear_in(design) -> None:
     truth = design.with_effect("stribeck", {"dF_s": 0.01, "w_s": 12.0, "delta": 1.6})
     start = design.with_effect("stribeck", {"dF_s": 0.006, "w_s": 20.0, "delta": 2.0})
@@ -94,7 +96,7 @@ def slow(t):
 METHODS = ["regression", "iv", "output_error"]
 
 
-@pytest.mark.parametrize("divider", [1, 16])
+@pytest.mark.parametrize("divider", seeds(16, 1))
 @pytest.mark.parametrize("method", METHODS)
 def test_constant_speed_tells_only_the_sum(design, method, divider) -> None:
     sampled = design.replace(sensor={"log_divider": divider})

@@ -7,6 +7,7 @@ import pytest
 
 from pmsm_ctrl import Design, Log, identify
 from pmsm_ctrl.regression.conditioning import Processing
+from tests.effort import seeds
 
 AXIS = Design.from_dict(
     {
@@ -42,7 +43,7 @@ def test_noise_of_the_acceleration_is_seen_over_the_cutoff(seed: int) -> None:
     assert [one["cutoff"] for one in told] == [25.0, 50.0, 100.0, 200.0]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3, 4))
 def test_a_right_model_has_one_inertia(seed: int) -> None:
     found = identify(AXIS, log(0.0, seed), check_cutoff=True)
     assert len(found.over_cutoff) >= 3

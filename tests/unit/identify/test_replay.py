@@ -12,6 +12,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.simulate.motions import Scenario
+from tests.effort import seeds
 
 IDEAL = {"encoder_counts": 0, "current_noise": 0.0}
 
@@ -37,7 +38,7 @@ MOTIONS = [
 
 
 @pytest.mark.parametrize(("name", "parameters", "error"), MOTIONS, ids=[m[0] for m in MOTIONS])
-@pytest.mark.parametrize("divider", [16, 1])
+@pytest.mark.parametrize("divider", seeds(16, 1))
 def test_a_noisy_log_is_repeated_without_its_noise(design, name, parameters, error, divider) -> None:
     sampled = design.replace(sensor={"log_divider": divider})
     motion = scenario(name, design, **parameters)

@@ -19,6 +19,7 @@ SEEDS = range(8)
     [slow({"bits": 9}), {"bits": 12, "noise": 0.1, "shaken": 0.15}],
     ids=str,
 )
+@pytest.mark.slow
 def test_the_interval_of_the_inertia_covers(case: dict[str, Any]) -> None:
     found = [identify(BARE, torque_steps(seed, **case)) for seed in SEEDS]
     off = np.array([(r.estimates["J"].value - J) / r.estimates["J"].stderr for r in found])

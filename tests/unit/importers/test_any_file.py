@@ -98,14 +98,14 @@ def tables(draw: st.DrawFn) -> bytes:
     return (ending.join(lines) + draw(st.sampled_from(["", ending, "\x1a"]))).encode()
 
 
-@settings(BOUNDED, max_examples=amount(100, 400))
+@settings(BOUNDED, max_examples=amount(40, 400))
 @given(tables())
 @example(b"t [s],theta [rad],i_q [A]\n0,1,2\n1,5e-324,1.7976931348623157e308\n2,-1.7976931348623157e308,3\n")
 def test_any_table(content: bytes) -> None:
     judge(content)
 
 
-@settings(BOUNDED, max_examples=amount(100, 300))
+@settings(BOUNDED, max_examples=amount(40, 300))
 @given(tables())
 def test_any_table_on_the_quick_way(monkeypatch: pytest.MonkeyPatch, content: bytes) -> None:
     """The quick parsers must never accept what the twin refuses, nor read it differently."""
@@ -153,7 +153,7 @@ def test_any_log_table(channels: dict, scale: dict, separator: str | None, decim
     judge(GOOD.encode(), None, design)
 
 
-@settings(BOUNDED, max_examples=200)
+@settings(BOUNDED, max_examples=amount(60, 200))
 @given(st.integers(0, len(GOOD) - 1), st.integers(0, 255), st.integers(0, 3))
 def test_one_byte_changed(place: int, byte: int, drop: int) -> None:
     content = GOOD.encode()

@@ -19,7 +19,7 @@ from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind, in_time
 from pmsm_ctrl.regression.model import base_groups
 from pmsm_ctrl.simulate import simulate
-from tests.effort import seeds
+from tests.effort import seeds, slow
 
 J, K_T, F_C, F_V = 0.01, 1.3, 0.4, 0.02
 PERIOD, FINE = 1e-3, 50  # s, and steps of the made-up torque in it
@@ -134,7 +134,7 @@ def test_what_sampling_can_do_is_no_effect_and_is_reported(seed: int, sampled: d
     assert json.loads(json.dumps(found.to_dict()))["timing"]["late"] == found.timing.late
 
 
-@pytest.mark.parametrize(("lag", "said"), [(2e-3, "about 2 ms"), (3e-3, "about 3 ms")])
+@pytest.mark.parametrize(("lag", "said"), [(2e-3, "about 2 ms"), slow(3e-3, "about 3 ms")])
 def test_a_filter_of_the_current_is_no_effect_and_its_time_constant_is_reported(lag: float, said: str) -> None:
     found = diagnose(believed(), made(1, lag=lag), plan=False)
     assert (found.verdict, names(found)) == ("consistent", [])
@@ -171,7 +171,7 @@ def test_runs_joined_with_gaps_name_nothing(seed: int) -> None:
     assert found.timing.lag == 0.0
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.5, 3.0])
+@pytest.mark.parametrize("factor", seeds(3.0, 0.5, 1.5))
 def test_friction_that_is_not_the_designs_is_no_effect(factor: float) -> None:
     # as much larger as a drag of the iron makes it: nothing in one log tells the two apart
     found = diagnose(believed(F_C / factor, F_V / factor), made(1), plan=False)

@@ -13,7 +13,7 @@ from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.measurement_correction import undone
 from pmsm_ctrl.simulate import scenario
-from tests.effort import amount, slow
+from tests.effort import amount, seeds
 from tests.unit.simulate.composed import DELAYED, TERMS, simulate_composed
 
 KNOWN = {
@@ -67,7 +67,7 @@ def test_what_cannot_be_undone_is_said(design: Design) -> None:
     assert notes[0].text.startswith("current_offset is not corrected")
 
 
-@pytest.mark.parametrize("effect", ["delay", "encoder_eccentricity", slow("current_offset"), slow("current_gain")])
+@pytest.mark.parametrize("effect", seeds("delay", "encoder_eccentricity", "current_offset", "current_gain"))
 def test_identification_and_comparison_know_it(design: Design, effect: str) -> None:
     for seed in range(1, 1 + amount(1, 2)):
         truth, log = spoiled(design, effect, seed)

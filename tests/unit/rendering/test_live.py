@@ -207,6 +207,7 @@ STEPS = """<script>
 
 
 @no_browser
+@pytest.mark.slow
 def test_switches_move_the_error_and_the_residual(tmp_path: Path) -> None:
     text = re.sub('<meta http-equiv="Content-Security-Policy"[^>]*>', "", page())  # it forbids the test's script
     text, console = browsed(text.replace("</body>", STEPS), tmp_path)

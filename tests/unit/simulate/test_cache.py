@@ -13,6 +13,7 @@ import pytest
 
 import pmsm_ctrl
 from pmsm_ctrl import kernels
+from tests.effort import amount
 
 PACKAGE = Path(pmsm_ctrl.__file__).parent
 COMPILERS = {"kernel", "inlined", "njit", "jit", "vectorize", "guvectorize", "cfunc", "shared"}
@@ -120,7 +121,7 @@ def test_every_compiled_file_is_in_the_hash_and_no_other(copy, monkeypatch):
     compiled = set(kernels.compiled_sources())
     before = hashed(copy, monkeypatch)
     assert not compiled & {PACKAGE / name for name in ("cli.py", "design.py", "simulate/run.py")}
-    for path in compiled:
+    for path in sorted(compiled)[:: amount(6, 1)]:
         edited = copy / "pmsm_ctrl" / path.relative_to(PACKAGE)
         content = edited.read_bytes()
         edited.write_bytes(content + b"\n# edited\n")
@@ -149,7 +150,10 @@ def test_no_file_compiles_unseen():
     """Whoever imports numba or the decorators is in the hash; `effects` passes `kernel` on and has no function."""
     unseen = []
     for path in set(PACKAGE.rglob("*.py")) - {*kernels.compiled_sources(), PACKAGE / "effects" / "__init__.py"}:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        text = path.read_text(encoding="utf-8")
+        if not any(word in text for word in ("numba", *COMPILERS)):
+            continue
+        for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Import):
                 seen = any(alias.name.split(".")[0] == "numba" for alias in node.names)
             elif isinstance(node, ast.ImportFrom):

@@ -41,6 +41,7 @@ def test_held_below_breakaway_does_not_creep_in_100_s(quiet, sign, steps):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.slow
 def test_released_just_above_breakaway_it_moves_as_newton_says(quiet, sign):
     excess = 0.01 * 0.0213
     log = simulate(quiet.without_effect("viscous"), hold(-sign * (0.0213 + excess), 0.5), keep_truth=True)

@@ -57,6 +57,7 @@ def test_breakaway_at_exactly_F_s_whatever_the_step(bare, f_control, steps, sign
     assert sign * released["theta_true"][-1] < 0.0
 
 
+@pytest.mark.slow
 def test_stick_slip_of_a_mass_pulled_through_a_spring(bare, checked):
     """Period and amplitude of the limit cycle of N. Amontons' block on a belt, undamped, F_s above F_c.
 
@@ -257,6 +258,7 @@ def test_a_gap_and_a_spring_together_use_the_springs_constants(bare):
 # -- dead time ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_dead_time_sixth_harmonic_of_the_current(project_root, checked):
     """A six-step error voltage of amplitude 4/3 dU at a steady speed, against R, L and the rotation's coupling.
 

@@ -14,6 +14,7 @@ from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.simulate import simulate
 from pmsm_ctrl.simulate.mechanics import Mechanics
 from tests.benchmarks.emps import Model, official
+from tests.effort import slow
 
 J = 1e-4
 T = np.arange(0.0, 1.0, 1e-3)
@@ -79,7 +80,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [slow(name) if name == "terms" else name for name in CASES])
 def test_the_torque_of_the_simulated_drive_moves_the_axis_alike(designs: Path, name: str) -> None:
     """A position that only drifts by what a torque sampled at 4 kHz leaves out."""
     motion, effects, left = CASES[name]

@@ -39,6 +39,7 @@ def proportional(design: Design) -> tuple[Design, Design]:
     return observed, design.replace(loops={"speed": {"K_p": K_p + damping, "T_n": T_n}})
 
 
+@pytest.mark.slow
 def test_beside_a_p_controller_the_observer_is_a_pi_controller(axis: Design) -> None:
     """A load step while the speed reference rests: both currents are the same to rounding."""
     push = Scenario("push", 0.3, lambda t: {"T_load": np.where(t > 0.05, 0.02, 0.0)})

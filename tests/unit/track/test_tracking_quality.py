@@ -11,6 +11,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.track import Settings, model, track
 from pmsm_ctrl.track.settings import numbers
+from tests.effort import seeds
 from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander, with_known_effects
 
 F_C, F_V = 0.0213, 0.000168
@@ -63,7 +64,7 @@ def test_nees_and_nis_keep_their_bands_in_many_runs(by_hand: Design, walking: bo
 
 
 @pytest.mark.parametrize("share", [0.3, -0.3])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_step_of_coulomb_friction_is_followed_within_two_seconds(design: Design, share: float, seed: int) -> None:
     truth = design.with_own_effects(step_of_F_c).with_effect("step_of_F_c", {"dF_c": share * F_C, "t_0": 4.0})
     log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0), truth=truth, seed=seed)
@@ -141,6 +142,7 @@ def test_load_torque_and_inertia_can_be_tracked_too(design: Design) -> None:
     assert found["J"].value == pytest.approx(truth.J, rel=0.01)
 
 
+@pytest.mark.slow
 def test_known_effects_are_not_taken_for_friction(design: Design) -> None:
     full = with_known_effects(design)
     log = simulate(full, scenario("triangle", design, speed=60.0, period=2.0, cycles=5.0), seed=2)

@@ -13,6 +13,7 @@ from pmsm_ctrl.tune.current import tune_current
 from pmsm_ctrl.tune.limits import SWAMPED, USABLE_STEP
 from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.tuning import tune
+from tests.effort import seeds
 
 # A slow winding (6.8 ms) sampled at 100 kHz: the modulus optimum asks for 90 % of the voltage for 1 % of the current.
 SLOW_WINDING = {
@@ -38,6 +39,7 @@ def test_a_small_step_of_the_current_fits_the_voltage():
     assert np.abs(log["theta_ref"] - log["theta_true"]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_the_counts_of_the_encoder_do_not_take_the_current():
     design = Design.from_dict(SLOW_WINDING).replace(sensor={"encoder_counts": 8192})
     tuned = tune(design, prove=False)
@@ -56,7 +58,7 @@ def test_what_was_asked_for_is_not_changed():
     assert tuned.margins["speed"].crossover == pytest.approx(400.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", ["seed_motor", "small_servo", "servo_2kw"])
+@pytest.mark.parametrize("name", seeds("seed_motor", "small_servo", "servo_2kw"))
 def test_the_shipped_designs_are_within_their_limits(designs, name):
     tuned = tune(Design.read(designs / f"{name}.toml"), prove=False)
     assert tuned.limited == {}

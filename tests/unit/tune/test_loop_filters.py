@@ -69,6 +69,7 @@ def test_the_open_loop_is_plant_controller_and_filters(filtered):
     )
 
 
+@pytest.mark.slow
 def test_the_simulated_drive_has_the_loop_that_is_predicted(filtered):
     loops, speed = filtered.loops, 60.0
     cascade = Cascade.of(filtered, loops.current, loops.speed, at=speed)

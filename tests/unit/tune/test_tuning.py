@@ -54,6 +54,7 @@ def test_importing_the_package_does_not_import_python_control():
     assert package.tune is tune
 
 
+@pytest.mark.slow
 def test_h2_norm_against_control_and_against_random_numbers():
     system = ct.ss(ct.tf([0.2, 0.1], [1.0, -1.2, 0.5], 1e-3))
     assert h2_norm(system) == pytest.approx(ct.system_norm(system, 2), rel=1e-9)
@@ -63,6 +64,7 @@ def test_h2_norm_against_control_and_against_random_numbers():
     assert np.std(y) == pytest.approx(h2_norm(system), rel=0.01)
 
 
+@pytest.mark.slow
 def test_noise_gain_is_the_integral_over_frequency(tuned):
     system = tuned.cascade.with_gains(position=None).system(("angle_noise",), ("i_q_ref",))
     omega = np.linspace(0.0, math.pi / system.dt, 20001)

@@ -15,7 +15,7 @@ from pmsm_ctrl.compensate.motions import named_trial
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.simulate import Scenario, scenario
 from pmsm_ctrl.simulate.fed_forward import fed_currents
-from tests.effort import amount
+from tests.effort import amount, slow
 from tests.unit.verify.downloads import WAYS, applied, logs_of, verified_design
 
 VERDICTS = {
@@ -50,7 +50,7 @@ def without(log: Log, *names: str) -> Log:
     return Log({name: values for name, values in log.channels.items() if name not in names}, log.motion)
 
 
-@pytest.mark.parametrize("way", VERDICTS)
+@pytest.mark.parametrize("way", [slow(way) if n % 2 else way for n, way in enumerate(VERDICTS)])
 def test_a_drive_is_found_to_do_what_it_does(design: Design, before: Log, after: dict[str, Log], way: str) -> None:
     found = verify(design, before, after[way])
     assert found.verdict.value == VERDICTS[way]
@@ -105,6 +105,7 @@ def test_feedforward_behind_the_logged_reference_is_found_in_the_current(
     assert "verify_behind_reference" in [notice.code for notice in found.notices]
 
 
+@pytest.mark.slow
 def test_unchanged_drives_are_not_called_changed(design: Design, motion: Scenario) -> None:
     """Noise of another seed, a friction that fell by a third: the law of the controller is one."""
     warm = design.with_effect("coulomb", {"F_c": 0.014})
@@ -164,6 +165,7 @@ def test_what_is_missing_is_named(design: Design, before: Log) -> None:
         verify(design.replace(compensation={"effects": ["unbalance"]}).with_effect("unbalance", {}), before, before)
 
 
+@pytest.mark.slow
 def test_the_command(
     design: Design, before: Log, after: dict[str, Log], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -104,6 +104,7 @@ def test_a_view_has_the_extremes_of_its_stretch(page: Page, files: dict[str, byt
     assert page.get("view/log", params={"log": "log1", "channels": "omega", "start": "nan"}).status_code == 400
 
 
+@pytest.mark.slow
 def test_switching_an_effect_off_and_looking_at_a_candidate(page: Page, files: dict[str, bytes]) -> None:
     loaded(page, files)
     page.post("steps", {"begin": True})
@@ -242,6 +243,7 @@ def test_logs_of_the_command_line_are_read(tmp_path: Path, bench: Bench, files: 
     assert [entry["info"]["samples"] for entry in logs] == [5000, 5000, 5000]
 
 
+@pytest.mark.slow
 def test_a_model_of_logs_that_were_changed_meanwhile_is_dropped(page: Page, files: dict[str, bytes]) -> None:
     loaded(page, files)
     page.post("steps", {"begin": True})
@@ -253,6 +255,7 @@ def test_a_model_of_logs_that_were_changed_meanwhile_is_dropped(page: Page, file
     assert page.idle()["model"]["records"][0]["start"] >= 2.0
 
 
+@pytest.mark.slow
 def test_a_stopped_search_does_not_stop_the_next_process(page: Page, bench: Bench, files: dict[str, bytes]) -> None:
     loaded(page, files)
     page.post("steps", {"begin": True})
