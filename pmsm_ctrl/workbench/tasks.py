@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.files import write_text
 from pmsm_ctrl.workbench.curves import overview, write_curves
+from pmsm_ctrl.workbench.memory import array_bytes
 from pmsm_ctrl.workbench.own import bound
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ __all__ = [
     "STOP",
     "StoppedError",
     "fitted",
+    "forget",
     "logs_of",
     "prepare",
     "preview",
@@ -38,6 +40,7 @@ __all__ = [
 
 PROGRESS, STOP = "progress.json", "stop"  # files of the session's folder by which a task and the server talk
 KEPT = 24  # fits, undone ones among them
+MOST_BYTES = 1 << 29  # of the arrays of all of them; what was forgotten is computed again
 Request = Mapping[str, Any]
 
 _designs: dict[str, Design] = {}
@@ -247,9 +250,20 @@ def fitted(request: Request, steps: Sequence[Mapping[str, Any]]) -> tuple[Stepwi
             talk = _Talk(Path(request["folder"]))
             made = before.find(progress=talk.progress, each=talk.accepted)
     _fits[key] = made
-    while len(_fits) > KEPT:
-        _fits.popitem(last=False)
+    forget(_fits)
     return made
+
+
+def forget(fits: OrderedDict[str, Any]) -> None:
+    """Drop the oldest fits beyond `KEPT` and beyond `MOST_BYTES`; the last one stays.
+
+    Parameters
+    ----------
+    fits : ordered dict
+        Changed in place.
+    """
+    while len(fits) > KEPT or (len(fits) > 1 and array_bytes(fits.values()) > MOST_BYTES):
+        fits.popitem(last=False)
 
 
 def _key(request: Request, steps: Sequence[Mapping[str, Any]]) -> str:
