@@ -189,7 +189,7 @@ function candidates(app) {
   return [
     h("h2", {}, "What is missing?"),
     advised.length
-      ? [h("p", { class: "soft" }, "Significant on this log. Move over one, or go there with the tabulator: the orange curve over the residual is what it would take away."), table(advised, "a")]
+      ? [h("p", { class: "soft" }, "Significant on this log. Move over one, or reach it with the Tab key: the orange curve over the residual is what it would take away."), table(advised, "a")]
       : h("p", {}, "No candidate passes the tests: nothing of the catalogue is missing, as far as these logs show."),
     h("details", { id: "refused" }, h("summary", {}, `${others.length} candidates that the log does not call for`), table(others, "b")),
     app.about.template ? ownEffect(app) : null,
