@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pmsm_ctrl.console import command_line, finish, progress_bar
-from pmsm_ctrl.files import printable, require_writable, write_text
+from pmsm_ctrl.files import printable, require_new, require_writable, write_text
 from pmsm_ctrl.options import EffectsOption, ForceOption, JsonOption, MapOption
 
 if TYPE_CHECKING:
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from pmsm_ctrl.options import OwnEffects
 
 __all__ = ["FLEET_COMMANDS"]
+
+AXIS_PAGES = 100  # axes up to which each gets a page without being asked for: some 0.3 s each
 
 
 def fleet(
@@ -50,6 +53,12 @@ def fleet(
         float,
         typer.Option("--every", metavar="SECONDS", min=0.0, help="of watch: time between two scans of the folder"),
     ] = 60.0,
+    axis_pages: Annotated[
+        bool | None,
+        typer.Option(
+            "--axis-pages/--no-axis-pages", help="of report: a page for each axis; without a word up to 100 axes"
+        ),
+    ] = None,
     joint: Annotated[bool, typer.Option("--joint", help="evaluate the records of an axis together")] = False,
     mapping: MapOption = None,
     json_file: JsonOption = None,
@@ -57,7 +66,7 @@ def fleet(
 ) -> None:
     """Evaluate the logs of many axes into one table. Logs that are in the table already are not evaluated again."""
     if words[0] == "report":
-        _report(words[1:], output, json_file)
+        _report(words[1:], output, json_file, axis_pages, force)
         return
     if words[0] == "example":
         _example(words[1:], design)
@@ -92,7 +101,9 @@ def _watch(manifest: Manifest, engine: Engine, every: float, retry: bool) -> Non
     watch(manifest, told, every=every, engine=engine)
 
 
-def _report(words: list[str], output: Path | None, json_file: Path | None) -> None:
+def _report(
+    words: list[str], output: Path | None, json_file: Path | None, axis_pages: bool | None, force: bool
+) -> None:
     """Answer the questions of a fleet, on the terminal and as a page."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import fleet_report
@@ -104,7 +115,7 @@ def _report(words: list[str], output: Path | None, json_file: Path | None) -> No
     found = fleet_report(words[0])
     finish("fleet_report", found, json_file=json_file)
     if output is not None:
-        write_text(output, _page(found))
+        write_text(output, _page(found, _axis_pages(found, output, axis_pages, force)))
         print(printable(f"report: {output}"))
 
 
@@ -122,8 +133,39 @@ def _example(words: list[str], design: Path | None) -> None:
     print(printable(f"{words[0]}: logs of {len(drawn)} axes, run.toml, and the truth in truth.json"))
 
 
-def _page(found: FleetReport) -> str:
-    from pmsm_ctrl.fleet.present import sections, verdict_of
+def _axis_pages(found: FleetReport, page: Path, wanted: bool | None, force: bool) -> dict[str, str]:
+    """Write a page for each axis into a folder beside the fleet's; return its address by axis.
+
+    They are made from the stored results: the logs need not be within reach, and nothing is evaluated again.
+    """
+    from urllib.parse import quote
+
+    from pmsm_ctrl.fleet.axis import axis_records, page_names
+    from pmsm_ctrl.fleet.present import axis_sections, axis_verdict
+    from pmsm_ctrl.report import Headline, render
+
+    if wanted is False or (wanted is None and len(found.axes) > AXIS_PAGES):
+        if wanted is None:
+            print(f"no page for each of {len(found.axes)} axes; --axis-pages writes them")
+        return {}
+    folder = page.with_name(f"{page.stem}_axes")
+    names = page_names(one.name for one in found.axes)
+    if not force:
+        require_new(folder / name for name in names.values())
+    folder.mkdir(exist_ok=True)
+    records = axis_records(found.results)
+    for one in found.axes:
+        headline = Headline(f"{one.records} logs were evaluated one by one.", axis_verdict(one), None, ())
+        text = render(
+            f"Axis {one.name}", axis_sections(found, one, records[one.name]), headline=headline,
+            facts={"results": found.results, "type": one.type or "none stated"}, command=command_line(),
+        )  # fmt: skip
+        write_text(folder / names[one.name], text)
+    return {axis: f"{quote(folder.name)}/{quote(name)}" for axis, name in names.items()}
+
+
+def _page(found: FleetReport, links: Mapping[str, str] | None = None) -> str:
+    from pmsm_ctrl.fleet.present import linked, sections, verdict_of
     from pmsm_ctrl.report import Headline, render
 
     logs = sum(one.records for one in found.axes)
@@ -136,7 +178,8 @@ def _page(found: FleetReport) -> str:
     first, *rest = sections(found)
     shown = (replace(first, blocks=first.blocks[1:]).without(found.notices), *rest)
     return render(
-        "Fleet", shown, headline=headline, notices=found.notices, facts={"results": found.results},
+        "Fleet", [linked(one, links or {}) for one in shown], headline=headline, notices=found.notices,
+        facts={"results": found.results},
         command=command_line(),
     )  # fmt: skip
 

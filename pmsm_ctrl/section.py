@@ -114,6 +114,8 @@ class Table:
         Columns of curves behind the others by heading, one curve a row; in HTML alone.
     sortable : bool
         Whether a page lets the reader sort and filter the rows; such a table is shown whatever its length.
+    links : dict of str to str
+        Address by the text of a row's first cell, for HTML.
     """
 
     header: tuple[str, ...]
@@ -122,6 +124,7 @@ class Table:
     folded: bool = False
     curves: Mapping[str, tuple[Sparkline | None, ...]] = field(default_factory=dict, hash=False)
     sortable: bool = False
+    links: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)

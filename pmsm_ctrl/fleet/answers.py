@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.fleet import notices as words
+from pmsm_ctrl.fleet.axis import AxisRows, by_axis
 from pmsm_ctrl.fleet.evaluate import DONE
 from pmsm_ctrl.fleet.policy import FALSE_DISCOVERIES, OUTLYING, REPEATED
 from pmsm_ctrl.fleet.result import Lost
@@ -232,19 +233,6 @@ def _dated(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value.isoformat() if isinstance(value, datetime) else value for name, value in values.items()}
 
 
-@dataclass
-class _Axis:
-    """Rows of one axis, by record."""
-
-    name: str
-    type: str
-    times: dict[str, datetime] = field(default_factory=dict)
-    rows: dict[str, list[Row]] = field(default_factory=lambda: defaultdict(list))
-
-    def ordered(self) -> list[str]:
-        return sorted(self.times, key=lambda record: (self.times[record], record))
-
-
 KINDS = ("status", "verdict", "parameter", "finding", "quantity")
 
 
@@ -285,7 +273,7 @@ def answered(results: str, rows: Iterable[Row], limits: Mapping[str, float]) -> 
     -------
     FleetReport
     """
-    axes = _by_axis(rows)
+    axes = by_axis(rows)
     found = [(axis, *_findings(axis)) for axis in axes]
     q_values = _controlled([p for _, p, _ in found])
     answers = tuple(_answer(axis, p, q, findings) for (axis, p, findings), q in zip(found, q_values, strict=True))
@@ -294,22 +282,6 @@ def answered(results: str, rows: Iterable[Row], limits: Mapping[str, float]) -> 
     return FleetReport(
         results, answers, changes, judged, tuple(_unlike(answers)), worthless, tuple(_notices(answers, worthless))
     )
-
-
-def _by_axis(rows: Iterable[Row]) -> list[_Axis]:
-    newest: dict[str, tuple[datetime, str]] = {}
-    by_key: dict[str, list[Row]] = defaultdict(list)
-    for row in rows:
-        by_key[row.key].append(row)
-        newest[row.record] = max(newest.get(row.record, (EPOCH, "")), (row.evaluated, row.key))
-    axes: dict[str, _Axis] = {}
-    for _, key in newest.values():
-        of_key = by_key[key]
-        first = of_key[0]
-        axis = axes.setdefault(first.axis, _Axis(first.axis, first.type))
-        axis.times[first.record] = first.time
-        axis.rows[first.record] = of_key
-    return [axes[name] for name in sorted(axes)]
 
 
 def _controlled(p_values: list[float]) -> Array:
@@ -321,7 +293,7 @@ def _controlled(p_values: list[float]) -> Array:
     return np.asarray(false_discovery_control(np.array(p_values), method="bh"), dtype=float)
 
 
-def _findings(axis: _Axis) -> tuple[float, tuple[Finding, ...]]:
+def _findings(axis: AxisRows) -> tuple[float, tuple[Finding, ...]]:
     """Return the p-value of an axis that lacks nothing, and every effect that its records name.
 
     A record's p-value of an effect allows for all candidates (Holm). That of the axis is the one of the second surest
@@ -368,7 +340,7 @@ def _bernoulli(shows: NDArray[np.bool_]) -> float:
     return sum(m * float(np.log(m / n)) for m in (count, n - count) if m)
 
 
-def _answer(axis: _Axis, p: float, q: float, findings: tuple[Finding, ...]) -> AxisAnswer:
+def _answer(axis: AxisRows, p: float, q: float, findings: tuple[Finding, ...]) -> AxisAnswer:
     verdicts: dict[str, int] = defaultdict(int)
     answered_records = 0
     for rows in axis.rows.values():
@@ -384,7 +356,7 @@ def _answer(axis: _Axis, p: float, q: float, findings: tuple[Finding, ...]) -> A
     )  # fmt: skip
 
 
-def _series(axis: _Axis) -> dict[str, Series]:
+def _series(axis: AxisRows) -> dict[str, Series]:
     """Return every parameter that at least two records found."""
     points: dict[str, list[tuple[float, Row]]] = defaultdict(list)
     for record in axis.ordered():
@@ -404,7 +376,7 @@ def _as_series(name: str, points: list[tuple[float, Row]]) -> Series:
     )  # fmt: skip
 
 
-def _per_degree(axis: _Axis, series: Mapping[str, Series]) -> Regression | None:
+def _per_degree(axis: AxisRows, series: Mapping[str, Series]) -> Regression | None:
     """Fit F_c over the temperature where every record has both."""
     if "F_c" not in series:
         return None
@@ -479,7 +451,7 @@ def _unlike(axes: tuple[AxisAnswer, ...]) -> Iterator[Unlike]:
     yield from sorted(out, key=lambda one: -abs(one.score))
 
 
-def _worthless(axis: _Axis) -> Iterator[Lost]:
+def _worthless(axis: AxisRows) -> Iterator[Lost]:
     """Yield the records without an answer, and why."""
     for record in axis.ordered():
         rows = axis.rows[record]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,9 +13,14 @@ from pmsm_ctrl.fleet.answers import AxisAnswer, Change, Finding, FleetReport, Se
 from pmsm_ctrl.fleet.policy import FALSE_DISCOVERIES, OUTLYING
 from pmsm_ctrl.fleet.result import FleetResult, Lost
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error
-from pmsm_ctrl.section import Block, Section, Sparkline, Table, present
+from pmsm_ctrl.section import Block, Picture, Section, Sparkline, Table, present
 
-__all__ = ["sections"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from pmsm_ctrl.fleet.axis import AxisRecord
+
+__all__ = ["axis_sections", "axis_verdict", "linked", "sections", "verdict_of"]
 
 DRAWN = ("F_c", "F_v")  # parameters that the table of axes draws
 
@@ -228,6 +235,137 @@ def _worthless(report: FleetReport) -> Section | None:
         return None
     said = f"{len(report.worthless)} logs give no answer."
     return Section("Logs without an answer", (said, _lost_table(report.worthless, "Logs without an answer")))
+
+
+def linked(section: Section, links: Mapping[str, str]) -> Section:
+    """Return a section whose tables of axes link each axis.
+
+    Parameters
+    ----------
+    section : Section
+    links : dict of str to str
+        Address by axis.
+
+    Returns
+    -------
+    Section
+    """
+
+    def of(block: Block) -> Block:
+        if isinstance(block, Section):
+            return linked(block, links)
+        return replace(block, links=links) if isinstance(block, Table) and block.header[0] == "axis" else block
+
+    return replace(section, blocks=tuple(of(block) for block in section.blocks))
+
+
+def axis_verdict(axis: AxisAnswer) -> str:
+    """Return the answer for one axis in one sentence.
+
+    Parameters
+    ----------
+    axis : AxisAnswer
+    """
+    lacks = ", ".join(one.effect for one in axis.findings)
+    return f"{axis.name}: {_word(axis)}{f' ({lacks})' if lacks else ''}; {axis.answered} of {axis.records} logs answer."
+
+
+def axis_sections(report: FleetReport, axis: AxisAnswer, records: tuple[AxisRecord, ...]) -> tuple[Section, ...]:
+    """Return the report of one axis as the sections of a page, from the stored results alone.
+
+    Parameters
+    ----------
+    report : FleetReport
+    axis : AxisAnswer
+        One of the report.
+    records : tuple of AxisRecord
+        Of this axis.
+
+    Returns
+    -------
+    tuple of Section
+    """
+    own = replace(
+        report, axes=tuple(one for one in report.axes if one.name == axis.name),
+        changes=tuple(one for one in report.changes if one.axis == axis.name),
+        unlike=tuple(one for one in report.unlike if one.axis == axis.name), worthless=(), notices=(),
+    )  # fmt: skip
+    changed = _changed(own) if own.changes else None
+    told = (f"{report.judged} parameters of all axes were judged together.", *(changed.blocks[1:] if changed else ()))
+    found = (
+        _over_time(axis, own.changes), _axis_missing(own),
+        None if changed is None else replace(changed, blocks=told), _unlike(own), _temperature(own), _records(records),
+        _remarks(records),
+    )  # fmt: skip
+    return tuple(one for one in found if one is not None)
+
+
+def _axis_missing(report: FleetReport) -> Section | None:
+    """Return the missing effects without the sentence that counts the axes."""
+    found = _missing(report)
+    return None if found is None else replace(found, blocks=found.blocks[1:])
+
+
+def _over_time(axis: AxisAnswer, changes: Iterable[Change]) -> Section | None:
+    if not axis.series:
+        return None
+    marks = {one.parameter: _day(one.when) for one in changes if one.when is not None}
+    drawn = tuple(axis.series[name] for name in DRAWN if name in axis.series)
+    others = [one for name, one in sorted(axis.series.items()) if name not in DRAWN]
+
+    def draw() -> Figure:
+        from pmsm_ctrl.fleet.figures import series_figure
+
+        return series_figure(drawn, marks)
+
+    blocks: list[Block] = []
+    if drawn:
+        blocks.append(Picture(draw, "Friction of each record with its 95 % interval."))
+    rows = tuple(
+        (one.name, str(len(one.value)), number(float(np.median(one.value))),
+         "" if np.isnan(one.nominal) else number(one.nominal), one.unit)
+        for one in (*drawn, *others)
+    )  # fmt: skip
+    curves = tuple(
+        Sparkline(one.days, one.value, 1.96 * one.stderr, _in_words(one), marks.get(one.name, np.nan))
+        for one in (*drawn, *others)
+    )
+    header = ("parameter", "records", "median", "design", "unit")
+    blocks.append(Table(header, rows, "Parameters over time", curves={"over time": curves}, sortable=True))
+    return Section("Parameters over time", tuple(blocks))
+
+
+def _records(records: tuple[AxisRecord, ...]) -> Section:
+    def value(one: AxisRecord, name: str) -> str:
+        row = one.parameters.get(name)
+        return "" if row is None or row.value is None else with_error(row.value, row.stderr or float("nan"))
+
+    units = {name: row.unit for one in records for name, row in one.parameters.items() if name in DRAWN}
+    header = ("time [UTC]", "log", "verdict", "effects", *(f"{name} [{unit}]" for name, unit in units.items()),
+              "torque error", "deviations", "because")  # fmt: skip
+    rows = tuple(
+        (
+            f"{one.time:%Y-%m-%d %H:%M}", _short(one.record), one.verdict.replace("_", " "),
+            ", ".join(row.name for row in one.effects), *(value(one, name) for name in units),
+            "" if one.error is None else percent(one.error), ", ".join(row.name for row in one.deviations),
+            one.reason.removeprefix(f"{one.record}: "),
+        )
+        for one in records
+    )  # fmt: skip
+    said = "Each log by itself, as it was stored; pmsm-ctrl study DESIGN --log LOG looks into one of them."
+    return Section("Logs", (said, Table(header, rows, "Logs", sortable=True)))
+
+
+def _remarks(records: tuple[AxisRecord, ...]) -> Section | None:
+    """Return the doubts of all logs, each once, with how many logs raise it."""
+    said: dict[str, list[str]] = {}
+    for one in records:
+        for code, text in {row.name: row.text for row in one.doubts}.items():
+            said.setdefault(code, []).append(text)
+    if not said:
+        return None
+    rows = tuple((code, f"{len(texts)} of {len(records)}", texts[-1]) for code, texts in sorted(said.items()))
+    return Section("Doubts", (Table(("code", "logs", "the last one says"), rows, "Doubts", sortable=True),))
 
 
 def _lost_table(lost: Iterable[Lost], caption: str) -> Table:

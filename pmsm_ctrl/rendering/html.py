@@ -167,7 +167,10 @@ class _Renderer:
         head += "".join(f'<th scope="col">{_unbroken(heading)}</th>' for heading in table.curves)
         rows = "".join(
             "<tr>"
-            + "".join(f"<td{_class(r)}>{_cell(c)}</td>" for c, r in zip(row, right, strict=False))
+            + "".join(
+                f"<td{_class(r)}>{_linked(_cell(c), '' if n else table.links.get(c, ''))}</td>"
+                for n, (c, r) in enumerate(zip(row, right, strict=False))
+            )
             + "".join(f"<td>{sparkline_svg(curves[k])}</td>" for curves in table.curves.values())
             + "</tr>\n"
             for k, row in enumerate(table.rows)
@@ -206,6 +209,10 @@ def _class(right: bool) -> str:
 def _unbroken(text: str) -> str:
     """A unit in a heading is never broken."""
     return escape(_UNIT.sub(lambda unit: unit[0].replace(" ", "\u00a0"), text))
+
+
+def _linked(cell: str, address: str) -> str:
+    return f'<a href="{escape(address)}">{cell}</a>' if address else cell
 
 
 def _cell(text: str) -> str:

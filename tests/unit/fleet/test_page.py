@@ -10,7 +10,7 @@ import pytest
 from pmsm_ctrl.cli import main
 from pmsm_ctrl.fleet.answers import answered
 from pmsm_ctrl.fleet.store import Store
-from tests.unit.fleet.rows import a_fleet
+from tests.unit.fleet.rows import a_fleet, of_record
 
 html5lib = pytest.importorskip("html5lib")
 pytest.importorskip("pyarrow")
@@ -21,7 +21,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("page")
     Store(folder / "r").add(a_fleet(40, 8, 2))
     with pytest.raises(SystemExit) as left:
-        main(["fleet", "report", str(folder / "r"), "-o", str(folder / "p.html"), "--json", str(folder / "p.json")])
+        main(["fleet", "report", str(folder / "r"), "-o", str(folder / "p.html"), "--json", str(folder / "p.json"),
+              "--no-axis-pages"])  # fmt: skip
     assert left.value.code in (0, None)
     return (folder / "p.html").read_text(encoding="utf-8")
 
@@ -36,6 +37,27 @@ def test_the_page_asks_the_network_for_nothing_and_permits_its_own_script_alone(
     assert not re.search(r"(?:src|href)=\"(?!#|data:)", page)
     assert page.count("<script>") == 1
     assert re.search(r"script-src 'sha256-[^']+'; ", page)
+
+
+def test_every_axis_has_a_page_that_the_fleet_links(tmp_path: Path) -> None:
+    store = Store(tmp_path / "r")
+    store.add([*a_fleet(3, 8, 2), *of_record("../A 1", 0, 0.02), *of_record("AXIS0003", 0, 0.02)])
+    page = tmp_path / "p.html"
+    with pytest.raises(SystemExit):
+        main(["fleet", "report", str(tmp_path / "r"), "-o", str(page)])
+    text = page.read_text(encoding="utf-8")
+    linked = set(re.findall(r'<a href="(p_axes/[^"]+)">', text))
+    assert {tmp_path / one for one in linked} == set((tmp_path / "p_axes").iterdir())
+    assert len(linked) == 5
+    own = (tmp_path / "p_axes" / "axis0001.html").read_text(encoding="utf-8")
+    html5lib.HTMLParser(strict=True).parse(own)
+    assert "cogging" in own
+    assert "axis0002" not in own
+    assert len(re.findall(r"<td[^>]*>2026-03-\d\d 22:00</td>", own)) == 8
+    assert not re.search(r"(?:src|href)=\"(?!#|data:)", own)
+    with pytest.raises(SystemExit) as left:  # pages of another report are not overwritten
+        main(["fleet", "report", str(tmp_path / "r"), "-o", str(tmp_path / "p.html")])
+    assert left.value.code == 2
 
 
 def test_the_summary_names_the_axes(tmp_path: Path) -> None:
