@@ -33,7 +33,7 @@ WHOLE = ("coulomb", "viscous")  # the design has them already
 LEFT = ("delay",)  # the time of sampling is a nuisance of the same column
 
 
-def scores(effect_id: str, seed: int, scenario: str) -> dict[str, float]:
+def scores(effect_id: str, seed: int, scenario: str, polish: bool = False) -> dict[str, float]:
     """Return the error of every parameter over its standard error; NaN without one."""
     design = Design.read(DESIGNS / "hand_tuned.toml")
     effect = CATALOGUE[effect_id]
@@ -43,7 +43,7 @@ def scores(effect_id: str, seed: int, scenario: str) -> dict[str, float]:
         varied = effect.example[p.symbol] * (1.0 if p.symbol == effect.order else rng.uniform(1 - VARIED, 1 + VARIED))
         truth[p.symbol] = float(np.clip(varied, p.lower, p.upper))
     log = simulate(design, scenario, truth=design.with_effect(effect_id, truth), seed=seed)
-    found = add(design, log, effect_id)
+    found = add(design, log, effect_id, polish=polish)
     out = {}
     for entry in found.effects:
         true = truth if entry.id == effect_id else design.parameters(entry.id)
@@ -62,6 +62,7 @@ def main() -> None:
     parser.add_argument("--logs", type=int, default=40, help="of each effect")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--scenario", default="identification")
+    parser.add_argument("--polish", action="store_true", help="as `add --polish`, where it proves a gain")
     parser.add_argument("--json", type=Path, default=None)
     args = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -71,7 +72,7 @@ def main() -> None:
         refused = 0
         for seed in track(range(args.first, args.first + args.logs), description=effect, transient=True):
             try:
-                for symbol, score in scores(effect, seed, args.scenario).items():
+                for symbol, score in scores(effect, seed, args.scenario, args.polish).items():
                     found[symbol].append(score)
             except PmsmCtrlError:
                 refused += 1

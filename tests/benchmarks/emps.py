@@ -7,9 +7,11 @@ The task is that of the nonlinear benchmark collection: train on ``DATA_EMPS``, 
 ``DATA_EMPS_PULSES`` from ``vir`` alone, the first 20 samples given and not scored, root mean square error in mm. The
 state at the begin is fitted to those 20 samples. Beside it the force error by inverse dynamics on both records.
 
-No choice reads the pulses: a window of the simulation fit is chosen by the four cycles of ``DATA_EMPS``, each left out
-in turn. The rows "on the pulses" say what a structure can do, and what of the error is the drift of the friction
-between the records; they are no results.
+No choice reads the pulses. A simulation fit in windows takes their length from the four cycles of ``DATA_EMPS``, each
+left out in turn. A fit of the whole record makes small what the task scores, on ``DATA_EMPS``. Stops that the axis just
+makes, or just misses, leave its sum of squares rough: it starts many times about the regression's values, and the
+start with the least error on ``DATA_EMPS`` counts. The rows "on the pulses" say what a structure can do, and what of
+the error is the drift of the friction between the records; they are no results.
 """
 
 from __future__ import annotations
@@ -43,6 +45,8 @@ FASTEST = 0.15  # m/s
 CYCLE, FIRST = 6180, 100  # samples
 WINDOWS = (500, 1000, 2000, 3090, 6180)  # samples
 TARGET_MM, TARGET_FORCE = 3.0, 0.027
+STARTS, ABOUT, SEED = 20, 0.05, 1  # of the fit of a whole record: how many, and their spread as a share of the values
+ALIKE = 1.05  # errors on the training record, over the least, of fits that it cannot tell apart
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,11 @@ def speed_of(log: Log) -> Array:
 
 def official(model: Model, log: Log) -> float:
     """Return the error of the official task, mm."""
+    return float(np.sqrt(np.mean(position_error(model, log)[GIVEN:] ** 2)))
+
+
+def position_error(model: Model, log: Log) -> Array:
+    """Return simulated less measured position over a whole record, its begin fitted to the given samples, mm."""
     q, n = log["theta"], len(log)
 
     def at(speed: float, length: int) -> Array:
@@ -77,8 +86,8 @@ def official(model: Model, log: Log) -> float:
     slow, fast = at(0.01, GIVEN), at(0.02, GIVEN)
     columns = np.column_stack([(fast - slow) / 0.01, np.ones(GIVEN)])
     speed, offset = np.linalg.lstsq(columns, q[:GIVEN] - slow, rcond=None)[0]
-    error = at(0.01 + speed, n) + offset - q
-    return 1e3 * float(np.sqrt(np.mean(error[GIVEN:] ** 2)))
+    error: Array = 1e3 * (at(0.01 + speed, n) + offset - q)
+    return error
 
 
 def force_error(model: Model, log: Log) -> float:
@@ -127,19 +136,36 @@ class Fit:
 
     def solve(self, log: Log, starts: Iterable[int], length: int, thin: int = 10) -> Model:
         """Return the model with the least squared error of the position."""
-        from scipy.optimize import least_squares
-
         starts, motion = list(starts), (speed_of(log), log["theta"])
         measured = log["theta"][np.array(starts)[:, None] + np.arange(length)]
 
         def residual(x: Array) -> Array:
             run = self.model(x).run(log, starts, motion, length)[:, :, 1]
-            return np.nan_to_num(1e3 * (run - measured)[:, ::thin].ravel(), nan=1e3, posinf=1e3, neginf=-1e3)
+            return 1e3 * (run - measured)[:, ::thin].ravel()
+
+        return self._least(residual, self.begin, 1e-4)
+
+    def whole(self, log: Log, starts: int = STARTS, thin: int = 10) -> list[tuple[float, Model]]:
+        """Return error of the official task, mm, and model of every start of a fit of the whole record, best first."""
+        dry = self.start.design.parameters("coulomb")["F_c"]
+        like = np.array([dry if symbol == "T_0" else scale for (_, symbol), scale in
+                         zip(self.places, self.scale.tolist(), strict=True)])  # fmt: skip
+        rng, found = np.random.default_rng(SEED), []
+        for number in range(starts):
+            moved = ABOUT * rng.standard_normal(len(self.begin)) * like / self.scale if number else 0.0
+            model = self._least(lambda x: position_error(self.model(x), log)[GIVEN::thin], self.begin + moved, 1e-3)
+            found.append((official(model, log), model))
+        return sorted(found, key=lambda one: one[0])
+
+    def _least(self, residual: Callable[[Array], Array], begin: Array, step: float) -> Model:
+        from scipy.optimize import least_squares
+
+        def finite(x: Array) -> Array:
+            return np.nan_to_num(residual(x), nan=1e3, posinf=1e3, neginf=-1e3)
 
         low, high = self.bounds()
-        inside = np.clip(self.begin, low + 1e-9, high - 1e-9)
-        found = least_squares(residual, inside, bounds=(low, high), diff_step=1e-4, max_nfev=40)
-        return self.model(found.x)
+        inside = np.clip(begin, low + 1e-9, high - 1e-9)
+        return self.model(least_squares(finite, inside, bounds=(low, high), diff_step=step, max_nfev=40).x)
 
 
 def stretches(cycles: Iterable[int], length: int) -> list[int]:
@@ -178,6 +204,16 @@ def polished(name: str, start: Model, train: Log, pulses: Log) -> tuple[float, f
     model = Fit(start).solve(train, stretches(range(4), best), best)
     tried = ", ".join(f"{1e-3 * length:.3g} s {error:.2f}" for length, error in errors.items())
     return errors[best], *row(f"{name}, by simulation", model, train, pulses, f"left-out cycles, mm: {tried}")
+
+
+def over_whole(name: str, start: Model, train: Log, pulses: Log) -> tuple[float, float, float]:
+    """Print the row of a model fitted to the whole record, the best of many starts, whose error comes first."""
+    found = Fit(start).whole(train)
+    least, model = found[0]
+    alike = [official(other, pulses) for error, other in found if error <= ALIKE * least]
+    within = f"{len(alike)} of {len(found)} starts within {ALIKE - 1:.0%} on DATA_EMPS"
+    note = f"{within}: {min(alike):.2f} to {max(alike):.2f} mm"
+    return least, *row(f"{name}, whole record", model, train, pulses, note)
 
 
 def costs(model: Model, train: Log, pulses: Log) -> None:
@@ -271,8 +307,11 @@ def main() -> None:
             name: polished(name, replace(model, late=written.late), train, pulses)
             for name, model in list(models.items())[:3]
         }
-        chosen = min(simulated, key=lambda name: simulated[name][0])
-        judged, scores[f"{chosen}, by simulation"] = f"{chosen}, by simulation", simulated[chosen][1:]
+        print(f"chosen by left-out cycles: {min(simulated, key=lambda name: simulated[name][0])}")
+        whole = {name: over_whole(name, replace(model, late=written.late), train, pulses)
+                 for name, model in list(models.items())[:3]}  # fmt: skip
+        chosen = min(whole, key=lambda name: whole[name][0])
+        judged, scores[f"{chosen}, whole record"] = f"{chosen}, whole record", whole[chosen][1:]
         frols(train, pulses)
     print(f"\nchosen without the pulses: {judged}")
     mm, force = scores[judged][0], scores[list(models)[-1]][1]
