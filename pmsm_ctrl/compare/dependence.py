@@ -301,7 +301,7 @@ def _case(
         base[curve.name] = [1, 2][: curve.base.shape[1]]
         own[curve.name] = list(range(len(columns) + 1, len(columns) + 1 + curve.own.shape[1]))
         columns += list(curve.own.T)
-    laid = bench(noise, trace.t, trace.residual, np.column_stack(columns), policy.GAP / cutoff)
+    laid = bench(noise, trace.t, trace.residual, np.array(columns).T, policy.GAP / cutoff)
     return _Case(trace.residual, trace.mask, laid, base, own, relevance.share, relevance.least(trace), direction)
 
 

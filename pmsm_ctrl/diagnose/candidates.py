@@ -61,19 +61,15 @@ def passing_orders(record: Record, residual: Array, highest: int) -> Array:
     noise = float(np.mean(r**2))
     if noise == 0.0 or "theta" not in record.signals:
         return np.zeros(highest)
-    rights, grams = np.zeros((highest, 2)), np.zeros((highest, 2, 2))
-    turn = np.exp(1j * record.at_grid(record.signals["theta"])[used])
+    from pmsm_ctrl.kernels.orders import faded_sums
+
+    theta = record.at_grid(record.signals["theta"])[used]
     faded = (omega / (2.0 * np.pi * record.cutoff)) ** FADING
-    wave = np.ones(len(used), dtype=complex)
-    for k in range(1, highest + 1):
-        wave *= turn
-        passed = 1.0 / (1.0 + float(k) ** FADING * faded)
-        if k * float(passed @ omega) / record.rate < TWO_PERIODS:
-            continue
-        column = weight * passed * wave
-        pair = column.view(np.float64).reshape(-1, 2)  # cosine and sine
-        rights[k - 1] = r @ pair
-        grams[k - 1] = pair.T @ pair
+    rights, grams, travelled = np.zeros((highest, 2)), np.zeros((highest, 2, 2)), np.zeros(highest)
+    signals = np.stack([weight, r, omega])
+    faded_sums(np.cos(theta), np.sin(theta), faded, float(FADING), signals, rights, grams, travelled)
+    passing = np.arange(1, highest + 1) * travelled / record.rate >= TWO_PERIODS
+    rights[~passing], grams[~passing] = 0.0, 0.0
     gains: Array = np.einsum("ki,kij,kj->k", rights, np.linalg.pinv(grams, hermitian=True), rights)
     return gains / noise
 

@@ -160,14 +160,14 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     selection = swap(case, selection, partial(_select, progress=lambda share: progress(0.9)))
     forget_effects(case.record)  # hundreds of columns that no test of a candidate needs any more
     case.fits.clear()
+    selection = selection.with_last_candidates()
     last = with_shapes_fitted(case.design, selection.fit)
     selection = replace(selection, fits=(*selection.fits[:-1], last))
     structure = None
     if explains_most(selection.fit, case.policy):
         structure = unexplained(selection, case.policy)
     else:  # what most of the torque is, no name can tell
-        selection = Selection(selection.fits[:1], (), selection.refused)
-    selection = selection.with_last_candidates()
+        selection = Selection((case.fit(()),), (), selection.refused)
     experiment = next_experiment(case, selection) if plan else None
     return outcome(case, selection, structure, experiment)
 

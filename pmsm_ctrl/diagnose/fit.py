@@ -93,6 +93,11 @@ class Fitted:
         """Measured less predicted, shape (channels, m)."""
         return self.record.target - self.estimate.predicted()
 
+    def light(self) -> Fitted:
+        """Return the fit without candidates and bases: on a long log they are large."""
+        solved, plain, estimate = (replace(one, bases=()) for one in (self.solved, self.plain, self.estimate))
+        return replace(self, trials=(), solved=solved, plain=plain, estimate=estimate)
+
     def position(self, number: int) -> int | None:
         """Where an accepted effect stands among the model's groups; None where it has no columns of its own."""
         if self.accepted[number].effect.structure.replaces_direction:

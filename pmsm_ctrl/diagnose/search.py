@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,11 @@ class Trial:
     def plain_direction(self) -> Array:
         """The same by the estimate's own weights."""
         return _direction(*(self.plain_judge or self.judge), self.group)
+
+    def light(self) -> Trial:
+        """Return the trial of an accepted effect without the model that it was judged by: it has no direction then."""
+        solved, whitener = self.judge
+        return replace(self, judge=(replace(solved, bases=()), whitener), plain_judge=None)
 
     @property
     def at_bound(self) -> bool:

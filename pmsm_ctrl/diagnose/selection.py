@@ -133,8 +133,9 @@ class Selection:
         return Selection((*self.fits, found.fit), (*self.steps, found.step), found.refused)
 
     def with_last_candidates(self) -> Selection:
-        """Return the selection without the candidates of all rounds but the last: on a long log they are large."""
-        return replace(self, fits=(*(replace(fit, trials=()) for fit in self.fits[:-1]), self.fit))
+        """Return the selection without what all rounds but the last were tested by: on a long log it is large."""
+        steps = tuple(replace(step, trial=step.trial.light()) for step in self.steps)
+        return replace(self, fits=(*(fit.light() for fit in self.fits[:-1]), self.fit), steps=steps)
 
 
 def name_of(trial: Trial) -> str:

@@ -180,7 +180,7 @@ def block_sums(basis: Array, residual: Array, place: Array) -> Array:
     -------
     array, shape (blocks, r)
     """
-    number = np.minimum((BLOCKS * place).astype(np.intp), BLOCKS - 1)
+    number = np.minimum((BLOCKS * place).astype(np.uint8), BLOCKS - 1)  # sorted by counting
     order = np.argsort(number, kind="stable")
     ends = np.flatnonzero(np.diff(number[order])) + 1
     blocks = np.split(order, ends)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.evidence.linalg import GRAM_RANK_TOLERANCE, orthonormal
+from pmsm_ctrl.evidence.linalg import GRAM_RANK_TOLERANCE, gram_of, orthonormal
 
 __all__ = ["Burst", "Search", "Shift", "basis_of", "bursts", "explained_by", "shift"]
 
@@ -106,8 +106,9 @@ def basis_of(motion: Array, weight: Array) -> Array:
     motion : array, shape (m, k)
     weight : array, shape (m,)
     """
-    columns = motion * weight[:, None]
-    basis: Array = columns @ orthonormal(columns.T @ columns)  # of so many columns a triangular factor takes long
+    # of so many columns a triangular factor takes long; a part at a time, as each copy of a long log's is large
+    basis = motion @ orthonormal(gram_of([motion.T], weight))
+    basis *= weight[:, None]
     return basis
 
 

@@ -211,9 +211,13 @@ def bench(noise: Noise, t: Array, residual: Array, columns: Array, gap: float) -
 
     `gap` is the least time left out on either side of a block, s; noise with a longer memory takes more.
     """
-    both = np.column_stack([residual, columns])[noise.mask]
-    both[:, 1:] /= np.maximum(np.sqrt(np.mean(both[:, 1:] ** 2, axis=0)), 1e-300)
-    white = np.ascontiguousarray(noise.whitener(both.T).T)
+    both = np.empty((int(noise.mask.sum()), 1 + columns.shape[1]))
+    white = np.empty_like(both)
+    for k, column in enumerate((residual, *columns.T)):  # one at a time: on a long log each copy of them all is large
+        used = column[noise.mask]
+        if k:
+            used /= max(float(np.sqrt(np.mean(used**2))), 1e-300)
+        both[:, k], white[:, k] = used, noise.whitener(used[None])[0]
     gap = min(LONGEST_GAP, max(MEMORIES * noise.whitener.memory, gap))
     return Bench(t[noise.mask], both, white, both.T @ both, white.T @ white, gap, len(both) - noise.lost)
 

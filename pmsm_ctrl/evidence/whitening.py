@@ -57,9 +57,13 @@ class ChannelWhitener:
 
     def __call__(self, rows: Array) -> Array:
         """Whiten rows of shape (k, n)."""
+        return self._whitened(np.array(rows, dtype=np.float64, order="C"))
+
+    def _whitened(self, weighted: Array) -> Array:
+        """Whiten rows of an array that is overwritten."""
         from pmsm_ctrl.kernels.filters import whitened
 
-        weighted = np.ascontiguousarray(rows * self.weight)
+        weighted *= self.weight
         if len(self.filters) == 1:
             weighted *= self.filters[0, 0]
             return weighted
@@ -120,8 +124,8 @@ class Whitener:
         -------
         array, shape (n,) or (k, n)
         """
-        rows = values[..., self.used]
-        return self.channels[row](np.atleast_2d(rows)).reshape(rows.shape)
+        rows = np.take(values, self.used, axis=-1)
+        return self.channels[row]._whitened(np.atleast_2d(rows)).reshape(rows.shape)
 
     def __call__(self, values: Array) -> Array:
         """Whiten values of shape (channels, m) or (channels, m, k) into shape (rows,) or (rows, k)."""

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.kernels import kernel, uncontracted
 
-__all__ = ["LANES", "coloured_back", "followed", "reflections", "whitened", "zero_phase"]
+__all__ = ["LANES", "central_differences", "coloured_back", "followed", "reflections", "whitened", "zero_phase"]
 
 Array = NDArray[np.float64]
 
 LANES = 16  # columns side by side: two cache lines
+AT_ONCE = 1024  # samples that stay in the cache while every lag is added
 FEW = 4  # columns; fewer are filtered one by one, with the filter's state in registers
 
 
@@ -122,6 +123,30 @@ def zero_phase(values: Array, sections: Array, settled: Array, pad: int, step: i
                 out[start + c, j] = rows[pad + j * step, c]
 
 
+@uncontracted
+def central_differences(values: Array, weights: Array, period: float, out: Array) -> None:
+    """Differentiate samples of shape (n,), but for the first and last ones, by weights of pairs around each.
+
+    Parameters
+    ----------
+    values : array, shape (n,)
+    weights : array, shape (reach,)
+        Of ``values[i + j] - values[i - j]`` for j = 1 to reach.
+    period : float
+    out : array, shape (n,)
+        Filled, without `reach` samples at either end.
+    """
+    reach, count = weights.size, values.size - 2 * weights.size
+    inner = out[reach : reach + count]
+    inner[:] = 0.0
+    for j in range(reach):
+        weight, later, earlier = weights[j], values[reach + j + 1 :], values[reach - j - 1 :]
+        for i in range(count):
+            inner[i] += weight * (later[i] - earlier[i])
+    for i in range(count):
+        inner[i] /= period
+
+
 @kernel
 def whitened(values: Array, position: NDArray[np.int64], filters: Array, out: Array) -> None:
     """Apply to every sample the filter of as many predecessors as it has in its stretch.
@@ -139,12 +164,15 @@ def whitened(values: Array, position: NDArray[np.int64], filters: Array, out: Ar
     order = filters.shape[0] - 1
     columns, n = values.shape
     for c in range(columns):
-        for i in range(n):
-            out[c, i] = filters[order, 0] * values[c, i]
-        for lag in range(1, order + 1):
-            weight = filters[order, lag]
-            for i in range(lag, n):
-                out[c, i] += weight * values[c, i - lag]
+        for start in range(0, n, AT_ONCE):
+            stop = min(start + AT_ONCE, n)
+            for i in range(start, stop):
+                out[c, i] = filters[order, 0] * values[c, i]
+            for lag in range(1, order + 1):
+                weight, first = filters[order, lag], max(start, lag)
+                later, earlier = out[c, first:stop], values[c, first - lag :]
+                for i in range(later.size):
+                    later[i] += weight * earlier[i]
         for i in range(n):
             known = position[i]
             if known < order:

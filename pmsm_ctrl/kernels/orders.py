@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.kernels import kernel
 
-__all__ = ["apart_sums", "wave_sums"]
+__all__ = ["apart_sums", "faded_sums", "wave_sums"]
 
 Array = NDArray[np.float64]
 
@@ -100,3 +100,47 @@ def apart_sums(theta: Array, values: Array, odd: Array, edges: NDArray[np.int64]
             sums[k, b, 0, 0], sums[k, b, 0, 1] = re1, im1
             sums[k, b, 1, 0], sums[k, b, 1, 1] = re0, im0
         span[k] = high - low
+
+
+@kernel
+def faded_sums(
+    cosine: Array, sine: Array, faded: Array, power: float, signals: Array, rights: Array, grams: Array,
+    travelled: Array,
+) -> None:  # fmt: skip
+    """Sum the wave of every order, faded with the speed, times a residual and times itself.
+
+    Parameters
+    ----------
+    cosine, sine : array, shape (n,)
+        Of the angle.
+    faded : array, shape (n,)
+        Order 1 is divided by one plus this, order k by one plus k to the `power` times this.
+    power : float
+    signals : array, shape (3, n)
+        Weight of the wave, weighted residual, speed.
+    rights : array, shape (orders, 2)
+        Filled: sums of the residual with cosine and sine.
+    grams : array, shape (orders, 2, 2)
+        Filled: sums of the products of cosine and sine.
+    travelled : array, shape (orders,)
+        Filled: sums of the speed, faded.
+    """
+    c, s = np.ones(cosine.size), np.zeros(cosine.size)
+    for k in range(travelled.size):
+        scale = float(k + 1) ** power
+        right_c = right_s = cc = cs = ss = path = 0.0
+        for i in range(cosine.size):
+            x = c[i] * cosine[i] - s[i] * sine[i]
+            y = c[i] * sine[i] + s[i] * cosine[i]
+            c[i], s[i] = x, y
+            passed = 1.0 / (1.0 + scale * faded[i])
+            path += passed * signals[2, i]
+            x *= signals[0, i] * passed
+            y *= signals[0, i] * passed
+            right_c += x * signals[1, i]
+            right_s += y * signals[1, i]
+            cc += x * x
+            cs += x * y
+            ss += y * y
+        rights[k, 0], rights[k, 1], travelled[k] = right_c, right_s, path
+        grams[k, 0, 0], grams[k, 0, 1], grams[k, 1, 0], grams[k, 1, 1] = cc, cs, cs, ss

@@ -28,7 +28,7 @@ from pmsm_ctrl.regression.drive_timing import (
     possible_sampling,
     stated_timing,
 )
-from pmsm_ctrl.regression.filters import derivative, low_pass
+from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import thinned
 from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual
 from pmsm_ctrl.regression.weights import (
@@ -295,12 +295,9 @@ class Record:
 
     def slope_behind(self, values: Array) -> Array:
         """Slope over the time from `late` ago until now, at the log's rate: so a delay of `late` is met exactly."""
-        from scipy.interpolate import CubicSpline
-
         if self.late is None or abs(self.late) < LATE * self.period:
             return self.rate_of(values)
-        t = self.prepared.t
-        return (values - CubicSpline(t, values)(np.clip(t - self.late, t[0], t[-1]))) / self.late
+        return (values - shifted(self.prepared.t, values, -self.late)) / self.late
 
 
 def make_record(
@@ -481,15 +478,12 @@ def _beyond_band(record: Record, late: float) -> Array:
     A modelled torque is filtered already, and the voltages hold products of current and speed: filtered after the
     product, a fast current comes back into the band, and one that was filtered twice lacks the ripple of the passband.
     """
-    from scipy.interpolate import CubicSpline
-
     key = ("beyond the band",)
     if key not in record.kept:
         measured = record.signals["i_q_meas"]
         record.kept[key] = measured - record.at_full_rate(record.shaped(measured))
     beyond: Array = record.kept[key]
-    t = record.prepared.t
-    return beyond if late == 0.0 else np.asarray(CubicSpline(t, beyond)(np.clip(t + late, t[0], t[-1])))
+    return beyond if late == 0.0 else shifted(record.prepared.t, beyond, late)
 
 
 def with_direction(record: Record, direction: Array) -> Record:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,12 +80,8 @@ class Estimated:
     model : Model
     whitener, weights : Whitener
         The noise with its correlation, and without: the weights of the estimate.
-    solved, plain : Solved
+    solved, weighted : Solved
         The model solved with either, without bounds.
-    estimate : Solved
-        `plain` inside the bounds of the parameters: what is reported and written.
-    covariance : NoiseCovariance
-        Of `plain`.
     """
 
     record: Record
@@ -92,9 +89,34 @@ class Estimated:
     whitener: Whitener
     weights: Whitener
     solved: Solved
-    plain: Solved
-    estimate: Solved
-    covariance: NoiseCovariance
+    weighted: Solved
+
+    # Standard errors that allow for the noise's correlation take longer than the fit, and not every fit is asked.
+    @cached_property
+    def covariance(self) -> NoiseCovariance:
+        """Of `weighted`."""
+        return noise_covariance(self.weighted, self.weights, self.whitener)
+
+    @cached_property
+    def plain(self) -> Solved:
+        """The fit `weighted`, with standard errors that allow for the noise's correlation."""
+        return with_honest_errors(self.covariance)
+
+    @cached_property
+    def inside(self) -> Solved:
+        """The fit inside the bounds of the parameters."""
+        return bounded(self.weighted)
+
+    @cached_property
+    def estimate(self) -> Solved:
+        """The fit inside the bounds, with its standard errors: what is reported and written."""
+        if not self.inside.held:
+            return self.plain
+        return with_honest_errors(replace(self.covariance, fit=self.inside))
+
+    def level(self, name: str) -> float:
+        """Return a parameter without bounds."""
+        return float(self.weighted.values[self.model.names.index(name)])
 
     def value(self, name: str) -> tuple[float, float]:
         """Return a parameter without bounds, and its standard error."""
@@ -174,11 +196,7 @@ def estimated(record: Record, model: Model, left: Saturated) -> Estimated:
     whitener, weights = whiteners(record, left.residual, left.lost)
     model = with_spread(record, model, whitener)
     whitener, solved = _no_louder_than_the_base(record, model, left, whitener)
-    covariance = noise_covariance(solve_model(record, model, weights), weights, whitener)
-    plain = with_honest_errors(covariance)
-    inside = bounded(covariance.fit)
-    estimate = with_honest_errors(replace(covariance, fit=inside)) if inside.held else plain
-    return Estimated(record, model, whitener, weights, solved, plain, estimate, covariance)
+    return Estimated(record, model, whitener, weights, solved, solve_model(record, model, weights))
 
 
 def _no_louder_than_the_base(

@@ -95,15 +95,15 @@ class Model:
         nominal, sigma : array, shape (k,)
         """
         m = next(columns.shape[1] for _, columns in groups[0].entering)
-        matrix = np.zeros((len(groups[0].rows), m, len(nominal)))
+        stored = np.zeros((len(groups[0].rows), len(nominal), m))  # a column's samples side by side
         views, end = [], 0
         for group in groups:
             own = slice(end, end := end + len(group.symbols))
             for row, columns in group.entering:
-                matrix[row][:, own] = columns.T
-            rows = tuple(None if columns is None else matrix[row][:, own].T for row, columns in enumerate(group.rows))
+                stored[row, own] = columns
+            rows = tuple(None if columns is None else stored[row, own] for row, columns in enumerate(group.rows))
             views.append(replace(group, rows=rows))
-        return cls(tuple(views), names, nominal, sigma, matrix)
+        return cls(tuple(views), names, nominal, sigma, stored.swapaxes(1, 2))
 
     def plus(self, group: Group, prior: float = np.inf) -> Model:
         """Return a copy with one more group, whose values are known to within `prior`."""
@@ -118,8 +118,7 @@ class Model:
     @cached_property
     def entering(self) -> tuple[NDArray[np.int64], ...]:
         """The columns that enter each balance."""
-        entering = ([k for k, column in enumerate(matrix.T) if np.any(column)] for matrix in self.matrix)
-        return tuple(np.array(columns, dtype=np.int64) for columns in entering)
+        return tuple(np.flatnonzero(matrix.T.any(axis=1)) for matrix in self.matrix)
 
     @property
     def prior_doubt(self) -> Array:
@@ -443,7 +442,7 @@ def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
     bases, triangles, along, rest = [], [], [], []
     for row, matrix in enumerate(model.matrix):
         entering = model.entering[row]
-        columns = whitener.part(row, matrix[:, entering].T)
+        columns = whitener.part(row, matrix.T[entering])
         size = np.linalg.norm(columns, axis=1)
         basis, triangle = np.linalg.qr((columns / np.where(size > 0.0, size, 1.0)[:, None]).T)
         full = np.zeros((len(triangle), count))

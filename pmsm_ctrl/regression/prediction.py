@@ -74,7 +74,7 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     if like is not None:
         return _alike(design, record, like)
     found = settled_model(design, record)
-    fit = estimated(found.record, found.model, found.left).plain
+    fit = estimated(found.record, found.model, found.left).weighted
     held = physical_columns(found.model)
     at = {k: float(found.model.nominal[k]) for k in held}
     if LATENESS in found.model.names and stopped(found.record, found.model):

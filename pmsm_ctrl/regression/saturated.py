@@ -63,7 +63,7 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
     residual, lost = np.zeros(record.target.shape), 0
     for row in range(len(record.channels)):
         inside = model.entering[row]
-        blocks = [record.target[row][None], model.matrix[row][:, inside].T]
+        blocks = [record.target[row][None], model.matrix[row].T[inside]]
         end = 1 + len(inside)
         for place, group in zip(places, groups, strict=True):
             columns = group.rows[row]

@@ -127,7 +127,7 @@ def _timed(design: Design, log: Log) -> tuple[Record, Estimated]:
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     for _ in range(ROUNDS):
         if record.age is not None:
-            record = make_record(design, log, same, record.age + fit.value(AGE)[0])
+            record = make_record(design, log, same, record.age + fit.level(AGE))
         elif record.sampling_told:
             break
         else:
@@ -148,10 +148,10 @@ def of_one_axis(design: Design, record: Record) -> Record:
     record : Record
     """
     fit = base_fit(design, record)
-    weighed = with_noise_of_records(record, record.target - fit.plain.predicted())
+    weighed = with_noise_of_records(record, record.target - fit.weighted.predicted())
     if weighed is not record:
         fit = base_fit(design, weighed)
-    return with_common_zero(weighed, weighed.target[0] - fit.plain.predicted()[0], fit.whitener)
+    return with_common_zero(weighed, weighed.target[0] - fit.weighted.predicted()[0], fit.whitener)
 
 
 def _weighed(design: Design, log: Log, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
@@ -169,7 +169,7 @@ def _weighed(design: Design, log: Log, record: Record, fit: Estimated) -> tuple[
 
 def _with_lines(record: Record, fit: Estimated) -> Record:
     """Return the record with the errors of the encoder's lines that it shows, which every fit then holds."""
-    left = record.target[0] - fit.estimate.predicted()[0]
+    left = record.target[0] - fit.inside.predicted()[0]
     found = shown_lines(record, left, fit.model.matrix[0], float(fit.weights.sigma[0]))
     if not found:
         return record
@@ -187,11 +187,11 @@ def _with_filter_said(record: Record) -> Record:
 
 def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:
     """Return the filter of the drive signal that explains a delay beyond what sampling can do; none where none does."""
-    if record.timing == UNDELAYED and fit.value(LATENESS)[0] <= record.sampling:
+    if record.timing == UNDELAYED and fit.level(LATENESS) <= record.sampling:
         return UNDELAYED
     free = base_fit(design, record, settled=False)
     value, stderr = free.value(SPREAD)
-    delay = record.timing.delay + free.value(LATENESS)[0]
+    delay = record.timing.delay + free.level(LATENESS)
     return filter_behind(delay, (record.timing.spread + value, stderr), record.sampling) or UNDELAYED
 
 
