@@ -7,6 +7,8 @@ enough for the filters: on a smooth motion just before a stop and just after a s
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,9 +23,11 @@ Array = NDArray[np.float64]
 LINES = tuple(64 << k for k in range(8))
 # Cutoffs of the evaluation from which on lines that pass leave nothing in it, and are not followed.
 FOLLOWED = 2.0
-# Gain, in units of the noise, from which on a log shows the lines: by chance, two parameters have that hardly ever,
+# Gain on stretches left out, in units of the noise, from which on a log shows the lines: by chance it is below zero,
 # but reversals whose moments are wrong imitate few lines. A false one costs the fit two parameters of a small prior.
 SHOWN = 25.0
+# Stretches of a log, every other one of which is held against the rest.
+PIECES = 16
 
 
 def line_swings(record: Record, lines: int) -> tuple[Array, Array]:
@@ -78,12 +82,28 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float) ->
         if float(np.min(omega)) * lines > 2.0 * np.pi * record.cutoff:
             break
         swings = np.stack([record.shaped(swing)[record.mask] * weight for swing in line_swings(record, lines)]).T
-        basis, triangle = np.linalg.qr(swings - known @ (known.T @ swings))
-        along = basis.T @ left
-        values = np.linalg.lstsq(triangle, along, rcond=1e-6)[0]
-        found[lines] = float(along @ along), LINE_ERROR * 2.0 * np.pi / lines * float(np.hypot(*values)) * sigma
+        gain, values = _held_out(swings - known @ (known.T @ swings), left)
+        found[lines] = gain, LINE_ERROR * 2.0 * np.pi / lines * float(np.hypot(*values)) * sigma
     best = max(found, key=lambda lines: found[lines][0], default=0)  # an encoder has one number of lines
     return {best: found[best][1]} if best and found[best][0] > SHOWN else {}
+
+
+def _held_out(columns: Array, left: Array) -> tuple[float, Array]:
+    """Return what two columns take of a residual, in each half of a log by the values of the other, and their values.
+
+    The lines of an encoder stand where they stand in the whole log; friction around a reversal takes another phase at
+    each.
+    """
+    pieces = [slice(*ends) for ends in itertools.pairwise(np.linspace(0, len(left), PIECES + 1).astype(int))]
+    parts = [(columns[at].T @ columns[at], columns[at].T @ left[at]) for at in pieces]
+    halves = [tuple(sum(part[k] for part in parts[first::2]) for k in range(2)) for first in range(2)]
+    gain = 0.0
+    for (gram, along), (other, beside) in (halves, halves[::-1]):
+        values = np.linalg.lstsq(other, beside, rcond=1e-12)[0]
+        gain += float(2.0 * values @ along - values @ gram @ values)
+    gram, along = (first + second for first, second in zip(*halves, strict=True))
+    whole = np.asarray(np.linalg.lstsq(gram, along, rcond=1e-12)[0], dtype=np.float64)
+    return gain, whole
 
 
 def _scaled(matrix: Array) -> Array:

@@ -62,6 +62,16 @@ def test_an_angle_without_error_has_no_lines(design: Design, seed: int) -> None:
     assert timed_record(design, swinging(64, 0.0, seed)).lines == ()
 
 
+@pytest.mark.parametrize(("lines", "dF_s", "w_s"), [(64, 0.05, 4.0), (64, 0.02, 2.0), (256, 0.05, 0.5)])
+def test_friction_that_rises_towards_standstill_is_no_error_of_the_angle(
+    design: Design, lines: int, dF_s: float, w_s: float
+) -> None:
+    log = swinging(lines, 0.0, 1)
+    omega = np.gradient(log["theta"], log.t)
+    rising = dF_s * np.sign(omega) * np.exp(-((omega / w_s) ** 2))
+    assert timed_record(design, log.with_channels(torque=log["torque"] + rising)).lines == ()
+
+
 def test_lines_are_what_must_not_be_taken_for_a_wave_of_as_many_periods(design: Design) -> None:
     log = swinging(64, 3e-4, 1)
     record = make_record(design, log)
