@@ -115,6 +115,10 @@ def diagnose(
     fail_on: FailOnOption = None,
     max_error: MaxErrorOption = None,
     polish: PolishOption = False,
+    response: Annotated[
+        Path | None,
+        typer.Option("--frf", metavar="FRF.json", help="what frf --json wrote: its resonance is searched as well"),
+    ] = None,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
@@ -124,11 +128,15 @@ def diagnose(
     """Find the physical effects that a design lacks. Status 1, and no design, when the given one is better."""
     with progress_bar(f"diagnose {log[0].name}{' and others' if len(log) > 1 else ''}") as progress:
         from pmsm_ctrl.diagnose import diagnose as run_diagnosis
+        from pmsm_ctrl.diagnose.resonance import read_measured
 
+        start = None if response is None else read_measured(response)
         axis = read_design(design, effects)
         other = logs_if_given(holdout, axis, mapping)
         measured = load_logs(log, axis, mapping)
-        result = run_diagnosis(axis, measured, holdout=other, progress=progress, calibrate=calibrate, polish=polish)
+        result = run_diagnosis(
+            axis, measured, holdout=other, progress=progress, calibrate=calibrate, polish=polish, start=start
+        )
     finish("diagnosis", result, json_file=json_file, report=report)
     if not result.improved:
         raise typer.Exit(NEGATIVE)

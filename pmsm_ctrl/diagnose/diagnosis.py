@@ -10,6 +10,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 - `unexplained`: structure of the residual that no effect explains
 - `experiment`: the motion that separates what this log cannot
 - `outcome`: parameters, errors, ranking and verdict, as a `result`
+- `resonance`: a start from a frequency response, and whether the two agree
 - `written`: whether the fitted design is better than the given one, and what `compare` will say of it
 """
 
@@ -18,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
@@ -28,6 +30,7 @@ from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.polish import with_polish
+from pmsm_ctrl.diagnose.resonance import compared, measured, started
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.selection import Selection, best
 from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
@@ -47,6 +50,9 @@ from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import name_of
 from pmsm_ctrl.regression.timed_record import timed_record, with_friction
 
+if TYPE_CHECKING:
+    from pmsm_ctrl.frf import FrequencyResponse
+
 __all__ = ["condition", "diagnose", "finished", "offered_effects", "searched", "without_what_happened_once"]
 
 Progress = Callable[[float], None]
@@ -62,6 +68,7 @@ def diagnose(
     calibrate: int = 0,
     plan: bool = True,
     polish: bool = False,
+    start: FrequencyResponse | Mapping[str, Any] | None = None,
     policy: Policy = POLICY,
     progress: Progress | None = None,
 ) -> Diagnosis:
@@ -93,6 +100,9 @@ def diagnose(
     polish : bool
         Whether to refine the parameters of the fitted design by simulation, where that predicts left-out stretches
         better; a few seconds.
+    start : FrequencyResponse or mapping, optional
+        Result of `frf`, or its JSON: the spring it has found is searched as well, and the answer says whether the two
+        agree.
     policy : Policy
         The decision thresholds.
     progress : function, optional
@@ -107,7 +117,8 @@ def diagnose(
     LogError
         When a channel is missing or the axis hardly moves; with `calibrate`, when the log has no references.
     DesignError, RequestError
-        When the design or `candidates` names an unknown effect; with `calibrate`, when the drive cannot be simulated.
+        When the design or `candidates` names an unknown effect; when `start` is no frequency response; with
+        `calibrate`, when the drive cannot be simulated.
     """
     if calibrate < 0:
         raise RequestError(f"calibrate: found {calibrate}; the number of simulations, 0 or more, was expected")
@@ -117,14 +128,17 @@ def diagnose(
     design = with_inertia(design, logs)
     if calibrate:
         replay_of(design, logs[0])  # what cannot be simulated is said before the work, not after it
-    offered = offered_effects(catalogue_of(design), candidates)
+    told = None if start is None else measured(start)
+    offered = started(offered_effects(catalogue_of(design), candidates), told)
     advance = progress or (lambda share: None)
     share = 1.0 / (1.0 + calibrate)
     case = condition(design, logs, holdouts, offered, policy)
     found = _answer(case, plan, lambda done: advance(share * done))
     found = finished(case, with_polish(case, found) if polish else found, holdouts)
+    if told is not None:
+        found = compared(case, found, told)
     if calibrate:
-        again = partial(diagnose, found.design, candidates=offered, plan=False, policy=policy)
+        again = partial(diagnose, found.design, candidates=offered, plan=False, start=start, policy=policy)
         rate = calibrated(found.design, logs[0], calibrate, again, lambda done: advance(share + (1.0 - share) * done))
         found = replace(found, calibration=rate, notices=(*found.notices, *of_calibration(rate, policy)))
     advance(1.0)

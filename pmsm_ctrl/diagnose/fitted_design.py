@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,9 @@ from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["at_bounds", "base_parameters", "fitted_design", "fitted_parameters"]
+__all__ = ["at_bounds", "base_parameters", "fitted_design", "fitted_parameters", "with_errors"]
+
+Quantities = Callable[[Mapping[str, float]], Mapping[str, float]]  # of a shape and the values of its columns
 
 
 def fitted_design(design: Design, fit: Fitted) -> Design:
@@ -106,6 +109,27 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
         Position among the accepted effects.
     """
     one = fit.accepted[number]
+    values, stderr = with_errors(fit, number, partial(one.effect.structure.parameters, one.effect))
+    motion = fit.record.prepared.motion
+    return {
+        p.symbol: Estimate(values[p.symbol], axis_unit(p.unit, motion), stderr.get(p.symbol, float("nan")))
+        for p in one.effect.parameters
+        if p.symbol in values
+    }
+
+
+def with_errors(fit: Fitted, number: int, of: Quantities) -> tuple[Mapping[str, float], dict[str, float]]:
+    """Return quantities of the accepted effect at this position, and the standard errors of those that have one.
+
+    Parameters
+    ----------
+    fit : Fitted
+    number : int
+        Position among the accepted effects.
+    of : function of dict of str to float
+        Returns the quantities from a shape and the values of the effect's columns.
+    """
+    one = fit.accepted[number]
     found = dict(one.shape)
     stderr: dict[str, float] = {}
     position = fit.position(number)
@@ -115,33 +139,30 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
         linear = dict(zip(fit.model.groups[position].symbols, range(columns.start, columns.stop), strict=True))
         found |= {symbol: float(fit.estimate.values[k]) for symbol, k in linear.items()}
         stderr = {symbol: float(fit.estimate.stderr[k]) for symbol, k in linear.items()}
-    values = one.effect.structure.parameters(one.effect, found)
     if fit.covariance is not None and not set(linear.values()) & set(fit.estimate.held):
-        stderr |= _with_shapes(fit, fit.covariance, number, found, linear)
-    if number in fit.rough:
-        stderr = {}
-    motion = fit.record.prepared.motion
-    return {
-        p.symbol: Estimate(values[p.symbol], axis_unit(p.unit, motion), stderr.get(p.symbol, float("nan")))
-        for p in one.effect.parameters
-        if p.symbol in values
-    }
+        stderr |= _with_shapes(fit, fit.covariance, number, found, linear, of)
+    return of(found), {} if number in fit.rough else stderr
 
 
 def _with_shapes(
-    fit: Fitted, covariance: NDArray[np.float64], number: int, found: dict[str, float], linear: dict[str, int]
+    fit: Fitted,
+    covariance: NDArray[np.float64],
+    number: int,
+    found: dict[str, float],
+    linear: dict[str, int],
+    of: Quantities,
 ) -> dict[str, float]:
-    """Return the standard errors of an effect's own parameters, by the slopes over what was fitted."""
+    """Return the standard errors of quantities of an effect, by the slopes over what was fitted."""
     one, count = fit.accepted[number], len(fit.model.names)
     fitted = {**linear, **{name: count + k for k, (n, name) in enumerate(fit.free) if n == number}}
 
-    def own(name: str, sign: float) -> tuple[dict[str, float], float]:
-        """The parameters after a step of one of what was fitted, and the step in the covariance's unit."""
+    def own(name: str, sign: float) -> tuple[Mapping[str, float], float]:
+        """The quantities after a step of one of what was fitted, and the step in the covariance's unit."""
         if name in linear:
             step = sign * 1e-4 * (abs(found[name]) or float(np.sqrt(covariance[fitted[name], fitted[name]])))
-            return one.effect.structure.parameters(one.effect, {**found, name: found[name] + step}), step
+            return of({**found, name: found[name] + step}), step
         moved = {**found, name: found[name] * float(np.exp(sign * 1e-4))}
-        return one.effect.structure.parameters(one.effect, moved), sign * 1e-4
+        return of(moved), sign * 1e-4
 
     known = {name for name in one.effect.structure.fixed(one.effect) if name} | {
         name for name in one.shape if len({at[name] for at in one.grid}) < 2

@@ -31,6 +31,10 @@ __all__ = [
     "OUTSIDE_TOLERANCE",
     "POLISHED",
     "RESEMBLANCE",
+    "RESONANCES_DIFFER",
+    "RESONANCE_NOT_MEASURED",
+    "RESONANCE_NOT_NAMED",
+    "RESONANCE_STATED",
     "SPEED_LAG",
     "TOO_SHORT",
     "TORQUE_CONSTANT",
@@ -150,6 +154,25 @@ OUTSIDE_TOLERANCE = Template(
 NO_FRICTION = Template("no_friction", "{parameter} = {value:.3g}: this log shows none of the design's dry friction")
 LARGE_REFUSED = Template(
     "refused_but_large", "{effect} would explain {percent:.0f} % of the residual, but is {refusal}"
+)
+RESONANCE_NOT_NAMED = Template(
+    "frf_resonance_not_named",
+    "the frequency response of {log} has an antiresonance at {antiresonance} Hz that is not named by this log "
+    "({why}); load inertia: {load}",
+)
+RESONANCE_NOT_MEASURED = Template(
+    "frf_resonance_not_measured",
+    "{effect}: its antiresonance at {antiresonance} Hz is not in the frequency response of {log}, which is that of a "
+    "rigid axis up to {highest:.4g} Hz",
+)
+RESONANCES_DIFFER = Template(
+    "frf_resonance_differs",
+    "{effect}: the {quantity} is {own} {unit} by this log and {other} {unit} by the frequency response, {errors:.2g} "
+    "joint standard errors apart",
+)
+RESONANCE_STATED = Template(
+    "frf_resonance_stated",
+    "the design states its second mass, with which frf has compared the response: it is no candidate here",
 )
 NOT_CALIBRATED = Template("not_calibrated", "too many false alarms on this motion: {calibration}")
 LOG_CONDITIONING = Template("log_conditioning", "{note}")

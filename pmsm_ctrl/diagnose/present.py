@@ -11,7 +11,7 @@ from typing import Any
 from pmsm_ctrl.diagnose.addition import Addition
 from pmsm_ctrl.diagnose.explorer import traces_of
 from pmsm_ctrl.diagnose.notices import calibration_text
-from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
+from pmsm_ctrl.diagnose.result import Agreement, Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
 from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table, spread_sentence
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
@@ -75,6 +75,8 @@ def _(result: Diagnosis) -> Section:
     if any(v.flagged for v in d.parameter_deviations):
         essential.append(_deviations(d, flagged=True))
     blocks += essential
+    if d.resonance is not None:
+        blocks += _resonance(d.resonance)
     if len(d.records) > 1:
         blocks.append(records_table(d.records, drives(d.design.motion), "refitted", "final"))
         if (drift := spread_sentence(d.spreads)) is not None:
@@ -173,6 +175,33 @@ def _found(d: Diagnosis) -> Table:
         rows.append((step.name, _parameters(step), probability(e["p_holm"]), gain, ", ".join(step.equivalents) or "-"))
     head = ("missing effect", "parameters", "p (Holm)", "cross-validation gain", "not distinguishable from")
     return Table(head, tuple(rows), "Missing effects")
+
+
+def _resonance(both: Agreement) -> Iterator[Block]:
+    """Yield whether the frequency response agrees, in words and in numbers."""
+    against = f"the frequency response of {Path(both.log_name).name}"
+    if not both.effect:
+        if both.agrees:
+            yield f"No second mass, as in {against}."
+        return  # a notice says what that has shown
+    words = {
+        True: f"agrees with {against}",
+        False: f"does not agree with {against}",
+        None: f"stands beside {against} without a verdict: this log gives it no standard errors",
+    }
+    yield f"{both.effect} {words[both.agrees]}."
+    rows = tuple(
+        (
+            name.replace("_", " "),
+            own.unit or "1",
+            with_error(own.value, own.stderr),
+            with_error(both.frf[name].value, both.frf[name].stderr) if name in both.frf else "none",
+            "-" if math.isnan(away := both.apart.get(name, math.nan)) else f"{away:.1f}",
+        )
+        for name, own in both.diagnosed.items()
+    )
+    head = ("quantity", "unit", "by this log", "by the frequency response", "joint standard errors apart")
+    yield Table(head, rows, "The second mass by log and by frequency response")
 
 
 def _parameters(step: DiagnosisStep) -> str:

@@ -21,7 +21,17 @@ from pmsm_ctrl.regression.record_result import Errors, RecordResult, RecordSprea
 from pmsm_ctrl.result import Estimate, Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
 
-__all__ = ["Calibration", "Deviation", "Diagnosis", "DiagnosisStep", "Errors", "Ranked", "Structure", "Verdict"]
+__all__ = [
+    "Agreement",
+    "Calibration",
+    "Deviation",
+    "Diagnosis",
+    "DiagnosisStep",
+    "Errors",
+    "Ranked",
+    "Structure",
+    "Verdict",
+]
 
 Array = NDArray[np.float64]
 
@@ -180,6 +190,39 @@ class Calibration:
         return 1.0 if k >= self.runs else float(betaincinv(k + 1, self.runs - k, 0.975 if k else 0.95))
 
 
+@dataclass(frozen=True)
+class Agreement:
+    """Whether a spring that a diagnosis names, or none, is what a frequency response has shown.
+
+    Attributes
+    ----------
+    log_name : str
+        What the response was measured on.
+    effect : str
+        The id; empty where none was named.
+    agrees : bool or None
+        Within the joint errors; None where these are not known.
+    diagnosed, frf : dict of name to Estimate
+        Antiresonance, load inertia and damping ratio; empty where there is none.
+    """
+
+    log_name: str
+    effect: str
+    agrees: bool | None
+    diagnosed: Mapping[str, Estimate] = field(default_factory=dict)
+    frf: Mapping[str, Estimate] = field(default_factory=dict)
+
+    @property
+    def apart(self) -> dict[str, float]:
+        """By how many joint standard errors the two differ."""
+        common = [name for name in self.diagnosed if name in self.frf]
+        pairs = {name: (self.diagnosed[name], self.frf[name]) for name in common}
+        return {
+            name: abs(own.value - other.value) / max(float(np.hypot(own.stderr, other.stderr)), 1e-300)
+            for name, (own, other) in pairs.items()
+        }
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Result):
     """Which effects a log says are missing from a design.
@@ -228,6 +271,8 @@ class Diagnosis(Result):
         False where the fitted design would be worse on its own log than the given one: then `design` is the given one.
     remarks : tuple of Notice
         Whether the parameters were refined by simulation, where that was asked for.
+    resonance : Agreement or None
+        With the frequency response that was given; None without one.
     """
 
     verdict: Verdict
@@ -253,6 +298,7 @@ class Diagnosis(Result):
     holdout_name: str = ""
     improved: bool = True
     remarks: tuple[Notice, ...] = ()
+    resonance: Agreement | None = None
 
     @property
     def timing(self) -> DriveTiming:
@@ -309,6 +355,7 @@ class Diagnosis(Result):
             "improved": self.improved,
             "notes": [note.text for note in self.remarks],
             "events": [event.to_dict() for event in self.events],
+            "frf": vars(self.resonance) if self.resonance is not None else None,
             "calibration": vars(self.calibration) if self.calibration is not None else None,
             **self.doubts(),
         })  # fmt: skip

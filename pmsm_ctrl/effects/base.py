@@ -128,7 +128,7 @@ class Effect:
                     f"effect '{self.id}': its term takes '{name}', which is neither a signal "
                     f"({', '.join(SIGNALS)}) nor one of its parameters"
                 )
-        roles = [v for v in vars(self.structure).values() if v]
+        roles = [v for v in vars(self.structure).values() if isinstance(v, str)]
         for name in (*roles, *self.amplitudes, self.order, self.bends_over, *self.common_scale, *self.same_as):
             if name and name not in {p.symbol for p in self.parameters}:
                 raise DesignError(f"effect '{self.id}': '{name}' is none of its parameters")

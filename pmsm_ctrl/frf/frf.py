@@ -140,8 +140,7 @@ def _estimates(design: Design, axis: Axis, speed: float) -> dict[str, Estimate]:
     mass, frequencies = second_mass(design), resonance_frequencies(design)
     nominal: dict[str, float] = {"J": design.J, "friction_slope": friction_slope(design, speed), "delay": 0.0}
     if mass is not None and frequencies is not None:
-        damping = mass.d / (2.0 * math.sqrt(mass.k * mass.J_load))
-        nominal |= {"antiresonance": frequencies[0], "resonance": frequencies[1], "damping_ratio": damping}
+        nominal |= {"antiresonance": frequencies[0], "resonance": frequencies[1], "damping_ratio": mass.damping_ratio}
         nominal |= {"load_inertia": mass.J_load, "stiffness": mass.k, "damping": mass.d}
     return {
         name: Estimate(value, axis_unit(UNITS[name], design.motion), stderr, nominal.get(name))

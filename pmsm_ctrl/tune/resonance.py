@@ -118,8 +118,7 @@ def resonance_frequencies(design: Design) -> tuple[float, float] | None:
     mass = second_mass(design)
     if mass is None:
         return None
-    anti = math.sqrt(mass.k / mass.J_load) / (2.0 * math.pi)
-    return anti, math.sqrt(mass.k * (1.0 / mass.J_load + 1.0 / (design.J - mass.J_load))) / (2.0 * math.pi)
+    return mass.antiresonance, mass.antiresonance * math.sqrt(design.J / (design.J - mass.J_load))
 
 
 def resonance(cascade: Cascade, make: Family, requirements: Requirements) -> Resonance | None:

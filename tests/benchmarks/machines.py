@@ -1,17 +1,21 @@
 """Drawn machines, tuned, moved, compensated, tracked and exported without a hand on them.
 
 ``python -m tests.benchmarks.machines --count 20 --seed 0`` prints a table of peak error, compensation and window, and
-the worst rows with what explains them. Inertia spans a factor of 1000, L/R 10 us to 30 ms, control rates 4 to 100 kHz;
-a third of the axes have two masses, a fifth are linear.
+the worst rows with what explains them. Inertia spans a factor of 1000, L/R 10 us to 30 ms, control rates 4 to 100 kHz,
+1 to 20 pole pairs, mechanical time constants 2 to 60 ms (high-resistance motors); a third of the axes have two masses,
+with 0.1 to 50 times the motor's inertia behind the spring, a fifth are linear. ``--rows FILE`` keeps every row, so that
+a run can be stopped and taken up again.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -50,6 +54,8 @@ class Row:
     exported : bool
     words : str
         Why it did not get further, or what explains it.
+    seconds : float
+        Processor time of all steps.
     """
 
     seed: int
@@ -64,6 +70,7 @@ class Row:
     F_c: float = math.nan
     exported: bool = False
     words: str = ""
+    seconds: float = math.nan
 
     @property
     def compensated(self) -> bool:
@@ -79,10 +86,10 @@ def machine(seed: int) -> Design:
         return float(np.exp(rng.uniform(math.log(low), math.log(high))))
 
     rate = float(rng.choice([4000.0, 8000.0, 16000.0, 32000.0, 100000.0]))
-    J, pairs, tau = between(2e-6, 2e-3), int(rng.integers(2, 8)), between(1e-5, 3e-2)
+    J, pairs, tau = between(2e-6, 2e-3), int(rng.integers(1, 21)), between(1e-5, 3e-2)
     linear = bool(rng.random() < 0.2)
-    # Rated for 1000 to 5000 rad/s^2, with a mechanical time constant of 2 to 20 ms, at least 20 control periods.
-    torque, mechanical = J * between(1e4, 5e4), max(between(2e-3, 2e-2), 20.0 / rate)
+    # Rated for 1000 to 5000 rad/s^2, with a mechanical time constant of 2 to 60 ms, at least 20 control periods.
+    torque, mechanical = J * between(1e4, 5e4), max(between(2e-3, 6e-2), 20.0 / rate)
     speed, i_max = between(200.0, 600.0), between(3.0, 40.0)
     K_t = torque / i_max
     psi = K_t / (1.5 * pairs)
@@ -109,7 +116,8 @@ def machine(seed: int) -> Design:
         }
     )
     if rng.random() < 1.0 / 3.0:
-        J_load, w = J * rng.uniform(0.2, 0.8), 2.0 * math.pi * between(30.0, 500.0)
+        ratio = between(0.1, 50.0)
+        J_load, w = J * ratio / (1.0 + ratio), 2.0 * math.pi * between(30.0, 500.0)
         damping = 2.0 * between(0.005, 0.05) * J_load * w
         design = design.with_effect("compliance", {"J_load": J_load, "k": J_load * w * w, "d": damping})
     return design
@@ -121,7 +129,8 @@ def run(seed: int) -> Row:
     motor, drive = design.motor, design.drive
     assert motor.L_q is not None
     assert motor.R is not None
-    masses = ", two masses" if design.parameters("compliance") else ""
+    spring, begin = design.parameters("compliance"), time.process_time()
+    masses = f", load {spring['J_load'] / (design.J - spring['J_load']):.1f} x" if spring else ""
     kind = f"{design.motion}, J {design.J:.1e}, L/R {1e6 * motor.L_q / motor.R:.0f} us, {1e-3 * drive.f_control:g} kHz"
     found: dict[str, object] = {"machine": kind + masses}
     words: list[str] = []
@@ -132,7 +141,8 @@ def run(seed: int) -> Row:
             words.append(f"{stage.__name__[1:]}: {str(error).splitlines()[0]}")
             if stage is _tuned:
                 break
-    return Row(seed, words="; ".join(words), **found)  # type: ignore[arg-type]
+    spent = time.process_time() - begin
+    return Row(seed, words="; ".join(words), seconds=spent, **found)  # type: ignore[arg-type]
 
 
 def _tuned(design: Design, found: dict[str, object], words: list[str]) -> Design:
@@ -209,16 +219,30 @@ def table(rows: list[Row], report: Callable[[str], None] = print) -> None:
     )
 
 
+def kept(path: Path | None) -> dict[int, Row]:
+    """Return the rows of an earlier run, by seed."""
+    if path is None or not path.exists():
+        return {}
+    return {row.seed: row for row in (Row(**json.loads(line)) for line in path.read_text().splitlines())}
+
+
 def main() -> None:
     """Draw, run and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="of the first machine")
+    parser.add_argument("--rows", type=Path, help="file of rows: those in it are not run again, others are added")
     asked = parser.parse_args()
-    rows, start = [], time.perf_counter()
+    before, rows, start = kept(asked.rows), [], time.perf_counter()
     for seed in range(asked.seed, asked.seed + asked.count):
+        if seed in before:
+            rows.append(before[seed])
+            continue
         rows.append(run(seed))
         print(f"# {seed}: {rows[-1]} ({time.perf_counter() - start:.0f} s)", flush=True)
+        if asked.rows is not None:
+            with asked.rows.open("a") as file:
+                file.write(json.dumps(asdict(rows[-1])) + "\n")
     table(rows)
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.signals import INTERNAL
+from pmsm_ctrl.effects.structures.second_mass import SecondMass
 
 if TYPE_CHECKING:
     from pmsm_ctrl.effects.base import Effect
@@ -158,16 +159,6 @@ class Known:
     J: float
     F_c: float = 0.0
     dry: float = 0.0
-
-
-@dataclass(frozen=True)
-class SecondMass:
-    """The load behind a spring: its inertia is part of the total. A gap counts as closed."""
-
-    J_load: float  # kg m^2
-    k: float  # N m/rad
-    d: float  # N m s/rad
-    gap: float = 0.0  # rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,6 +392,10 @@ class Structure(ABC):
     def search(self, effect: Effect, log: LogView) -> Search:
         """Return the shapes over which the effect is searched on a log."""
         return Search(tuple(default_shapes(effect)))
+
+    def starting_from(self, mass: SecondMass) -> Structure:
+        """Return the structure whose search also starts from a second mass that was measured otherwise."""
+        return self
 
     def fixed(self, effect: Effect) -> frozenset[str]:
         """Names in a shape that the refinement leaves alone."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -69,12 +69,15 @@ class Transmission(Structure):
         and of the damping, N m s/rad.
     gap : str
         The parameter of the gap between the flanks, rad; empty for a spring without one.
+    measured : tuple of SecondMass
+        What a frequency response has shown: its spring is among the shapes that are searched.
     """
 
     load: str
     stiffness: str
     damping: str
     gap: str = ""
+    measured: tuple[SecondMass, ...] = ()
     memory: ClassVar[int] = 2
     splits_inertia: ClassVar[bool] = True
 
@@ -191,12 +194,18 @@ class Transmission(Structure):
         ringing = list(_ringing(log))
         best = (max(one for one in ringing if one[2] == zeta) for zeta in RINGING)
         softest = _softest(log.balances)
-        grid = tuple(one for one in (*_coarse(), *(one[1:] for one in best)) if one[0] >= softest)
+        told = [self.shape(effect, self.values_of(mass)) for mass in self.measured]
+        known = [(shape[FREQUENCY], self.inside(effect, shape, DAMPING, shape[DAMPING])) for shape in told]
+        grid = tuple(one for one in (*_coarse(), *(one[1:] for one in best), *known) if one[0] >= softest)
         if not grid:
             return Search(
                 (), why_not=f"any spring of these frequencies would twist by more than {MOST_TWIST:g} rad rms"
             )
         return Search(tuple({FREQUENCY: w, DAMPING: zeta} for w, zeta in grid), len(grid) + len(ringing))
+
+    def starting_from(self, mass: SecondMass) -> Structure:
+        """Return the transmission whose search also starts from this spring; a gap tells nothing of itself by it."""
+        return self if self.gap else replace(self, measured=(*self.measured, mass))
 
     def halvings(self, free: Iterable[str]) -> int:
         """How often the steps of the refinement are halved."""

@@ -13,7 +13,9 @@ import pytest
 from pmsm_ctrl import Design, Log, frf, simulate
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.frf import FrequencyResponse
+from pmsm_ctrl.frf import FrequencyResponse, Response
+from pmsm_ctrl.frf.measured import _passive
+from pmsm_ctrl.frf.notices import NOISE_ANSWERED
 from pmsm_ctrl.simulate.scenarios import chirp, multisine
 from pmsm_ctrl.tune.linearise import linearise, mobility
 
@@ -139,6 +141,28 @@ def test_an_axis_that_reverses_is_doubted(seed: Design) -> None:
 def test_without_a_reference_the_bias_is_said(seed: Design, sprung: Log) -> None:
     few = Log({name: sprung[name] for name in ("t", "theta", "i_q")})
     assert "frf_no_reference" in [one.code for one in frf(seed, few).notices]
+
+
+def test_what_no_passive_axis_can_answer_is_left_out() -> None:
+    """A torque that is three periods late: from (pi + LEAD) / (2 pi 3 ms) = 185.2 Hz on the phase leads too much.
+
+    These 55 lines are most of what follows behind 131 Hz.
+    """
+    f = np.linspace(1.0, 240.0, 240)
+    passive = 1.0 / (2j * math.pi * f * 9e-5)
+
+    def response(late: float) -> Response:
+        value = passive * np.exp(-2j * math.pi * f * late)
+        return Response("plant", f, value, 1e-3 * np.abs(value), np.ones(240), "i_q_ref", 1.0)
+
+    kept, cut = _passive(response(-3e-3), 1e-3)
+    assert cut == pytest.approx(132.0)
+    assert len(kept) == 131
+    assert NOISE_ANSWERED(frequency=cut).code == "frf_noise_answered"
+    for late in (0.0, 1e-3):
+        whole, none = _passive(response(late), 1e-3)
+        assert none is None
+        assert len(whole) == 240
 
 
 def test_a_log_without_excitation_is_refused(seed: Design) -> None:

@@ -1,0 +1,90 @@
+"""A resonance of `frf` as a start for the diagnosis, and whether the two agree."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.resonance import measured, read_measured, started
+from pmsm_ctrl.diagnose.result import Agreement
+from pmsm_ctrl.effects.catalogue import catalogue_of
+from pmsm_ctrl.effects.structures import SecondMass
+from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.frf import frf
+from pmsm_ctrl.result import Estimate
+from pmsm_ctrl.simulate import scenario, simulate
+
+SPRING = {"J_load": 4e-5, "k": 3.0, "d": 3e-4}
+ROWS = {
+    "antiresonance": (43.6, "Hz", 0.01), "load_inertia": (4e-5, "kg m^2", 1e-7), "damping_ratio": (0.0137, "", 1e-4),
+    "stiffness": (3.0, "N m/rad", 0.01), "damping": (3e-4, "N m s/rad", 1e-6),
+}  # fmt: skip
+RESPONSE = {
+    "schema": "pmsm-ctrl/frf/1",
+    "log": "chirp.csv",
+    "estimates": {name: dict(zip(("value", "unit", "stderr"), row, strict=True)) for name, row in ROWS.items()},
+    "responses": {"plant": {"frequency_hz": [1.0, 200.0]}},
+}
+
+
+@pytest.fixture(scope="module")
+def seed(designs: Path) -> Design:
+    return Design.read(designs / "seed_motor.toml")
+
+
+def test_a_mass_in_closed_form() -> None:
+    mass = SecondMass(**SPRING)
+    assert mass.antiresonance == pytest.approx(math.sqrt(3.0 / 4e-5) / (2.0 * math.pi))
+    assert mass.damping_ratio == pytest.approx(3e-4 / (2.0 * math.sqrt(3.0 * 4e-5)))
+
+
+def test_springs_alone_start_from_the_measured_one(seed: Design) -> None:
+    told = measured(RESPONSE)
+    effects = catalogue_of(seed)
+    changed = [name for name, effect in started(effects, told).items() if effect is not effects[name]]
+    assert changed == [
+        name for name, e in effects.items() if told.mass is not None and e.structure.values_of(told.mass)
+    ]
+    rigid = measured({**RESPONSE, "estimates": {}})
+    assert rigid.mass is None
+    assert started(effects, rigid) == effects
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    file = tmp_path / "frf.json"
+    file.write_text(json.dumps(RESPONSE))
+    assert measured(read_measured(file)) == measured(RESPONSE)
+    for text in ("no json", "[1]", json.dumps({"schema": "pmsm-ctrl/diagnosis/1"})):
+        file.write_text(text)
+        with pytest.raises(RequestError, match="the file that frf --json writes was expected"):
+            read_measured(file)
+    with pytest.raises(RequestError, match="a result of frf, or its JSON, was expected"):
+        measured({**RESPONSE, "responses": {}})
+
+
+def test_how_far_apart_two_answers_are() -> None:
+    both = Agreement(
+        "a", "b", None, {"x": Estimate(3.0, "Hz", 0.3), "y": Estimate(1.0, "")}, {"x": Estimate(2.0, "Hz", 0.4)}
+    )
+    assert both.apart == {"x": pytest.approx(2.0)}
+
+
+@pytest.mark.slow
+def test_both_verbs_on_the_same_spring(seed: Design) -> None:
+    """The spring is named, and its frequency and load are those of the response; an axis without one is as well."""
+    truth = seed.with_effect("compliance", SPRING)
+    response = frf(seed, simulate(seed, scenario("multisine", seed), truth=truth, seed=9400))
+    sprung, rigid = (simulate(seed, scenario("identification", seed), truth=t, seed=9401) for t in (truth, seed))
+    found = diagnose(seed, sprung, start=response, plan=False).resonance
+    assert found is not None
+    assert found.effect == "compliance"
+    for name in ("antiresonance", "load_inertia"):
+        assert found.diagnosed[name].value == pytest.approx(found.frf[name].value, rel=0.03)
+    unnamed = diagnose(seed, rigid, start=response, plan=False)
+    assert "frf_resonance_not_named" in [notice.code for notice in unnamed.notices]
+    assert diagnose(truth, sprung, start=response, plan=False).resonance is None
