@@ -34,6 +34,7 @@ RIGID, TWO = 4, 7  # parameters
 STARTS, TRIED = 60, 5  # antiresonances on a grid, and the best that are refined
 RATIOS = (1.05, 1.3, 2.5)  # resonance over antiresonance, of the grid
 DAMPINGS = (0.005, 0.05)
+LATEST, DELAYS = 3.0, 121  # delays to start from, in periods of the log, and how many
 BEYOND = 3.0  # antiresonances outside of the measured range by more are not looked for
 
 
@@ -147,10 +148,11 @@ def fit_axis(response: Response, J: float, period: float) -> Axis:
         Of the log, s.
     """
     task = _Task(response, 2.0 * math.pi * response.frequency, period**2 / 12.0, np.abs(response.value))
-    rigid = task.refined(_rigid_start(response, task.omega, J))
+    late = _late(response, task.omega, period)
+    rigid = task.refined(_rigid_start(response, task.omega, J, late))
     if 2 * len(response) < 4 * TWO:
         return task.axis(rigid)
-    two = min((task.refined(start) for start in _two_mass_starts(response, task.omega)), key=task.cost)
+    two = min((task.refined(start) for start in _two_mass_starts(response, task.omega, late)), key=task.cost)
     # errors in proportion to what was measured would favour the points that came out small
     task = replace(task, size=np.abs(_response(two, task.omega, task.spread)))
     rigid, two = task.refined(rigid), task.refined(two)
@@ -211,15 +213,22 @@ def _inside(values: Array, omega: Array) -> bool:
     return bool(omega[0] < high and low < omega[-1])
 
 
-def _rigid_start(response: Response, omega: Array, J: float) -> Array:
-    """Return inertia and slope from the reciprocal of the response, weighted; the delay starts at zero."""
-    turned = 1.0 / response.value
+def _late(response: Response, omega: Array, period: float) -> float:
+    """Return the delay to start from, s: the phase of an axis without losses is 90 deg either way, twice it 180."""
+    delays = period * np.linspace(-LATEST, LATEST, DELAYS)
+    twice = (response.value / np.abs(response.value)) ** 2
+    return float(delays[np.argmin([np.sum(twice * np.exp(2j * omega * late)).real for late in delays])])
+
+
+def _rigid_start(response: Response, omega: Array, J: float, late: float) -> Array:
+    """Return inertia and slope from the reciprocal of the response, weighted, and the delay it starts from."""
+    turned = np.exp(-1j * omega * late) / response.value
     weight = np.abs(response.value) / response.stderr
     found = float(np.sum(weight**2 * turned.imag / omega) / np.sum(weight**2))
-    return np.array([math.log(found if found > 0.0 else J), 0.0, 0.0, 0.0])
+    return np.array([math.log(found if found > 0.0 else J), 0.0, late, 0.0])
 
 
-def _two_mass_starts(response: Response, omega: Array) -> list[Array]:
+def _two_mass_starts(response: Response, omega: Array, late: float) -> list[Array]:
     """Return the best of a grid, by the distance in nepers and radians: a far start is not drowned by the noise.
 
     Without friction the response is in inverse proportion to the inertia, which follows from the mean.
@@ -231,7 +240,7 @@ def _two_mass_starts(response: Response, omega: Array) -> list[Array]:
         for ratio in RATIOS:
             for damping in DAMPINGS:
                 start = np.array(
-                    [0.0, 0.0, 0.0, 0.0, math.log(antiresonance), math.log(ratio - 1.0), math.log(damping)]
+                    [0.0, 0.0, late, 0.0, math.log(antiresonance), math.log(ratio - 1.0), math.log(damping)]
                 )
                 away = np.log(_response(start, omega, 0.0) / response.value)
                 start[0] = np.sum(weight * away.real) / weight.sum()

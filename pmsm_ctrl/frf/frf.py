@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.fit import Axis, fit_axis
 from pmsm_ctrl.frf.from_bode import MeasuredBode
-from pmsm_ctrl.frf.measured import LOOPS, Stretch, closed_loop, plant, stretches
+from pmsm_ctrl.frf.measured import LOOPS, closed_loop, guessed_inertia, mean_speed, plant, stretches
 from pmsm_ctrl.frf.result import Band, FrequencyResponse, Response
 from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.rendering.numbers import with_error
@@ -77,7 +76,7 @@ def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
     loops = {name: one for name in LOOPS if (one := closed_loop(name, records)) is not None}
     period = max(one.period for one in records)
     return _fitted(
-        design, names_of(given, "log"), _mean_speed(records), {"plant": response, **loops}, period, list(found)
+        design, names_of(given, "log"), mean_speed(records), {"plant": response, **loops}, period, list(found)
     )  # fmt: skip
 
 
@@ -96,7 +95,7 @@ def _fitted(
     """Fit the axis to the response of the plant, and compare it with the design's."""
     response = responses["plant"]
     unknown = design.motor.J is None
-    axis = fit_axis(response, _guessed_inertia(response) if unknown else design.J, period)
+    axis = fit_axis(response, guessed_inertia(response) if unknown else design.J, period)
     if not axis.covariance[0, 0] < policy.UNDETERMINED**2:
         raise LogError(
             f"{name}: the response at {len(response)} frequencies does not determine the inertia: its error is larger "
@@ -114,21 +113,6 @@ def _fitted(
         axis.response(response.frequency), estimates, _bands(response, own, axis),
         _margins(believed, measured, axis, speed), axis.misfit, (*found, *judged),
     )  # fmt: skip
-
-
-def _guessed_inertia(response: Response) -> float:
-    """Return the inertia that the response has without friction and resonance, to begin a fit with."""
-    return float(np.median(1.0 / (2.0 * math.pi * response.frequency * np.abs(response.value))))
-
-
-def _mean_speed(records: Sequence[Stretch]) -> float:
-    means = [
-        float(np.ptp(one.channels["theta"])) / (one.period * (len(one.channels["theta"]) - 1))
-        if "theta" in one.channels and not one.reverses
-        else 0.0 if one.reverses else float(np.mean(one.channels["omega"]))
-        for one in records
-    ]  # fmt: skip
-    return float(np.mean(np.abs(means)))
 
 
 def _own_response(design: Design, speed: float, response: Response) -> Complex:

@@ -28,6 +28,7 @@ from pmsm_ctrl.tune.linearise import Linearisation, linearise
 __all__ = ["FAINT", "Cascade", "current_loop", "filters", "frequencies", "pi", "speed_plant"]
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 FAINT = 1.0 / 6.0  # share of a held reference below which its images are too weak for a measurement
 
@@ -170,7 +171,7 @@ class Cascade:
         inputs[INPUTS.index("i_q_ref")] = 1.0
         for _ in range(math.ceil(duration / self.period)):
             state, _ = bare._period(state, inputs, trace)
-        return np.concatenate(trace)
+        return np.array(trace)[:, 1, 0]
 
     def current_response(self, omega: Array) -> Any:
         """Return the open current loop (control.FRD) with the shaft free, as it is measured: current over error.
@@ -184,7 +185,7 @@ class Cascade:
         trace: list[Array] = []
         states, _ = bare._period(np.eye(n, n + 1), np.vstack([np.zeros((5, n + 1)), np.eye(1, n + 1, k=n)]), trace)
         keep = bare._kept(angle=False)
-        ticks = np.array(trace)
+        ticks = np.array(trace)[:, 1]
         system = ct.ss(
             states[keep][:, :n][:, keep], states[keep][:, n:], ticks[:, :n][:, keep], ticks[:, n:], self.period
         )
@@ -193,6 +194,41 @@ class Cascade:
         reference, current = turn.mean(axis=0), (turn * response).mean(axis=0)
         seen = np.abs(reference) > FAINT
         return ct.frd((current / (reference - current))[seen], omega[seen])
+
+    def sampled_motion(self, omega: Array, every: int) -> Complex:
+        """Return the acceleration of the shaft over its current, (rad/s^2)/A, as a recorder sees both.
+
+        The reference is held for a speed period, so that the current contains images of it around the multiples of
+        the speed loop's rate. Samples in the instant of every n-th control period fold some of them back; those of the
+        angle hardly contain any.
+
+        Parameters
+        ----------
+        omega : array, shape (n,)
+            rad/s.
+        every : int
+            Control periods between two samples.
+
+        Returns
+        -------
+        complex array, shape (n,)
+        """
+        bare = replace(self, speed=None, position=None)
+        n, of_reference = bare._size(), np.eye(len(INPUTS), bare._size() + len(INPUTS), k=bare._size())
+        trace: list[Array] = []
+        states, results = bare._period(np.eye(n, n + len(INPUTS)), of_reference, trace)
+        keep, column = bare._kept(angle=True), n + INPUTS.index("i_q_ref")
+        ticks = np.array(trace)[:: math.gcd(every, len(trace))]
+        current, angle = ticks[:, 1], ticks[:, 3] + results[OUTPUTS.index("theta")]
+        z = np.exp(1j * omega * self.period)
+        A, B = states[keep][:, :n][:, keep], states[keep][:, column]
+        state = np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B[:, None], (len(z), len(A), 1)))
+        turn = np.exp(-1j * np.outer(omega, np.arange(len(ticks))) * self.period / len(ticks))
+
+        def mean(rows: Array) -> Complex:
+            return np.asarray((turn * (state[:, :, 0] @ rows[:, :n][:, keep].T + rows[:, column])).mean(axis=1))
+
+        return np.asarray(-(omega**2) * mean(angle) / mean(current))
 
     def _kept(self, angle: bool) -> Array:
         """Mask of the states that the map needs; the others would be unobservable integrators."""
@@ -259,7 +295,7 @@ class Cascade:
         for _ in range(design.drive.speed_divider):
             i_d, i_q = x[0].copy(), x[1].copy()
             if trace is not None:
-                trace.append(i_q)
+                trace.append(x.copy())
             e_d, e_q = -i_d, i_q_ref - i_q
             u_d = K_d * e_d + I_d - m.p * L_q * (point.speed * i_q + point.i_q * omega_hat)
             u_q = loop.K_p * e_q + I_q + m.p * (L_d * point.speed * i_d + (L_d * point.i_d + psi) * omega_hat)

@@ -1,0 +1,59 @@
+"""What the recorder of a sampled drive makes of the current, as the design states it.
+
+The speed loop's reference is a staircase, and so the current contains images of every frequency around the multiples of
+that loop's rate. Samples taken in the tick of the loop fold them back onto the frequency itself: the current appears
+earlier or later than it flows, by up to T^2 / (12 tau) with the loop's period T and the current's time constant tau.
+The axis hardly answers the images.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.tune.sampled import Cascade
+
+__all__ = ["recorded"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SAME = 1e-3  # relative difference of two periods that are the same
+
+
+def recorded(design: Design, frequency: Array, periods: Sequence[float], J: float, speed: float) -> Complex:
+    """Return what the samples of a log show of an axis, over the axis' own response, shape (n,).
+
+    One where the design does not state how the log is taken: its loops or motor data are missing, or the log has
+    another period.
+
+    Parameters
+    ----------
+    design : Design
+        Its drive, current loop and ``sensor.log_divider``, in the instant of whose control periods samples are taken.
+    frequency : array, shape (n,)
+        Hz.
+    periods : sequence of float
+        Of the records, s.
+    J : float
+        Inertia, kg m^2: how much the EMF answers.
+    speed : float
+        rad/s.
+    """
+    one = np.ones(len(frequency), dtype=np.complex128)
+    stated = design.log_period
+    if design.loops is None or not design.motor.electrical or any(abs(T - stated) > SAME * stated for T in periods):
+        return one
+    free = reduce(lambda found, effect: found.without_effect(effect.id), design.effects, design)
+    try:
+        cascade = Cascade.of(free.with_parameters(J=J), design.loops.current, at=speed)
+    except (DesignError, RequestError):  # a speed that the drive cannot hold
+        return one
+    seen = cascade.sampled_motion(2.0 * math.pi * frequency, design.sensor.log_divider)
+    return np.asarray(seen / cascade.model.A[2, 1])
