@@ -1,8 +1,9 @@
 """Profiled moves of the position loop: what the linear cascade promises, and what the sampled drive does.
 
-The profiles are those of the design's own limits, long enough to reach full speed. Dry friction is not linear: the
-promise is checked on the axis without it, and with it the linear cascade takes the Coulomb torque as a load that
-changes its sign with the reference speed, which is larger than the friction at the moments of rest.
+The profiles are those of the design's own limits, as far as voltage and current let the drive follow (`tune.reach`),
+and long enough to reach full speed. Dry friction is not linear: the promise is checked on the axis without it, and with
+it the linear cascade takes the Coulomb torque as a load that changes its sign with the reference speed, which is larger
+than the friction at the moments of rest.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.motions import Limits
+from pmsm_ctrl.tune.reach import reachable
 from pmsm_ctrl.tune.sampled import Cascade
 
 __all__ = ["PEAK_TOLERANCE", "Move", "MovePair", "friction_load", "moves"]
@@ -29,6 +31,7 @@ PEAK_TOLERANCE = 0.05  # share of the promised peak error, without dry friction
 PROFILES = ("trapezoid", "s_curve")
 LONGEST_RAMP = 0.5  # s; slower axes move below their full speed
 SLOWER = 1.0 / 3.0  # of the speed, at which a promise that failed is checked again
+SLOW_TURN = 0.1  # rad (electrical) per control period, more than which the rotor does not turn at the lower speed
 REST = 0.3  # s after a move
 WINDOW_COUNTS, WINDOW_SHARE = 10.0, 1e-4  # settled: within counts of the encoder, or a share of the move without one
 ROUNDING = 1e-6  # rad; below this a peak is not compared
@@ -72,8 +75,9 @@ class MovePair:
     limited : bool
         Whether the drive met its current or voltage limit, so that it is not linear.
     slower_agrees : bool
-        Whether the same move is as promised at a third of its speed: at the full one the rotation of the held voltage
-        within a control period, which the linear cascade leaves out, makes the difference.
+        Whether the same move is as promised at a third of its speed, or slower where the rotor would still turn by more
+        than 0.1 rad in a control period: at the full speed the rotation of the held voltage, which the linear cascade
+        leaves out, makes the difference.
     """
 
     profile: str
@@ -111,9 +115,18 @@ def moves(cascade: Cascade, plant: Design, *, seed: int = 0) -> tuple[MovePair, 
     for profile in PROFILES:
         pair = _pair(cascade, plant, profile, seed)
         if not pair.agrees:
-            pair = replace(pair, slower_agrees=_pair(cascade, plant, profile, seed, share=SLOWER).agrees)
+            turn = float(plant.motor.p or 0) * pair.speed / plant.drive.f_control
+            share = min(SLOWER, SLOW_TURN / turn)
+            pair = replace(pair, slower_agrees=_pair(cascade, plant, profile, seed, share=share).agrees)
         found.append(pair)
     return tuple(found)
+
+
+def _limits(cascade: Cascade, profile: str) -> Limits:
+    """Return the limits of a profile that the drive can follow; its full speed is reached within `LONGEST_RAMP`."""
+    limits = Limits.of(cascade.design)
+    limits = replace(limits, speed=min(limits.speed, LONGEST_RAMP * limits.acceleration))
+    return reachable(cascade.design, cascade.current, limits, jumps=profile == "trapezoid")
 
 
 def friction_load(design: Design) -> float:
@@ -150,10 +163,14 @@ def _pair(cascade: Cascade, plant: Design, profile: str, seed: int, share: float
     design = cascade.design
     off = design.compensation.model_copy(update={"gain": 0.0})
     design = design.model_copy(update={"compensation": off})
-    limits = Limits.of(design)
+    limits = _limits(cascade, profile)
     speed = share * min(limits.speed, LONGEST_RAMP * limits.acceleration)
     distance = 1.5 * speed * (speed / limits.acceleration + limits.acceleration / limits.jerk)
-    motion = scenario(profile, design, distance=distance, speed=speed, dwell=REST, cycles=1.0)
+    built_up = {"jerk": limits.jerk} if profile == "s_curve" else {}
+    motion = scenario(
+        profile, design, distance=distance, speed=speed, acceleration=limits.acceleration, dwell=REST, cycles=1.0,
+        **built_up,
+    )  # fmt: skip
     counts = plant.sensor.encoder_counts
     turn = 1.0 if plant.motion == "linear" else 2.0 * math.pi
     window = WINDOW_COUNTS * turn / counts if counts else WINDOW_SHARE * distance
