@@ -93,7 +93,7 @@ GIVEN: dict[str, dict[str, Any]] = {
     "verify": {"design": Path("a.toml"), "before": Path("b.csv"), "after": Path("a.csv")},
     "track": {"design": Path("a.toml"), "log": [Path("l.csv")]}, "export": {"design": Path("a.toml")},
     "study": {"design": Path("a.toml"), "log": None}, "import": {"file": Path("l.csv")}, "effects": {},
-    "fleet": {"words": ["run.toml"], "output": None},
+    "fleet": {"words": ["logs"], "output": None},
 }  # fmt: skip
 
 
