@@ -141,6 +141,7 @@ FIELDS = [
 
 @settings(BOUNDED, max_examples=amount(12, 80))
 @given(st.sampled_from(FIELDS), VALUES, st.sampled_from(["export", "import", "simulate"]))
+@pytest.mark.slow
 def test_any_value_of_any_field(field: str, value: str, verb: str) -> None:
     text = re.sub(rf"^{field}\s*=.*$", f"{field} = {value}", DESIGN.decode(), count=1, flags=re.MULTILINE)
     words = {

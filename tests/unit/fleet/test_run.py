@@ -68,6 +68,7 @@ def test_what_is_done_is_not_done_again(
     assert len(asked) == 5, "another design"
 
 
+@pytest.mark.slow
 def test_own_effects_are_known_and_part_of_the_key(own: Manifest) -> None:
     own = replace(own, logs=own.logs[:1])
     assert {one.text for one in _statuses(fleet(replace(own, effects=""), engine=ALONE))} != {""}

@@ -45,6 +45,7 @@ def test_bias_is_below_one_percent(design: Design, measure: str) -> None:
     assert np.all(np.abs(np.mean(errors, axis=0)) < 0.01)
 
 
+@pytest.mark.slow
 def test_nees_and_nis_keep_their_bands(by_hand: Design) -> None:
     """With 60 runs the share is known to about 3 %, the efficiency to 18 %; 1000 runs are in the slow test."""
     found = consistency(by_hand, 60, walking=False, first=500)
