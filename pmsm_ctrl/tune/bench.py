@@ -7,14 +7,14 @@ friction keeps its sign. The mean over whole periods has no leakage; noise and q
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.design import Design
+from pmsm_ctrl.design import Design, Filter
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, simulate
@@ -33,6 +33,7 @@ LOOPS: tuple[LoopName, ...] = ("current", "speed", "position")
 
 LINES = 160  # of a multisine, at most; twice as many where a resonance bends the response
 FOLLOWED = 0.5  # nepers and radians between two lines that follow a response
+LIFT = 100.0  # largest factor by which a line is raised to pass a filter
 LONGEST = 1 << 16  # samples of a period, at most
 RIPPLE_SAMPLES = 8192  # speed periods over which the ripple is taken, after as many to settle
 
@@ -71,6 +72,25 @@ class Multisine:
     def duration(self) -> float:
         """All periods and the discarded one, s."""
         return (self.periods + 1) * len(self.samples) * self.period
+
+    def before(self, filters: Iterable[Filter]) -> Multisine:
+        """Return the signal that is this one behind filters, but for its size, raised by no more than `LIFT`.
+
+        Parameters
+        ----------
+        filters : iterable of Filter
+        """
+        z = np.exp(2j * math.pi * self.frequencies * self.period)
+        passed = np.ones_like(z)
+        for one in filters:
+            passed = passed * one.biquad.sampled_at(z, self.period)
+        if np.all(passed == 1.0):
+            return self
+        size = np.abs(passed)
+        spectrum = np.zeros(len(self.samples) // 2 + 1, dtype=np.complex128)
+        spectrum[self.lines] = self.spectrum * np.conj(passed) / size / np.maximum(size, size.max() / LIFT)
+        samples = np.fft.irfft(spectrum, len(self.samples))
+        return replace(self, samples=samples / np.abs(samples).max())
 
     def at(self, t: Array) -> Array:
         """Return the signal at times (s) that are multiples of the period."""

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from pmsm_ctrl.design import CurrentLoop, Design
+from pmsm_ctrl.design import CurrentLoop, Design, Filter
 from pmsm_ctrl.simulate.motions import Limits
+from pmsm_ctrl.tune.bench import multisine
 from pmsm_ctrl.tune.current import tune_current
 from pmsm_ctrl.tune.moves import moves
 from pmsm_ctrl.tune.reach import RESERVE, highest_stable_speed, reachable, steady_voltage
@@ -111,3 +112,14 @@ def test_a_machine_follows_the_moves_derived_for_it(seed):
     for move in moves(tuned.cascade, tuned.design):
         assert not move.limited
         assert move.agrees or move.slower_agrees
+
+
+def test_a_test_signal_behind_a_low_pass_is_the_one_asked_for():
+    period, low_pass = 0.25e-3, Filter(kind="low_pass", frequency=250.0)
+    plain = multisine(period, 50.0, 1000.0)
+    raised = plain.before((low_pass,))
+    passed = raised.spectrum * low_pass.biquad.sampled_at(np.exp(2j * np.pi * plain.frequencies * period), period)
+    share = passed / plain.spectrum
+    assert share == pytest.approx(np.full(share.shape, share[0].real), rel=1e-9)
+    assert np.abs(raised.samples).max() == pytest.approx(1.0)
+    assert plain.before(()) is plain
