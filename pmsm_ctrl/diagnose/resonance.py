@@ -11,9 +11,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
-
-from scipy.stats import norm
 
 from pmsm_ctrl.diagnose import notices as words
 from pmsm_ctrl.diagnose.candidates import Candidate
@@ -195,7 +194,7 @@ def _beside(case: Case, fit: Fitted, number: int, told: Measured) -> Agreement:
         own = {"antiresonance": Estimate(values["antiresonance"], "Hz", stderr.get("antiresonance", math.nan))}
         return Agreement(told.log_name, one.effect.id, False if seen else None, own)
     own = {name: Estimate(values[name], told.estimates[name].unit, stderr.get(name, math.nan)) for name in COMPARED}
-    limit = float(norm.isf(0.5 * case.policy.significance / len(COMPARED)))
+    limit = NormalDist().inv_cdf(1.0 - 0.5 * case.policy.significance / len(COMPARED))
     both = Agreement(told.log_name, one.effect.id, None, own, told.estimates)
     away = both.apart.values()
     return both if any(math.isnan(z) for z in away) else replace(both, agrees=all(z <= limit for z in away))

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import Diagnosis
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.report.history import Entry
 from pmsm_ctrl.report.notices import NOT_VALIDATED
@@ -84,6 +83,8 @@ class Study(Result):
     @property
     def completed(self) -> Design:
         """The design with what the log says: the missing effects where it was diagnosed, the identified parameters."""
+        from pmsm_ctrl.diagnose import Diagnosis
+
         found = self.results.get("diagnose")
         return found.design if isinstance(found, Diagnosis) else self.design
 

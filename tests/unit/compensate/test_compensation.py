@@ -51,27 +51,32 @@ def study(rich: Design) -> CompensationStudy:
     return compensate(rich.model_copy(update={"compensation": chosen, "acceptance": (limit,)}), gains=(0.0, 0.5, 1.0))
 
 
+@pytest.mark.slow
 def test_targets_with_the_right_parameters(study: CompensationStudy) -> None:
     assert study.change("all effects", "rms") < -0.80
     assert study.change("all effects", "reversal_peak") < -0.85
 
 
+@pytest.mark.slow
 def test_target_with_all_parameters_wrong_by_a_fifth(study: CompensationStudy) -> None:
     for factor in (0.8, 1.2):
         assert study.change("all effects", "rms", factor) < -0.60
 
 
+@pytest.mark.slow
 def test_diagnosed_effects_are_worth_compensating(study: CompensationStudy) -> None:
     for motion in ("reversal", "creep", "triangle"):
         partial, full = (study.change(name, "rms", motion=motion) for name in ("Coulomb + viscous", "all effects"))
         assert full < partial - 0.15
 
 
+@pytest.mark.slow
 def test_tracking_repairs_wrong_parameters(study: CompensationStudy) -> None:
     for factor in (0.8, 1.2):
         assert study.change("adaptive", "rms", factor) < study.change("all effects", "rms", factor) - 0.05
 
 
+@pytest.mark.slow
 def test_adaptive_wins_while_the_axis_warms_up(study: CompensationStudy) -> None:
     for factor in (0.8, 1.0, 1.2):
         assert study.change("adaptive", "rms", factor, "warm-up") < -0.80
@@ -79,6 +84,7 @@ def test_adaptive_wins_while_the_axis_warms_up(study: CompensationStudy) -> None
     assert study.change("adaptive", "rms", 1.0, "warm-up") < fixed - 0.2
 
 
+@pytest.mark.slow
 def test_study_compares_with_a_disturbance_observer(study: CompensationStudy) -> None:
     """On this axis the model is worth its while: the observer leaves more of the error and spends phase margin."""
     assert study.observer is not None
@@ -90,11 +96,13 @@ def test_study_compares_with_a_disturbance_observer(study: CompensationStudy) ->
     assert "observer" in study.windows
 
 
+@pytest.mark.slow
 def test_quadrant_glitch_of_the_circle(study: CompensationStudy) -> None:
     assert study.change("all effects", "reversal_peak", motion="circle") < -0.85
     assert study.change("all effects", "rms", motion="circle") < -0.80
 
 
+@pytest.mark.slow
 def test_every_variant_is_also_run_with_wrong_parameters(study: CompensationStudy) -> None:
     runs = {(row.variant, row.factor) for row in study.table}
     alone = {"none", "axis without friction"}
@@ -183,11 +191,13 @@ def test_dither_below_a_count_is_no_cycle(design: Design) -> None:
         assert judge(trial, (log,)).cycle_amplitude == pytest.approx(amplitude, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_perfect_model_is_the_limit(study: CompensationStudy) -> None:
     best = study.change("perfect model")
     assert all(best <= study.change(name) + 1e-9 for name in ("Coulomb + viscous", "all effects"))
 
 
+@pytest.mark.slow
 def test_measured_speed_has_the_narrower_window(study: CompensationStudy) -> None:
     reference, measured = study.windows["reference"], study.windows["measured"]
     assert reference.safe >= 1.0
@@ -196,6 +206,7 @@ def test_measured_speed_has_the_narrower_window(study: CompensationStudy) -> Non
     assert not reference.cycle.any()
 
 
+@pytest.mark.slow
 def test_result_renders(study: CompensationStudy) -> None:
     text = study.summary(width=1000)
     assert "Highest safe gain: 100 % with reference-speed" in text
@@ -207,6 +218,7 @@ def test_result_renders(study: CompensationStudy) -> None:
     assert told["warnings"] == list(study.warnings)
 
 
+@pytest.mark.slow
 def test_study_says_what_became_of_the_acceptance(study: CompensationStudy) -> None:
     assert not study.accepted
     # By commanded speed full gain cycles with presliding, by measured speed without it too.

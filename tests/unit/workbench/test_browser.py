@@ -163,6 +163,7 @@ def through(person: Person, folder: Path, address: str) -> None:
     person.idle()
 
 
+@pytest.mark.slow
 def test_a_stranger_finds_the_missing_effect(person: Person, server: Server, folder: Path) -> None:
     through(person, folder, server.address)
     drawn = "return Number(document.querySelector('[data-part=traces]').dataset.drawn)"
