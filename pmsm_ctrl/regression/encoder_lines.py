@@ -26,6 +26,7 @@ FOLLOWED = 2.0
 # Gain on stretches left out, in units of the noise, from which on a log shows the lines: by chance it is below zero,
 # but reversals whose moments are wrong imitate few lines. A false one costs the fit two parameters of a small prior.
 SHOWN = 25.0
+LARGEST = 0.1  # of a line: no interpolation is as wrong as that, so a larger wave is something else
 # Stretches of a log, every other one of which is held against the rest.
 PIECES = 16
 
@@ -83,7 +84,9 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float) ->
             break
         swings = np.stack([record.shaped(swing)[record.mask] * weight for swing in line_swings(record, lines)]).T
         gain, values = _held_out(swings - known @ (known.T @ swings), left)
-        found[lines] = gain, LINE_ERROR * 2.0 * np.pi / lines * float(np.hypot(*values)) * sigma
+        share = LINE_ERROR * float(np.hypot(*values)) * sigma
+        if share < LARGEST:
+            found[lines] = gain, share * 2.0 * np.pi / lines
     best = max(found, key=lambda lines: found[lines][0], default=0)  # an encoder has one number of lines
     return {best: found[best][1]} if best and found[best][0] > SHOWN else {}
 
