@@ -45,15 +45,18 @@ class Estimate:
     unit : str
     nominal : float or None
         What the design says.
+    ends : (float, float) or None
+        Of the 95 % interval, where the standard error does not tell them: the profile of the fit is no parabola.
     """
 
     value: float
     unit: str
     stderr: float = float("nan")
     nominal: float | None = None
+    ends: tuple[float, float] | None = None
 
     def interval(self, coverage: float = 0.95) -> tuple[float, float]:
-        """Return the two-sided normal interval of this coverage.
+        """Return the two-sided normal interval of this coverage; the 95 % one is given by `ends` where these are known.
 
         Parameters
         ----------
@@ -66,6 +69,8 @@ class Estimate:
         """
         from statistics import NormalDist
 
+        if self.ends is not None and coverage == 0.95:
+            return self.ends
         half = NormalDist().inv_cdf(0.5 + coverage / 2.0) * self.stderr
         return self.value - half, self.value + half
 
@@ -181,11 +186,16 @@ def jsonable(value: object) -> Any:
     """
     if isinstance(value, Estimate):
         nominal = {} if value.nominal is None else {"nominal": jsonable(value.nominal)}
-        return {
-            "value": jsonable(value.value),
-            "unit": value.unit,
-            "stderr": jsonable(value.stderr),
-        } | nominal
+        ends = {} if value.ends is None else {"interval_95": jsonable(value.ends)}
+        return (
+            {
+                "value": jsonable(value.value),
+                "unit": value.unit,
+                "stderr": jsonable(value.stderr),
+            }
+            | nominal
+            | ends
+        )
     if isinstance(value, Mapping):
         return {str(key): jsonable(item) for key, item in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

@@ -41,7 +41,7 @@ def _maybe(schema: Schema) -> Schema:
     return {"anyOf": [schema, {"type": "null"}]}
 
 
-ESTIMATE = _record({"value": NUMBER, "unit": TEXT, "stderr": NUMBER}, {"nominal": NUMBER})
+ESTIMATE = _record({"value": NUMBER, "unit": TEXT, "stderr": NUMBER}, {"nominal": NUMBER, "interval_95": _list(NUMBER)})
 ESTIMATES = _by_name(ESTIMATE)
 ERROR = _record({"rms": NUMBER, "unit": TEXT, "relative": NUMBER})
 ERRORS = _by_name(ERROR)

@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.polish import polished
+from pmsm_ctrl.diagnose.profiles import with_profiles
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, try_candidate
 from pmsm_ctrl.diagnose.selection import not_supported
@@ -106,7 +107,7 @@ def added(
         raise RequestError(
             f"effect '{effect}': not distinguishable from the design's on this log; it needs {wanted.needs}"
         )
-    made = _best_made(case, fit, trial)
+    made = with_profiles(case.design, _best_made(case, fit, trial))
     advance(0.7)
     return _judged(case, fit, trial, made, polish, names_of(holdouts, "the held-out log"))
 

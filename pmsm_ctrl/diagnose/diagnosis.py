@@ -30,6 +30,7 @@ from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.polish import with_polish
+from pmsm_ctrl.diagnose.profiles import with_profiles
 from pmsm_ctrl.diagnose.resonance import compared, measured, started
 from pmsm_ctrl.diagnose.result import Diagnosis
 from pmsm_ctrl.diagnose.selection import Selection, best
@@ -175,7 +176,7 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     forget_effects(case.record)  # hundreds of columns that no test of a candidate needs any more
     case.fits.clear()
     selection = selection.with_last_candidates()
-    last = with_shapes_fitted(case.design, selection.fit)
+    last = with_profiles(case.design, with_shapes_fitted(case.design, selection.fit))
     selection = replace(selection, fits=(*selection.fits[:-1], last))
     structure = None
     if explains_most(selection.fit, case.policy):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +31,11 @@ from pmsm_ctrl.regression.columns import seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved
 
-__all__ = ["Accepted", "Fitted", "fit_design", "predicted_elsewhere", "ranked"]
+__all__ = ["BASE", "Accepted", "Fitted", "fit_design", "predicted_elsewhere", "ranked"]
 
 Array = NDArray[np.float64]
 
+BASE = -1
 MOST_REFINED = 6  # candidates of a round
 AT_ONCE = 2e6  # bytes of whitened columns that are judged at once, of one column each
 # Two candidates that explain the same to within this share differ by nothing but their flexibility.
@@ -71,6 +72,9 @@ class Fitted:
         Positions among the accepted effects, and names in their shapes.
     rough : frozenset of int
         Positions of those whose shapes no slope describes; they have no standard errors.
+    profiles : dict of (int, str) to (float, float)
+        95 % intervals of the parameters for which a standard error says too little: position of the effect, `BASE` for
+        what the design has itself, and symbol.
     """
 
     record: Record
@@ -87,6 +91,7 @@ class Fitted:
     covariance: Array | None = None
     free: tuple[tuple[int, str], ...] = ()
     rough: frozenset[int] = frozenset()
+    profiles: Mapping[tuple[int, str], tuple[float, float]] = field(default_factory=dict)
 
     @property
     def residual(self) -> Array:

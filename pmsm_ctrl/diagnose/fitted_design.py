@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.fit import BASE, Fitted
 from pmsm_ctrl.diagnose.notices import ESTIMATE_AT_BOUND
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
@@ -83,7 +83,7 @@ def base_parameters(given: Design, fit: Fitted) -> dict[str, Estimate]:
         else:
             continue
         stderr = float("nan") if k in fit.estimate.held else float(fit.estimate.stderr[k])
-        found[name] = Estimate(float(fit.estimate.values[k]), unit, stderr, nominal)
+        found[name] = Estimate(float(fit.estimate.values[k]), unit, stderr, nominal, fit.profiles.get((BASE, name)))
     return found
 
 
@@ -112,7 +112,12 @@ def fitted_parameters(fit: Fitted, number: int) -> dict[str, Estimate]:
     values, stderr = with_errors(fit, number, partial(one.effect.structure.parameters, one.effect))
     motion = fit.record.prepared.motion
     return {
-        p.symbol: Estimate(values[p.symbol], axis_unit(p.unit, motion), stderr.get(p.symbol, float("nan")))
+        p.symbol: Estimate(
+            values[p.symbol],
+            axis_unit(p.unit, motion),
+            stderr.get(p.symbol, float("nan")),
+            ends=fit.profiles.get((number, p.symbol)),
+        )
         for p in one.effect.parameters
         if p.symbol in values
     }

@@ -114,7 +114,12 @@ def _(result: Addition) -> Section:
     found = Table(
         ("parameter", "value", "unit", "design"),
         tuple(
-            (symbol, with_error(e.value, e.stderr), e.unit, "-" if e.nominal is None else number(e.nominal, 4))
+            (
+                symbol,
+                with_error(e.value, e.stderr, ends=e.ends),
+                e.unit,
+                "-" if e.nominal is None else number(e.nominal, 4),
+            )
             for symbol, e in {**a.base, **a.parameters}.items()
         ),
         "Parameters, fitted together",
@@ -205,7 +210,7 @@ def _resonance(both: Agreement) -> Iterator[Block]:
 
 
 def _parameters(step: DiagnosisStep) -> str:
-    return ", ".join(f"{s} = {with_error(e.value, e.stderr, e.unit)}" for s, e in step.parameters.items())
+    return ", ".join(f"{s} = {with_error(e.value, e.stderr, e.unit, e.ends)}" for s, e in step.parameters.items())
 
 
 def _deviations(d: Diagnosis, *, flagged: bool) -> Table:

@@ -23,7 +23,7 @@ from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.covariance import noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 
-__all__ = ["with_shapes_fitted"]
+__all__ = ["Free", "moved_to", "searched", "shifted", "tangent_of", "with_shapes_fitted"]
 
 Array = NDArray[np.float64]
 Free = tuple[int, str]  # position among the accepted effects, and the name in its shape
@@ -55,14 +55,15 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
         free = [(k, name) for k, name in free if k not in rough]
         if not free:
             return fit
+        columns = slice(len(fit.model.names), None)
         for _ in range(ROUNDS):
-            tangent, columns = _with_tangents(design, fit, free)
+            tangent = tangent_of(design, fit, free)
             step, stderr = tangent.values[columns], tangent.stderr[columns]
             moved = _moved(design, fit, free, np.clip(step, -LONGEST, LONGEST))
             if moved is None or np.all(np.abs(step) <= SETTLED * stderr):
                 break
             fit = moved
-        tangent, columns = _with_tangents(design, fit, free)
+        tangent = tangent_of(design, fit, free)
     except UnavailableError:  # a shape beyond what the log can evaluate
         return fit
     covariance = noise_covariance(tangent, fit.weights, fit.whitener).of_fit()
@@ -82,15 +83,12 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
 
 
 def _free(one: Accepted) -> list[str]:
-    """Return the names of a shape that are fitted: those that were searched, are no whole numbers and at no bound."""
+    """Return the names of a shape that are fitted: those that were searched and are at no bound."""
     structure, shape = one.effect.structure, one.shape
-    searched = [name for name in shape if len({at[name] for at in one.grid}) > 1]
     return [
         name
-        for name in searched
-        if name not in structure.fixed(one.effect)
-        and shape[name] > 0.0
-        and all(
+        for name in searched(one)
+        if all(
             structure.inside(one.effect, shape, name, shape[name] * np.exp(sign * DIFFERENCE))
             == shape[name] * np.exp(sign * DIFFERENCE)
             for sign in (1.0, -1.0)
@@ -98,8 +96,31 @@ def _free(one: Accepted) -> list[str]:
     ]
 
 
-def _shifted(accepted: Sequence[Accepted], free: Sequence[Free], step: Array) -> tuple[Accepted, ...]:
-    """Return the effects with the logarithms of their shapes moved, inside their bounds."""
+def searched(one: Accepted) -> list[str]:
+    """Return the names of a shape that were searched and are no whole numbers, at a bound or not.
+
+    Parameters
+    ----------
+    one : Accepted
+    """
+    fixed = one.effect.structure.fixed(one.effect)
+    return [
+        name
+        for name, value in one.shape.items()
+        if len({at[name] for at in one.grid}) > 1 and name not in fixed and value > 0.0
+    ]
+
+
+def shifted(accepted: Sequence[Accepted], free: Sequence[Free], step: Array) -> tuple[Accepted, ...]:
+    """Return the effects with the logarithms of their shapes moved, inside their bounds.
+
+    Parameters
+    ----------
+    accepted : sequence of Accepted
+    free : sequence of (int, str)
+        Positions among them, and names in their shapes.
+    step : array, shape (len(free),)
+    """
     out = list(accepted)
     for (k, name), by in zip(free, step.tolist(), strict=True):
         one = out[k]
@@ -115,7 +136,7 @@ def _is_rough(design: Design, fit: Fitted, one: Free) -> bool:
     """Whether the prediction over a shape is no straight line even over a small step of it."""
 
     def change(step: float) -> Array:
-        return _change(design, fit, _shifted(fit.accepted, (one,), np.array([step])))
+        return _change(design, fit, shifted(fit.accepted, (one,), np.array([step])))
 
     slope = (change(DIFFERENCE) - change(-DIFFERENCE)) / (2.0 * DIFFERENCE)
     left = [np.linalg.norm(change(step) - step * slope) for step in (FURTHER, -FURTHER)]
@@ -159,24 +180,48 @@ def _change(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Arra
     return out
 
 
-def _with_tangents(design: Design, fit: Fitted, free: Sequence[Free]) -> tuple[Solved, slice]:
-    """Solve the model with a column for every shape, the slope of the prediction over its logarithm; and which."""
-    count, slopes = len(fit.model.names), []
-    for unit in np.eye(len(free)) * DIFFERENCE:
-        ahead, back = (_change(design, fit, _shifted(fit.accepted, free, sign * unit)) for sign in (1.0, -1.0))
-        slopes.append((ahead - back) / (2.0 * DIFFERENCE))
+def moved_to(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> Fitted:
+    """Return the fit of other shapes, solved without bounds and without honest standard errors.
+
+    Parameters
+    ----------
+    design : Design
+    fit : Fitted
+    accepted : tuple of Accepted
+        The same effects, of other shapes.
+    """
+    record, model = _model(design, fit, accepted)
+    solved = solve_model(record, model, fit.weights)
+    return replace(fit, record=record, model=model, accepted=accepted, plain=solved, estimate=solved)
+
+
+def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
+    """Solve the model with a column for every shape, behind all others: the prediction's slope over its logarithm.
+
+    Parameters
+    ----------
+    design : Design
+    fit : Fitted
+    free : sequence of (int, str)
+        Positions among the accepted effects, and names in their shapes.
+    """
+    slopes = []
+    for unit, (k, name) in zip(np.eye(len(free)) * DIFFERENCE, free, strict=True):
+        ahead, back = (shifted(fit.accepted, free, sign * unit) for sign in (1.0, -1.0))
+        width = float(np.log(ahead[k].shape[name] / back[k].shape[name]))  # half of it at a bound
+        slopes.append((_change(design, fit, ahead) - _change(design, fit, back)) / max(width, 1e-300))
         if not np.any(slopes[-1]):
             raise UnavailableError("a shape does nothing")
     rows = tuple(row if np.any(row) else None for row in np.array(slopes).swapaxes(0, 1))
     model = fit.model.plus(Group(None, tuple(f"shape {k}" for k in range(len(free))), rows, {}))
-    return solve_model(fit.record, model, fit.weights), slice(count, count + len(free))
+    return solve_model(fit.record, model, fit.weights)
 
 
 def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: Array) -> Fitted | None:
     """Return the fit at moved shapes; None where no part of the step makes it better."""
     before = fit.estimate.chi2
     for halved in range(HALVINGS):
-        accepted = _shifted(fit.accepted, free, step / 2.0**halved)
+        accepted = shifted(fit.accepted, free, step / 2.0**halved)
         record, model = _model(design, fit, accepted)
         covariance = noise_covariance(solve_model(record, model, fit.weights), fit.weights, fit.whitener)
         inside = bounded(covariance.fit)

@@ -59,8 +59,8 @@ def probability(p: float) -> str:
     return f"< {_SMALLEST_P:.0e}" if p < _SMALLEST_P else number(p, 2)
 
 
-def with_error(value: float, stderr: float, unit: str = "") -> str:
-    """Return a value rounded to the second digit of its standard error, with that error.
+def with_error(value: float, stderr: float, unit: str = "", ends: tuple[float, float] | None = None) -> str:
+    """Return a value rounded to the second digit of its standard error, with that error, or with its 95 % interval.
 
     Parameters
     ----------
@@ -68,13 +68,17 @@ def with_error(value: float, stderr: float, unit: str = "") -> str:
         In `unit`. A standard error that is not finite, or 0, is left out.
     unit : str
         Written behind; "1" is not.
+    ends : (float, float), optional
+        Of the 95 % interval, where the standard error does not tell them; infinite where the data do not bound it.
 
     Returns
     -------
     str
-        Such as "5230 ± 260" or "8.9900e-05 ± 1.2e-08 kg m^2".
+        Such as "5230 ± 260", "8.9900e-05 ± 1.2e-08 kg m^2" or "0.522 (95 %: 0.359 to 0.757)".
     """
     behind = f" {unit}" if unit not in ("", "1") else ""
+    if ends is not None:
+        return f"{number(value)} (95 %: {_between(*ends)}){behind}"
     if not (math.isfinite(value) and math.isfinite(stderr) and stderr > 0.0):
         return number(value) + behind
     last = math.floor(math.log10(stderr)) - 1
@@ -83,6 +87,12 @@ def with_error(value: float, stderr: float, unit: str = "") -> str:
         decimals = max(0, -last)
         return f"{round(value, -last):.{decimals}f} ± {round(stderr, -last):.{decimals}f}{behind}"
     return f"{value:.{max(0, first - last)}e} ± {stderr:.1e}{behind}"
+
+
+def _between(low: float, high: float) -> str:
+    if not math.isfinite(high):
+        return f"above {number(low)}" if math.isfinite(low) else "not bounded"
+    return f"{number(low)} to {number(high)}" if math.isfinite(low) else f"below {number(high)}"
 
 
 def with_prefix(value: float, unit: str, digits: int = 2) -> str:

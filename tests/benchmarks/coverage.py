@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose import add
+from pmsm_ctrl.diagnose.adding import added
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.simulate import simulate
@@ -34,7 +34,10 @@ LEFT = ("delay",)  # the time of sampling is a nuisance of the same column
 
 
 def scores(effect_id: str, seed: int, scenario: str, polish: bool = False) -> dict[str, float]:
-    """Return the error of every parameter over its standard error; NaN without one."""
+    """Return the error of every parameter over its standard error; NaN without one.
+
+    Where the result gives an interval in place of a standard error, over that of its half on the true value's side.
+    """
     design = Design.read(DESIGNS / "hand_tuned.toml")
     effect = CATALOGUE[effect_id]
     rng = np.random.default_rng([seed, *effect_id.encode()])
@@ -43,13 +46,18 @@ def scores(effect_id: str, seed: int, scenario: str, polish: bool = False) -> di
         varied = effect.example[p.symbol] * (1.0 if p.symbol == effect.order else rng.uniform(1 - VARIED, 1 + VARIED))
         truth[p.symbol] = float(np.clip(varied, p.lower, p.upper))
     log = simulate(design, scenario, truth=design.with_effect(effect_id, truth), seed=seed)
-    found = add(design, log, effect_id, polish=polish)
+    found = added(design, log, effect_id, polish=polish)
     out = {}
-    for entry in found.effects:
+    for entry in found.design.effects:
         true = truth if entry.id == effect_id else design.parameters(entry.id)
+        told = found.parameters if entry.id == effect_id else found.base
         for symbol, value in true.items():
-            if symbol != effect.order:
-                out[symbol] = (entry.parameters[symbol] - value) / entry.stderr.get(symbol, float("nan"))
+            if symbol == effect.order:
+                continue
+            off, stderr = entry.parameters[symbol] - value, entry.stderr.get(symbol, float("nan"))
+            if symbol in told and (interval := told[symbol].ends) is not None:
+                stderr = abs(interval[0 if off > 0.0 else 1] - entry.parameters[symbol]) / HALF_WIDTH
+            out[symbol] = off / stderr
     return out
 
 
