@@ -204,6 +204,11 @@ def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
     fit : Fitted
     free : sequence of (int, str)
         Positions among the accepted effects, and names in their shapes.
+
+    Raises
+    ------
+    UnavailableError
+        For a shape that does nothing, or that the log cannot evaluate.
     """
     slopes = []
     for unit, (k, name) in zip(np.eye(len(free)) * DIFFERENCE, free, strict=True):
