@@ -76,8 +76,11 @@ def with_profiles(design: Design, fit: Fitted) -> Fitted:
     if not walks.doubtful:
         return fit
     try:
-        every = (*walks.base(), *(one for number in walks.doubtful for one in walks.of_effect(number)))
-        found = {(one.number, one.symbol): _interval(design, walks, one) for one in every}
+        every = [one for number in walks.doubtful for one in walks.of_effect(number)]
+        vague = [one for one in every if one.free is not None and one.stderr > KNOWN_WELL]
+        if not walks.at_bound and all(_bend(design, walks, one) <= 0.5 * PARABOLA for one in vague):
+            return fit  # what is straight over the shapes is straight over all
+        found = {(one.number, one.symbol): _interval(design, walks, one) for one in (*walks.base(), *every)}
     except UnavailableError:
         return fit
     return replace(fit, profiles={which: ends for which, ends in found.items() if ends is not None})
@@ -97,6 +100,11 @@ class _Walks:
     white: Array
     shapes: tuple[Free, ...]
     doubtful: tuple[int, ...]
+
+    @property
+    def at_bound(self) -> set[Free]:
+        """The shapes that are at a bound."""
+        return set(self.shapes) - set(self.fit.free)
 
     @classmethod
     def over(cls, design: Design, fit: Fitted) -> _Walks:
@@ -179,21 +187,24 @@ def _slopes(per_factor: Callable[[Shape], float], shape: Shape, names: Iterable[
 
 def _interval(design: Design, walks: _Walks, one: _Parameter) -> tuple[float, float] | None:
     """Return both ends; None where they are those of the standard error."""
-    least = walks.fit.estimate.chi2
-
-    def profile(step: float) -> float:
-        """The root of what the sum of squares grows by, in standard errors."""
-        return float(np.sqrt(max(_least(design, walks, one, step) - least, 0.0) / one.scale))
-
-    half = NORMAL * one.stderr
-    if all(abs(profile(sign * half) - NORMAL) <= PARABOLA * NORMAL for sign in (-1.0, 1.0)):
+    if _bend(design, walks, one) <= PARABOLA:
         return None
-    low, high = (one.at(sign * _end(partial(_along, profile, sign), half)) for sign in (-1.0, 1.0))
-    return low, high
+    half = NORMAL * one.stderr
+    below = _end(lambda step: _profile(design, walks, one, -step), half)
+    above = _end(lambda step: _profile(design, walks, one, step), half)
+    return one.at(-below), one.at(above)
 
 
-def _along(profile: Callable[[float], float], sign: float, step: float) -> float:
-    return profile(sign * step)
+def _bend(design: Design, walks: _Walks, one: _Parameter) -> float:
+    """Return by what part of itself a profile differs from a parabola's at the ends of the 95 % interval."""
+    half = NORMAL * one.stderr
+    return max(abs(_profile(design, walks, one, sign * half) / NORMAL - 1.0) for sign in (-1.0, 1.0))
+
+
+def _profile(design: Design, walks: _Walks, one: _Parameter, step: float) -> float:
+    """Return the root of what the sum of squares grows by, in standard errors."""
+    grown = _least(design, walks, one, step) - walks.fit.estimate.chi2
+    return math.sqrt(max(grown, 0.0) / one.scale)
 
 
 def _end(profile: Callable[[float], float], half: float) -> float:
