@@ -159,6 +159,8 @@ class Balance:
         Rms of the measured side over the same samples.
     floor : float
         Noise floor, as a share of `size`.
+    count : int
+        Samples that count; what several records share is weighed by it.
     """
 
     name: str
@@ -169,6 +171,7 @@ class Balance:
     products: Array
     size: float
     floor: float
+    count: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,12 +188,18 @@ class Traces:
         The first one is shown first.
     stretches : tuple of (start, stop, words)
         Stretches of time worth looking at, s, and what is in them.
+    name : str
+        Of the record.
+    held_out : tuple of Traces
+        The same of records that nothing was fitted to; their balances and coordinates are among those of this one.
     """
 
     t: Array
     coordinates: Mapping[str, Array]
     balances: tuple[Balance, ...]
     stretches: tuple[tuple[float, float, str], ...] = ()
+    name: str = ""
+    held_out: tuple[Traces, ...] = ()
 
 
 @dataclass(frozen=True)

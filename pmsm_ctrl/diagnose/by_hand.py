@@ -23,7 +23,7 @@ from pmsm_ctrl.diagnose.diagnosis import (
     searched,
     without_what_happened_once,
 )
-from pmsm_ctrl.diagnose.explorer import coordinates_of, traces_between
+from pmsm_ctrl.diagnose.explorer import HeldOutTraces, coordinates_of, traces_between
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.outcome import errors_table, noise_floor
@@ -195,7 +195,7 @@ class Stepwise(Result):
         return self._case.holdout_names
 
     def held_out(self, number: int) -> dict[str, Contributions]:
-        """Return the prediction of a held-out record by balance, not taken apart.
+        """Return the prediction of a held-out record by balance, taken apart.
 
         Parameters
         ----------
@@ -205,7 +205,7 @@ class Stepwise(Result):
         Returns
         -------
         dict of balance to Contributions
-            Without effects; the balances that the fitted records have as well.
+            The balances that the fitted records have as well.
 
         Raises
         ------
@@ -214,13 +214,7 @@ class Stepwise(Result):
         """
         if not 0 <= number < len(self._case.holdouts):
             raise RequestError(f"held-out record {number}: there are {len(self._case.holdouts)}")
-        record, left = self._case.held_out(self._fit, number)
-        out = {}
-        for row, channel in enumerate(record.channels):
-            measured, predicted = record.target[row], record.target[row] - left[row]
-            unit = record.unit(channel)
-            out[channel] = Contributions(channel, unit, record.t, measured, predicted, predicted, {}, record.mask)
-        return out
+        return self._case.held_out_contributions(self._fit, number)
 
     def coordinates(self, held_out: int | None = None) -> dict[str, Array]:
         """Return what a residual can be drawn over, by label.
@@ -261,7 +255,12 @@ class Stepwise(Result):
 
     def traces(self) -> Traces:
         """Return the balances for a page on which one zooms, and switches the added effects on and off."""
-        return traces_between(self._case.fits[0], self._fit, self.contributions, self.noise_floor)
+        others = tuple(
+            HeldOutTraces(name, self._case.holdouts[number], self.held_out(number))
+            for number, name in enumerate(self._case.holdout_names)
+        )
+        fitted = {channel: self.contributions(channel) for channel in self.balances}
+        return traces_between(self._case.fits[0], self._fit, fitted, self.noise_floor, others, self.log_name)
 
     def preview(self, effect: str, channel: str = "torque") -> Array:
         """Return what a candidate would take from the residual, before anything is fitted again.

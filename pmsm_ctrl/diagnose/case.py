@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.contributions import Contributions
 from pmsm_ctrl.diagnose.event import Event
-from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design, predicted_elsewhere, ranked
+from pmsm_ctrl.diagnose.fit import Accepted, Fitted, fit_design, ranked
+from pmsm_ctrl.diagnose.held_out import held_out
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.spread import spreads, without_level
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Case", "pooled"]
@@ -154,18 +155,22 @@ class Case:
         refitted : bool, optional
             As in `holdout_errors`.
         """
-        record, predicted = predicted_elsewhere(self.design, self.holdouts[number], fit.accepted, fit)
-        common = [k for k, name in enumerate(record.channels) if name in fit.record.channels]
-        channels = tuple(record.channels[k] for k in common)
-        record = replace(
-            record, channels=channels, target=record.target[common], weight=record.weight[common],
-            coarse=record.coarse[common],
-        )  # fmt: skip
-        left = record.target - predicted[common]
-        if self.level_refitted if refitted is None else refitted:
-            spread = spreads(fit.model, len(self.record.records)) if len(self.record.records) > 1 else None
-            left[0] = without_level(record, left[0], spread, float(fit.weights.sigma[0]))
-        return record, left
+        refitted = self.level_refitted if refitted is None else refitted
+        found = held_out(self.design, self.holdouts[number], fit, refitted)
+        return found.record, found.left
+
+    def held_out_contributions(self, fit: Fitted, number: int) -> dict[str, Contributions]:
+        """Return the prediction of a held-out record by balance, taken apart.
+
+        Parameters
+        ----------
+        fit : Fitted
+        number : int
+            Which of them.
+        """
+        record = self.holdouts[number]
+        found = held_out(self.design, record, fit, self.level_refitted)
+        return found.contributions(self.design, fit, record.signals["direction"])
 
 
 def pooled(found: Sequence[tuple[Record, Array]]) -> dict[str, tuple[float, float]]:

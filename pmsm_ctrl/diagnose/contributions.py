@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.fit import Elsewhere, Fitted
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.regression.balances import with_direction
 from pmsm_ctrl.regression.base_fit import assembled, with_bristles
 
-__all__ = ["Contributions", "contributions_of"]
+__all__ = ["Contributions", "contributions_of", "parts_of"]
 
 Array = NDArray[np.float64]
 
@@ -125,30 +126,53 @@ def contributions_of(fit: Fitted, channel: str, direction: Array) -> Contributio
     record = fit.record
     if channel not in record.channels:
         raise RequestError(f"unknown balance '{channel}': this log has {', '.join(record.channels)}")
-    row = record.channels.index(channel)
-    predicted = fit.estimate.predicted()[row]
+    row, predicted = record.channels.index(channel), fit.estimate.predicted()
+    here = Elsewhere(record, fit.model, fit.estimate.values, predicted)
+    parts = parts_of(record.design, fit, here, row, direction)
+    rest = predicted[row] - sum(parts.values(), np.zeros_like(predicted[row]))
+    unit, measured = record.unit(channel), record.target[row]
+    return Contributions(channel, unit, record.t, measured, predicted[row], rest, parts, record.mask)
+
+
+def parts_of(design: Design, fit: Fitted, there: Elsewhere, row: int, direction: Array) -> dict[str, Array]:
+    """Return what every accepted effect contributes to one balance of a record, the fitted one or another.
+
+    Parameters
+    ----------
+    design : Design
+        That was fitted.
+    fit : Fitted
+    there : Elsewhere
+        The fit's model on the record.
+    row : int
+        Of the balance.
+    direction : array, shape (n,)
+        Direction of motion without a bristle, at the log's rate.
+
+    Returns
+    -------
+    dict of name to array, shape (m,)
+        In the order of acceptance; only those that enter this balance.
+    """
     parts: dict[str, Array] = {}
     for number, one in enumerate(fit.accepted):
-        name, position = one.effect.label(one.shape), fit.position(number)
+        name, position = one.effect.label(one.shape), fit.position(number, there.model)
         if position is None:
-            values = _of_bristle(fit, number, row, direction)
+            values = _of_bristle(design, fit, number, there, row, direction)
         else:
-            columns = fit.model.columns_of(position)
-            values = fit.model.matrix[row][:, columns] @ fit.estimate.values[columns]
+            columns = there.model.columns_of(position)
+            values = there.model.matrix[row][:, columns] @ there.values[columns]
         if np.any(values):
             parts[name] = parts[name] + values if name in parts else values
-    rest = predicted - sum(parts.values(), np.zeros_like(predicted))
-    unit, measured = record.unit(channel), record.target[row]
-    return Contributions(channel, unit, record.t, measured, predicted, rest, parts, record.mask)
+    return parts
 
 
-def _of_bristle(fit: Fitted, number: int, row: int, direction: Array) -> Array:
+def _of_bristle(design: Design, fit: Fitted, number: int, there: Elsewhere, row: int, direction: Array) -> Array:
     """Return what a balance gains by a bristle in place of a friction that turns at once."""
-    record = fit.record
     others = fit.accepted[:number] + fit.accepted[number + 1 :]
-    plain = with_bristles(record.design, with_direction(record, direction), others)
-    values = dict(zip(fit.model.names, fit.estimate.values, strict=True))
-    lagging, at_once = (assembled(record.design, one, fit.accepted)[0] for one in (record, plain))
+    plain = with_bristles(design, with_direction(there.record, direction), others)
+    values = dict(zip(there.model.names, there.values, strict=True))
+    lagging, at_once = (assembled(design, one, fit.accepted)[0] for one in (there.record, plain))
     held = np.array([values.get(name, 0.0) for name in lagging.names])
     gained: Array = (lagging.matrix[row] - at_once.matrix[row]) @ held
     return gained

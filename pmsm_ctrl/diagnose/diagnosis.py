@@ -201,7 +201,8 @@ def finished(case: Case, found: Diagnosis, holdouts: tuple[Log, ...]) -> Diagnos
     Diagnosis
     """
     found = as_written(case, found)
-    case.record.kept.clear()  # what was remembered of the log stays with no result
+    for record in (case.record, *case.holdouts):
+        record.kept.clear()  # what was remembered of the log stays with no result
     return replace(found, log_name=case.name, holdout_name=names_of(holdouts, "the held-out log"))
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,15 +20,31 @@ if TYPE_CHECKING:
     from pmsm_ctrl.diagnose.fit import Fitted
     from pmsm_ctrl.diagnose.result import Diagnosis, Errors
 
-__all__ = ["coordinates_of", "traces_between", "traces_of"]
+__all__ = ["HeldOutTraces", "coordinates_of", "traces_between", "traces_of"]
 
 Array = NDArray[np.float64]
 
 STRETCHES = 4
 
 
+@dataclass(frozen=True, eq=False)
+class HeldOutTraces:
+    """A held-out record for a page.
+
+    Attributes
+    ----------
+    name : str
+    record : Record
+    contributions : dict of balance to Contributions
+    """
+
+    name: str
+    record: Record
+    contributions: Mapping[str, Contributions]
+
+
 def traces_of(d: Diagnosis) -> Traces:
-    """Return the torque balance over time, and every other balance that an effect enters.
+    """Return the torque balance over time, and every other balance that an effect enters, of all records.
 
     Parameters
     ----------
@@ -36,11 +54,20 @@ def traces_of(d: Diagnosis) -> Traces:
     -------
     Traces
     """
-    return traces_between(d.selection.fits[0], d.selection.fit, d.contributions, d.errors["noise_floor"])
+    names = [row.name for row in d.records if row.held_out]
+    others = tuple(
+        HeldOutTraces(name, record, d.held_out(number))
+        for number, (name, record) in enumerate(zip(names, d.holdouts, strict=True))
+    )
+    fitted = {channel: d.contributions(channel) for channel in d.selection.fit.record.channels}
+    return traces_between(d.selection.fits[0], d.selection.fit, fitted, d.errors["noise_floor"], others, d.log_name)
 
 
-def traces_between(first: Fitted, fit: Fitted, contributions: Callable[[str], Contributions], floor: Errors) -> Traces:
-    """Return the torque balance over time, and every other balance that an effect enters.
+def traces_between(
+    first: Fitted, fit: Fitted, contributions: Mapping[str, Contributions], floor: Errors,
+    others: tuple[HeldOutTraces, ...] = (), name: str = "",
+) -> Traces:  # fmt: skip
+    """Return the torque balance over time, and every other balance that an effect enters, of all records.
 
     Parameters
     ----------
@@ -48,26 +75,37 @@ def traces_between(first: Fitted, fit: Fitted, contributions: Callable[[str], Co
         Before the first effect; where it fails worst, the stretches are.
     fit : Fitted
         With all of them.
-    contributions : function
-        Of a balance by its name.
+    contributions : dict of balance to Contributions
     floor : dict of balance to rms, unit and relative error
         What noise alone leaves.
+    others : tuple of HeldOutTraces
+        Where they fail worst without the effects, their stretches are.
+    name : str
+        Of the fitted record.
 
     Returns
     -------
     Traces
     """
-    record, linear = fit.record, fit.record.linear
-    balances = [
-        _balance(contributions(channel), record.drive, float(floor[channel]["relative"])) for channel in record.channels
-    ]
+    drive = fit.record.drive
+    balances = [_balance(one, drive, floor) for one in contributions.values()]
     shown = tuple(b for k, b in enumerate(balances) if k == 0 or b.parts)
+    known = {b.name for b in shown}
+    held = []
+    for one in others:
+        own = tuple(b for b in (_balance(c, drive, floor) for c in one.contributions.values()) if b.name in known)
+        before = next(iter(one.contributions.values()))
+        held.append(_traces(one.record, own, before.residual(tuple(before.effects)), one.name))
+    return replace(_traces(fit.record, shown, first.residual[0], name), held_out=tuple(held))
+
+
+def _traces(record: Record, balances: tuple[Balance, ...], residual: Array, name: str) -> Traces:
     coordinates = coordinates_of(record)
     speed = next(iter(coordinates.values()))
-    stretches = worst_stretches(record.t, first.residual[0], record.mask, speed, STRETCHES)
-    unit = "m/s" if linear else "rad/s"
+    stretches = worst_stretches(record.t, residual, record.mask, speed, STRETCHES)
+    unit = "m/s" if record.linear else "rad/s"
     words = tuple((s.start, s.stop, motion_words(s.motion, unit)) for s in stretches)
-    return Traces(record.t, coordinates, shown, words)
+    return Traces(record.t, coordinates, balances, words, Path(name).name)
 
 
 def coordinates_of(record: Record) -> dict[str, Array]:
@@ -92,8 +130,10 @@ def coordinates_of(record: Record) -> dict[str, Array]:
     }
 
 
-def _balance(parts: Contributions, drive: str, floor: float) -> Balance:
-    name = drive if parts.channel == "torque" else parts.channel
+def _balance(parts: Contributions, drive: str, floor: Errors) -> Balance:
+    name, size = drive if parts.channel == "torque" else parts.channel, parts.size
+    share = float(floor[parts.channel]["rms"]) / size if size > 0.0 else 0.0
     return Balance(
-        name, parts.unit, parts.measured, parts.predicted, parts.effects, parts.products, parts.size, floor
+        name, parts.unit, parts.measured, parts.predicted, parts.effects, parts.products, size, share,
+        int(np.sum(parts.used)),
     )  # fmt: skip

@@ -31,7 +31,7 @@ from pmsm_ctrl.regression.columns import seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved
 
-__all__ = ["BASE", "Accepted", "Fitted", "fit_design", "predicted_elsewhere", "ranked"]
+__all__ = ["BASE", "Accepted", "Elsewhere", "Fitted", "fit_design", "predicted_elsewhere", "ranked"]
 
 Array = NDArray[np.float64]
 
@@ -103,12 +103,20 @@ class Fitted:
         solved, plain, estimate = (replace(one, bases=()) for one in (self.solved, self.plain, self.estimate))
         return replace(self, trials=(), solved=solved, plain=plain, estimate=estimate)
 
-    def position(self, number: int) -> int | None:
-        """Where an accepted effect stands among the model's groups; None where it has no columns of its own."""
+    def position(self, number: int, model: Model | None = None) -> int | None:
+        """Where an accepted effect stands among the model's groups; None where it has no columns of its own.
+
+        Parameters
+        ----------
+        number : int
+            Of the effect.
+        model : Model, optional
+            The same model on another record.
+        """
         if self.accepted[number].effect.structure.replaces_direction:
             return None
         wired = [k for k, one in enumerate(self.accepted) if not one.effect.structure.replaces_direction]
-        return len(self.model.groups) - len(wired) + wired.index(number)
+        return len((model or self.model).groups) - len(wired) + wired.index(number)
 
 
 def fit_design(
@@ -176,10 +184,36 @@ def _forget(given: Record, used: Record) -> None:
         used.kept.clear()
 
 
-def predicted_elsewhere(
-    design: Design, record: Record, accepted: tuple[Accepted, ...], fit: Fitted
-) -> tuple[Record, Array]:
-    """Return another record, read with the torque of the fit, and its balances predicted with the fit's parameters."""
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """A model on a record that it was not fitted to.
+
+    Attributes
+    ----------
+    record : Record
+        Read with the torque of the fit.
+    model : Model
+    values : array, shape (k,)
+        The fit's parameters, 0 where it has none of that name.
+    predicted : array, shape (channels, m)
+    """
+
+    record: Record
+    model: Model
+    values: Array
+    predicted: Array
+
+
+def predicted_elsewhere(design: Design, record: Record, accepted: tuple[Accepted, ...], fit: Fitted) -> Elsewhere:
+    """Return the balances of another record, predicted with the parameters of a fit.
+
+    Parameters
+    ----------
+    design : Design
+    record : Record
+    accepted : tuple of Accepted
+    fit : Fitted
+    """
     record = with_bristles(design, record, accepted)
     for _ in range(2):
         model, _ = assembled(design, record, accepted)
@@ -187,7 +221,7 @@ def predicted_elsewhere(
         values = np.array([by_name.get(name, 0.0) for name in model.names])
         predicted = model.matrix @ values
         record = with_modelled_torque(record, predicted[0] - false_torque(model, values), delay_of(model, values))
-    return record, predicted
+    return Elsewhere(record, model, values, predicted)
 
 
 def judged(fit: tuple[Solved, Whitener], covariance: NoiseCovariance, trials: Sequence[Trial]) -> list[Trial]:

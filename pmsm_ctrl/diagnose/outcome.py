@@ -98,6 +98,7 @@ def outcome(
         spreads=record_spreads(final.record, final.estimate),
         record=case.record,
         selection=selection,
+        holdouts=case.holdouts,
     )
 
 

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.contributions import Contributions, contributions_of
 from pmsm_ctrl.diagnose.event import Event
+from pmsm_ctrl.diagnose.held_out import held_out
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.selection import Selection
+from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.regression.lateness import lateness
@@ -273,6 +275,8 @@ class Diagnosis(Result):
         Whether the parameters were refined by simulation, where that was asked for.
     resonance : Agreement or None
         With the frequency response that was given; None without one.
+    holdouts : tuple of Record
+        Those that were held out.
     """
 
     verdict: Verdict
@@ -299,6 +303,7 @@ class Diagnosis(Result):
     improved: bool = True
     remarks: tuple[Notice, ...] = ()
     resonance: Agreement | None = None
+    holdouts: tuple[Record, ...] = field(default=(), repr=False)
 
     @property
     def timing(self) -> DriveTiming:
@@ -325,6 +330,30 @@ class Diagnosis(Result):
             When the log has no such balance.
         """
         return contributions_of(self.selection.fit, channel, self.record.signals["direction"])
+
+    def held_out(self, number: int) -> dict[str, Contributions]:
+        """Take the prediction of a held-out record apart.
+
+        Parameters
+        ----------
+        number : int
+            Which of them, from 0.
+
+        Returns
+        -------
+        dict of balance to Contributions
+            The balances that the fitted record has as well.
+
+        Raises
+        ------
+        RequestError
+            When there is no such record.
+        """
+        if not 0 <= number < len(self.holdouts):
+            raise RequestError(f"held-out record {number}: there are {len(self.holdouts)}")
+        record, fit, design = self.holdouts[number], self.selection.fit, self.record.design
+        found = held_out(design, record, fit, len(self.record.records) > 1)
+        return found.contributions(design, fit, record.signals["direction"])
 
     @property
     def unexplained(self) -> str:

@@ -10,66 +10,80 @@
     const model = Bokeh.documents.map((d) => (name) => d.get_model_by_name(part.id + "-" + name)).find((get) => get("source"));
     const source = model("source");
     const time = model("time");
-    const whole = [time.start, time.end];
+    const floats = (text) => new Float32Array(Uint8Array.from(atob(text), (one) => one.charCodeAt(0)).buffer);
     // a finger that moves over a panel scrolls the page; it zooms after a touch on the panel's tool
     if (matchMedia("(pointer: coarse)").matches) {
       for (const name of ["upper", "middle", "lower", "scatter"]) model(name).toolbar.active_drag = null;
     }
     const switches = [...part.querySelectorAll("input[data-part]")];
-    const balances = part.querySelector("[data-role=balance]");
+    const menu = (name) => part.querySelector(`[data-role=${name}]`);
+    const chosen = (name) => menu(name)?.selectedIndex ?? 0;
     const output = part.querySelector("output");
     const number = (k) => (k < 10 ? k.toPrecision(3) : k.toFixed(1)) + " %";
 
     // rms of the residual with some parts switched off: it is the residual with all of them plus those parts
     function error(balance, off) {
+      const rows = [0, ...off.map((name) => balance.parts.indexOf(name) + 1).filter((n) => n > 0)];
       let sum = 0;
-      const rows = [0, ...off.map((n) => n + 1)];
       for (const a of rows) for (const b of rows) sum += balance.products[a][b];
       return (100 * Math.sqrt(Math.max(sum, 0))) / balance.size;
     }
 
     function update() {
-      const k = balances ? balances.selectedIndex : 0;
-      const balance = facts.balances[k];
-      const names = switches.filter((s) => !s.checked).map((s) => s.dataset.part);
-      const off = names.map((name) => balance.parts.indexOf(name)).filter((n) => n >= 0);
-      const data = { ...source.data };
-      data.measured = data["measured" + k];
-      data.predicted = Float32Array.from(data["predicted" + k]);
-      for (const n of off) {
-        const part_of = data[`part${k}_${n}`];
-        for (let i = 0; i < part_of.length; i++) data.predicted[i] -= part_of[i];
-      }
-      data.residual = data.measured.map((value, i) => value - data.predicted[i]);
-      source.data = data;
+      const record = facts.records[chosen("record")];
+      const wanted = facts.records[0].balances[chosen("balance")].name;
+      const balance = record.balances.find((one) => one.name === wanted) ?? record.balances[0];
+      const off = switches.filter((one) => !one.checked).map((one) => one.dataset.part);
+      const measured = floats(balance.measured);
+      const predicted = floats(balance.predicted);
+      for (const name of off) if (Object.hasOwn(balance.parts, name)) floats(balance.parts[name]).forEach((value, i) => (predicted[i] -= value));
+      const residual = measured.map((value, i) => value - predicted[i]);
+      source.data = { t: floats(record.t), measured, predicted, residual, speed: floats(record.over[0]), over: floats(record.over[chosen("coordinate")]) };
       model("upper").left[0].axis_label = `${balance.name} [${balance.unit}]`;
       for (const name of ["middle", "scatter"]) model(name).left[0].axis_label = `residual [${balance.unit}]`;
-      const all = error(balance, []);
-      const none = error(balance, balance.parts.map((_, n) => n));
-      const now = error(balance, off);
-      const widest = 1.05 * Math.max(now, none, all);
-      part.querySelector(".fill").style.width = (100 * now) / widest + "%";
-      part.querySelector(".floor").style.left = (10000 * balance.floor) / widest + "%";
-      const without = off.length ? `without ${off.map((n) => balance.parts[n]).join(", ")}` : "with all effects";
-      output.textContent = `${balance.name} error ${without}: ${number(now)}` +
-        (off.length ? `, ${number(all)} with all effects` : "") + `; noise floor ${number(100 * balance.floor)}`;
+      model("scatter").below[0].axis_label = menu("coordinate").value;
+      meter(balance.name, off);
+    }
+
+    // the error on the fitted record and on those that were held out, as bars and in words
+    function meter(name, off) {
+      const groups = facts.errors.filter((one) => one.balances[name]).map((one) => ({ name: one.name, balance: one.balances[name] }));
+      const here = off.filter((effect) => groups.some((one) => one.balance.parts.includes(effect)));
+      const all = groups.map((one) => error(one.balance, []));
+      const now = groups.map((one) => error(one.balance, here));
+      const widest = 1.05 * Math.max(...now, ...all, ...groups.map((one) => error(one.balance, one.balance.parts)));
+      part.querySelectorAll(".track").forEach((track, k) => {
+        track.querySelector(".fill").style.width = k < now.length ? (100 * now[k]) / widest + "%" : 0;
+        track.querySelector(".floor").style.left = k < now.length ? (10000 * groups[k].balance.floor) / widest + "%" : 0;
+      });
+      const each = (values) => values.map((value, k) => (values.length > 1 ? `${groups[k].name} ` : "") + number(value)).join(", ");
+      output.textContent = `${name} error ${here.length ? `without ${here.join(", ")}` : "with all effects"}: ${each(now)}` +
+        (here.length ? (now.length > 1 ? ` (with all effects: ${each(all)})` : `, ${each(all)} with all effects`) : "") +
+        `; noise floor ${number(100 * groups[0].balance.floor)}`;
+    }
+
+    const ends = () => [facts.records[chosen("record")].start, facts.records[chosen("record")].stop];
+    function enter() {
+      const [start, end] = ends();
+      time.setv({ bounds: null });
+      time.setv({ start, end });
+      time.setv({ bounds: [start, end] });
+      for (const button of part.querySelectorAll("button[data-record]")) button.hidden = +button.dataset.record !== chosen("record");
+      update();
     }
 
     for (const one of switches) one.addEventListener("change", update);
-    if (balances) balances.addEventListener("change", update);
-    part.querySelector("[data-role=coordinate]").addEventListener("change", (event) => {
-      const list = event.target;
-      source.data = { ...source.data, over: source.data["over" + list.selectedIndex] };
-      model("scatter").below[0].axis_label = list.value;
-    });
+    for (const name of ["balance", "coordinate"]) menu(name)?.addEventListener("change", update);
+    menu("record")?.addEventListener("change", enter);
     for (const button of part.querySelectorAll("button[data-start]")) {
       button.addEventListener("click", () => {
+        const whole = ends();
         const [start, stop] = button.dataset.start === "" ? whole : [+button.dataset.start, +button.dataset.stop];
         const room = button.dataset.start === "" ? 0 : 0.5 * (stop - start);
         time.setv({ start: Math.max(whole[0], start - room), end: Math.min(whole[1], stop + room) });
       });
     }
-    update();
+    enter();
     part.dataset.drawn = "yes";
   }
 

@@ -6,25 +6,30 @@ nothing comes from the network, no library is copied into this one. It is import
 
 from __future__ import annotations
 
+import base64
 import importlib.util
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.section import Balance, Traces
+from pmsm_ctrl.section import Traces
 
 __all__ = ["available", "live_html", "scripts", "thinned"]
 
 Array = NDArray[np.float64]
+Records: TypeAlias = Sequence[Traces]
 
 MOST_POINTS = 3000  # drawn of a record: a pixel column of a screen shows no more than its extremes
+FEWEST_POINTS = 200  # of a record where many share a page
+MOST_VALUES = 30_000  # that travel in a page of the fitted record, and of all held-out ones together: 160 kB
+SOURCE = ("t", "measured", "predicted", "residual", "speed", "over")  # columns that are drawn
 HEIGHTS = (210, 150, 140, 240)  # of the panels, px
 BLACK, BLUE, VERMILION, SOFT = "#000000", "#0072B2", "#D55E00", "#4a5768"  # Okabe and Ito, safe for the colour-blind
 
@@ -92,44 +97,106 @@ def live_html(traces: Traces, prefix: str) -> str:
     str
         Hidden until the page's script has drawn it.
     """
+    every = (traces, *traces.held_out)
     item = _document(traces, prefix)
     facts = {
-        "balances": [
-            {"name": b.name, "unit": b.unit, "parts": list(b.parts), "products": b.products.tolist(),
-             "size": b.size, "floor": b.floor}
-            for b in traces.balances
-        ]
-    }  # fmt: skip
-    names = list(dict.fromkeys(name for b in traces.balances for name in b.parts))
+        "records": [_record(one, most) for one, most in zip(every, _points(every), strict=True)],
+        "errors": [_errors("fitted", (traces,)), *([_errors("held out", traces.held_out)] if traces.held_out else [])],
+    }
+    names = list(dict.fromkeys(name for one in every for b in one.balances for name in b.parts))
     switches = "".join(
         f'<label><input type="checkbox" checked data-part="{escape(name)}"> {escape(name)}</label>\n' for name in names
     )
     legend = "Switch an effect off, and see what it explains"
     group = f"<fieldset>\n<legend>{legend}</legend>\n{switches}</fieldset>\n" if names else ""
     jumps = "".join(
-        f'<button type="button" data-start="{start:.6g}" data-stop="{stop:.6g}">'
+        f'<button type="button" data-record="{number}" data-start="{start:.6g}" data-stop="{stop:.6g}">'
         f"{start:.4g} to {stop:.4g} s, {escape(words)}</button>\n"
-        for start, stop, words in traces.stretches
+        for number, one in enumerate(every)
+        for start, stop, words in one.stretches
     )
     where = f'<p class="jumps"><strong>Worst stretches:</strong>\n{jumps}' if jumps else '<p class="jumps">'
+    record = _menu(f"{prefix}-record", "Record", _titles(every), "record") if traces.held_out else ""
     balance = _menu(f"{prefix}-balance", "Balance", [b.name for b in traces.balances], "balance")
     over = _menu(f"{prefix}-over", "Lowest panel: residual over", list(traces.coordinates), "coordinate")
     return (
         f'<div class="live" id="{prefix}" hidden>\n{group}{balance if len(traces.balances) > 1 else ""}'
-        '<div class="meter"><div class="track"><div class="fill"></div><div class="floor"></div></div>\n'
-        f'<output aria-live="polite"></output></div>\n{where}'
+        f'<div class="meter">{"".join(_bar(one["name"], len(facts["errors"]) > 1) for one in facts["errors"])}\n'
+        f'<output aria-live="polite"></output></div>\n{record}{where}'
         '<button type="button" data-start="" data-stop="">Whole record</button></p>\n'
         f'<div class="plots" id="{prefix}-plots" role="group" aria-label="Traces over time: measured and predicted, '
         f'residual, speed; residual over a coordinate"></div>\n{over}'
-        f'<p class="note">{_note(traces)}</p>\n'
+        f'<p class="note">{_note(every)}</p>\n'
         f'<script type="application/json" class="facts">{_json(facts)}</script>\n'
         f'<script type="application/json" class="document">{_json(item)}</script>\n</div>\n'
     )
 
 
-def _note(traces: Traces) -> str:
-    m = len(traces.t)
-    drawn = len(_chosen(traces))
+def _titles(every: Records) -> list[str]:
+    return [f"{one.name or number}, {'held out' if number else 'fitted'}" for number, one in enumerate(every)]
+
+
+def _bar(name: Any, named: bool) -> str:
+    track = '<div class="track"><div class="fill"></div><div class="floor"></div></div>'
+    return f'<div class="bar"><span>{name}</span>{track}</div>' if named else track
+
+
+def _points(every: Records) -> list[int]:
+    """Return how many samples of every record are drawn, so that a page stays below a few megabytes."""
+    columns = [1 + len(one.coordinates) + sum(2 + len(b.parts) for b in one.balances) for one in every]
+    shares = (1, *(len(every) - 1 for _ in every[1:]))
+    return [
+        max(FEWEST_POINTS, min(MOST_POINTS, MOST_VALUES // (count * share)))
+        for count, share in zip(columns, shares, strict=True)
+    ]
+
+
+def _record(traces: Traces, most: int) -> dict[str, Any]:
+    """Return the samples of a record that travel in the page."""
+    keep = _chosen(traces, most)
+    balances = [
+        {"name": b.name, "unit": b.unit, "measured": _floats(b.measured[keep]), "predicted": _floats(b.predicted[keep]),
+         "parts": {name: _floats(values[keep]) for name, values in b.parts.items()}}
+        for b in traces.balances
+    ]  # fmt: skip
+    return {
+        "start": float(traces.t[0]), "stop": float(traces.t[-1]), "t": _floats(traces.t[keep]), "balances": balances,
+        "over": [_floats(values[keep]) for values in traces.coordinates.values()],
+    }  # fmt: skip
+
+
+def _floats(values: Array) -> str:
+    return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode()
+
+
+def _errors(name: str, records: Records) -> dict[str, Any]:
+    """Return what the error of each balance with any parts switched off follows from, over all samples of records."""
+    out: dict[str, Any] = {}
+    for channel in dict.fromkeys(b.name for one in records for b in one.balances):
+        balances = [b for one in records for b in one.balances if b.name == channel]
+        parts = list(dict.fromkeys(part for b in balances for part in b.parts))
+        count = sum(b.count for b in balances)
+        products, square, floor = np.zeros((len(parts) + 1, len(parts) + 1)), 0.0, 0.0
+        for b in balances:
+            places = [0, *(parts.index(part) + 1 for part in b.parts)]
+            products[np.ix_(places, places)] += b.products * (b.count / count)
+            square += b.size**2 * (b.count / count)
+            floor += (b.floor * b.size) ** 2 * (b.count / count)
+        size = float(np.sqrt(square))
+        out[channel] = {
+            "parts": parts, "products": products.tolist(), "size": size,
+            "floor": float(np.sqrt(floor)) / size if size > 0.0 else 0.0,
+        }  # fmt: skip
+    return {"name": name, "balances": out}
+
+
+def _note(every: Records) -> str:
+    drawn, m = (
+        sum(counts) for counts in zip(
+            *((len(_chosen(one, most)), len(one.t)) for one, most in zip(every, _points(every), strict=True)),
+            strict=True,
+        )
+    )  # fmt: skip
     thin = "" if drawn == m else f" {drawn} of {m} samples are drawn, the extremes of each curve among them."
     return (
         f"Drag to zoom, move over a curve for its values.{thin} Errors are computed from all samples. Switched off, an "
@@ -152,12 +219,12 @@ def _json(value: Mapping[str, Any]) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _chosen(traces: Traces) -> NDArray[np.intp]:
+def _chosen(traces: Traces, most: int) -> NDArray[np.intp]:
     curves = []
     for b in traces.balances:
         left = b.measured - b.predicted
         curves += [b.measured, left, left + sum(b.parts.values(), np.zeros_like(left))]
-    return thinned(np.array([*curves, next(iter(traces.coordinates.values()))]))
+    return thinned(np.array([*curves, next(iter(traces.coordinates.values()))]), most)
 
 
 def _document(traces: Traces, prefix: str) -> dict[str, Any]:
@@ -173,26 +240,13 @@ def _document(traces: Traces, prefix: str) -> dict[str, Any]:
     return named
 
 
-def _columns(traces: Traces, keep: NDArray[np.intp]) -> dict[str, Any]:
-    data: dict[str, Array] = {"t": traces.t}
-    for k, b in enumerate(traces.balances):
-        data |= {f"measured{k}": b.measured, f"predicted{k}": b.predicted}
-        data |= {f"part{k}_{n}": values for n, values in enumerate(b.parts.values())}
-    data |= {f"over{k}": values for k, values in enumerate(traces.coordinates.values())}
-    out = {name: np.asarray(values[keep], dtype=np.float32) for name, values in data.items()}
-    first: Balance = traces.balances[0]
-    out["measured"], out["predicted"] = out["measured0"], out["predicted0"]
-    out["residual"] = np.asarray((first.measured - first.predicted)[keep], dtype=np.float32)
-    out["over"] = out["over0"]
-    return out
-
-
 def _panels(traces: Traces, prefix: str) -> Any:
     """Return the linked panels as a Bokeh layout."""
     from bokeh.layouts import column
     from bokeh.models import ColumnDataSource, CrosshairTool, Range1d, Span
 
-    source = ColumnDataSource(_columns(traces, _chosen(traces)), name=f"{prefix}-source")
+    # the page's script puts what is chosen in its place; without any data Bokeh complains of having no ranges
+    source = ColumnDataSource({name: [0.0, 1.0] for name in SOURCE}, name=f"{prefix}-source")
     first, motion = traces.balances[0], next(iter(traces.coordinates))
     time = Range1d(float(traces.t[0]), float(traces.t[-1]), name=f"{prefix}-time")
     time.bounds = (float(traces.t[0]), float(traces.t[-1]))
@@ -211,7 +265,7 @@ def _panels(traces: Traces, prefix: str) -> Any:
     upper.legend.location = "top_left"
     upper.legend.background_fill_alpha = 0.7
     left = middle.line("t", "residual", source=source, color=BLUE, line_width=1.0)
-    moved = lower.line("t", "over0", source=source, color=BLACK, line_width=1.0)
+    moved = lower.line("t", "speed", source=source, color=BLACK, line_width=1.0)
     for panel, drawn in ((upper, measured), (middle, left), (lower, moved)):
         panel.add_tools(CrosshairTool(overlay=cursor), _hover(drawn))
     scatter = _panel(f"residual [{first.unit}]", HEIGHTS[3], None)
@@ -247,4 +301,4 @@ def _hover(drawn: Any) -> Any:
         ("predicted", "@predicted"),
         ("residual", "@residual"),
     ]
-    return HoverTool(renderers=[drawn], tooltips=[*rows, ("speed", "@over0")], mode="vline", line_policy="nearest")
+    return HoverTool(renderers=[drawn], tooltips=[*rows, ("speed", "@speed")], mode="vline", line_policy="nearest")

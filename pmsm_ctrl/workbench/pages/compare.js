@@ -144,11 +144,11 @@ function switches(app, record, busy) {
   return h("div", { class: "added" },
     h("h3", {}, "Added effects"),
     h("ul", { class: "plain" }, names.map((name, k) => h("li", { class: "row" },
-      h("label", {}, h("input", { type: "checkbox", id: `switch-${k}`, checked: !view.off.has(name), disabled: record.held_out || !balance.parts.includes(name), onchange: flip(name) }), " ", h("span", {}, name)),
+      h("label", {}, h("input", { type: "checkbox", id: `switch-${k}`, checked: !view.off.has(name), disabled: !balance.parts.includes(name), onchange: flip(name) }), " ", h("span", {}, name)),
       h("span", { class: "soft grow" }, parameters(app, name)),
       k > 0 ? h("button", { type: "button", class: "plain", disabled: busy, "aria-label": `Add ${name} earlier`, title: "Add earlier", onclick: () => moved(k, -1) }, "↑") : null,
       h("button", { type: "button", class: "plain", disabled: busy, id: `remove-${k}`, "aria-label": `Remove ${name}`, title: "Remove", onclick: () => app.act("steps", { remove: name }) }, "×")))),
-    record.held_out ? h("p", { class: "soft" }, "Effects are switched off on the fitted record.") : off.length
+    off.length
       ? h("p", { class: "soft", role: "status" }, `Without ${off.join(", ")}: ${percent(without(balance, off))}; all other parameters held.`)
       : h("p", { class: "soft" }, "Switch one off to see in the traces what it explains."));
 }

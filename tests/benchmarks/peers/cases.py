@@ -118,8 +118,8 @@ def _ours(case: Case) -> dict[str, Any]:
     own = fit.record.target[0] - fit.residual[0]
     left = None
     if (other := _elsewhere(case, fit.record)) is not None:
-        other, predicted = predicted_elsewhere(case.design, other, fit.accepted, fit)
-        left = relative(other, predicted[0])
+        there = predicted_elsewhere(case.design, other, fit.accepted, fit)
+        left = relative(there.record, there.predicted[0])
     return {
         "named": [step.effect for step in found.steps], "equivalents": [list(step.equivalents) for step in found.steps],
         "verdict": str(found.verdict), "flagged": [d.parameter for d in found.parameter_deviations if d.flagged],

@@ -23,6 +23,11 @@ def begun() -> Stepwise:
     return stepwise(design, log, holdout=other)
 
 
+@pytest.fixture(scope="module")
+def added(begun: Stepwise) -> Stepwise:
+    return begun.add("cogging 24")
+
+
 def error(model: Stepwise) -> tuple[float, float]:
     last = model.models[-1]
     return last.errors["torque"]["relative"], last.holdout["torque"]["relative"]
@@ -47,21 +52,21 @@ def test_what_is_hidden_is_ranked_first_and_brings_the_error_down(begun: Stepwis
     assert not any(one.refusal is None for one in whole.rank())
 
 
-def test_the_spectrum_over_the_turn_shows_the_cogging(begun: Stepwise) -> None:
+def test_the_spectrum_over_the_turn_shows_the_cogging(begun: Stepwise, added: Stepwise) -> None:
     for held_out in (None, 0):
         spectrum = begun.orders(held_out)
         assert spectrum is not None
         amplitude, level = spectrum
         assert amplitude[23] == pytest.approx(COGGING["a_s"], rel=0.05)
         assert amplitude[23] > 3.0 * level[23]
-    without = begun.add("cogging 24").orders()
+    without = added.orders()
     assert without is not None
     assert without[0][23] < without[1][23]
 
 
-def test_a_preview_is_what_adding_takes_from_the_residual(begun: Stepwise) -> None:
+def test_a_preview_is_what_adding_takes_from_the_residual(begun: Stepwise, added: Stepwise) -> None:
     curve, before = begun.preview("cogging 24"), begun.contributions()
-    after = begun.add("cogging 24").contributions()
+    after = added.contributions()
     used = before.used
     taken = (before.residual() - after.residual())[used]
     assert np.corrcoef(curve[used], taken)[0, 1] > 0.97  # the rest is other parameters that were fitted again
@@ -75,10 +80,25 @@ def test_a_preview_is_what_adding_takes_from_the_residual(begun: Stepwise) -> No
 def test_a_held_out_record_has_the_error_of_its_rung(begun: Stepwise) -> None:
     held = begun.held_out(0)["torque"]
     assert held.error() == pytest.approx(begun.models[0].holdout["torque"]["relative"], rel=1e-9)
+    assert held.effects == {}
     assert next(iter(begun.coordinates(0))) == "speed [rad/s]"
     assert all(values.shape == held.t.shape for values in begun.coordinates(0).values())
     with pytest.raises(RequestError, match="held-out record 1: there are 1"):
         begun.held_out(1)
+
+
+def test_a_held_out_record_shows_what_an_effect_contributes_there(added: Stepwise) -> None:
+    parts, over = added.held_out(0)["torque"], added.coordinates(0)
+    (cogging,) = parts.effects.values()
+    assert parts.rest + cogging == pytest.approx(parts.predicted, abs=1e-15)
+    slow = parts.used & (np.abs(over["speed [rad/s]"]) < 1.0)  # the filter of the balances leaves it as it is
+    hidden = COGGING["a_s"] * np.sin(24.0 * over["angle in a turn [rad]"])
+    assert np.sqrt(np.mean((cogging - hidden)[slow] ** 2)) < 0.1 * COGGING["a_s"]
+    independent = np.hypot(parts.error(), np.sqrt(np.mean(cogging[parts.used] ** 2)) / parts.size)
+    assert parts.error(("cogging 24",)) == pytest.approx(independent, rel=0.02)
+    traces = added.traces()
+    assert [list(one.balances[0].parts) for one in (traces, *traces.held_out)] == [["cogging 24"]] * 2
+    assert traces.held_out[0].balances[0].measured == pytest.approx(parts.measured)
 
 
 def test_the_search_is_the_diagnosis_and_can_be_ended(begun: Stepwise) -> None:

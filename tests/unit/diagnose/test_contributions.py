@@ -81,7 +81,8 @@ def test_without_the_effect_the_residual_is_the_effect_and_noise(found: Diagnosi
 def test_a_bristle_contributes_the_lag_of_the_friction() -> None:
     """Source of the law that the test integrates by itself: Dupont et al., IEEE Trans. Automat. Control 47 (2002)."""
     motion = moved(z_s=0.012)
-    result = diagnose(axis(), log_of(motion, motion["torque"], 7), candidates=("presliding",), plan=False)
+    log, other = (log_of(motion, motion["torque"], seed) for seed in (7, 8))
+    result = diagnose(axis(), log, holdout=other, candidates=("presliding",), plan=False)
     assert [step.effect for step in result.steps] == ["presliding"]
     parts = result.contributions()
     (lag,) = parts.effects.values()
@@ -91,6 +92,12 @@ def test_a_bristle_contributes_the_lag_of_the_friction() -> None:
     assert np.corrcoef(lag[used], expected[used])[0, 1] > 0.9
     assert np.std(lag[used]) == pytest.approx(np.std(expected[used]), rel=0.25)
     assert parts.error(tuple(parts.effects)) > 2.0 * parts.error()
+    held = result.held_out(0)["torque"]
+    (lag,) = held.effects.values()
+    assert np.corrcoef(lag[held.used], expected[held.used])[0, 1] > 0.9
+    assert held.error() == pytest.approx(result.steps[-1].holdout_after["torque"]["relative"], rel=1e-9)
+    with pytest.raises(RequestError, match="held-out record 1: there are 1"):
+        result.held_out(1)
 
 
 def test_unknown_names_are_refused(found: Diagnosis) -> None:

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -37,7 +38,39 @@ def traces() -> Traces:
     torque = Balance("torque", "N m", measured, measured - NOISE, PARTS, rows @ rows.T / M, size, 0.012)
     voltage = Balance("u_q", "V", 2.0 * np.cos(T), 2.0 * np.cos(T), {}, np.zeros((1, 1)), 1.4, 0.0)
     coordinates = {"speed [rad/s]": np.cos(T), "acceleration [rad/s²]": -np.sin(T)}
-    return Traces(T, coordinates, (torque, voltage), ((2.0, 3.0, "reversal"), (5.0, 6.0, HOSTILE)))
+    return Traces(T, coordinates, (torque, voltage), ((2.0, 3.0, "reversal"), (5.0, 6.0, HOSTILE)), "a.csv")
+
+
+def with_held_out() -> Traces:
+    """The same with two records that were held out, of other lengths, without voltages."""
+    held = []
+    for number, scale in enumerate((2.0, 3.0)):
+        t, noise, part = 20.0 + T[: M // (number + 1)], scale * NOISE[: M // (number + 1)], scale * PARTS["cogging 24"]
+        part = part[: len(t)]
+        measured = np.sin(t) + part + noise
+        rows = np.array([noise, part])
+        size = float(np.sqrt(np.mean(measured**2)))
+        torque = Balance(
+            "torque",
+            "N m",
+            measured,
+            measured - noise,
+            {"cogging 24": part},
+            rows @ rows.T / len(t),
+            size,
+            0.01,
+            len(t),
+        )
+        coordinates = {"speed [rad/s]": np.cos(t), "acceleration [rad/s²]": -np.sin(t)}
+        held.append(Traces(t, coordinates, (torque,), ((21.0, 22.0, "start"),), f"{HOSTILE}{number}"))
+    return replace(traces(), held_out=tuple(held))
+
+
+def held_out_error(*names: str) -> float:
+    """Rms of what is left over on both held-out records together, in percent of the measured rms."""
+    balances = [one.balances[0] for one in with_held_out().held_out]
+    left = np.concatenate([b.measured - b.predicted + sum(b.parts.get(n, 0.0) for n in names) for b in balances])
+    return float(100.0 * np.sqrt(np.mean(left**2) / np.mean(np.concatenate([b.measured for b in balances]) ** 2)))
 
 
 def error_without(*names: str) -> float:
@@ -52,9 +85,9 @@ def picture() -> Figure:
     return made
 
 
-def page(interactive: bool | None = True) -> str:
+def page(interactive: bool | None = True, shown: Traces | None = None) -> str:
     table = Table(("name", HOSTILE), ((HOSTILE, "1"),), HOSTILE)
-    blocks = (HOSTILE, Notice("doubt", HOSTILE), traces(), table, Picture(picture, f"Second {HOSTILE}"))
+    blocks = (HOSTILE, Notice("doubt", HOSTILE), shown or traces(), table, Picture(picture, f"Second {HOSTILE}"))
     headline = Headline(HOSTILE, HOSTILE, None, ((HOSTILE, HOSTILE),), (Picture(picture, HOSTILE),))
     return render(
         HOSTILE, [Section("First", blocks), Section(HOSTILE, (HOSTILE,))], headline=headline,
@@ -92,7 +125,7 @@ def test_no_script_element_ends_early_and_the_policy_names_both() -> None:
     assert len(found.run) == 2, "Bokeh's and the package's"
     assert not any("alert(1)" in script for script in found.run)
     data = [json.loads(script) for script in found.data]
-    assert data[0]["balances"][0]["parts"] == list(PARTS)
+    assert list(data[0]["records"][0]["balances"][0]["parts"]) == list(PARTS)
     policy = re.search('Content-Security-Policy" content="([^"]*)"', text)
     assert policy is not None
     assert policy[1].count("'sha256-") == 2
@@ -225,3 +258,42 @@ def test_switches_move_the_error_and_the_residual(tmp_path: Path) -> None:
     assert out["over"] == "acceleration [rad/s²]"
     assert out["balance"][0].startswith("u_q error with all effects")
     assert out["balance"][1] == "u_q [V]"
+
+
+RECORDS = STEPS.replace(
+    "  const boxes",
+    """  const press_record = (k) => {
+    const list = part.querySelector("[data-role=record]");
+    list.selectedIndex = k;
+    list.dispatchEvent(new Event("change"));
+    return [rms(get("source").data.residual), get("source").data.t.length, get("time").start, get("time").end,
+      [...part.querySelectorAll("button[data-record]")].filter((one) => !one.hidden).map((one) => +one.dataset.start)];
+  };
+  const width = () => [...part.querySelectorAll(".fill")].map((one) => parseFloat(one.style.width));
+  out.widths = [width()];
+  out.titles = [...part.querySelectorAll("[data-role=record] option")].map((one) => one.textContent);
+  const boxes""",
+).replace("  out.second", "  out.widths.push(width());\n  out.held = [1, 2, 0].map(press_record);\n  out.second")
+
+
+@no_browser
+@pytest.mark.slow
+def test_switches_move_the_error_of_the_held_out_records_as_well(tmp_path: Path) -> None:
+    text = re.sub('<meta http-equiv="Content-Security-Policy"[^>]*>', "", page(shown=with_held_out()))
+    text, console = browsed(text.replace("</body>", RECORDS), tmp_path)
+    assert console == ""
+    title = re.search("<title>([^<]*)</title>", text)
+    assert title is not None
+    out = json.loads(title[1].replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+    assert out["titles"] == ["a.csv, fitted", f"{HOSTILE}0, held out", f"{HOSTILE}1, held out"]
+    fitted, held = (f"{one():.3g}" for one in (error_without, held_out_error))
+    assert out["on"] == f"torque error with all effects: fitted {fitted} %, held out {held} %; noise floor 1.20 %"
+    both = f"fitted {error_without('cogging 24'):.1f} %, held out {held_out_error('cogging 24'):.1f} %"
+    assert f"without cogging 24: {both} (with all effects: fitted {fitted} %, held out {held} %)" in out["off"]
+    assert np.all(np.array(out["widths"][1]) > 5.0 * np.array(out["widths"][0]))
+    for k, one in enumerate(with_held_out().held_out):
+        balance = one.balances[0]
+        left = balance.measured - balance.predicted + balance.parts["cogging 24"]
+        assert out["held"][k][0] == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-3)
+        assert out["held"][k][1:] == [len(one.t), pytest.approx(20.0), pytest.approx(one.t[-1]), [21.0]]
+    assert out["held"][2][0] == pytest.approx(out["second"])
