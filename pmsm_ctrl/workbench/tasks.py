@@ -44,7 +44,7 @@ MOST_BYTES = 1 << 29  # of the arrays of all of them; what was forgotten is comp
 Request = Mapping[str, Any]
 
 _designs: dict[str, Design] = {}
-_logs: OrderedDict[str, tuple[Log, ImportReport]] = OrderedDict()
+_logs: OrderedDict[Path, tuple[str, Log, ImportReport]] = OrderedDict()  # by file: how it was read, and what
 _shown: OrderedDict[str, dict[str, Any]] = OrderedDict()
 _fits: OrderedDict[str, tuple[Stepwise, Diagnosis | None]] = OrderedDict()
 
@@ -131,15 +131,18 @@ def _described(folder: str, entry: Request, design: str) -> tuple[Log, ImportRep
     """Return the whole log and the report on its file."""
     from pmsm_ctrl.importers import describe
 
-    key = _digest([folder, entry["id"], entry["mapping"], design])
-    if key not in _logs:
-        report = describe(Path(folder) / entry["file"], design_of(design), entry["mapping"] or None, name=entry["name"])
+    path, read = Path(folder) / entry["file"], _digest([entry["mapping"], design])
+    if path not in _logs or _logs[path][0] != read:
+        _logs.pop(path, None)
+        report = describe(path, design_of(design), entry["mapping"] or None, name=entry["name"])
         report.log.check_evaluable(3)
-        _logs[key] = (report.log, report)
-        while len(_logs) > 1 and sum(len(log) * len(log.channels) for log, _ in _logs.values()) > MOST_VALUES:
+        for gone in [one for one in _logs if not one.exists()]:  # removed from their session
+            del _logs[gone]
+        _logs[path] = read, report.log, report
+        while len(_logs) > 1 and sum(len(log) * len(log.channels) for _, log, _ in _logs.values()) > MOST_VALUES:
             _logs.popitem(last=False)
-    _logs.move_to_end(key)
-    return _logs[key]
+    _logs.move_to_end(path)
+    return _logs[path][1:]
 
 
 MOST_VALUES = 1.5e8  # of all logs that are kept, 1.2 GB
@@ -385,6 +388,7 @@ def _records(request: Request, model: Stepwise) -> list[dict[str, Any]]:
         for channel, parts in every.items():
             columns = columns or {"t": parts.t, "used": parts.used}
             columns |= {f"{channel}:measured": parts.measured, f"{channel}:predicted": parts.predicted}
+            columns[f"{channel}:residual"] = parts.residual()
             columns |= {f"{channel}:part:{name}": values for name, values in parts.effects.items()}
             balances.append({
                 "name": channel, "unit": parts.unit, "parts": list(parts.effects), "products": parts.products,

@@ -22,6 +22,8 @@ Asked = Mapping[str, str]
 DOTS = 4000  # of a scatter
 BANDS = 40  # of a coordinate, each with its mean
 FEWEST = 20  # samples that a mean is drawn of
+MOST_MEANT = 200_000  # samples that the means are taken of: all of ten million take half a second
+GOLDEN = 0.5 * (5.0**0.5 - 1.0)  # its multiples spread evenly over [0, 1)
 
 
 def channels() -> list[dict[str, Any]]:
@@ -121,15 +123,18 @@ def of_model(session: Session, asked: Asked) -> bytes:
     curves = Curves(session.folder / record["curves"])
     balance, _, off = _residual(curves, record, asked)
     start, stop, bins = _stretch(asked)
+    stored = {
+        "measured": f"{balance}:measured", "predicted": f"{balance}:predicted", "residual": f"{balance}:residual",
+        "speed": f"over:{record['coordinates'][0]}",
+    }  # fmt: skip
+    if not off and stored["residual"] in curves.names:  # a session of an earlier version has not stored it
+        found = curves.view(list(stored.values()), start, stop, bins)
+        return packed({"t": found["t"]} | {name: found[column] for name, column in stored.items()})
     part = curves.within(start, stop)
-    measured = np.asarray(curves[f"{balance}:measured"][part])
-    predicted = np.asarray(curves[f"{balance}:predicted"][part])
+    measured, predicted, speed = (np.asarray(curves[stored[k]][part]) for k in ("measured", "predicted", "speed"))
     for name in off:
         predicted = predicted - curves[f"{balance}:part:{name}"][part]
-    columns = {
-        "measured": measured, "predicted": predicted, "residual": measured - predicted,
-        "speed": np.asarray(curves[f"over:{record['coordinates'][0]}"][part]),
-    }  # fmt: skip
+    columns = {"measured": measured, "predicted": predicted, "residual": measured - predicted, "speed": speed}
     return packed(_thinned(np.asarray(curves.t[part]), columns, bins))
 
 
@@ -165,8 +170,8 @@ def of_scatter(session: Session, asked: Asked) -> bytes:
     curves = Curves(session.folder / record["curves"])
     balance, _, off = _residual(curves, record, asked)
     start, stop, _ = _stretch(asked)
-    part = curves.within(start, stop)
-    used = np.asarray(curves["used"][part]) > 0.5
+    part = _spread_over(curves.within(start, stop))
+    used = curves["used"][part] > 0.5
     over = asked.get("over", record["coordinates"][0])
     x = np.asarray(curves[f"over:{over}"][part], dtype=np.float64)[used]
     y = np.asarray(curves[f"{balance}:measured"][part] - curves[f"{balance}:predicted"][part], dtype=np.float64)
@@ -176,6 +181,21 @@ def of_scatter(session: Session, asked: Asked) -> bytes:
     step = max(1, len(x) // DOTS)
     centres, means = _means(x, y)
     return packed({"x": x[::step], "y": y[::step], "centre": centres, "mean": means})
+
+
+def _spread_over(part: slice) -> slice | NDArray[np.intp]:
+    """Return a stretch, or where it is long one sample of every block of it.
+
+    The place in the block changes from one to the next: at a fixed one a motion that repeats would show some of its
+    positions only.
+    """
+    count = part.stop - part.start
+    if count <= MOST_MEANT:
+        return part
+    blocks = np.arange(MOST_MEANT)
+    places = (blocks + np.mod(GOLDEN * blocks, 1.0)) * (count / MOST_MEANT)
+    chosen: NDArray[np.intp] = part.start + places.astype(np.intp)
+    return chosen
 
 
 def _means(x: Array, y: Array) -> tuple[Array, Array]:
