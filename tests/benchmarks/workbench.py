@@ -53,6 +53,10 @@ class Client:
         answer.read()
         self.base = f"{url.path}{answer.headers['location']}"
 
+    def close(self) -> None:
+        """End the connection."""
+        self._connection.close()
+
     def ask(self, method: str, path: str, body: Any = None) -> bytes:
         """Return the answer to one request."""
         given = json.dumps(body).encode() if isinstance(body, dict) else body
@@ -83,17 +87,17 @@ class Client:
             raise SystemExit(error)
         return state
 
-    def memory(self) -> tuple[float, float]:
-        """Return the largest memory so far, MB, of the server and of the largest of its processes."""
+    def memory(self, kind: str = "VmHWM") -> tuple[float, float]:
+        """Return the memory, MB, of the server and of the largest of its processes; see `memory_of`."""
         found = subprocess.run(["pgrep", "-P", str(self.process)], capture_output=True, text=True, check=False)
-        children = [peak(int(one)) for one in found.stdout.split()]
-        return peak(self.process), max(children, default=0.0)
+        children = [memory_of(int(one), kind) for one in found.stdout.split()]
+        return memory_of(self.process, kind), max(children, default=0.0)
 
 
-def peak(process: int) -> float:
-    """Return the largest resident memory of a process so far, MB."""
+def memory_of(process: int, kind: str = "VmHWM") -> float:
+    """Return the resident memory of a process, MB: the largest so far, or as ``VmRSS`` the present one."""
     lines = Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines()
-    return next(int(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmHWM"))
+    return next(int(line.split()[1]) / 1024.0 for line in lines if line.startswith(kind))
 
 
 @contextmanager
@@ -102,10 +106,18 @@ def served(folder: Path) -> Iterator[Callable[[], Client]]:
     command = [sys.executable, "-m", "pmsm_ctrl", "workbench", "--no-browser", "--folder", str(folder / "sessions")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
+    clients: list[Client] = []
+
+    def session() -> Client:
+        clients.append(Client(address, process.pid))
+        return clients[-1]
+
     try:
         address = process.stdout.readline().split()[1]
-        yield lambda: Client(address, process.pid)
+        yield session
     finally:
+        for one in clients:
+            one.close()
         process.terminate()
         process.wait(30)
         process.stdout.close()

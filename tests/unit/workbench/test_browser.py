@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from tests.axe import violations
+from tests.benchmarks.workbench import memory_of, written
 from tests.unit.workbench.harness import DESIGN, moved
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="SELENIUM ABSENT: pip install 'pmsm-ctrl[dev]'")
@@ -282,3 +283,23 @@ def test_two_tabs_do_not_disturb_each_other(person: Person, server: Server, fold
     assert NAME in person.text("subject")
     assert person.models() == 2
     assert person.errors() == []
+
+
+@pytest.mark.slow
+def test_a_file_of_200_megabytes_is_shown_and_the_server_stays_small(person: Person, tmp_path: Path) -> None:
+    """The browser sends it, the server writes it to disk as it comes, and the session's process reads it."""
+    path = written(tmp_path / "large.csv", 200.0)
+    assert path.stat().st_size > 190e6
+    server = Server(tmp_path / "sessions")
+    try:
+        person.open(server.address)
+        person.press("use-example")
+        person.until(lambda: person.element("log-file").is_displayed(), "step 2")
+        before = memory_of(server.process.pid)
+        person.element("log-file").send_keys(str(path))
+        tiles = "return [...document.querySelectorAll('article.log .tile path, article.log .tile polyline')].length"
+        person.until(lambda: person.do(tiles) >= 3, "the traces")
+        assert memory_of(server.process.pid) - before < 60.0
+        assert person.errors() == []
+    finally:
+        server.close()
