@@ -392,7 +392,7 @@ def _records(request: Request, model: Stepwise) -> list[dict[str, Any]]:
             columns |= {f"{channel}:part:{name}": values for name, values in parts.effects.items()}
             balances.append({
                 "name": channel, "unit": parts.unit, "parts": list(parts.effects), "products": parts.products,
-                "size": parts.size,
+                "size": parts.size, "count": int(parts.used.sum()),
             })  # fmt: skip
         columns |= {f"over:{label}": values for label, values in over.items()}
         curves = f"model-{key}-{'fit' if number is None else number}"

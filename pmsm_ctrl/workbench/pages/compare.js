@@ -99,10 +99,13 @@ function errorsByModel(app, record) {
   const balance = view.balance;
   const held = model.models.some((one) => Object.keys(one.holdout).length);
   const floor = model.floor?.[balance] ?? Infinity;
-  const most = Math.max(...model.models.map((one) => Math.max(error(one.errors, balance), held ? error(one.holdout, balance) || 0 : 0)));
+  const off = model.names.filter((name) => view.off.has(name));
+  const [own, others] = [false, true].map((which) => without(model.records.filter((one) => one.held_out === which), balance, off));
+  const most = Math.max(...(off.length ? [own, others || 0] : []), ...model.models.map((one) => Math.max(error(one.errors, balance), held ? error(one.holdout, balance) || 0 : 0)));
   const bar = (kind, share) => h("span", { class: `meter ${kind}` }, h("span", { class: "track" }, h("i", { style: { width: `${Math.min(100, (100 * share) / most)}%` } }), floor < most ? h("u", { style: { left: `${(100 * floor) / most}%` } }) : null), h("em", {}, percent(share)));
   const searching = job?.kind === "find";
   const shown = searching ? [model.models[0], ...(job.models || [])] : model.models;
+  const apart = off.length && !searching ? h("li", { class: "live", id: "without" }, h("span", { class: "name" }, `Without ${off.join(", ")}`, h("small", {}, "all other parameters held")), bar("fitted", own), held && others ? bar("held", others) : null) : null;
   const models = shown.map((one) => h("li", { class: searching ? "live" : null }, h("span", { class: "name" }, words(model, one.name)), bar("fitted", error(one.errors, balance)), held ? bar("held", error(one.holdout, balance)) : null));
   const busy = !!job;
   const last = shown.at(-1);
@@ -110,13 +113,13 @@ function errorsByModel(app, record) {
     h("h2", {}, "Error of each model"),
     h("p", { class: "soft legend" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", floor < most ? [h("span", { class: "key floor" }), `noise floor ${percent(floor)}`] : null, `. Rms of measured − predicted, relative to measured: ${balance}`),
     model.verdict && !searching ? h("p", { class: "verdict", id: "verdict" }, model.verdict.text, model.verdict.reasons.map((text) => `: ${text}`), ".") : null,
-    h("ol", { class: "models", id: "models" }, models),
+    h("ol", { class: "models", id: "models" }, models, apart),
     h("p", { class: "row" },
       h("button", { type: "button", id: "find", class: "main", disabled: busy, onclick: () => app.act("steps", { find: true }) }, "Find all"),
       h("button", { type: "button", id: "undo", disabled: busy || !app.state.steps.length, onclick: () => app.act("steps", { undo: true }) }, "Undo"),
       h("button", { type: "button", disabled: busy, onclick: () => app.go("take"), id: "to-take" }, "Take away")),
     model.names.length ? switches(app, record, busy) : null,
-    h("p", { class: "hidden", role: "status" }, `Error ${percent(error(last.errors, balance))}`),
+    h("p", { class: "hidden", role: "status" }, apart ? `Without ${off.join(", ")}: error ${percent(own)}${held && others ? `, held out ${percent(others)}` : ""}` : `Error ${percent(error(last.errors, balance))}`),
   ];
 }
 
@@ -140,7 +143,6 @@ function switches(app, record, busy) {
     [order[k], order[k + by]] = [order[k + by], order[k]];
     app.act("steps", { order });
   };
-  const off = balance.parts.filter((name) => view.off.has(name));
   return h("div", { class: "added" },
     h("h3", {}, "Added effects"),
     h("ul", { class: "plain" }, names.map((name, k) => h("li", { class: "row" },
@@ -148,17 +150,18 @@ function switches(app, record, busy) {
       h("span", { class: "soft grow" }, parameters(app, name)),
       k > 0 ? h("button", { type: "button", class: "plain", disabled: busy, "aria-label": `Add ${name} earlier`, title: "Add earlier", onclick: () => moved(k, -1) }, "↑") : null,
       h("button", { type: "button", class: "plain", disabled: busy, id: `remove-${k}`, "aria-label": `Remove ${name}`, title: "Remove", onclick: () => app.act("steps", { remove: name }) }, "×")))),
-    off.length
-      ? h("p", { class: "soft", role: "status" }, `Without ${off.join(", ")}: ${percent(without(balance, off))}; all other parameters held.`)
-      : h("p", { class: "soft" }, "Switch one off to see in the traces what it explains."));
+    h("p", { class: "soft" }, "Switch one off to see in the traces, fitted or held out, what it explains; the error without it stands below the models."));
 }
 
-// The residual without some parts is the residual with all of them plus those parts.
-function without(balance, off) {
-  const rows = [0, ...off.map((name) => balance.parts.indexOf(name) + 1)];
-  let sum = 0;
-  for (const a of rows) for (const b of rows) sum += balance.products[a][b];
-  return Math.sqrt(Math.max(sum, 0)) / balance.size;
+// The error of some records together without some effects; the residual is then the residual with all plus those parts.
+function without(records, name, off) {
+  let [left, whole] = [0, 0];
+  for (const balance of records.map((one) => one.balances.find((each) => each.name === name)).filter(Boolean)) {
+    const rows = [0, ...off.map((part) => balance.parts.indexOf(part) + 1).filter((n) => n > 0)];
+    for (const a of rows) for (const b of rows) left += (balance.count ?? 1) * balance.products[a][b];
+    whole += (balance.count ?? 1) * balance.size ** 2;
+  }
+  return whole ? Math.sqrt(Math.max(left, 0) / whole) : NaN;
 }
 
 function parameters(app, name) {

@@ -111,7 +111,11 @@ class Person:
         self.until(lambda: self.do(quiet) and self.element("status").get_attribute("hidden") is not None, "quiet")
 
     def models(self) -> int:
-        return int(self.do("return document.querySelectorAll('#models li').length"))
+        return int(self.do("return document.querySelectorAll('#models li:not(#without)').length"))
+
+    def errors_of(self, row: str) -> list[float]:
+        words = self.do("return [...document.querySelectorAll(`${arguments[0]} em`)].map((e) => e.textContent)", row)
+        return [float(word.removesuffix(" %")) for word in words]
 
     def errors(self) -> list[str]:
         return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]
@@ -172,6 +176,17 @@ def test_a_stranger_finds_the_missing_effect(person: Person, server: Server, fol
     person.do("document.querySelector('.zoom button').click()")
     person.until(lambda: person.do(drawn) > before, "the zoom")
     assert violations(person.driver) == []
+    for record in (0, 1):  # the fitted one, and the one that was held out
+        person.do("const r = document.getElementById('record'); r.selectedIndex = arguments[0];"
+                  "r.dispatchEvent(new Event('change', { bubbles: true }))", record)  # fmt: skip
+        with_all, before = person.errors_of("#models li:last-child"), person.do(drawn)
+        person.press("switch-0")
+        without = person.errors_of("#without")
+        assert len(without) == len(with_all) == 2, "fitted and held out"
+        assert all(off > 1.2 * on for off, on in zip(without, with_all, strict=True))
+        person.until(lambda before=before: person.do(drawn) > before, "the residual without the effect")
+        person.press("switch-0")
+        assert not person.errors_of("#without")
     person.press("to-take")
     assert "drag" in person.text("take")
     person.driver.refresh()  # nothing is lost
