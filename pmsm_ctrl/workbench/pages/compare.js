@@ -105,7 +105,7 @@ function errorsByModel(app, record) {
   const bar = (kind, share) => h("span", { class: `meter ${kind}` }, h("span", { class: "track" }, h("i", { style: { width: `${Math.min(100, (100 * share) / most)}%` } }), floor < most ? h("u", { style: { left: `${(100 * floor) / most}%` } }) : null), h("em", {}, percent(share)));
   const searching = job?.kind === "find";
   const shown = searching ? [model.models[0], ...(job.models || [])] : model.models;
-  const apart = off.length && !searching ? h("li", { class: "live", id: "without" }, h("span", { class: "name" }, `Without ${off.join(", ")}`, h("small", {}, "all other parameters held")), bar("fitted", own), held && others ? bar("held", others) : null) : null;
+  const apart = off.length && !searching ? h("li", { class: "apart", id: "without" }, h("span", { class: "name" }, `Without ${off.join(", ")}`, h("small", {}, "all other parameters held")), bar("fitted", own), held && others ? bar("held", others) : null) : null;
   const models = shown.map((one) => h("li", { class: searching ? "live" : null }, h("span", { class: "name" }, words(model, one.name)), bar("fitted", error(one.errors, balance)), held ? bar("held", error(one.holdout, balance)) : null));
   const busy = !!job;
   const last = shown.at(-1);

@@ -318,3 +318,35 @@ def test_a_file_of_200_megabytes_is_shown_and_the_server_stays_small(person: Per
         assert person.errors() == []
     finally:
         server.close()
+
+
+@pytest.mark.slow
+def test_emps_after_a_file_that_is_no_log(
+    person: Person, server: Server, tmp_path: Path, measured: Callable[[str], Path]
+) -> None:
+    """The measured axis, from its two files."""
+    logs = [measured(f"emps/{name}.mat") for name in ("DATA_EMPS", "DATA_EMPS_PULSES")]
+    bad = tmp_path / "notes.csv"
+    bad.write_text("these are\nno numbers, at all\n", encoding="utf-8")
+    person.open(server.address)
+    person.do("document.querySelector('#example').value = 'emps'")
+    person.press("use-example")
+    person.until(lambda: person.element("log-file").is_displayed(), "step 2")
+    person.element("log-file").send_keys(str(bad))
+    person.until(
+        lambda: person.do("return document.querySelectorAll('article.log .complaint').length") == 1, "the error"
+    )
+    assert not person.element("to-compare").is_enabled()
+    person.do("[...document.querySelectorAll('article.log button')].find((b) => b.textContent === 'Remove').click()")
+    person.until(lambda: person.do("return document.querySelectorAll('article.log').length") == 0, "no log")
+    person.element("log-file").send_keys("\n".join(map(str, logs)))
+    person.until(lambda: person.do("return document.querySelectorAll('article.log .tile').length >= 6"), "two logs")
+    person.idle()
+    person.press("to-compare")
+    person.until(lambda: person.models() == 1, "the base parameters")
+    person.press("find")
+    person.until(lambda: "missing effect" in person.text("verdict"), "the search")
+    assert "viscous" in person.text("verdict").lower()
+    errors = [person.errors_of(f"#models li:nth-child({k})") for k in (1, person.models())]
+    assert all(after < 0.7 * before for before, after in zip(*errors, strict=True)), "fitted and held out"
+    assert person.errors() == []
