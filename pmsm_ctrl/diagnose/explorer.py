@@ -109,7 +109,7 @@ def _traces(record: Record, balances: tuple[Balance, ...], residual: Array, name
 
 
 def coordinates_of(record: Record) -> dict[str, Array]:
-    """Return what a residual can be drawn over, by label: speed, position, acceleration, measured drive, direction.
+    """Return what a residual can be drawn over, by label: speed, position, acceleration, and what was measured.
 
     Parameters
     ----------
@@ -127,7 +127,6 @@ def coordinates_of(record: Record) -> dict[str, Array]:
         "position [m]" if linear else "angle in a turn [rad]": theta if linear else np.mod(theta, 2.0 * np.pi),
         f"acceleration [{'m/s²' if linear else 'rad/s²'}]": alpha,
         f"measured {record.drive} [{record.unit('torque')}]": record.target[0],
-        "direction of motion": np.sign(omega),
     }
 
 

@@ -38,7 +38,9 @@
       const predicted = floats(balance.predicted);
       for (const name of off) if (Object.hasOwn(balance.parts, name)) floats(balance.parts[name]).forEach((value, i) => (predicted[i] -= value));
       const residual = measured.map((value, i) => value - predicted[i]);
-      source.data = { t: floats(record.t), measured, predicted, residual, speed: floats(record.over[0]), over: floats(record.over[chosen("coordinate")]) };
+      const speed = floats(record.over[0]);
+      const direction = Array.from(speed, (value) => (value < 0 ? "#D55E00" : "#0072B2"));
+      source.data = { t: floats(record.t), measured, predicted, residual, speed, direction, over: floats(record.over[chosen("coordinate")]) };
       model("upper").left[0].axis_label = `${balance.name} [${balance.unit}]`;
       for (const name of ["middle", "scatter"]) model(name).left[0].axis_label = `residual [${balance.unit}]`;
       model("scatter").below[0].axis_label = menu("coordinate").value;

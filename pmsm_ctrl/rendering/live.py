@@ -28,7 +28,7 @@ Records: TypeAlias = Sequence[Traces]
 
 MOST_POINTS = 3000  # drawn of a record: a pixel column of a screen shows no more than its extremes
 FEWEST_POINTS = 200  # of a record where many share a page
-MOST_VALUES = 30_000  # that travel in a page of the fitted record, and of all held-out ones together: 160 kB
+MOST_VALUES = 24_000  # that travel in a page of the fitted record, and of all held-out ones together: 130 kB
 SOURCE = ("t", "measured", "predicted", "residual", "speed", "over")  # columns that are drawn
 HEIGHTS = (210, 150, 140, 240)  # of the panels, px
 BLACK, BLUE, VERMILION, SOFT = "#000000", "#0072B2", "#D55E00", "#4a5768"  # Okabe and Ito, safe for the colour-blind
@@ -118,7 +118,12 @@ def live_html(traces: Traces, prefix: str) -> str:
     where = f'<p class="jumps"><strong>Worst stretches:</strong>\n{jumps}' if jumps else '<p class="jumps">'
     record = _menu(f"{prefix}-record", "Record", _titles(every), "record") if traces.held_out else ""
     balance = _menu(f"{prefix}-balance", "Balance", [b.name for b in traces.balances], "balance")
-    over = _menu(f"{prefix}-over", "Lowest panel: residual over", list(traces.coordinates), "coordinate")
+    over = _menu(
+        f"{prefix}-over",
+        "Lowest panel: residual, blue forward and orange backward, over",
+        list(traces.coordinates),
+        "coordinate",
+    )
     return (
         f'<div class="live" id="{prefix}" hidden>\n{group}{balance if len(traces.balances) > 1 else ""}'
         f'<div class="meter">{"".join(_bar(one["name"], len(facts["errors"]) > 1) for one in facts["errors"])}\n'
@@ -246,7 +251,8 @@ def _panels(traces: Traces, prefix: str) -> Any:
     from bokeh.models import ColumnDataSource, CrosshairTool, Range1d, Span
 
     # the page's script puts what is chosen in its place; without any data Bokeh complains of having no ranges
-    source = ColumnDataSource({name: [0.0, 1.0] for name in SOURCE}, name=f"{prefix}-source")
+    begun: dict[str, Any] = {name: [0.0, 1.0] for name in SOURCE} | {"direction": [BLUE, VERMILION]}
+    source = ColumnDataSource(begun, name=f"{prefix}-source")
     first, motion = traces.balances[0], next(iter(traces.coordinates))
     time = Range1d(float(traces.t[0]), float(traces.t[-1]), name=f"{prefix}-time")
     time.bounds = (float(traces.t[0]), float(traces.t[-1]))
@@ -271,7 +277,7 @@ def _panels(traces: Traces, prefix: str) -> Any:
     scatter = _panel(f"residual [{first.unit}]", HEIGHTS[3], None)
     scatter.name = f"{prefix}-scatter"
     scatter.xaxis.axis_label = motion
-    scatter.scatter("over", "residual", source=source, size=3, color=BLUE, alpha=0.35, line_color=None)
+    scatter.scatter("over", "residual", source=source, size=3, color="direction", alpha=0.35, line_color=None)
     return column(upper, middle, lower, scatter, sizing_mode="stretch_width")
 
 

@@ -229,7 +229,8 @@ def _facts(design: Design, logs: tuple[Sequence[Log], Sequence[Log]], seed: int 
     for name, log in named:
         if log.provenance.file:
             facts[name] = log.provenance.file
-            facts[f"{name}, SHA-256"] = log.provenance.sha256
+            if log.provenance.sha256:  # none of a log that was simulated
+                facts[f"{name}, SHA-256"] = log.provenance.sha256
         for k, note in enumerate(log.provenance.notes, start=1):
             facts[f"{name}, note {k}"] = note
     if seed is not None:
