@@ -186,7 +186,7 @@ class Bench:
         """
         n, periods, lines = len(signal.samples), signal.periods, signal.lines
         if name == "current":
-            return self._current_loop(signal, self._excited(signal, "i_q_add", amplitude, 1))
+            return self._current_loop(signal, amplitude)
         divider = self.design.drive.speed_divider
         if name == "speed":
             log = self._excited(signal, "i_q_add", amplitude, divider)
@@ -210,8 +210,12 @@ class Bench:
         # The position controller is the number K_v.
         return signal.frequencies, np.asarray(loops.position.K_v * found / (amplitude * signal.spectrum))
 
-    def _current_loop(self, signal: Multisine, log: Log) -> tuple[Array, Complex]:
-        """Evaluate the current loop also at the images of the reference, which changes at the speed loop's rate."""
+    def _current_loop(self, signal: Multisine, amplitude: float) -> tuple[Array, Complex]:
+        """Measure the current loop also at the images of the reference, which changes at the speed loop's rate.
+
+        The signal runs with either sign. In half the difference the products of speed and current, which fold lines
+        onto other lines, cancel. The periods are shared between the two, which have noise of their own.
+        """
         n, divider = len(signal.samples), self.design.drive.speed_divider
         total = n * divider
         images = [signal.lines]
@@ -220,8 +224,12 @@ class Bench:
         lines = np.unique(np.concatenate(images))
         lines = lines[(lines > 0) & (lines < total // 2)]
         lines = lines[_held(lines / n, divider) > FAINT]
+        half = replace(signal, periods=signal.periods // 2)
+        there = self._excited(half, "i_q_add", amplitude, 1)
+        back = replace(self, seed=self.seed + 1)._excited(half, "i_q_add", -amplitude, 1)
         current, reference = (
-            np.fft.rfft(_mean_period(log[name], total, signal.periods))[lines] / total for name in ("i_q", "i_q_ref")
+            np.fft.rfft(_mean_period(0.5 * (there[name] - back[name]), total, half.periods))[lines] / total
+            for name in ("i_q", "i_q_ref")
         )
         return lines / (n * signal.period), np.asarray(current / (reference - current))
 

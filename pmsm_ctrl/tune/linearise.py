@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import control as ct
@@ -25,7 +25,7 @@ from pmsm_ctrl.simulate.parameters import Plant
 
 __all__ = [
     "INPUTS", "STATES", "Linearisation", "OperatingPoint", "drive_system", "friction_slope", "linearise", "mobility",
-    "operating_point", "rigid", "second_mass", "with_second_mass",
+    "operating_point", "passed_through", "rigid", "second_mass", "with_second_mass",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -237,14 +237,46 @@ def linearise(
         When the operating point needs more current or voltage than the drive has.
     """
     point = operating_point(design, speed, load)
-    derivative = _derivative(design, _direction(speed))
     x, u = np.array([point.i_d, point.i_q, speed, 0.0]), np.array([point.u_d, point.u_q, load])
-    steps = np.diag(np.array(STEPS) * [1.0, 1.0, max(1.0, abs(speed)), 1.0])
-    A = np.column_stack([(derivative(x + h, u) - derivative(x - h, u)) / (2.0 * h.sum()) for h in steps])
-    B = np.column_stack([0.5 * (derivative(x, u + h) - derivative(x, u - h)) for h in np.eye(3)])
+    A, B = _jacobian(_derivative(design, _direction(speed)), x, u)
     if point.case == "stuck":
         A[2:], B[2:] = 0.0, 0.0
     return _with_second_mass(design, Linearisation(point, A, B), mass or second_mass(design))
+
+
+def _jacobian(derivative: Derivative, x: Array, u: Array) -> tuple[Array, Array]:
+    """Return the derivatives with respect to states and inputs by central differences."""
+    steps = np.diag(np.array(STEPS) * [1.0, 1.0, max(1.0, abs(x[2])), 1.0])
+    A = np.column_stack([(derivative(x + h, u) - derivative(x - h, u)) / (2.0 * h.sum()) for h in steps])
+    B = np.column_stack([0.5 * (derivative(x, u + h) - derivative(x, u - h)) for h in np.eye(3)])
+    return A, B
+
+
+def passed_through(design: Design, model: Linearisation, speed: float, i_q: float) -> Linearisation:
+    """Return a model whose products of speed and currents are those at a point of a motion.
+
+    Friction and spring stay as they are. No limit is looked at.
+
+    Parameters
+    ----------
+    design : Design
+        Whose model it is.
+    model : Linearisation
+    speed, i_q : float
+        rad/s and A.
+
+    Returns
+    -------
+    Linearisation
+        Its point has no voltages.
+    """
+    x = np.array([0.0, i_q, speed, 0.0])
+    bare, _ = _jacobian(_derivative(design.replace_effects(()), 0.0), x, np.zeros(3))
+    A = model.A.copy()
+    A[:2, :4] = bare[:2]
+    A[2, 0] = bare[2, 0] / bare[2, 1] * A[2, 1]  # of a share of the inertia, with a second mass
+    point = replace(model.point, speed=speed, i_d=0.0, i_q=i_q, u_d=math.nan, u_q=math.nan)
+    return replace(model, A=A, point=point)
 
 
 def second_mass(design: Design) -> SecondMass | None:

@@ -12,7 +12,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +32,7 @@ LONGEST_RAMP = 0.5  # s; slower axes move below their full speed
 SLOWER = 1.0 / 3.0  # of the speed, at which a promise that failed is checked again
 SLOW_TURN = 0.1  # rad (electrical) per control period, more than which the rotor does not turn at the lower speed
 REST = 0.3  # s after a move
+SPEEDS = 9  # from rest to full speed, at which the linear cascade is set up; between them its map is interpolated
 WINDOW_COUNTS, WINDOW_SHARE = 10.0, 1e-4  # settled: within counts of the encoder, or a share of the move without one
 ROUNDING = 1e-6  # rad; below this a peak is not compared
 
@@ -180,26 +180,66 @@ def _pair(cascade: Cascade, plant: Design, profile: str, seed: int, share: float
         run, met = _simulated(design, truth, motion, seed)
         runs.append(_judged(*run, motion, distance, window))
         limited = limited or (truth is bare and met)
-    t: Array = cascade.period * np.arange(math.ceil(motion.duration / cascade.period), dtype=np.float64)
     linear = Cascade.of(
         smooth(cascade.design), cascade.current, cascade.speed, cascade.position, at=cascade.model.point.speed
     )
     promises = [
-        _judged(*_promised(model, motion, t, load), motion, distance, window)
+        _judged(*_promised(model, motion, load), motion, distance, window)
         for model, load in ((cascade, friction_load(design)), (linear, 0.0))
     ]
     return MovePair(profile, distance, speed, window, promises[0], runs[0], promises[1], runs[1], limited)
 
 
-def _promised(cascade: Cascade, motion: Scenario, t: Array, load: float) -> tuple[Array, Array, Array]:
-    """Return time, reference and angle of the linear cascade, friction as a load of the reference's direction."""
+def _promised(cascade: Cascade, motion: Scenario, load: float) -> tuple[Array, Array, Array]:
+    """Return time, reference and angle of the linear cascade until the move back begins.
+
+    Friction is a load of the reference's direction. The products of speed and currents, and the turn of the rotor under
+    the held voltage, are linear about the reference's speed and the current that it takes.
+    """
     assert cascade.position is not None
-    design, inputs = cascade.design, motion.inputs(t)
+    design, (_, back, _) = cascade.design, motion.segments[1]
+    t: Array = cascade.period * np.arange(math.ceil(back / cascade.period), dtype=np.float64)
+    reference, speed, acceleration = motion.inputs(t)[:, :3].T
     inertia = cascade.position.acceleration_feedforward * (design.assumed.J or design.J) / design.K_t_assumed
-    driven = np.array([inputs[:, 0], inputs[:, 1], inertia * inputs[:, 2], load * np.sign(inputs[:, 1])])
-    system = cascade.system(("theta_ref", "omega_ref", "i_q_add", "T_load"), ("theta",))
-    out = ct.forced_response(system, T=t, inputs=driven)
-    return t, inputs[:, 0], np.asarray(out.outputs, dtype=np.float64).reshape(-1)
+    opposing = load * np.sign(speed)
+    driven = np.column_stack([reference, speed, inertia * acceleration, opposing, speed])
+    plant = cascade.truth
+    current = (plant.J * acceleration + cascade.model.point.friction_slope * speed + opposing) / plant.K_t
+    return t, reference, _along(cascade, driven, speed, current)
+
+
+def _along(cascade: Cascade, driven: Array, speed: Array, current: Array) -> Array:
+    """Return the angle of a cascade whose map goes with speed and current, by interpolation between some of both."""
+    names = ("theta_ref", "omega_ref", "i_q_add", "T_load", "omega_point")
+    top, most = float(speed.max()), float(np.abs(current).max())
+    systems = [
+        cascade.moving(at, i_q).system(names, ("theta",))
+        for at in np.linspace(0.0, top, SPEEDS)
+        for i_q in (-most, most)
+    ]
+    A, B = (np.array([getattr(system, name) for system in systems]) for name in "AB")
+    place = np.clip(speed / top, 0.0, 1.0) * (SPEEDS - 1)
+    lower = np.minimum(place.astype(np.intp), SPEEDS - 2)
+    faster, more = place - lower, 0.5 * (1.0 + current / most)
+    shares = np.column_stack([
+        (1.0 - faster) * (1.0 - more), (1.0 - faster) * more, faster * (1.0 - more), faster * more
+    ])  # fmt: skip
+    return _carried(A, B, systems[0].C[0], driven, 2 * lower, shares)
+
+
+def _carried(A: Array, B: Array, C: Array, driven: Array, first: NDArray[np.intp], shares: Array) -> Array:
+    """Return the output of a system that is the weighted sum of four systems in a row, from rest."""
+    n, pushed = A.shape[1], np.zeros((len(driven), A.shape[1]))
+    for k in np.unique(first):
+        seen = first == k
+        for j in range(4):
+            pushed[seen] += shares[seen, j, None] * (driven[seen] @ B[k + j].T)
+    stacked = [A[k : k + 4].reshape(4 * n, n) for k in range(len(A) - 3)]
+    state, out = np.zeros(n), np.empty(len(driven))
+    for k, (at, share, push) in enumerate(zip(first.tolist(), shares, pushed, strict=True)):
+        out[k] = C @ state
+        state = share @ (stacked[at] @ state).reshape(4, n) + push
+    return out
 
 
 def _simulated(design: Design, plant: Design, motion: Scenario, seed: int) -> tuple[tuple[Array, Array, Array], bool]:

@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from pmsm_ctrl.design import CurrentLoop, Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.simulate.motions import Limits
 from pmsm_ctrl.simulate.parameters import Plant
+from pmsm_ctrl.tune.held import held_period
 
 __all__ = ["RESERVE", "highest_stable_speed", "reachable", "steady_voltage"]
 
@@ -109,17 +109,9 @@ def _need(design: Design, current: CurrentLoop, limits: Limits, jumps: bool) -> 
 
 
 def _period(m: Plant, omega_e: float, turning: float) -> tuple[Array, Array]:
-    """Return what one control period makes of the currents, and of a voltage that turns back at a rate (rad/s).
-
-    The held voltage rests in the stator, so that it turns back at the rotor's electrical speed, from half a period
-    ahead, to which the controller turns it. The EMF does not turn.
-    """
+    """Return what one control period makes of the currents, and of a voltage that turns back at a rate (rad/s)."""
     winding = np.array([[-m.R / m.L_d, omega_e * m.L_q / m.L_d], [-omega_e * m.L_d / m.L_q, -m.R / m.L_q]])
-    back = np.array([[0.0, turning], [-turning, 0.0]])
-    driven, half = np.diag([1.0 / m.L_d, 1.0 / m.L_q]), 0.5 * turning * m.period
-    found = expm(np.block([[winding, driven], [np.zeros((2, 2)), back]]) * m.period)
-    ahead = np.array([[math.cos(half), -math.sin(half)], [math.sin(half), math.cos(half)]])
-    return found[:2, :2], found[:2, 2:] @ ahead
+    return held_period(winding, np.diag([1.0 / m.L_d, 1.0 / m.L_q]), turning, m.period)
 
 
 def steady_voltage(design: Design, speed: float, i_q: float) -> tuple[float, float]:

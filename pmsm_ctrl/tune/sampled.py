@@ -4,7 +4,8 @@ One pass of the cascade over a speed period is a linear map. It is written here 
 computes it (`pmsm_ctrl.kernels.drive_template`) and turned into matrices by applying it to the unit vectors, so that
 the discrete controller with its real delays is analysed, not a continuous approximation.
 
-Second-order effects are left out: quantisation, limits, and the rotation of the held voltage within one period.
+The held voltage rests in the stator while the rotor turns, at the speed of the operating point and away from it.
+Second-order effects are left out: quantisation and limits.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from pmsm_ctrl.design import CurrentLoop, Design, Filter, PositionLoop, SpeedLoo
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.sampling import smoothing
 from pmsm_ctrl.simulate.parameters import Plant
-from pmsm_ctrl.tune.linearise import Linearisation, linearise
+from pmsm_ctrl.tune.held import held_period
+from pmsm_ctrl.tune.linearise import STATES, Linearisation, linearise, passed_through
+from pmsm_ctrl.tune.reach import steady_voltage
 
 __all__ = ["FAINT", "Cascade", "current_loop", "filters", "frequencies", "pi", "speed_plant"]
 
@@ -32,7 +35,9 @@ Complex = NDArray[np.complex128]
 
 FAINT = 1.0 / 6.0  # share of a held reference below which its images are too weak for a measurement
 
-INPUTS = ("omega_ref", "theta_ref", "i_q_add", "T_load", "angle_noise", "i_q_ref")
+# The states are deviations from the operating point, or, by `Cascade.moving`, the states themselves; then the speed of
+# the point is an input too.
+INPUTS = ("omega_ref", "theta_ref", "i_q_add", "T_load", "angle_noise", "i_q_ref", "omega_point")
 OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load")
 
 
@@ -118,6 +123,19 @@ class Cascade:
         """Return a copy with other controllers: `current`, `speed` or `position`."""
         return replace(self, **changed)
 
+    def moving(self, speed: float, i_q: float) -> Cascade:
+        """Return the cascade for a motion through a point: its states are the drive's own, not deviations.
+
+        The products of speed and currents, and the turn of the rotor away from the held voltage, are linear about this
+        point. Its speed is an input as well, ``omega_point``. Friction and spring stay as they are.
+
+        Parameters
+        ----------
+        speed, i_q : float
+            rad/s and A.
+        """
+        return replace(self, model=passed_through(self.truth, self.model, speed, i_q))
+
     @property
     def period(self) -> float:
         """Period of the speed loop in s."""
@@ -151,16 +169,25 @@ class Cascade:
         return len(self.model.states)
 
     def _size(self) -> int:
-        # plant; theta; pending u_d, u_q; I_d, I_q; travel; omega_hat; last angle noise; I_s; filtered reference; two of
-        # every filter
-        return self._first + 10 + 2 * (len(self.speed.filters) if self.speed is not None else 0)
+        # plant; theta; pending u_d, u_q and their angle ahead of the rotor; I_d, I_q; travel; omega_hat; last angle
+        # noise; I_s; filtered reference; two of every filter
+        return self._first + 11 + 2 * (len(self.speed.filters) if self.speed is not None else 0)
 
     @cached_property
     def _discrete(self) -> tuple[Array, Array]:
-        T = 1.0 / self.design.drive.f_control
-        n = len(self.model.states)
-        zoh = ct.c2d(ct.ss(self.model.A, self.model.B, np.eye(n), np.zeros((n, 3))), T, "zoh")
-        return np.asarray(zoh.A), np.asarray(zoh.B)
+        """Map of a control period for the plant's states and the angle of the held voltage ahead of the rotor.
+
+        The angle is counted from the one at constant speed. It turns the voltage that holds the operating point.
+        """
+        model, m = self.model, Plant.of(self.truth)
+        n, point = len(model.states), model.point
+        u_d, u_q = steady_voltage(self.truth, point.speed, point.i_q)
+        A, B = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 4))  # held: u_d, u_q, the load, the speed of the point
+        A[:n, :n], B[:n, :3] = model.A, model.B
+        A[:n, n] = m.p * model.B[:, :2] @ np.array([-u_q, u_d])
+        A[n, STATES.index("omega")], B[n, 3] = -1.0, 1.0
+        B[0, 3] = -A[0, STATES.index("omega")]  # what the product of current and speed is at the point itself
+        return held_period(A, B, m.p * point.speed, 1.0 / self.design.drive.f_control)
 
     def current_step(self, duration: float) -> Array:
         """Return i_q at the control periods after a unit step of `i_q_ref`, the shaft free, the EMF fed forward."""
@@ -183,7 +210,9 @@ class Cascade:
         bare = replace(self, speed=None, position=None)
         n = bare._size()
         trace: list[Array] = []
-        states, _ = bare._period(np.eye(n, n + 1), np.vstack([np.zeros((5, n + 1)), np.eye(1, n + 1, k=n)]), trace)
+        of_reference = np.zeros((len(INPUTS), n + 1))
+        of_reference[INPUTS.index("i_q_ref"), n] = 1.0
+        states, _ = bare._period(np.eye(n, n + 1), of_reference, trace)
         keep = bare._kept(angle=False)
         ticks = np.array(trace)[:, 1]
         system = ct.ss(
@@ -235,17 +264,17 @@ class Cascade:
         keep = np.ones(self._size(), bool)
         keep[3] = False  # the travel within a period is carried by its own state
         keep[self._first] = angle
-        keep[self._first + 8 :] = self.speed is not None
+        keep[self._first + 9 :] = self.speed is not None
         return keep
 
     def _period(self, state: Array, inputs: Array, trace: list[Array] | None = None) -> tuple[Array, Array]:
         """Carry states (rows) through one speed period; every operation here is linear in them."""
         n = self._first
         T_s = self.period
-        x, theta, held = state[:n].copy(), state[n], state[n + 1 : n + 3]
-        I_d, I_q, travel, omega_hat, last_noise, I_s, filtered = state[n + 3 : n + 10]
+        x, theta, held = state[:n].copy(), state[n], state[n + 1 : n + 4]
+        I_d, I_q, travel, omega_hat, last_noise, I_s, filtered = state[n + 4 : n + 11]
         of_filters: list[Array] = []
-        omega_ref, theta_ref, i_q_add, T_load, noise, i_q_ref = inputs
+        omega_ref, theta_ref, i_q_add, T_load, noise, i_q_ref, omega_point = inputs
         # Speed measurement: difference quotient of the angle over one speed period, then the filter.
         a = smoothing(T_s, self.design.sensor.speed_filter)
         omega_hat = omega_hat + a * ((travel + noise - last_noise) / T_s - omega_hat)
@@ -261,12 +290,12 @@ class Cascade:
             if self.position is not None:
                 wanted = wanted + self.position.K_v * (theta_ref - theta - noise)
             e = wanted - omega_hat
-            i_q_ref, of_filters = self._filtered(self.speed.K_p * e + I_s + i_q_add, state[n + 10 :])
+            i_q_ref, of_filters = self._filtered(self.speed.K_p * e + I_s + i_q_add, state[n + 11 :])
             I_s = I_s + T_s / self.speed.T_n * self.speed.K_p * e
         out = np.array([omega_hat, x[2], x[1], theta, i_q_ref, x[4] if n > 4 else x[2]])
         # Current controllers and plant, one control period at a time.
         x[3] = 0.0
-        x, held, I_d, I_q = self._ticks((x, held, I_d, I_q), omega_hat, i_q_ref, T_load, trace)
+        x, held, I_d, I_q = self._ticks((x, held, I_d, I_q), omega_hat, i_q_ref, (T_load, omega_point), trace)
         travel = x[3]
         return np.vstack([x, theta, held, I_d, I_q, travel, omega_hat, noise, I_s, filtered, *of_filters]), out
 
@@ -282,10 +311,19 @@ class Cascade:
         return wanted, after
 
     def _ticks(
-        self, start: tuple[Array, ...], omega_hat: Array, i_q_ref: Array, T_load: Array, trace: list[Array] | None
+        self,
+        start: tuple[Array, ...],
+        omega_hat: Array,
+        i_q_ref: Array,
+        constant: tuple[Array, Array],
+        trace: list[Array] | None,
     ) -> tuple[Array, ...]:
-        """Carry plant and current controllers through the control periods of one speed period."""
+        """Carry plant and current controllers through the control periods of one speed period.
+
+        Constant are the load and the speed of the operating point.
+        """
         x, held, I_d, I_q = start
+        omega_point = constant[1]
         Phi, Gamma = self._discrete
         design, point, loop = self.design, self.model.point, self.current
         m, T = Plant.of(design), 1.0 / design.drive.f_control
@@ -297,14 +335,17 @@ class Cascade:
             if trace is not None:
                 trace.append(x.copy())
             e_d, e_q = -i_d, i_q_ref - i_q
-            u_d = K_d * e_d + I_d - m.p * L_q * (point.speed * i_q + point.i_q * omega_hat)
+            u_d = K_d * e_d + I_d - m.p * L_q * (point.speed * i_q + point.i_q * (omega_hat - omega_point))
             u_q = loop.K_p * e_q + I_q + m.p * (L_d * point.speed * i_d + (L_d * point.i_d + psi) * omega_hat)
             I_d = I_d + T / T_d * K_d * e_d
             I_q = I_q + T / loop.T_n * loop.K_p * e_q
-            command = np.vstack([u_d, u_q])
+            command = np.vstack([u_d, u_q, (m.delay + 0.5) * T * (omega_hat - omega_point)])
             # Without a computation delay no voltage is pending; an unused state must stay zero.
             acting, held = (held, command) if m.delay else (command, np.zeros_like(held))
-            x = Phi @ x + Gamma[:, :2] @ acting + np.outer(Gamma[:, 2], T_load)
+            after = Phi @ np.vstack([x, acting[2]]) + Gamma @ np.vstack([acting[:2], *constant])
+            if m.delay:
+                held[2] -= after[3] - x[3] - T * omega_point  # while the pending voltage waits the rotor turns
+            x = after[:-1]
         return x, held, I_d, I_q
 
 
