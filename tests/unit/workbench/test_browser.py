@@ -321,6 +321,7 @@ def test_a_file_of_200_megabytes_is_shown_and_the_server_stays_small(person: Per
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("person", [(1280, 800), (390, 844)], indirect=True, ids=["1280x800", "390x844"])
 def test_emps_after_a_file_that_is_no_log(
     person: Person, server: Server, tmp_path: Path, measured: Callable[[str], Path]
 ) -> None:
@@ -349,4 +350,5 @@ def test_emps_after_a_file_that_is_no_log(
     assert "viscous" in person.text("verdict").lower()
     errors = [person.errors_of(f"#models li:nth-child({k})") for k in (1, person.models())]
     assert all(after < 0.7 * before for before, after in zip(*errors, strict=True)), "fitted and held out"
+    assert person.do("return document.documentElement.scrollWidth <= innerWidth")
     assert person.errors() == []
