@@ -185,6 +185,10 @@ def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] =
             door.unlink(missing_ok=True)
         for process in multiprocessing.active_children():  # a search would be finished before the server ends
             process.terminate()
+        # the threads that watch them end with them; at the end of the interpreter they would race with its own clearing
+        for thread in threading.enumerate():
+            if thread is not threading.current_thread() and not thread.daemon:
+                thread.join(1.0)
 
 
 def opened_by(folder: Path, address: str) -> Path:
