@@ -14,15 +14,16 @@ Array = NDArray[np.float64]
 
 
 def held_period(A: Array, B: Array, turning: float, period: float) -> tuple[Array, Array]:
-    """Return the exact map of a control period under a voltage that turns back at a rate.
+    """Return the map of a control period under a voltage that turns back at a rate.
 
     Seen from the rotor the held voltage turns back at the electrical speed, from half a period ahead, to which the
     controller turns it. Further inputs are held as they are.
 
     Parameters
     ----------
-    A, B : array, shape (n, n) and (n, m)
-        Of the continuous drive; the first two inputs are u_d and u_q.
+    A, B : array, shape (parts, n, n) and (parts, n, m)
+        Of the continuous drive in equal parts of the period, in which it is constant; the first two inputs are u_d and
+        u_q.
     turning : float
         Rate at which the voltage turns back, rad/s (electrical).
     period : float
@@ -33,10 +34,11 @@ def held_period(A: Array, B: Array, turning: float, period: float) -> tuple[Arra
     carried, driven : array, shape (n, n) and (n, m)
         The states after a period are ``carried @ states + driven @ inputs``.
     """
-    n, m = B.shape
-    back, ahead = np.zeros((m, m)), np.eye(m)
+    parts, n, m = B.shape
+    back, ahead, half = np.zeros((m, m)), np.eye(m), 0.5 * turning * period
     back[0, 1], back[1, 0] = turning, -turning
-    half = 0.5 * turning * period
     ahead[:2, :2] = [[math.cos(half), -math.sin(half)], [math.sin(half), math.cos(half)]]
-    found = expm(np.block([[A, B], [np.zeros((m, n)), back]]) * period)
+    found = np.eye(n + m)
+    for a, b in zip(A, B, strict=True):
+        found = expm(np.block([[a, b], [np.zeros((m, n)), back]]) * (period / parts)) @ found
     return found[:n, :n], found[:n, n:] @ ahead

@@ -252,7 +252,7 @@ def _jacobian(derivative: Derivative, x: Array, u: Array) -> tuple[Array, Array]
     return A, B
 
 
-def passed_through(design: Design, model: Linearisation, speed: float, i_q: float) -> Linearisation:
+def passed_through(design: Design, model: Linearisation, speed: float, i_q: float, i_d: float = 0.0) -> Linearisation:
     """Return a model whose products of speed and currents are those at a point of a motion.
 
     Friction and spring stay as they are. No limit is looked at.
@@ -262,7 +262,7 @@ def passed_through(design: Design, model: Linearisation, speed: float, i_q: floa
     design : Design
         Whose model it is.
     model : Linearisation
-    speed, i_q : float
+    speed, i_q, i_d : float
         rad/s and A.
 
     Returns
@@ -270,12 +270,12 @@ def passed_through(design: Design, model: Linearisation, speed: float, i_q: floa
     Linearisation
         Its point has no voltages.
     """
-    x = np.array([0.0, i_q, speed, 0.0])
+    x = np.array([i_d, i_q, speed, 0.0])
     bare, _ = _jacobian(_derivative(design.replace_effects(()), 0.0), x, np.zeros(3))
     A = model.A.copy()
     A[:2, :4] = bare[:2]
-    A[2, 0] = bare[2, 0] / bare[2, 1] * A[2, 1]  # of a share of the inertia, with a second mass
-    point = replace(model.point, speed=speed, i_d=0.0, i_q=i_q, u_d=math.nan, u_q=math.nan)
+    A[2, :2] = bare[2, :2] * model.A[2, 1] * design.J / design.K_t  # the motor's share of the inertia; 0 when stuck
+    point = replace(model.point, speed=speed, i_d=i_d, i_q=i_q, u_d=math.nan, u_q=math.nan)
     return replace(model, A=A, point=point)
 
 

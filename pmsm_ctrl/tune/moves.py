@@ -29,8 +29,6 @@ Array = NDArray[np.float64]
 PEAK_TOLERANCE = 0.05  # share of the promised peak error, without dry friction
 PROFILES = ("trapezoid", "s_curve")
 LONGEST_RAMP = 0.5  # s; slower axes move below their full speed
-SLOWER = 1.0 / 3.0  # of the speed, at which a promise that failed is checked again
-SLOW_TURN = 0.1  # rad (electrical) per control period, more than which the rotor does not turn at the lower speed
 REST = 0.3  # s after a move
 SPEEDS = 9  # from rest to full speed, at which the linear cascade is set up; between them its map is interpolated
 WINDOW_COUNTS, WINDOW_SHARE = 10.0, 1e-4  # settled: within counts of the encoder, or a share of the move without one
@@ -74,10 +72,6 @@ class MovePair:
         Without dry friction, other nonlinear effects and sensor errors.
     limited : bool
         Whether the drive met its current or voltage limit, so that it is not linear.
-    slower_agrees : bool
-        Whether the same move is as promised at a third of its speed, or slower where the rotor would still turn by more
-        than 0.1 rad in a control period: at the full speed the rotation of the held voltage, which the linear cascade
-        leaves out, makes the difference.
     """
 
     profile: str
@@ -89,7 +83,6 @@ class MovePair:
     smooth_promised: Move
     smooth_simulated: Move
     limited: bool
-    slower_agrees: bool = True
 
     @property
     def agrees(self) -> bool:
@@ -111,15 +104,7 @@ def moves(cascade: Cascade, plant: Design, *, seed: int = 0) -> tuple[MovePair, 
         Of the measurement noise.
     """
     assert cascade.position is not None
-    found = []
-    for profile in PROFILES:
-        pair = _pair(cascade, plant, profile, seed)
-        if not pair.agrees:
-            turn = float(plant.motor.p or 0) * pair.speed / plant.drive.f_control
-            share = min(SLOWER, SLOW_TURN / turn)
-            pair = replace(pair, slower_agrees=_pair(cascade, plant, profile, seed, share=share).agrees)
-        found.append(pair)
-    return tuple(found)
+    return tuple(_pair(cascade, plant, profile, seed) for profile in PROFILES)
 
 
 def _limits(cascade: Cascade, profile: str) -> Limits:
@@ -159,12 +144,12 @@ def _viscous(effect: Effect, values: Mapping[str, float]) -> bool:
     return math.isclose(ten, 10.0 * one, rel_tol=1e-9, abs_tol=1e-15) and math.isclose(back, -ten, abs_tol=1e-15)
 
 
-def _pair(cascade: Cascade, plant: Design, profile: str, seed: int, share: float = 1.0) -> MovePair:
+def _pair(cascade: Cascade, plant: Design, profile: str, seed: int) -> MovePair:
     design = cascade.design
     off = design.compensation.model_copy(update={"gain": 0.0})
     design = design.model_copy(update={"compensation": off})
     limits = _limits(cascade, profile)
-    speed = share * min(limits.speed, LONGEST_RAMP * limits.acceleration)
+    speed = min(limits.speed, LONGEST_RAMP * limits.acceleration)
     distance = 1.5 * speed * (speed / limits.acceleration + limits.acceleration / limits.jerk)
     built_up = {"jerk": limits.jerk} if profile == "s_curve" else {}
     motion = scenario(

@@ -408,8 +408,7 @@ def _move_checks(move: MovePair, *, judged: bool, motion: str) -> list[Check]:
     subject, milli = f"{move.profile.replace('_', '-')} move", "mm" if motion == "linear" else "mrad"
     outcome = Outcome.NOT_JUDGED
     if judged and not move.limited:
-        outcome = Outcome.EXPLAINED if move.slower_agrees else Outcome.FAILED
-        outcome = Outcome.PASSED if move.agrees else outcome
+        outcome = Outcome.PASSED if move.agrees else Outcome.FAILED
     smooth = 1e3 * move.smooth_promised.peak, 1e3 * move.smooth_simulated.peak
     promised, simulated = move.promised, move.simulated
     window = f"settling within {1e3 * move.window:.2g} {milli}"

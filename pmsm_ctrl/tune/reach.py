@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from pmsm_ctrl.design import CurrentLoop, Design
 from pmsm_ctrl.effects import bound_effects
@@ -19,7 +20,7 @@ from pmsm_ctrl.simulate.motions import Limits
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.held import held_period
 
-__all__ = ["RESERVE", "highest_stable_speed", "reachable", "steady_voltage"]
+__all__ = ["RESERVE", "highest_stable_speed", "reachable", "steady_voltage", "within_period"]
 
 Array = NDArray[np.float64]
 
@@ -108,10 +109,53 @@ def _need(design: Design, current: CurrentLoop, limits: Limits, jumps: bool) -> 
     return max(voltage, i_q / design.drive.i_max)
 
 
+def _winding(m: Plant, omega_e: float) -> tuple[Array, Array]:
+    """Currents per current and per voltage of the winding."""
+    winding = np.array([[-m.R / m.L_d, omega_e * m.L_q / m.L_d], [-omega_e * m.L_d / m.L_q, -m.R / m.L_q]])
+    return winding, np.diag([1.0 / m.L_d, 1.0 / m.L_q])
+
+
 def _period(m: Plant, omega_e: float, turning: float) -> tuple[Array, Array]:
     """Return what one control period makes of the currents, and of a voltage that turns back at a rate (rad/s)."""
-    winding = np.array([[-m.R / m.L_d, omega_e * m.L_q / m.L_d], [-omega_e * m.L_d / m.L_q, -m.R / m.L_q]])
-    return held_period(winding, np.diag([1.0 / m.L_d, 1.0 / m.L_q]), turning, m.period)
+    winding, driven = _winding(m, omega_e)
+    return held_period(winding[None], driven[None], turning, m.period)
+
+
+def within_period(design: Design, speed: float, i_q: float, parts: int) -> tuple[Array, Array]:
+    """Return currents and voltage within a control period at constant speed, as the rotor sees them.
+
+    A winding that is fast against the control period follows the voltage as it turns.
+
+    Parameters
+    ----------
+    design : Design
+    speed : float
+        rad/s.
+    i_q : float
+        A, at the ticks; i_d is 0 there.
+    parts : int
+        Equal parts of the period.
+
+    Returns
+    -------
+    currents, voltages : array, shape (parts, 2)
+        i_d, i_q in A and u_d, u_q in V in the middle of every part.
+    """
+    m = Plant.of(design)
+    omega_e = m.p * speed
+    half, held = 0.5 * omega_e * m.period, np.array(steady_voltage(design, speed, i_q))
+    ahead = np.array([[math.cos(half), -math.sin(half)], [math.sin(half), math.cos(half)]])
+    # currents, voltage, and a one for the EMF
+    rates = np.zeros((5, 5))
+    rates[:2, :2], rates[:2, 2:4] = _winding(m, omega_e)
+    rates[1, 4], rates[2, 3], rates[3, 2] = -omega_e * m.psi_f / m.L_q, omega_e, -omega_e
+    step = expm(rates * m.period / parts)
+    state = expm(0.5 * rates * m.period / parts) @ np.array([0.0, i_q, *(ahead @ held), 1.0])
+    found = np.empty((parts, 5))
+    for row in found:
+        row[:] = state
+        state = step @ state
+    return found[:, :2], found[:, 2:4]
 
 
 def steady_voltage(design: Design, speed: float, i_q: float) -> tuple[float, float]:

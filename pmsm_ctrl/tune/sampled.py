@@ -26,7 +26,7 @@ from pmsm_ctrl.sampling import smoothing
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.held import held_period
 from pmsm_ctrl.tune.linearise import STATES, Linearisation, linearise, passed_through
-from pmsm_ctrl.tune.reach import steady_voltage
+from pmsm_ctrl.tune.reach import within_period
 
 __all__ = ["FAINT", "Cascade", "current_loop", "filters", "frequencies", "pi", "speed_plant"]
 
@@ -37,6 +37,7 @@ FAINT = 1.0 / 6.0  # share of a held reference below which its images are too we
 
 # The states are deviations from the operating point, or, by `Cascade.moving`, the states themselves; then the speed of
 # the point is an input too.
+PARTS = 16  # of a control period, in which the currents of a fast winding count as constant
 INPUTS = ("omega_ref", "theta_ref", "i_q_add", "T_load", "angle_noise", "i_q_ref", "omega_point")
 OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load")
 
@@ -121,7 +122,9 @@ class Cascade:
 
     def with_gains(self, **changed: Any) -> Cascade:
         """Return a copy with other controllers: `current`, `speed` or `position`."""
-        return replace(self, **changed)
+        other = replace(self, **changed)
+        vars(other)["_discrete"] = self._discrete  # the plant stays
+        return other
 
     def moving(self, speed: float, i_q: float) -> Cascade:
         """Return the cascade for a motion through a point: its states are the drive's own, not deviations.
@@ -180,18 +183,23 @@ class Cascade:
         The angle is counted from the one at constant speed. It turns the voltage that holds the operating point.
         """
         model, m = self.model, Plant.of(self.truth)
-        n, point = len(model.states), model.point
-        u_d, u_q = steady_voltage(self.truth, point.speed, point.i_q)
-        A, B = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 4))  # held: u_d, u_q, the load, the speed of the point
-        A[:n, :n], B[:n, :3] = model.A, model.B
-        A[:n, n] = m.p * model.B[:, :2] @ np.array([-u_q, u_d])
-        A[n, STATES.index("omega")], B[n, 3] = -1.0, 1.0
-        B[0, 3] = -A[0, STATES.index("omega")]  # what the product of current and speed is at the point itself
+        n, point, omega = len(model.states), model.point, STATES.index("omega")
+        # With products of speed and currents alone the rates are linear in the currents of the point.
+        still, per_d, per_q = (passed_through(self.truth, model, point.speed, *i).A for i in ((0, 0), (0, 1), (1, 0)))
+        along = zip(*within_period(self.truth, point.speed, point.i_q, PARTS), strict=True)
+        # Held are u_d, u_q, the load and the speed of the point.
+        A, B = np.zeros((PARTS, n + 1, n + 1)), np.zeros((PARTS, n + 1, 4))
+        for a, b, ((i_d, i_q), (u_d, u_q)) in zip(A, B, along, strict=True):
+            a[:n, :n] = still + i_d * (per_d - still) + i_q * (per_q - still)
+            a[:n, n] = m.p * model.B[:, :2] @ np.array([-u_q, u_d])
+            b[:n, :3] = model.B
+            b[:2, 3] = (still - a[:n, :n])[:2, omega]  # what the products of speed and currents are at the point itself
+            a[n, omega], b[n, 3] = -1.0, 1.0
         return held_period(A, B, m.p * point.speed, 1.0 / self.design.drive.f_control)
 
     def current_step(self, duration: float) -> Array:
         """Return i_q at the control periods after a unit step of `i_q_ref`, the shaft free, the EMF fed forward."""
-        bare = replace(self, speed=None, position=None)
+        bare = self.with_gains(speed=None, position=None)
         state = np.zeros((bare._size(), 1))
         trace: list[Array] = []
         inputs = np.zeros((len(INPUTS), 1))
@@ -207,7 +215,7 @@ class Cascade:
         at the same frequency, also beyond the Nyquist frequency of the speed loop. Frequencies (rad/s) that the held
         reference hardly contains are left out, as they are from a measurement.
         """
-        bare = replace(self, speed=None, position=None)
+        bare = self.with_gains(speed=None, position=None)
         n = bare._size()
         trace: list[Array] = []
         of_reference = np.zeros((len(INPUTS), n + 1))
@@ -242,7 +250,7 @@ class Cascade:
         -------
         complex array, shape (n,)
         """
-        bare = replace(self, speed=None, position=None)
+        bare = self.with_gains(speed=None, position=None)
         n, of_reference = bare._size(), np.eye(len(INPUTS), bare._size() + len(INPUTS), k=bare._size())
         trace: list[Array] = []
         states, results = bare._period(np.eye(n, n + len(INPUTS)), of_reference, trace)

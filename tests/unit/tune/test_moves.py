@@ -105,9 +105,8 @@ def test_a_design_without_a_filter_of_its_own_keeps_that_of_the_speed_loop(tuned
 
 
 @pytest.mark.slow
-def test_a_difference_that_goes_with_the_speed_is_explained():
-    # At 4 kHz and full speed the rotor turns by 0.6 rad of its electrical angle while the voltage is held.
-    turning = tune(machine(14), prove=False)
-    found = moves(turning.cascade, turning.design)
-    assert not any(move.agrees for move in found)
-    assert all(move.slower_agrees for move in found)
+@pytest.mark.parametrize("seed", [14, 1097])
+def test_moves_are_as_promised_where_the_rotor_turns_far_in_a_control_period(seed):
+    # At 4 kHz and full speed the rotor turns by 0.7 and 0.9 rad of its electrical angle while the voltage is held.
+    turning = tune(machine(seed), prove=False)
+    assert all(move.agrees for move in moves(turning.cascade, turning.design))

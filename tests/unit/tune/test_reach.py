@@ -111,7 +111,7 @@ def test_a_machine_follows_the_moves_derived_for_it(seed):
     tuned = tune(machine(seed), prove=False)
     for move in moves(tuned.cascade, tuned.design):
         assert not move.limited
-        assert move.agrees or move.slower_agrees
+        assert move.agrees
 
 
 def test_a_test_signal_behind_a_low_pass_is_the_one_asked_for():
