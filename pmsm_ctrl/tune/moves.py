@@ -30,6 +30,7 @@ PEAK_TOLERANCE = 0.05  # share of the promised peak error, without dry friction
 PROFILES = ("trapezoid", "s_curve")
 LONGEST_RAMP = 0.5  # s; slower axes move below their full speed
 REST = 0.3  # s after a move
+PASSES = 2  # of the promise: about the reference, and about the motion that it gives
 SPEEDS = 9  # from rest to full speed, at which the linear cascade is set up; between them its map is interpolated
 WINDOW_COUNTS, WINDOW_SHARE = 10.0, 1e-4  # settled: within counts of the encoder, or a share of the move without one
 ROUNDING = 1e-6  # rad; below this a peak is not compared
@@ -179,7 +180,8 @@ def _promised(cascade: Cascade, motion: Scenario, load: float) -> tuple[Array, A
     """Return time, reference and angle of the linear cascade until the move back begins.
 
     Friction is a load of the reference's direction. The products of speed and currents, and the turn of the rotor under
-    the held voltage, are linear about the reference's speed and the current that it takes.
+    the held voltage, are linear about the reference's speed and the current that it takes, then about the motion that
+    this gives.
     """
     assert cascade.position is not None
     design, (_, back, _) = cascade.design, motion.segments[1]
@@ -187,40 +189,42 @@ def _promised(cascade: Cascade, motion: Scenario, load: float) -> tuple[Array, A
     reference, speed, acceleration = motion.inputs(t)[:, :3].T
     inertia = cascade.position.acceleration_feedforward * (design.assumed.J or design.J) / design.K_t_assumed
     opposing = load * np.sign(speed)
-    driven = np.column_stack([reference, speed, inertia * acceleration, opposing, speed])
+    driven = np.column_stack([reference, speed, inertia * acceleration, opposing])
     plant = cascade.truth
     current = (plant.J * acceleration + cascade.model.point.friction_slope * speed + opposing) / plant.K_t
-    return t, reference, _along(cascade, driven, speed, current)
+    for _ in range(PASSES):
+        theta, speed, current = _along(cascade, driven, speed, current).T
+    return t, reference, theta
 
 
 def _along(cascade: Cascade, driven: Array, speed: Array, current: Array) -> Array:
-    """Return the angle of a cascade whose map goes with speed and current, by interpolation between some of both."""
+    """Return angle, speed and i_q of a cascade whose map goes with speed and current, between some of both."""
     names = ("theta_ref", "omega_ref", "i_q_add", "T_load", "omega_point")
-    top, most = float(speed.max()), float(np.abs(current).max())
+    slowest, top, most = float(speed.min()), float(speed.max()), float(np.abs(current).max())
     systems = [
-        cascade.moving(at, i_q).system(names, ("theta",))
-        for at in np.linspace(0.0, top, SPEEDS)
+        cascade.moving(at, i_q).system(names, ("theta", "omega", "i_q"))
+        for at in np.linspace(slowest, top, SPEEDS)
         for i_q in (-most, most)
     ]
     A, B = (np.array([getattr(system, name) for system in systems]) for name in "AB")
-    place = np.clip(speed / top, 0.0, 1.0) * (SPEEDS - 1)
+    place = (speed - slowest) / (top - slowest) * (SPEEDS - 1)
     lower = np.minimum(place.astype(np.intp), SPEEDS - 2)
     faster, more = place - lower, 0.5 * (1.0 + current / most)
     shares = np.column_stack([
         (1.0 - faster) * (1.0 - more), (1.0 - faster) * more, faster * (1.0 - more), faster * more
     ])  # fmt: skip
-    return _carried(A, B, systems[0].C[0], driven, 2 * lower, shares)
+    return _carried(A, B, systems[0].C, np.column_stack([driven, speed]), 2 * lower, shares)
 
 
 def _carried(A: Array, B: Array, C: Array, driven: Array, first: NDArray[np.intp], shares: Array) -> Array:
-    """Return the output of a system that is the weighted sum of four systems in a row, from rest."""
+    """Return the outputs of a system that is the weighted sum of four systems in a row, from rest."""
     n, pushed = A.shape[1], np.zeros((len(driven), A.shape[1]))
     for k in np.unique(first):
         seen = first == k
         for j in range(4):
             pushed[seen] += shares[seen, j, None] * (driven[seen] @ B[k + j].T)
     stacked = [A[k : k + 4].reshape(4 * n, n) for k in range(len(A) - 3)]
-    state, out = np.zeros(n), np.empty(len(driven))
+    state, out = np.zeros(n), np.empty((len(driven), len(C)))
     for k, (at, share, push) in enumerate(zip(first.tolist(), shares, pushed, strict=True)):
         out[k] = C @ state
         state = share @ (stacked[at] @ state).reshape(4, n) + push
