@@ -11,11 +11,10 @@ import typer
 
 from pmsm_ctrl.console import command_line, finish, progress_bar
 from pmsm_ctrl.files import printable, require_new, require_writable, write_text
-from pmsm_ctrl.options import EffectsOption, ForceOption, JsonOption, MapOption
+from pmsm_ctrl.options import ForceOption, JsonOption, MapOption
 
 if TYPE_CHECKING:
     from pmsm_ctrl.fleet import Engine, FleetReport, FleetResult, Manifest
-    from pmsm_ctrl.options import OwnEffects
 
 __all__ = ["FLEET_COMMANDS"]
 
@@ -48,7 +47,10 @@ def fleet(
         str, typer.Option("--memory", metavar="SIZE", help="limit of a worker, such as 2GB; auto shares the machine's")
     ] = "auto",
     retry: Annotated[bool, typer.Option("--retry", help="try logs again that were set aside")] = False,
-    effects: EffectsOption = None,
+    effects: Annotated[
+        Path | None,
+        typer.Option("--effects", metavar="FILE.py", help="file with own effects; RUNS this file as Python code"),
+    ] = None,
     every: Annotated[
         float,
         typer.Option("--every", metavar="SECONDS", min=0.0, help="of watch: time between two scans of the folder"),
@@ -56,7 +58,8 @@ def fleet(
     axis_pages: Annotated[
         bool | None,
         typer.Option(
-            "--axis-pages/--no-axis-pages", help="of report: a page for each axis; without a word up to 100 axes"
+            "--axis-pages/--no-axis-pages",
+            help="of report and watch: a page for each axis; without a word up to 100 axes",
         ),
     ] = None,
     joint: Annotated[bool, typer.Option("--joint", help="evaluate the records of an axis together")] = False,
@@ -76,7 +79,7 @@ def fleet(
 
     engine = Engine(jobs, scheduler, memory)
     if words[0] == "watch":
-        _watch(_manifest(words[1:], design, output, joint, mapping, effects), engine, every, retry)
+        _watch(_manifest(words[1:], design, output, joint, mapping, effects), engine, every, retry, axis_pages)
         return
     manifest = _manifest(words, design, output, joint, mapping, effects)
     with progress_bar(f"fleet {words[0]}") as progress:
@@ -84,8 +87,8 @@ def fleet(
     finish("fleet", result, json_file=json_file)
 
 
-def _watch(manifest: Manifest, engine: Engine, every: float, retry: bool) -> None:
-    """Follow a folder: table and page are renewed as logs arrive, until Ctrl-C."""
+def _watch(manifest: Manifest, engine: Engine, every: float, retry: bool, axis_pages: bool | None) -> None:
+    """Follow a folder: table and pages are renewed as logs arrive, until Ctrl-C."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import fleet_report
     from pmsm_ctrl.fleet.watch import watch
@@ -95,7 +98,8 @@ def _watch(manifest: Manifest, engine: Engine, every: float, retry: bool) -> Non
     page = Path(manifest.results) / "fleet.html"
 
     def told(done: FleetResult) -> None:
-        write_text(page, _page(fleet_report(manifest.results)))
+        found = fleet_report(manifest.results)
+        write_text(page, _page(found, _axis_pages(found, page, axis_pages, force=True)))
         print(printable(f"{done.evaluated} logs evaluated, {done.logs} in all: {page}"), flush=True)
 
     watch(manifest, told, every=every, engine=engine)
@@ -186,7 +190,7 @@ def _page(found: FleetReport, links: Mapping[str, str] | None = None) -> str:
 
 def _manifest(
     words: list[str], design: Path | None, output: Path | None, joint: bool, mapping: list[str] | None,
-    effects: OwnEffects | None,
+    effects: Path | None,
 ) -> Manifest:  # fmt: skip
     """Return the manifest of a file, or of folders of logs."""
     from pmsm_ctrl.console import parse_map
@@ -205,7 +209,7 @@ def _manifest(
         manifest = Manifest(logs=tuple(words), design=str(design))
     settings = manifest.settings
     settings = replace(settings, joint=joint or settings.joint, mapping={**settings.mapping, **parse_map(mapping)})
-    own = "" if effects is None else str(effects.path.resolve())  # workers have working folders of their own
+    own = "" if effects is None else str(effects.resolve())  # workers have working folders of their own
     results = str(output) if output is not None else manifest.results
     return replace(manifest, settings=settings, results=results, effects=own)
 

@@ -63,9 +63,9 @@ def fleet(
     given = manifest if isinstance(manifest, Manifest) else read_manifest(manifest)
     items = [item for item in items_of(given) if not quiet or _settled(item, quiet)]
     designs = {path: Design.read(path) for path in sorted({item.design for item in items} - {""})}
+    digest = _loaded(given.effects)
     store = Store(given.results)
     hashes = Hashes(store.noted("hashes"))
-    digest = _loaded(given.effects)
     keys = {key_of(item, given.settings, hashes, digest): item for item in items}
     store.note("hashes", hashes.known)
     store.note("limits", given.limits)

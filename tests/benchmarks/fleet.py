@@ -7,6 +7,7 @@ fifth of the axes and 64 logs, some minutes.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import resource
 import tempfile
@@ -40,38 +41,57 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     folder = given.folder or Path(tempfile.mkdtemp(prefix="fleet"))
     records = max(1, given.logs // given.axes)
-    start = time.perf_counter()
-    design = Design.read(ROOT / "designs" / "seed_motor.toml")
-    truth = simulated_fleet(
-        folder, design, axes=given.axes, records=records, effects=given.effects, drifting=given.drifting,
-        broken=given.broken, seed=given.seed,
-    )  # fmt: skip
-    print(f"{given.axes} axes, {records} logs each, simulated in {time.perf_counter() - start:.0f} s: {folder}")
+    truth = known_truth(folder)
+    if truth:
+        print(f"{len(truth)} axes, simulated before; their number, logs and seed are those of {folder}")
+    else:
+        start = time.perf_counter()
+        design = Design.read(ROOT / "designs" / "seed_motor.toml")
+        truth = simulated_fleet(
+            folder, design, axes=given.axes, records=records, effects=given.effects, drifting=given.drifting,
+            broken=given.broken, seed=given.seed,
+        )  # fmt: skip
+        print(f"{given.axes} axes, {records} logs each, simulated in {time.perf_counter() - start:.0f} s: {folder}")
     manifest = read_manifest(folder / "run.toml")
     plain = timed("one process", manifest, folder / "plain", 1)
     if given.workers:
         spread = timed(f"{given.workers} workers", manifest, folder / "workers", given.workers)
-        print(f"  {plain.seconds / spread.seconds:.2f} times as fast on the clock, with {os.cpu_count()} cores")
+        if plain.evaluated == spread.evaluated > 0:
+            print(f"  {plain.seconds / spread.seconds:.2f} times as fast on the clock, with {os.cpu_count()} cores")
         print(f"  same rows: {numbers(folder / 'plain') == numbers(folder / 'workers')}")
     again = fleet(replace(manifest, results=str(folder / "plain")), engine=Engine(jobs=1))
     print(f"a run with nothing new: {again.seconds:.2f} s for {again.logs} logs, {again.evaluated} evaluated")
     size = sum(path.stat().st_size for path in (folder / "plain" / "rows").iterdir())
     print(f"results: {size / plain.logs / 1e3:.2f} kB a log")
     print_answers(fleet_report(folder / "plain"), truth)
-    each = plain.processor_seconds / plain.logs
+    each = evaluation_time(folder / "plain") / plain.logs
     print(f"on paper, a year of 10,000 axes, a log a day: {YEAR * each / 86400 / 365:.2f} cores all year, "
           f"{YEAR * size / plain.logs / 1e9:.1f} GB of results")  # fmt: skip
+
+
+def known_truth(folder: Path) -> tuple[Axis, ...]:
+    """Return what is true of the logs of an earlier run; nothing where there are none, or not all of them."""
+    path = folder / "truth.json"  # written last
+    return tuple(Axis(**one) for one in json.loads(path.read_text(encoding="utf-8"))) if path.exists() else ()
+
+
+def evaluation_time(results: Path) -> float:
+    """Return the processor time of all logs in the table, those of earlier runs included, s."""
+    return sum(row.value or 0.0 for row in Store(results).read(("quantity",)) if row.name == "processor_time")
 
 
 def timed(name: str, manifest: Manifest, results: Path, jobs: int) -> FleetResult:
     """Run a fleet and print logs a minute, the processor time beside the evaluation, and the memory."""
     before = processor_time()
     run = fleet(replace(manifest, results=str(results)), engine=Engine(jobs=jobs))
+    if not run.evaluated:
+        print(f"{name}: all {run.logs} logs were evaluated before; another --folder measures their cost again")
+        return run
     beside = processor_time() - before - run.processor_seconds  # start, compiling, engine, writing
     own, children = (
         resource.getrusage(who).ru_maxrss / 1e3 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     )
-    each, rate = run.processor_seconds / max(1, run.evaluated), run.evaluated / max(run.processor_seconds, 1e-9)
+    each, rate = run.processor_seconds / run.evaluated, run.evaluated / max(run.processor_seconds, 1e-9)
     print(
         f"{name}: {run.evaluated} logs in {run.seconds:.0f} s at load {os.getloadavg()[0]:.1f}; "
         f"{each:.2f} s of a processor a log, {60 * rate:.0f} logs a minute and core; {beside:.1f} s of a processor "

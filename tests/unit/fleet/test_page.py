@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from pmsm_ctrl.cli import main
+from pmsm_ctrl.fleet import FleetResult
 from pmsm_ctrl.fleet.answers import answered
 from pmsm_ctrl.fleet.store import Store
 from tests.unit.fleet.rows import a_fleet, of_record
@@ -58,6 +60,23 @@ def test_every_axis_has_a_page_that_the_fleet_links(tmp_path: Path) -> None:
     with pytest.raises(SystemExit) as left:  # pages of another report are not overwritten
         main(["fleet", "report", str(tmp_path / "r"), "-o", str(tmp_path / "p.html")])
     assert left.value.code == 2
+
+
+def test_watch_writes_the_pages_that_the_fleet_links(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    results = tmp_path / "r"
+    Store(results).add(a_fleet(1, 4, 0))
+    done = FleetResult(str(results), 1, 4, 4, 0, {}, (), 1.0, 1.0, ())
+
+    def looks_twice(manifest: object, told: Callable[[FleetResult], None], **_: object) -> None:
+        told(done)
+        told(done)  # its own pages are renewed
+
+    monkeypatch.setattr("pmsm_ctrl.fleet.watch.watch", looks_twice)
+    with pytest.raises(SystemExit) as left:
+        main(["fleet", "watch", str(tmp_path), "-d", "axis.toml", "-o", str(results)])
+    assert left.value.code in (None, 0)
+    linked = re.findall(r'<a href="(fleet_axes/[^"]+)">', (results / "fleet.html").read_text(encoding="utf-8"))
+    assert {results / one for one in linked} == set((results / "fleet_axes").iterdir()) != set()
 
 
 def test_the_summary_names_the_axes(tmp_path: Path) -> None:

@@ -81,6 +81,25 @@ def test_own_effects_are_known_and_part_of_the_key(own: Manifest) -> None:
         fleet(own, engine=ALONE)
 
 
+def test_the_command_runs_the_file_of_own_effects_once(
+    own: Manifest, two_axes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, marks = Path(own.effects), tmp_path / "marks"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(f"{text}\nwith open({str(marks)!r}, 'a') as marks:\n    marks.write('x')\n", encoding="utf-8")
+    monkeypatch.setattr("pmsm_ctrl.fleet.engine.evaluated", lambda job: evaluation.set_aside(job, "test"))
+    words = ["fleet", str(two_axes / "run.toml"), "--effects", str(path), "-o", str(tmp_path / "r"), "-j", "1"]
+    with pytest.raises(SystemExit):
+        main(words)
+    assert marks.read_text(encoding="utf-8") == "x"
+    path.write_text(text.replace("seal_drag", "coulomb"), encoding="utf-8")
+    words[5] = str(tmp_path / "refused")
+    with pytest.raises(SystemExit) as left:
+        main(words)
+    assert left.value.code == 2
+    assert not (tmp_path / "refused").exists()
+
+
 def test_what_was_set_aside_is_tried_again_when_asked(
     two_axes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
