@@ -141,10 +141,10 @@ def print_answers(report: FleetReport, truth: Sequence[Axis]) -> None:
     drifting = {axis.name for axis in truth if axis.drift}
     quiet = {axis.name for axis in truth if not axis.drift and not axis.effect}
     stepping = {one.axis for one in report.changes if one.parameter in ("F_c", "F_v") and one.step is not None}
-    said = quiet & (changing | stepping)
+    disturbed = quiet & (changing | stepping)
     seen = drifting & (changing | stepping)
     print(f"drifts: {len(seen)} of {len(drifting)} found, {len(drifting & changing)} as a trend; "
-          f"{len(said)} of {len(quiet)} quiet axes said to change")  # fmt: skip
+          f"{len(disturbed)} of {len(quiet)} quiet axes said to change")  # fmt: skip
     reasons = sorted({one.reason.partition(": ")[2][:50] for one in report.worthless})
     print(f"logs without an answer: {len(report.worthless)}: {reasons}")
 
