@@ -20,6 +20,7 @@ __all__ = [
     "contribution",
     "cross_validated",
     "excess_of",
+    "judged_gain",
     "left_inside",
     "plain_errors",
     "prewhitened_error",
@@ -119,6 +120,28 @@ def contribution(fit: Fitted, trial: Trial) -> float:
         if size > fit.record.coarse[row]:
             best = max(best, size / max(float(np.sqrt(levels[row])), 1e-300))
     return best
+
+
+def judged_gain(fit: Fitted, trial: Trial) -> tuple[Solved, float]:
+    """Return the solution whose weights judged a trial, and what the trial takes from its sum of squares.
+
+    A share of the residual is the ratio of two sums of squares: both have to be of the same weights. The gain of a
+    slow trial is none, but a test statistic for correlated noise.
+
+    Parameters
+    ----------
+    fit : Fitted
+    trial : Trial
+        One of its trials.
+
+    Returns
+    -------
+    Solved
+        The prewhitened one, or for a slow trial that of the estimate's weights.
+    float
+        Fall of its sum of squares.
+    """
+    return (fit.plain, trial.plain_gain) if trial.slow else (fit.solved, trial.gain)
 
 
 def excess_of(solved: Solved, trial: Trial, gain: float) -> tuple[float, float]:

@@ -16,9 +16,11 @@ from pmsm_ctrl.compare.dependence import Dependence, Relevance, Trace, residual_
 from pmsm_ctrl.compare.notices import coordinate_words, largest_words
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.measures import judged_gain
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Structure
+from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.rendering.numbers import with_prefix
@@ -97,18 +99,16 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     policy : Policy
     """
     fit = selection.fit
-    total = fit.solved.chi2
     glaring = [
-        (trial, refusal)
+        (share, trial, refusal)
         for trial in fit.trials
-        if trial.gain > policy.resembled_at_turns * total and trial.p_value < policy.significance
+        if (share := _share(fit, trial)) > policy.resembled_at_turns and trial.p_value < policy.significance
         and (refusal := selection.refused.get(name_of(trial))) and refusal.reason is Reason.NOT_CONFIRMED
     ]  # fmt: skip
     if not glaring:
         return None
-    best, refusal = max(glaring, key=lambda pair: pair[0].gain)
-    name, share = name_of(best), best.gain / total
-    record = fit.record
+    share, best, refusal = max(glaring, key=lambda one: one[0])
+    name, record = name_of(best), fit.record
     row = _where_it_enters(fit, best.plain_direction)
     ratio, curve = _around_reversals(fit, row)
     if share <= policy.excess and ratio <= policy.around_reversals:
@@ -159,6 +159,12 @@ def impossible_winding(fit: Fitted, policy: Policy = POLICY) -> Structure | None
     curve = _over(record.at_grid(record.signals["i_d" if name == "L_d" else "i_q"]), record, with_it)
     p = math.erfc(float(surely[best]) / math.sqrt(2.0))
     return Structure("current", "A", record.channels[row], max(share, 0.0), p, curve, notice, like)
+
+
+def _share(fit: Fitted, trial: Trial) -> float:
+    """Return what a trial explains of the residual, by the weights that judged it."""
+    solved, gain = judged_gain(fit, trial)
+    return gain / solved.chi2
 
 
 def _balance(record: Record, channel: str) -> str:

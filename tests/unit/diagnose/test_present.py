@@ -118,11 +118,15 @@ def test_false_alarms_in_words(alarms: int, warned: bool) -> None:
 # ---- structure that a refused effect resembles ------------------------------------------------------------------
 
 
-def resembling(gain: float, reason: Reason, p_value: float = 1e-20) -> Any:
-    """A spring that would explain `gain` of 100, in the second of two balances; four samples a balance."""
+def resembling(gain: float, reason: Reason, p_value: float = 1e-20, plain_gain: float | None = None) -> Any:
+    """A spring that would explain `gain` of 100, in the second of two balances; four samples a balance.
+
+    With `plain_gain` it is judged by the estimate's weights, of whose sum of 1000 it takes that much.
+    """
     t = np.linspace(0.0, 1.0, 200)
     trial = SimpleNamespace(
-        gain=gain, p_value=p_value, plain_direction=np.array([0.1, 0.1, 3.0, 3.0]),
+        gain=gain, p_value=p_value, slow=plain_gain is not None, plain_gain=plain_gain or 0.0,
+        plain_direction=np.array([0.1, 0.1, 3.0, 3.0]),
         candidate=SimpleNamespace(effect=SimpleNamespace(id="compliance", label=lambda shape: "compliance")),
         group=SimpleNamespace(shape={}),
     )  # fmt: skip
@@ -132,7 +136,7 @@ def resembling(gain: float, reason: Reason, p_value: float = 1e-20) -> Any:
         prepared=SimpleNamespace(t=t, motion="rotary", cutoff=40.0),
     )  # fmt: skip
     fit = SimpleNamespace(
-        trials=(trial,), solved=SimpleNamespace(chi2=100.0), plain=SimpleNamespace(rows=4), record=record,
+        trials=(trial,), solved=SimpleNamespace(chi2=100.0), plain=SimpleNamespace(rows=4, chi2=1000.0), record=record,
         weights=SimpleNamespace(channel=np.array([0, 0, 1, 1])), residual=np.stack([0.0 * t, np.sin(20.0 * t)]),
     )  # fmt: skip
     refused = {"compliance": Refusal(reason, {"gain": 1.0, "stderr": 2.0})}
@@ -146,6 +150,12 @@ def test_what_only_cross_validation_refused_is_unexplained_when_it_is_large() ->
     assert "compliance would explain 20 % of it, but is not confirmed by cross-validation" in found.notice.text
     x, forward, _ = found.curve
     assert forward[np.isfinite(forward)] == pytest.approx(x[np.isfinite(forward)], abs=0.06)
+
+
+def test_the_share_of_an_effect_judged_by_plain_weights_is_of_their_sum() -> None:
+    found = resembling(90.0, Reason.NOT_CONFIRMED, plain_gain=300.0)
+    assert found.share == pytest.approx(300.0 / 1000.0)
+    assert resembling(90.0, Reason.NOT_CONFIRMED, plain_gain=20.0) is None  # 2 % of the residual, whatever the test
 
 
 def test_other_refusals_and_small_shares_are_no_structure() -> None:
