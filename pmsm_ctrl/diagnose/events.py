@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 
 # Hat functions of the signed speed and of the acceleration, and orders of a turn: what a motion can explain by itself.
 SPEED_HATS, ACCELERATION_HATS, ORDERS = 24, 8, 24
+MOST_ROWS = 150_000  # samples of the thinned grid; several of a longer record are merged
 FEWEST = 200  # samples of the thinned grid; fewer hold no event beside a null
 # A stretch of motion in one direction, in which a brake and a push are the same: what lasts longer brakes, s.
 ONE_WAY, LONG = 0.95, 1.0
@@ -42,12 +44,18 @@ def events_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Event, ...]:
     weight = record.weight[0] * record.mask / max(float(fit.weights.sigma[0]), 1e-300)
     if int(np.count_nonzero(weight)) < FEWEST or level_of(fit, 0).explained < policy.explained_torque:
         return ()
-    direction = np.sign(record.at_grid(record.signals["omega"]))
+    merged = _Merged(weight, -(-len(weight) // MOST_ROWS))
+    direction = np.sign(merged(record.at_grid(record.signals["omega"])))
     least = policy.events.size * float(np.sqrt(np.mean(record.target[0][record.mask] ** 2)))
-    found, step = _told_apart(fit.residual[0], (weight, direction, _motion(fit)), (policy.events, record.rate))
+    given = merged.weight, direction, _motion(fit, merged)
+    found, step = _told_apart(merged(fit.residual[0]), given, (policy.events, record.rate / merged.by))
     found = [one for one in found if abs(one.size) >= least]
     step = step if step is not None and abs(step.size) >= least else None
-    events = [*(_stretch(record, one, direction) for one in found), *([] if step is None else [_step(record, step)])]
+    time = record.t[:: merged.by][: len(direction)]
+    events = [
+        *(_stretch(record, time, one, direction) for one in found),
+        *([] if step is None else [_step(record, time, step)]),
+    ]
     return tuple(sorted(events, key=lambda event: event.start))
 
 
@@ -68,36 +76,66 @@ def _told_apart(
     return found, shift(residual, weight, *given[1:], search)
 
 
-def _motion(fit: Fitted) -> Array:
+@dataclass(frozen=True)
+class _Merged:
+    """Several samples of a long record as one: their mean, by the squares of their weights.
+
+    An event lasts for hundreds of samples, and all that the motion can explain of an hour would fill the memory.
+    """
+
+    each: Array
+    by: int
+
+    @property
+    def weight(self) -> Array:
+        """Of the merged samples, shape (n,)."""
+        return np.asarray(np.sqrt(np.sum(self._parts(self.each) ** 2, axis=-1)))
+
+    def __call__(self, values: Array) -> Array:
+        """Merge signals, shape (..., m), to shape (..., n)."""
+        if self.by == 1:
+            return values
+        square = self._parts(self.each) ** 2
+        whole = np.sum(square, axis=-1)
+        share = np.where(whole[:, None] > 0.0, square / np.where(whole > 0.0, whole, 1.0)[:, None], 1.0 / self.by)
+        return np.asarray(np.einsum("...nk,nk->...n", self._parts(values), share))
+
+    def _parts(self, values: Array) -> Array:
+        count = values.shape[-1] // self.by
+        return values[..., : count * self.by].reshape(*values.shape[:-1], count, self.by)
+
+
+def _motion(fit: Fitted, merged: _Merged) -> Array:
     """Columns of everything that the motion may explain: the model, the candidates, speed, acceleration and angle."""
     record = fit.record
-    model = fit.model.matrix[0]
-    columns = [model[:, np.any(model, axis=0)]]
+    matrix = fit.model.matrix[0].T
+    columns = [merged(matrix[np.any(matrix, axis=1)])]
     for trial in fit.trials:
         rows = trial.group.rows[0]
         if rows is not None and not TIME.intersection(trial.candidate.effect.signals):
-            columns.append(rows.T)
-    for name, count in (("omega", SPEED_HATS), ("alpha", ACCELERATION_HATS)):
-        x = record.at_grid(record.signals[name])
-        knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, count)))
-        columns.append(np.array([np.interp(x, knots, hat) for hat in np.eye(len(knots))]).T)
+            columns.append(merged(rows))
     direction = np.sign(record.at_grid(record.signals["omega"]))
-    torque = np.abs(record.at_grid(record.signals["torque"]))  # friction may hang on the load
-    knots = np.unique(np.quantile(torque[record.mask], np.linspace(0.0, 1.0, ACCELERATION_HATS)))
-    columns.append(np.array([np.interp(torque, knots, hat) * direction for hat in np.eye(len(knots))]).T)
+    # friction may hang on the load
+    for x, count, way in (
+        (record.at_grid(record.signals["omega"]), SPEED_HATS, 1.0),
+        (record.at_grid(record.signals["alpha"]), ACCELERATION_HATS, 1.0),
+        (np.abs(record.at_grid(record.signals["torque"])), ACCELERATION_HATS, direction),
+    ):
+        knots = np.unique(np.quantile(x[record.mask], np.linspace(0.0, 1.0, count)))
+        columns += [merged(np.interp(x, knots, hat) * way)[None] for hat in np.eye(len(knots))]
     if not record.linear and "theta" in record.signals:
-        angle = record.at_grid(record.signals["theta"])[:, None] * np.arange(1, ORDERS + 1)
-        columns += [np.cos(angle), np.sin(angle)]
-    return np.hstack(columns)
+        angle = record.at_grid(record.signals["theta"])
+        columns += [merged(wave(n * angle))[None] for wave in (np.cos, np.sin) for n in range(1, ORDERS + 1)]
+    return np.hstack([rows.T for rows in columns])
 
 
 # Signals that tell the time: an effect that reads them can imitate an event.
 TIME = frozenset(("t", "temperature"))
 
 
-def _stretch(record: Record, found: Burst, direction: Array) -> Event:
+def _stretch(record: Record, time: Array, found: Burst, direction: Array) -> Event:
     """Name a stretch: what opposes the motion either way, or for long, brakes; all else is a push or a load."""
-    start, stop = float(record.t[found.start]), float(record.t[found.stop - 1])
+    start, stop = float(time[found.start]), float(time[found.stop - 1])
     part = direction[found.start : found.stop]
     way = float(np.median(part))
     opposing = found.size if found.along else found.size * way
@@ -108,8 +146,8 @@ def _stretch(record: Record, found: Burst, direction: Array) -> Event:
     return Event(start, stop, size, words(start=start, stop=stop, size=size, unit=record.unit("torque")))
 
 
-def _step(record: Record, found: Shift) -> Event:
-    at, unit = float(record.t[found.start]), record.unit("torque")
+def _step(record: Record, time: Array, found: Shift) -> Event:
+    at, unit = float(time[found.start]), record.unit("torque")
     return Event(at, at, found.size, notices.EVENT_STEP(at=at, size=found.size, unit=unit))
 
 

@@ -124,7 +124,7 @@ class Whitener:
         -------
         array, shape (n,) or (k, n)
         """
-        rows = np.take(values, self.used, axis=-1)
+        rows = np.take(values, self.used, axis=-1).astype(np.float64, copy=False)
         return self.channels[row]._whitened(np.atleast_2d(rows)).reshape(rows.shape)
 
     def __call__(self, values: Array) -> Array:

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 # Bytes of columns that are kept from one fit to the next, roughly, and of signals that are filtered at once.
 MOST_KEPT, AT_ONCE = 100e6, 6e6
+SINGLE = 150_000  # samples of the thinned grid beyond which candidates are kept in single precision
 FEWEST_AT_ONCE = 4  # shapes: fewer columns are filtered one by one
 
 
@@ -151,11 +152,17 @@ def candidate_groups(record: Record, effect: Effect, shapes: Sequence[Mapping[st
             own = slice(position * len(symbols), (position + 1) * len(symbols))
             rows = tuple(None if columns is None else columns[own].copy() for columns in stacked)
             group = seen_as_candidate(record, Group(effect, symbols, rows, shapes[k]))
-            _memo(record, effect, keys[k])[keys[k]] = group.rows
+            _memo(record, effect, keys[k])[keys[k]] = tuple(map(_small, group.rows))
     return [
         Group(effect, symbols, _memo(record, effect, key)[key], dict(shape))
         for key, shape in zip(keys, shapes, strict=True)
     ]
+
+
+def _small(columns: Array | None) -> Array | None:
+    """Columns of a long record in single precision: to be searched among, not to be fitted."""
+    long = columns is not None and columns.shape[1] > SINGLE
+    return columns.astype(np.float32) if columns is not None and long else columns
 
 
 def seen_as_candidate(record: Record, group: Group) -> Group:

@@ -38,6 +38,9 @@ SAME_RATE, KEPT_BAND = 0.01, 0.4
 # Logs of twice this rate and more are thinned to about it first, Hz; stamps that miss their turn by more than this
 # share of a period jitter.
 FAST, JITTER = 1000.0, 1e-3
+# Samples beyond which a log is thinned further, but not below this rate, Hz: an evaluation needs about 1 kB of memory
+# for each.
+MOST, SLOWEST = 1_000_000, 250.0
 MOTION, DRIVE = ("theta", "omega"), ("torque", "i_q")
 ANGLES = ("theta", "theta_ref", "theta_load", "theta_true")
 
@@ -122,7 +125,7 @@ def thinned(log: Log) -> Log:
     ----------
     log : Log
     """
-    factor = int(log.rate / FAST)
+    factor = max(int(log.rate / FAST), min(-(-len(log) // MOST), int(log.rate / SLOWEST)))
     if factor < 2:
         return log
     if len(log.records) > 1:
