@@ -11,7 +11,18 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.candidates import Candidate, candidates_for
 from pmsm_ctrl.diagnose.refine import refine
-from pmsm_ctrl.diagnose.search import Offer, Rows, Trial, beyond_each, offer, plain_evidence, tried, try_all, try_group
+from pmsm_ctrl.diagnose.search import (
+    Offer,
+    Rows,
+    Trial,
+    beyond_each,
+    offer,
+    plain_evidence,
+    tried,
+    try_all,
+    try_group,
+    with_columns,
+)
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.linalg import Added
 from pmsm_ctrl.evidence.whitening import Whitener
@@ -27,7 +38,7 @@ from pmsm_ctrl.regression.base_fit import (
     settled_model,
     with_bristles,
 )
-from pmsm_ctrl.regression.columns import seen_as_candidate
+from pmsm_ctrl.regression.columns import SINGLE, forget_effects, seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved
 
@@ -130,7 +141,7 @@ def fit_design(
     if explore:
         every = try_all(laid, fit.plain, fit.weights)
         closed = tuple(one for (one, _), trial in zip(laid.candidates, every, strict=True) if trial is None)
-        refined = _refined(fit, [trial for trial in every if trial is not None])
+        refined = _refined(fit, [with_columns(fit.record, trial) for trial in every if trial is not None])
         trials = in_order(judged((fit.solved, fit.whitener), fit.covariance, refined))
     _forget(record, fit.record)
     return Fitted(
@@ -154,7 +165,7 @@ def ranked(
     effects : dict of id to Effect
     """
     _, fit, laid = _laid_out(design, record, accepted, effects)
-    every = [trial for trial in try_all(laid, fit.plain, fit.weights) if trial is not None]
+    every = [with_columns(fit.record, t) for t in try_all(laid, fit.plain, fit.weights) if t is not None]
     trials = in_order([replace(trial, plain_gain=trial.gain) for trial in _refined(fit, every)])
     while trials and not trials[0].singular:
         first = trials[0]
@@ -174,6 +185,10 @@ def _laid_out(
     residual = record.target[0] - found.rough.predicted()[0]
     candidates = candidates_for(found.record, effects, residual, present)
     laid, left = offer(found.record, found.model, candidates)
+    if len(record.mask) > SINGLE:  # hundreds of columns of an hour are not kept until a few of them are chosen
+        laid = laid.without_columns()
+        _forget(record, found.record)
+        forget_effects(record)
     return found, estimated(found.record, found.model, left), laid
 
 

@@ -146,6 +146,24 @@ class Offer:
     entering: tuple[NDArray[np.int64], ...]
     places: tuple[Mapping[int, slice], ...]
 
+    def without_columns(self) -> Offer:
+        """Return the offer without the columns; the Gram matrices stay."""
+        bare = tuple((one, tuple(replace(group, rows=()) for group in some)) for one, some in self.candidates)
+        return replace(self, candidates=bare)
+
+
+def with_columns(record: Record, trial: Trial) -> Trial:
+    """Return a trial with the columns of its shape, which the offer may have left out.
+
+    Parameters
+    ----------
+    record : Record
+    trial : Trial
+    """
+    if trial.group.rows:
+        return trial
+    return replace(trial, group=candidate_groups(record, trial.candidate.effect, [trial.group.shape])[0])
+
 
 def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tuple[Offer, Saturated]:
     """Lay out all candidates, and return what even a model with every one of them leaves over.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +158,7 @@ def _ridge_solutions(grams: Array, ridge: float) -> Array:
     return np.asarray(np.linalg.solve(scaled, (grams[:, 1:, 0] / size)[..., None])[..., 0] / size)
 
 
-def block_sums(basis: Array, residual: Array, place: Array) -> Array:
+def block_sums(basis: Array | Callable[[NDArray[np.int64]], Array], residual: Array, place: Array) -> Array:
     """Return what each of some blocks of rows contributes to least squares, in the directions of its basis.
 
     The sum of the squares over the blocks is the covariance of the estimate, whatever the noise is inside of a block.
@@ -170,8 +170,9 @@ def block_sums(basis: Array, residual: Array, place: Array) -> Array:
 
     Parameters
     ----------
-    basis : array, shape (n, r)
-        Part of an orthonormal basis of the columns that belongs to the data; priors may make up the rest.
+    basis : array, shape (n, r), or function of int array
+        Part of an orthonormal basis of the columns that belongs to the data; priors may make up the rest. A function
+        returns some of its rows: that of a long log is large.
     residual : array, shape (n,)
     place : array, shape (n,)
         Where in the record each row stands, from 0 to 1.
@@ -184,13 +185,14 @@ def block_sums(basis: Array, residual: Array, place: Array) -> Array:
     order = np.argsort(number, kind="stable")
     ends = np.flatnonzero(np.diff(number[order])) + 1
     blocks = np.split(order, ends)
-    grams, along = np.empty((len(blocks), basis.shape[1], basis.shape[1])), np.empty((len(blocks), basis.shape[1], 1))
-    for k, block in enumerate(blocks):
-        rows = basis[block]
-        grams[k], along[k, :, 0] = rows.T @ rows, rows.T @ residual[block]
-    share, turn = np.linalg.eigh(grams)
+    grams, along = [], []
+    for block in blocks:
+        rows = basis(block) if callable(basis) else basis[block]
+        grams.append(rows.T @ rows)
+        along.append((rows.T @ residual[block])[:, None])
+    share, turn = np.linalg.eigh(np.array(grams))
     left = np.sqrt(np.maximum(1.0 - share, LEAST_LEFT))[:, :, None]
-    return np.asarray((turn @ (turn.swapaxes(1, 2) @ along / left))[:, :, 0])
+    return np.asarray((turn @ (turn.swapaxes(1, 2) @ np.array(along) / left))[:, :, 0])
 
 
 def no_smaller_than_by_blocks(covariance: Array, changes: Array, prior: Array) -> Array:

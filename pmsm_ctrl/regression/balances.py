@@ -29,7 +29,8 @@ from pmsm_ctrl.regression.drive_timing import (
     stated_timing,
 )
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
-from pmsm_ctrl.regression.joining import thinned
+from pmsm_ctrl.regression.joining import FAST, thinned
+from pmsm_ctrl.regression.notices import LONG_LOG
 from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual
 from pmsm_ctrl.regression.weights import (
     EDGE_PERIODS,
@@ -351,7 +352,9 @@ def _made(
     sampling, early = possible_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
     resolution = _resolution(log)
-    log = timing.undone(thinned(in_time(design, ending_steadily(log), age)))
+    log, given = timing.undone(thinned(in_time(design, ending_steadily(log), age))), log
+    if given.rate < 2.0 * FAST and len(log) < 0.9 * len(given):
+        few = (*few, LONG_LOG(samples=len(given), rate=log.rate, given=given.rate, fastest=log.rate / 8.0))
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}

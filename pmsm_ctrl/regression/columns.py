@@ -12,7 +12,15 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import UnavailableError
 from pmsm_ctrl.regression.balances import MODELLED, Memo, Record, Rows
 
-__all__ = ["Group", "UnavailableError", "candidate_groups", "effect_group", "forget_effects", "seen_as_candidate"]
+__all__ = [
+    "SINGLE",
+    "Group",
+    "UnavailableError",
+    "candidate_groups",
+    "effect_group",
+    "forget_effects",
+    "seen_as_candidate",
+]
 
 Array = NDArray[np.float64]
 

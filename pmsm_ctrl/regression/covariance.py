@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from pmsm_ctrl.evidence.blocks import block_sums, no_smaller_than_by_blocks
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.model import Solved
 
-__all__ = ["NoiseCovariance", "noise_covariance", "with_honest_errors"]
+__all__ = ["NoiseCovariance", "basis_rows", "noise_covariance", "with_honest_errors"]
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ class NoiseCovariance:
         """Return what blocks of the record contribute to the fit's values, and the variances that the priors add."""
         fit, used = self.fit, self.weights.used
         place = np.tile((used - used[0]) / max(float(used[-1] - used[0]), 1.0), len(fit.bases))
-        changes = block_sums(fit.q[: fit.rows], fit.rest[: fit.rows], place) @ fit.inverse.T
+        changes = block_sums(partial(basis_rows, fit), fit.rest[: fit.rows], place) @ fit.inverse.T
         prior = fit.inverse @ (fit.mixing[fit.parts[-1].stop :] * fit.model.prior_doubt[:, None]).T
         return changes, np.asarray(np.sum(prior**2, axis=1))
 
@@ -88,6 +89,22 @@ class NoiseCovariance:
             else:
                 covariance += mixed[part].T @ (basis @ basis.T) @ mixed[part]
         return covariance
+
+
+def basis_rows(fit: Solved, which: NDArray[np.int64]) -> Array:
+    """Return rows of the orthonormal basis of a fit's whitened columns, shape (n, rank).
+
+    Parameters
+    ----------
+    fit : Solved
+    which : int array, shape (n,)
+        Increasing, of all balances one after the other, without the priors.
+    """
+    out, n = [], fit.bases[0].shape[1]
+    for k, (basis, part) in enumerate(zip(fit.bases, fit.parts, strict=True)):
+        start, end = np.searchsorted(which, [k * n, (k + 1) * n])
+        out.append(np.take(basis, which[start:end] - k * n, axis=1).T @ fit.mixing[part])
+    return np.vstack(out)
 
 
 def noise_covariance(fit: Solved, weights: Whitener, whitener: Whitener) -> NoiseCovariance:

@@ -24,7 +24,7 @@ from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.regression.timing import bridge_time, end_speeds, uniform, unwrapped
 from pmsm_ctrl.section import Notice
 
-__all__ = ["joined", "name_of", "parts_of", "thinned", "with_records"]
+__all__ = ["FAST", "joined", "name_of", "parts_of", "thinned", "with_records"]
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,7 @@ FAST, JITTER = 1000.0, 1e-3
 # Samples beyond which a log is thinned further, but not below this rate, Hz: an evaluation needs about 1 kB of memory
 # for each.
 MOST, SLOWEST = 1_000_000, 250.0
+ROUNDED = 1e-6  # share of a rate that its stamps may have lost
 MOTION, DRIVE = ("theta", "omega"), ("torque", "i_q")
 ANGLES = ("theta", "theta_ref", "theta_load", "theta_true")
 
@@ -119,13 +120,14 @@ def parts_of(log: Log) -> list[Log]:
 
 
 def thinned(log: Log) -> Log:
-    """Bring a fast log to about 1 kHz: what the evaluations use lies far below, and long logs stay small.
+    """Bring a fast log to about 1 kHz, and a long one to about a million samples: what the evaluations use lies below.
 
     Parameters
     ----------
     log : Log
     """
-    factor = max(int(log.rate / FAST), min(-(-len(log) // MOST), int(log.rate / SLOWEST)))
+    rate = log.rate * (1.0 + ROUNDED)
+    factor = max(int(rate / FAST), min(-(-len(log) // MOST), int(rate / SLOWEST)))
     if factor < 2:
         return log
     if len(log.records) > 1:

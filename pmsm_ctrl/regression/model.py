@@ -180,12 +180,6 @@ class Solved:
         """Directions of the model."""
         return int(self.mixing.shape[1])
 
-    @property
-    def q(self) -> Array:
-        """Orthonormal basis of the whitened columns, priors included, shape (rows + priors, rank)."""
-        parts = [basis.T @ self.mixing[part] for basis, part in zip(self.bases, self.parts, strict=True)]
-        return np.vstack([*parts, self.mixing[self.parts[-1].stop :]])
-
     # Read at every trial of a candidate.
     @cached_property
     def parts(self) -> tuple[slice, ...]:

@@ -13,6 +13,7 @@ __all__ = [
     "ENCODER_LINES",
     "EQUAL_STEPS",
     "GAPS",
+    "LONG_LOG",
     "MEASUREMENT_EFFECT_LEFT_IN",
     "NO_REGRESSION",
     "ORDERS_BEYOND_BAND",
@@ -37,6 +38,11 @@ SPEED_FOR_COARSE_ANGLE = Template(
     "speed_for_coarse_angle",
     "theta was written with few digits, in steps of up to {step:.2g} {unit}: the speed is used instead; export "
     "more digits",
+)
+LONG_LOG = Template(
+    "long_log",
+    "{samples} samples are evaluated at {rate:.4g} Hz in place of {given:.4g} Hz, so that they fit into the memory: "
+    "what is faster than {fastest:.2g} Hz is not seen; a shorter part of the log is evaluated at its own rate",
 )
 DEAD_VOLTAGES = Template("dead_voltages", "{channels} zero throughout: not used")
 ENCODER_LINES = Template(

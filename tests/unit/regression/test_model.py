@@ -14,8 +14,8 @@ from pmsm_ctrl.evidence.linalg import added
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
 from pmsm_ctrl.regression.bounds import bounded, holding
 from pmsm_ctrl.regression.columns import Group
-from pmsm_ctrl.regression.covariance import noise_covariance, with_honest_errors
-from pmsm_ctrl.regression.model import Model, solve_model
+from pmsm_ctrl.regression.covariance import basis_rows, noise_covariance, with_honest_errors
+from pmsm_ctrl.regression.model import Model, Solved, solve_model
 
 CHANNELS, M = 2, 400
 
@@ -43,6 +43,11 @@ def _tall(record: Any, model: Model, whitener: Whitener) -> tuple[np.ndarray, np
     return rows, np.concatenate([whitener(record.target), (prior @ model.nominal)])
 
 
+def _basis(solved: Solved) -> np.ndarray:
+    """Orthonormal basis of all rows, priors included."""
+    return np.vstack([basis_rows(solved, np.arange(solved.rows)), solved.mixing[solved.parts[-1].stop :]])
+
+
 def test_solution_is_that_of_all_rows_and_priors(case: tuple[Any, Model, Whitener, Whitener]) -> None:
     record, model, whitener, _ = case
     solved = solve_model(record, model, whitener)
@@ -51,8 +56,8 @@ def test_solution_is_that_of_all_rows_and_priors(case: tuple[Any, Model, Whitene
     beta = np.linalg.lstsq(rows / size, target)[0] / size
     assert solved.values == pytest.approx(beta, rel=1e-9)
     assert solved.rest == pytest.approx(target - rows @ beta, abs=1e-9)
-    assert solved.q.T @ solved.q == pytest.approx(np.eye(4), abs=1e-12)
-    assert rows @ solved.inverse == pytest.approx(solved.q, abs=1e-10)
+    assert _basis(solved).T @ _basis(solved) == pytest.approx(np.eye(4), abs=1e-12)
+    assert rows @ solved.inverse == pytest.approx(_basis(solved), abs=1e-10)
     covariance = np.linalg.inv((rows / size).T @ (rows / size)) / np.outer(size, size)
     assert solved.stderr == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-9)
 
@@ -71,7 +76,7 @@ def test_covariance_is_that_of_the_weights_and_the_noise(
     noise = block_diag(*(np.linalg.inv(w.T @ w) for w in (matrix_of(row, whitener) for row in range(CHANNELS))))
     v = block_diag(*(matrix_of(row, weights) for row in range(CHANNELS)))
     whole = block_diag(v @ noise @ v.T, np.eye(2))
-    p = solved.inverse @ solved.q.T
+    p = solved.inverse @ _basis(solved).T
     expected = p @ whole @ p.T
     assert found.of_noise() == pytest.approx(expected, rel=1e-8)
     # what blocks of the record differ by counts where it is more: the record is no noise of that model
@@ -80,9 +85,9 @@ def test_covariance_is_that_of_the_weights_and_the_noise(
     # a column in one balance alone
     column = weights.channels[0](rng.standard_normal((1, n)))
     z = np.concatenate([column, np.zeros((1, n + 2))], axis=1).T
-    own = added(z.T @ z, solved.q.T @ z, z.T @ solved.rest)
-    u = (z - solved.q @ (solved.q.T @ z)) @ own.back
-    assert found.of_added({0: column}, solved.q.T @ z, own.back) == pytest.approx(u.T @ whole @ u, rel=1e-8)
+    own = added(z.T @ z, _basis(solved).T @ z, z.T @ solved.rest)
+    u = (z - _basis(solved) @ (_basis(solved).T @ z)) @ own.back
+    assert found.of_added({0: column}, _basis(solved).T @ z, own.back) == pytest.approx(u.T @ whole @ u, rel=1e-8)
 
 
 # ---- bounds -----------------------------------------------------------------------------------------------------
@@ -117,5 +122,5 @@ def test_bounds_are_constraints_of_the_fit(seed: int) -> None:
     assert found.rest == pytest.approx(right - rows @ found.values, abs=1e-8)
     clipped = np.maximum(free.values, 0.0)
     assert found.chi2 < 0.5 * float(np.sum((right - rows @ clipped) ** 2))
-    assert rows[:, kept] @ found.inverse[kept] == pytest.approx(found.q, abs=1e-10)
+    assert rows[:, kept] @ found.inverse[kept] == pytest.approx(_basis(found), abs=1e-10)
     assert holding(free, {}).values == pytest.approx(free.values, rel=1e-10)
