@@ -34,8 +34,7 @@ def fleet(
         Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="design of every axis of a folder")
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="PATH", help="folder of the results, or page of the report"),
+        Path | None, typer.Option("--output", "-o", metavar="PATH", help="folder of results, or page of the report")
     ] = None,
     jobs: Annotated[
         int, typer.Option("--jobs", "-j", metavar="N", min=0, help="worker processes; 0: one per core; 1: none")
@@ -52,14 +51,12 @@ def fleet(
         typer.Option("--effects", metavar="FILE.py", help="file with own effects; RUNS this file as Python code"),
     ] = None,
     every: Annotated[
-        float,
-        typer.Option("--every", metavar="SECONDS", min=0.0, help="of watch: time between two scans of the folder"),
+        float, typer.Option("--every", metavar="SECONDS", min=0.0, help="of watch: time between two scans")
     ] = 60.0,
     axis_pages: Annotated[
         bool | None,
         typer.Option(
-            "--axis-pages/--no-axis-pages",
-            help="of report and watch: a page for each axis; without a word up to 100 axes",
+            "--axis-pages/--no-axis-pages", help="of report and watch: a page for each axis; usually up to 100 axes"
         ),
     ] = None,
     joint: Annotated[bool, typer.Option("--joint", help="evaluate the records of an axis together")] = False,

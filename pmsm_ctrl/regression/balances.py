@@ -353,8 +353,6 @@ def _made(
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
     resolution = _resolution(log)
     log, given = timing.undone(thinned(in_time(design, ending_steadily(log), age))), log
-    if given.rate < 2.0 * FAST and len(log) < 0.9 * len(given):
-        few = (*few, LONG_LOG(samples=len(given), rate=log.rate, given=given.rate, fastest=log.rate / 8.0))
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
     signals: dict[str, Array] = {name: np.asarray(values) for name, values in raw.items()}
@@ -403,11 +401,18 @@ def _made(
     steps[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
-        np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0], (*few, *prepared.notes),
-        None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
+        np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0],
+        (*few, *_too_long(given, log), *prepared.notes), None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
         sampling_told=drive_sampling(design, log).told, unseen=_in_gaps(log), records=log.records,
         wrong=wrong,
     )  # fmt: skip
+
+
+def _too_long(given: Log, thin: Log) -> tuple[Notice, ...]:
+    """Say that a log was thinned because of its length; what a fast log loses, no evaluation uses."""
+    if given.rate >= 2.0 * FAST or len(thin) > 0.9 * len(given):
+        return ()
+    return (LONG_LOG(samples=len(given), rate=thin.rate, given=given.rate, fastest=thin.rate / 8.0),)
 
 
 def _resolution(log: Log) -> float:
