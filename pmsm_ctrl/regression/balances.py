@@ -402,9 +402,9 @@ def _made(
     return Record(
         design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
         np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0],
-        (*few, *_too_long(given, log), *prepared.notes), None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
-        sampling_told=drive_sampling(design, log).told, unseen=_in_gaps(log), records=log.records,
-        wrong=wrong,
+        (*few, *_too_long(given, log), *prepared.notes), None if "theta" in log else age,
+        timing=timing, sampling=sampling, early=early, sampling_told=drive_sampling(design, log).told,
+        unseen=_in_gaps(log), records=log.records, wrong=wrong,
     )  # fmt: skip
 
 

@@ -54,6 +54,8 @@ def scores(effect_id: str, seed: int, scenario: str, polish: bool = False) -> di
         for symbol, value in true.items():
             if symbol == effect.order:
                 continue
+            if symbol not in entry.parameters:  # not a parameter of this log's fit
+                continue
             off, stderr = entry.parameters[symbol] - value, entry.stderr.get(symbol, float("nan"))
             if symbol in told and (interval := told[symbol].ends) is not None:
                 stderr = abs(interval[0 if off > 0.0 else 1] - entry.parameters[symbol]) / HALF_WIDTH
