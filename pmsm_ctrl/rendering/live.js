@@ -40,11 +40,49 @@
       const residual = measured.map((value, i) => value - predicted[i]);
       const speed = floats(record.over[0]);
       const direction = Array.from(speed, (value) => (value < 0 ? "#D55E00" : "#0072B2"));
-      source.data = { t: floats(record.t), measured, predicted, residual, speed, direction, over: floats(record.over[chosen("coordinate")]) };
+      const over = floats(record.over[chosen("coordinate")]);
+      source.data = { t: floats(record.t), measured, predicted, residual, speed, direction, over };
       model("upper").left[0].axis_label = `${balance.name} [${balance.unit}]`;
-      for (const name of ["middle", "scatter"]) model(name).left[0].axis_label = `residual [${balance.unit}]`;
-      model("scatter").below[0].axis_label = menu("coordinate").value;
+      model("middle").left[0].axis_label = `residual [${balance.unit}]`;
+      const against = chosen("against"); // 0: the residual itself, as dots; or a second coordinate, as a map
+      model("dots").visible = !against;
+      model("map").visible = against > 0;
+      const most = against ? tiles(over, floats(record.over[against - 1]), residual) : 0;
+      model("scatter").left[0].axis_label = against ? menu("coordinate").options[against - 1].text : `residual [${balance.unit}]`;
+      const colours = `; colour: mean residual, -${most.toPrecision(2)} (orange) to ${most.toPrecision(2)} ${balance.unit} (blue)`;
+      model("scatter").below[0].axis_label = menu("coordinate").value + (against ? colours : "");
       meter(balance.name, off);
+    }
+
+    // means of the drawn residual in tiles over two coordinates; returns the largest one, which has the full colour
+    function tiles(x, y, residual) {
+      const [columns, rows] = [36, 18];
+      const place = (values, count) => {
+        const low = values.reduce((a, b) => Math.min(a, b), Infinity);
+        const width = (values.reduce((a, b) => Math.max(a, b), -Infinity) - low) / count || 1;
+        return { low, width, of: (value) => Math.min(count - 1, Math.floor((value - low) / width)) };
+      };
+      const [across, up] = [place(x, columns), place(y, rows)];
+      const sums = new Map();
+      residual.forEach((value, i) => {
+        const key = across.of(x[i]) * rows + up.of(y[i]);
+        const [sum, count] = sums.get(key) ?? [0, 0];
+        sums.set(key, [sum + value, count + 1]);
+      });
+      const keys = [...sums.keys()];
+      const mean = keys.map((key) => sums.get(key)[0] / sums.get(key)[1]);
+      const most = mean.reduce((a, b) => Math.max(a, Math.abs(b)), 0) || 1;
+      const shade = (value, full) => full.map((part) => Math.round(255 + (part - 255) * Math.min(1, Math.abs(value) / most)));
+      model("tiles").data = {
+        x: keys.map((key) => across.low + (Math.floor(key / rows) + 0.5) * across.width),
+        y: keys.map((key) => up.low + ((key % rows) + 0.5) * up.width),
+        width: keys.map(() => across.width),
+        height: keys.map(() => up.width),
+        mean,
+        count: keys.map((key) => sums.get(key)[1]),
+        color: mean.map((value) => `rgb(${shade(value, value < 0 ? [213, 94, 0] : [0, 114, 178])})`),
+      };
+      return most;
     }
 
     // the error on the fitted record and on those that were held out, as bars and in words
@@ -75,7 +113,7 @@
     }
 
     for (const one of switches) one.addEventListener("change", update);
-    for (const name of ["balance", "coordinate"]) menu(name)?.addEventListener("change", update);
+    for (const name of ["balance", "coordinate", "against"]) menu(name)?.addEventListener("change", update);
     menu("record")?.addEventListener("change", enter);
     for (const button of part.querySelectorAll("button[data-start]")) {
       button.addEventListener("click", () => {

@@ -30,6 +30,7 @@ MOST_POINTS = 3000  # drawn of a record: a pixel column of a screen shows no mor
 FEWEST_POINTS = 200  # of a record where many share a page
 MOST_VALUES = 24_000  # that travel in a page of the fitted record, and of all held-out ones together: 130 kB
 SOURCE = ("t", "measured", "predicted", "residual", "speed", "over")  # columns that are drawn
+TILES = ("x", "y", "width", "height", "mean", "count", "color")  # of the map
 HEIGHTS = (210, 150, 140, 240)  # of the panels, px
 BLACK, BLUE, VERMILION, SOFT = "#000000", "#0072B2", "#D55E00", "#4a5768"  # Okabe and Ito, safe for the colour-blind
 
@@ -123,6 +124,11 @@ def live_html(traces: Traces, prefix: str) -> str:
         "Lowest panel: residual, blue forward and orange backward, over",
         list(traces.coordinates),
         "coordinate",
+    ) + _menu(
+        f"{prefix}-against",
+        "Upwards",
+        ["residual, as dots", *(f"{c}, as a map" for c in traces.coordinates)],
+        "against",
     )
     return (
         f'<div class="live" id="{prefix}" hidden>\n{group}{balance if len(traces.balances) > 1 else ""}'
@@ -248,7 +254,7 @@ def _document(traces: Traces, prefix: str) -> dict[str, Any]:
 def _panels(traces: Traces, prefix: str) -> Any:
     """Return the linked panels as a Bokeh layout."""
     from bokeh.layouts import column
-    from bokeh.models import ColumnDataSource, CrosshairTool, Range1d, Span
+    from bokeh.models import ColumnDataSource, CrosshairTool, HoverTool, Range1d, Span
 
     # the page's script puts what is chosen in its place; without any data Bokeh complains of having no ranges
     begun: dict[str, Any] = {name: [0.0, 1.0] for name in SOURCE} | {"direction": [BLUE, VERMILION]}
@@ -277,7 +283,15 @@ def _panels(traces: Traces, prefix: str) -> Any:
     scatter = _panel(f"residual [{first.unit}]", HEIGHTS[3], None)
     scatter.name = f"{prefix}-scatter"
     scatter.xaxis.axis_label = motion
-    scatter.scatter("over", "residual", source=source, size=3, color="direction", alpha=0.35, line_color=None)
+    dots = scatter.scatter("over", "residual", source=source, size=3, color="direction", alpha=0.35, line_color=None)
+    tiles = ColumnDataSource({name: [] for name in TILES}, name=f"{prefix}-tiles")
+    drawn = scatter.rect(
+        "x", "y", "width", "height", source=tiles, fill_color="color", line_color=SOFT, line_width=0.3, visible=False
+    )
+    dots.name, drawn.name = f"{prefix}-dots", f"{prefix}-map"
+    scatter.x_range.only_visible = scatter.y_range.only_visible = True
+    rows = [("over", "@x{0.000}"), ("upwards", "@y{0.000}"), ("mean residual", "@mean"), ("samples", "@count")]
+    scatter.add_tools(HoverTool(renderers=[drawn], tooltips=rows))
     return column(upper, middle, lower, scatter, sizing_mode="stretch_width")
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from scipy.stats import binned_statistic_2d
 
 from pmsm_ctrl.rendering import live
 from pmsm_ctrl.report import Headline, render
@@ -230,6 +231,17 @@ STEPS = """<script>
   over.selectedIndex = 1;
   over.dispatchEvent(new Event("change"));
   out.over = get("scatter").below[0].axis_label;
+  const against = part.querySelector("[data-role=against]");
+  against.selectedIndex = 1;
+  against.dispatchEvent(new Event("change"));
+  const { over: x, speed: y, residual: r } = get("source").data;
+  const { mean, count, x: across, y: up } = get("tiles").data;
+  const shown = () => [get("dots").visible, get("map").visible];
+  out.map = { x: [...x], y: [...y], r: [...r], mean, count, across, up, shown: shown(),
+    labels: [get("scatter").left[0].axis_label, get("scatter").below[0].axis_label] };
+  against.selectedIndex = 0;
+  against.dispatchEvent(new Event("change"));
+  out.back = [...shown(), get("scatter").left[0].axis_label];
   const balance = part.querySelector("[data-role=balance]");
   balance.selectedIndex = 1;
   balance.dispatchEvent(new Event("change"));
@@ -257,6 +269,18 @@ def test_switches_move_the_error_and_the_residual(tmp_path: Path) -> None:
     assert out["whole"] == pytest.approx([0.0, 10.0])
     assert out["over"] == "acceleration [rad/s²]"
     assert out["balance"][0].startswith("u_q error with all effects")
+    assert out["map"]["labels"][0] == "speed [rad/s]"
+    assert out["map"]["labels"][1].startswith("acceleration [rad/s²]; colour: mean residual, -")
+    assert (out["map"]["shown"], out["back"]) == ([False, True], [True, False, "residual [N m]"])
+    tiles = {name: np.array(out["map"][name]) for name in ("x", "y", "r", "mean", "count", "across", "up")}
+    expected = binned_statistic_2d(tiles["x"], tiles["y"], tiles["r"], bins=(36, 18))
+    drawn = np.full((36, 18), np.nan)
+    places = (np.searchsorted(edges, tiles[name]) - 1 for name, edges in
+              (("across", expected.x_edge), ("up", expected.y_edge)))  # fmt: skip
+    drawn[tuple(places)] = tiles["mean"]
+    same = np.isclose(drawn, expected.statistic, rtol=1e-3, atol=1e-6, equal_nan=True)
+    assert np.mean(same) > 0.99  # in single precision a sample on an edge may fall to either side
+    assert tiles["count"].sum() == len(tiles["x"])
     assert out["balance"][1] == "u_q [V]"
 
 
