@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.compare import policy
 from pmsm_ctrl.compare.coordinates import Curve, Drive, curves, grid_coordinates, with_orders
 from pmsm_ctrl.compare.stretches import run_around
-from pmsm_ctrl.evidence.linalg import factored
+from pmsm_ctrl.evidence.linalg import factored, in_blocks, triangle
 from pmsm_ctrl.evidence.residual import Bench, Noise, Outcome, bench, noise_of
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.conditioning import Prepared
@@ -301,7 +301,7 @@ def _case(
         base[curve.name] = [1, 2][: curve.base.shape[1]]
         own[curve.name] = list(range(len(columns) + 1, len(columns) + 1 + curve.own.shape[1]))
         columns += list(curve.own.T)
-    laid = bench(noise, trace.t, trace.residual, np.array(columns).T, policy.GAP / cutoff)
+    laid = bench(noise, trace.t, trace.residual, columns, policy.GAP / cutoff)
     return _Case(trace.residual, trace.mask, laid, base, own, relevance.share, relevance.least(trace), direction)
 
 
@@ -387,8 +387,9 @@ def _dependence(
 def _drawn(case: _Case, curve: Curve) -> tuple[Array, Array, Array]:
     """The curve over its coordinate for either direction, where the log has samples."""
     mask = case.mask
-    columns = np.hstack([curve.base, curve.own])
-    beta = factored(columns[mask]).solve(case.residual[mask])
+    rows, parts = np.flatnonzero(mask), (curve.base, curve.own, case.residual[:, None])
+    upper = triangle(np.hstack([part[rows[some]] for part in parts]) for some in in_blocks(len(rows)))
+    beta = factored(upper[:, :-1]).solve(upper[:, -1])
     values, speed = curve.x[mask], curve.name in ("speed", "direction")
     if curve.name == "direction":
         x = np.array([-1.0, 1.0])

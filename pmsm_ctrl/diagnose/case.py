@@ -18,6 +18,7 @@ from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.columns import SINGLE
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Case", "pooled"]
@@ -109,6 +110,17 @@ class Case:
         if not any(fit is one for one in self.fits):
             self.fits.append(fit)
         return fit
+
+    def keep_alone(self, fit: Fitted) -> None:
+        """Remember a fit; of a long log the earlier ones are fitted again where another search begins with them.
+
+        Parameters
+        ----------
+        fit : Fitted
+        """
+        if len(fit.record.mask) > SINGLE:
+            self.fits.clear()
+        self.keep(fit)
 
     def without_candidates(self, accepted: tuple[Accepted, ...]) -> Fitted:
         """Return the design with these effects fitted, with no candidate tried.

@@ -230,7 +230,7 @@ def _select(
     selection = Selection((case.keep(case.fit(())),))
     while (found := best(case, selection, start)).accepted:
         selection = selection.plus(found)
-        case.keep(selection.fit)
+        case.keep_alone(selection.fit)
         if progress is not None:
             progress(0.9 - 0.7 * 0.8 ** len(selection.steps))  # how many are to come is not known
         if taken is not None:

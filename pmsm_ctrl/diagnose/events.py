@@ -47,7 +47,7 @@ def events_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Event, ...]:
     merged = _Merged(weight, -(-len(weight) // MOST_ROWS))
     direction = np.sign(merged(record.at_grid(record.signals["omega"])))
     least = policy.events.size * float(np.sqrt(np.mean(record.target[0][record.mask] ** 2)))
-    given = merged.weight, direction, _motion(fit, merged)
+    given = merged.weight, direction, basis_of(_motion(fit, merged), merged.weight)
     found, step = _told_apart(merged(fit.residual[0]), given, (policy.events, record.rate / merged.by))
     found = [one for one in found if abs(one.size) >= least]
     step = step if step is not None and abs(step.size) >= least else None
@@ -63,17 +63,17 @@ def _told_apart(
     residual: Array, given: tuple[Array, Array, Array], search: tuple[Search, float]
 ) -> tuple[list[Burst], Shift | None]:
     """Return stretches and step; of a stretch and a step that imitate each other the one that explains more."""
-    basis = basis_of(given[2], given[0])
-    found, step = bursts(residual, *given, search, basis), shift(residual, *given, search, basis)
+    found, step = bursts(residual, *given, search), shift(residual, *given, search)
     if step is None:
         return found, None
-    if sum(explained_by(one, residual, *given, basis) for one in found) < explained_by(step, residual, *given, basis):
+    if sum(explained_by(one, residual, *given) for one in found) < explained_by(step, residual, *given):
         after = np.arange(len(residual)) >= step.start
-        return bursts(residual - after * (step.size * given[1] + step.offset), *given, search, basis), step
+        return bursts(residual - after * (step.size * given[1] + step.offset), *given, search), step
     weight = given[0].copy()
     for one in found:
         weight[one.start : one.stop] = 0.0
-    return found, shift(residual, weight, *given[1:], search)
+    direction, basis = given[1], basis_of(given[2], (weight > 0.0).astype(np.float64))
+    return found, shift(residual, weight, direction, basis, search)
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,13 @@ def _motion(fit: Fitted, merged: _Merged) -> Array:
     if not record.linear and "theta" in record.signals:
         angle = record.at_grid(record.signals["theta"])
         columns += [merged(wave(n * angle))[None] for wave in (np.cos, np.sin) for n in range(1, ORDERS + 1)]
-    return np.hstack([rows.T for rows in columns])
+    stacked = np.empty((sum(map(len, columns)), columns[0].shape[1]))
+    end = len(stacked)
+    while columns:  # of a long record they are large: each is dropped when it was copied
+        rows = columns.pop()
+        stacked[end - len(rows) : end] = rows
+        end -= len(rows)
+    return stacked.T
 
 
 # Signals that tell the time: an effect that reads them can imitate an event.

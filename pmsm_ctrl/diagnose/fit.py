@@ -114,6 +114,10 @@ class Fitted:
         solved, plain, estimate = (replace(one, bases=()) for one in (self.solved, self.plain, self.estimate))
         return replace(self, trials=(), solved=solved, plain=plain, estimate=estimate)
 
+    def spared(self) -> Fitted:
+        """Return the fit without bases and the candidates' columns: with what a later search asks of an earlier fit."""
+        return replace(self.light(), trials=tuple(trial.spared() for trial in self.trials))
+
     def position(self, number: int, model: Model | None = None) -> int | None:
         """Where an accepted effect stands among the model's groups; None where it has no columns of its own.
 

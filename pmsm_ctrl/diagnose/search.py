@@ -119,6 +119,10 @@ class Trial:
         solved, whitener = self.judge
         return replace(self, judge=(replace(solved, bases=()), whitener), plain_judge=None)
 
+    def spared(self) -> Trial:
+        """Return the trial without its columns as well."""
+        return replace(self.light(), group=replace(self.group, rows=()))
+
     @property
     def at_bound(self) -> bool:
         """Whether a nonlinear parameter ran into its bound: the shape wants to be another one."""

@@ -29,7 +29,7 @@ from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.search import Trial, try_group
 from pmsm_ctrl.evidence.tests import f_tail, holm
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
-from pmsm_ctrl.regression.columns import effect_group
+from pmsm_ctrl.regression.columns import SINGLE, effect_group
 from pmsm_ctrl.regression.model import Solved
 
 __all__ = [
@@ -130,7 +130,10 @@ class Selection:
         """
         if found.step is None or found.fit is None:
             return replace(self, refused=found.refused)
-        return Selection((*self.fits, found.fit), (*self.steps, found.step), found.refused)
+        if len(found.fit.record.mask) <= SINGLE:
+            return Selection((*self.fits, found.fit), (*self.steps, found.step), found.refused)
+        step = replace(found.step, trial=found.step.trial.light())  # its model's bases are large
+        return Selection((*(fit.spared() for fit in self.fits), found.fit), (*self.steps, step), found.refused)
 
     def with_last_candidates(self) -> Selection:
         """Return the selection without what all rounds but the last were tested by: on a long log it is large."""

@@ -112,10 +112,7 @@ def basis_of(motion: Array, weight: Array) -> Array:
     return basis
 
 
-def bursts(
-    residual: Array, weight: Array, direction: Array, motion: Array, search: tuple[Search, float],
-    basis: Array | None = None,
-) -> list[Burst]:  # fmt: skip
+def bursts(residual: Array, weight: Array, direction: Array, basis: Array, search: tuple[Search, float]) -> list[Burst]:
     """Return the stretches in which the residual departs, the clearest first.
 
     Parameters
@@ -124,17 +121,14 @@ def bursts(
         The weight is the inverse of the noise's level; zero where a sample does not count.
     direction : array, shape (m,)
         Of motion.
-    motion : array, shape (m, k)
-        Columns of what the motion alone can explain.
+    basis : array, shape (m, rank)
+        What the motion alone can explain: `basis_of`, by the weight.
     search : (Search, float)
         What counts, and the sampling rate, Hz.
-    basis : array, shape (m, rank), optional
-        `basis_of` motion and weight, where it is known already.
     """
     rules, rate = search
     found: list[Burst] = []
     used = weight.copy()
-    basis = basis_of(motion, weight) if basis is None else basis
     for _ in range(rules.most):
         target = _beyond(basis, residual * used)
         judged = [
@@ -155,7 +149,7 @@ def bursts(
         length = burst.stop - burst.start
         used = used.copy()
         used[max(0, burst.start - length // 4) : burst.stop + length // 4] = 0.0
-        basis = basis_of(motion, used)
+        basis = basis_of(basis, (used > 0.0).astype(np.float64))
     return found
 
 
@@ -279,17 +273,14 @@ def _beyond(basis: Array, values: Array) -> Array:
     return left
 
 
-def shift(
-    residual: Array, weight: Array, direction: Array, motion: Array, search: tuple[Search, float],
-    basis: Array | None = None,
-) -> Shift | None:  # fmt: skip
+def shift(residual: Array, weight: Array, direction: Array, basis: Array, search: tuple[Search, float]) -> Shift | None:
     """Return the time at which the residual steps along the motion and stays; None where it does not.
 
     A step must explain more than any drift: a line, and exponentials of all time constants.
 
     Parameters
     ----------
-    residual, weight, direction, motion, search, basis
+    residual, weight, direction, basis, search
         As for `bursts`.
     """
     from scipy.stats import chi2
@@ -298,7 +289,6 @@ def shift(
     used = np.flatnonzero(weight > 0.0)
     if len(used) < 4 * FEWEST:
         return None
-    basis = basis_of(motion, weight) if basis is None else basis
     target = _beyond(basis, residual * weight)
     inner = used[round(MARGIN * len(used)) : -round(MARGIN * len(used))]
     places = np.unique(inner[np.linspace(0, len(inner) - 1, PLACES).astype(np.int64)])
@@ -330,15 +320,15 @@ def _products(columns: Array, target: Array, basis: Array) -> _Products:
 def _gains_after(places: NDArray[np.int64], weight: Array, direction: Array, target: Array, basis: Array) -> Array:
     """Return what steps explain that begin at these places, in order: by sums over the samples between them."""
 
-    def after(values: Array) -> Array:
-        pieces = np.array(
-            [np.sum(values[a:b], axis=0) for a, b in zip(places, [*places[1:], len(values)], strict=True)]
-        )
-        return np.asarray(np.cumsum(pieces[::-1], axis=0)[::-1])
+    pieces = list(zip(places, [*places[1:], len(weight)], strict=True))
+
+    def after(one: Array, other: Array) -> Array:
+        products = np.array([one[a:b] @ other[a:b] for a, b in pieces])
+        return np.asarray(np.cumsum(products[::-1], axis=0)[::-1])
 
     shapes = weight * direction, weight
-    along, even = ((after(one**2), after(one * target), after(one[:, None] * basis)) for one in shapes)
-    return _pair_gains(along, even, after(shapes[0] * shapes[1]))
+    along, even = ((after(one, one), after(one, target), after(one, basis)) for one in shapes)
+    return _pair_gains(along, even, after(*shapes))
 
 
 def _pair_gains(first: _Products, second: _Products, mixed: Array) -> Array:
@@ -356,18 +346,15 @@ def _pair_gains(first: _Products, second: _Products, mixed: Array) -> Array:
     return gains
 
 
-def explained_by(
-    found: Burst | Shift, residual: Array, weight: Array, direction: Array, motion: Array, basis: Array | None = None
-) -> float:
+def explained_by(found: Burst | Shift, residual: Array, weight: Array, direction: Array, basis: Array) -> float:
     """Return the fall of the weighted sum of squares by an event, beyond what the motion explains.
 
     Parameters
     ----------
     found : Burst or Shift
-    residual, weight, direction, motion, basis
+    residual, weight, direction, basis
         As for `bursts`.
     """
-    basis = basis_of(motion, weight) if basis is None else basis
     columns: Array = _after(found.start, direction)
     if isinstance(found, Burst):
         inside = (np.arange(len(direction)) >= found.start) & (np.arange(len(direction)) < found.stop)

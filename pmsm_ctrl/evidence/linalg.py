@@ -11,7 +11,7 @@ eleven digits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,9 +27,11 @@ __all__ = [
     "added_each",
     "factored",
     "gram_of",
+    "in_blocks",
     "orthonormal",
     "own_shares",
     "projection_on_all",
+    "triangle",
 ]
 
 Array = NDArray[np.float64]
@@ -41,6 +43,7 @@ GRAM_RANK_TOLERANCE = 1e-9
 # A direction of which a model leaves less than this share is in the model already.
 OWN_SHARE = 1e-2
 CHUNK = 1024  # samples that are weighted and multiplied at once: a few hundred columns of them fit into a cache
+ROWS = 1 << 15  # that are factored at once: a few MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,35 @@ def factored(columns: Array) -> Factored:
     kept = s > RANK_TOLERANCE * s[0] if s.size else np.zeros(0, dtype=bool)
     condition = float(s[0] / s[-1]) if s.size and s[-1] > 0.0 else float("inf")
     return Factored(u[:, kept], vt[kept].T / s[kept] / scale[:, None], condition)
+
+
+def triangle(blocks: Iterable[Array]) -> Array:
+    """Return the triangle of the QR factorisation of blocks of rows, one below the other.
+
+    Parameters
+    ----------
+    blocks : arrays of shape (n, k)
+
+    Returns
+    -------
+    array, shape (k or fewer, k)
+    """
+    upper: Array | None = None
+    for block in blocks:
+        upper = np.asarray(np.linalg.qr(block if upper is None else np.vstack([upper, block]), mode="r"))
+    if upper is None:
+        raise ValueError("no rows to factor")
+    return upper
+
+
+def in_blocks(rows: int) -> Iterator[slice]:
+    """Yield slices of so many rows, each small enough to be factored at once.
+
+    Parameters
+    ----------
+    rows : int
+    """
+    return (slice(start, start + ROWS) for start in range(0, rows, ROWS))
 
 
 def own_shares(columns: Array) -> Array:

@@ -206,14 +206,14 @@ class Bench:
         return float(np.sqrt(np.mean(np.partition(fitted, -count)[-count:] ** 2))) if len(fitted) > count else 0.0
 
 
-def bench(noise: Noise, t: Array, residual: Array, columns: Array, gap: float) -> Bench:
-    """Lay out a residual of shape (m,) and columns of shape (m, k) for judging.
+def bench(noise: Noise, t: Array, residual: Array, columns: Sequence[Array], gap: float) -> Bench:
+    """Lay out a residual and columns, each of shape (m,), for judging.
 
     `gap` is the least time left out on either side of a block, s; noise with a longer memory takes more.
     """
-    both = np.empty((int(noise.mask.sum()), 1 + columns.shape[1]))
+    both = np.empty((int(noise.mask.sum()), 1 + len(columns)))
     white = np.empty_like(both)
-    for k, column in enumerate((residual, *columns.T)):  # one at a time: on a long log each copy of them all is large
+    for k, column in enumerate((residual, *columns)):  # one at a time: on a long log each copy of them all is large
         used = column[noise.mask]
         if k:
             used /= max(float(np.sqrt(np.mean(used**2))), 1e-300)

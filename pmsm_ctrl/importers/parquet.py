@@ -44,7 +44,10 @@ def open_parquet(path: Path, file: str) -> Table:
         wanted = list(dict.fromkeys(fields[i].name for i in indices))
         with guarded(file, "Parquet"), open(path, "rb") as stream:
             table = pyarrow.parquet.read_table(stream, columns=wanted)
-            return [_values(pyarrow, table[fields[i].name]) for i in indices]
+            found = [_values(pyarrow, table[fields[i].name]) for i in indices]
+            del table
+            pyarrow.default_memory_pool().release_unused()  # hundreds of MB of a long log
+            return found
 
     def locate(column: int, sample: int) -> str:
         return f"column '{columns[column].label}', row {sample + 1}"

@@ -169,7 +169,9 @@ def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...
     model, notes = assembled(design, record, accepted, settled)
     rough = solve_model(record, with_torque_held(record, model), rough_weights(record, saturated(record, model)))
     for _ in range(PASSES):
-        record = with_modelled_torque(record, true_torque(model, rough), delay_of(model, rough.values))
+        torque, late = true_torque(model, rough), delay_of(model, rough.values)
+        del model, rough  # the matrix of a long log is large: the next one takes its place
+        record = with_modelled_torque(record, torque, late)
         model, notes = assembled(design, record, accepted, settled)
         model = with_torque_held(record, model, OWN)
         left = saturated(record, model)
@@ -239,11 +241,8 @@ def assembled(
     settled : bool
         As in `settled_model`.
     """
-    model, notes = base_groups(design, record, settled)
-    for one in accepted:
-        if not one.effect.structure.replaces_direction:
-            model = model.plus(effect_group(record, one.effect, one.shape))
-    return model, notes
+    wired = (one for one in accepted if not one.effect.structure.replaces_direction)
+    return base_groups(design, record, settled, [effect_group(record, one.effect, one.shape) for one in wired])
 
 
 def with_bristles(design: Design, record: Record, accepted: Iterable[Accepted] = ()) -> Record:

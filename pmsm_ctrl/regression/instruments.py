@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.blocks import block_sums, no_smaller_than_by_blocks
+from pmsm_ctrl.evidence.linalg import in_blocks, triangle
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, SPREAD
 from pmsm_ctrl.regression.model import Model
@@ -83,36 +85,56 @@ def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
     entering = model.entering[0]
     names = [model.names[k] for k in entering]
     noisy = [k for k, name in enumerate(names) if name in NOISY or model.group_of(int(entering[k])).delays]
-    columns, target = model.matrix[0][:, entering] * weight[:, None], record.target[0] * weight
-    instruments = np.column_stack([*_instruments(record), *_of_speed(model, names, entering)]) * weight[:, None]
-    size = np.linalg.norm(instruments, axis=0)
-    instruments = instruments[:, size > 0.0] / size[size > 0.0]
-    _, singular, turn = np.linalg.svd(np.linalg.qr(instruments, mode="r"), full_matrices=False)
-    told = singular > RANK * singular[0]
-    basis = instruments @ (turn[told].T / singular[told])
-    seen = columns.copy()
-    seen[:, noisy] = basis @ (basis.T @ columns[:, noisy])
-    size = np.linalg.norm(columns, axis=0)
+    seen, target = model.matrix[0][:, entering] * weight[:, None], record.target[0] * weight
+    size = np.linalg.norm(seen, axis=0)
+    seen /= size
+    measured = seen[:, noisy]
+    seen[:, noisy] = _projected(measured, _weighted_instruments(record, model, names, entering, weight))
     known = np.where(np.isfinite(model.sigma[entering]), model.sigma[entering], np.inf)
     known[[k for k, name in enumerate(names) if name == "J" or (name == LATENESS and not record.sampling_told)]] = (
         np.inf
     )
     prior = 1.0 / (known * size) ** 2
-    products = (seen / size).T @ (columns / size) + np.diag(prior)
+    products = seen.T @ seen + np.diag(prior)
+    products[:, noisy] += seen.T @ (measured - seen[:, noisy])
     inverse = np.linalg.pinv(products, rcond=RANK**2)
-    values = inverse @ ((seen / size).T @ target + prior * size * model.nominal[entering]) / size
-    stderr = _errors(seen / size, prior, inverse, (target - columns @ values, _place(record.mask))) / size
+    scaled = inverse @ (seen.T @ target + prior * size * model.nominal[entering])
+    rest = target - seen @ scaled - (measured - seen[:, noisy]) @ scaled[noisy]
+    values, stderr = scaled / size, _errors(seen, prior, inverse, (rest, _place(record.mask))) / size
     found = {name: (float(values[names.index(name)]), float(stderr[names.index(name)])) for name in FOUND}
-    alpha = names.index("J")
-    noise = 1.0 - float(np.sum(seen[:, alpha] ** 2) / max(float(np.sum(columns[:, alpha] ** 2)), 1e-300))
+    noise = 1.0 - float(np.sum(seen[:, names.index("J")] ** 2))
     return Referred(found["J"], found[LATENESS], found[SPREAD], noise)
+
+
+def _weighted_instruments(
+    record: Record, model: Model, names: list[str], entering: NDArray[np.int64], weight: Array
+) -> Array:
+    """Return the instruments with the weights of the samples, each of unit length, shape (m, instruments)."""
+    made, count = np.empty((2 * len(SHIFTS) + len(TURNS) + len(names), len(weight))), 0
+    for one in chain(_instruments(record), _of_speed(model, names, entering)):  # kept once: dozens of columns
+        np.multiply(one, weight, out=made[count])
+        if (size := float(np.linalg.norm(made[count]))) > 0.0:
+            made[count] /= size
+            count += 1
+    return made[:count].T
+
+
+def _projected(columns: Array, instruments: Array) -> Array:
+    """Return what instruments tell of columns, shape (m, k)."""
+    _, singular, turn = np.linalg.svd(
+        triangle(instruments[some] for some in in_blocks(len(columns))), full_matrices=False
+    )
+    told = singular > RANK * singular[0]
+    turned = turn[told].T / singular[told]
+    return np.asarray(instruments @ (turned @ (turned.T @ (instruments.T @ columns))))
 
 
 def _errors(seen: Array, prior: Array, inverse: Array, left: tuple[Array, Array]) -> Array:
     """Return the standard errors by the noise of the samples, or by leaving out blocks, whichever is larger."""
     covariance = inverse @ (seen.T @ seen + np.diag(prior)) @ inverse.T
-    basis, triangle = np.linalg.qr(np.vstack([seen, np.diag(np.sqrt(prior))]))
-    changes = block_sums(basis[: len(seen)], *left) @ triangle @ inverse.T
+    upper = triangle(chain([np.diag(np.sqrt(prior))], (seen[some] for some in in_blocks(len(seen)))))
+    back = np.linalg.pinv(upper)
+    changes = block_sums(lambda rows: seen[rows] @ back, *left) @ upper @ inverse.T
     sure = inverse * np.sqrt(prior)
     larger = no_smaller_than_by_blocks(covariance, changes, np.sum(sure**2, axis=1))
     return np.asarray(np.sqrt(np.diag(larger)))

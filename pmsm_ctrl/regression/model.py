@@ -227,7 +227,9 @@ class _Term:
     modelled: bool = False
 
 
-def base_groups(design: Design, record: Record, settled: bool = True) -> tuple[Model, tuple[str, ...]]:
+def base_groups(
+    design: Design, record: Record, settled: bool = True, further: Sequence[Group] = ()
+) -> tuple[Model, tuple[str, ...]]:
     """Return the model of the design as it stands, and notes on effects that this log cannot evaluate.
 
     Parameters
@@ -236,6 +238,8 @@ def base_groups(design: Design, record: Record, settled: bool = True) -> tuple[M
     record : Record
     settled : bool
         Whether a filter of the drive signal was undone already, if there was one.
+    further : sequence of Group
+        Of effects beside those of the design; they come last.
     """
     terms = [*_motion_terms(design, record), *(_winding(design, record) if "u_d" in record.channels else ())]
     timing = [] if record.age is not None else list(_sampling_terms(record, settled))
@@ -262,7 +266,7 @@ def base_groups(design: Design, record: Record, settled: bool = True) -> tuple[M
         groups.append(group)
         nominal += [values[s] for s in group.symbols]
         sigma += [np.inf] * len(group.symbols)
-    for group, spread in level_groups(record):
+    for group, spread in (*level_groups(record), *((group, np.inf) for group in further)):
         groups.append(group)
         nominal += [0.0] * len(group.symbols)
         sigma += [spread] * len(group.symbols)

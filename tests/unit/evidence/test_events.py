@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from pmsm_ctrl.evidence.events import Burst, Search, bursts, explained_by, shift
+from pmsm_ctrl.evidence.events import Burst, Search, basis_of, bursts, explained_by, shift
 
 Array = NDArray[np.float64]
 RATE, SECONDS = 100.0, 30.0
@@ -17,6 +17,7 @@ OMEGA = np.sin(2.0 * np.pi * 0.31 * T)
 DIRECTION = np.sign(OMEGA)
 MOTION = np.column_stack([DIRECTION, OMEGA, np.ones(N)])
 WEIGHT = np.ones(N)
+BASIS = basis_of(MOTION, WEIGHT)
 SEARCH = Search(), RATE
 
 
@@ -27,11 +28,11 @@ def noise(seed: int, memory: float = 0.0) -> Array:
 
 
 def found(residual: Array) -> list[Burst]:
-    return bursts(residual, WEIGHT, DIRECTION, MOTION, SEARCH)
+    return bursts(residual, WEIGHT, DIRECTION, BASIS, SEARCH)
 
 
 def stepped(residual: Array) -> object:
-    return shift(residual, WEIGHT, DIRECTION, MOTION, SEARCH)
+    return shift(residual, WEIGHT, DIRECTION, BASIS, SEARCH)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.8, 0.95])
@@ -57,14 +58,14 @@ def test_a_brake_that_drags_for_four_seconds_is_found_along_the_motion(seed: int
     one = found(residual)[0]
     assert one.along
     assert (one.start / RATE, one.stop / RATE) == pytest.approx((15.0, 19.0), abs=0.3)
-    step = shift(residual, WEIGHT, DIRECTION, MOTION, SEARCH)
-    least = explained_by(one, residual, WEIGHT, DIRECTION, MOTION)
-    assert step is None or explained_by(step, residual, WEIGHT, DIRECTION, MOTION) < least
+    step = shift(residual, WEIGHT, DIRECTION, BASIS, SEARCH)
+    least = explained_by(one, residual, WEIGHT, DIRECTION, BASIS)
+    assert step is None or explained_by(step, residual, WEIGHT, DIRECTION, BASIS) < least
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_friction_that_steps_is_found_at_its_time(seed: int) -> None:
-    one = shift(noise(seed) + 2.0 * (T >= 11.0) * DIRECTION, WEIGHT, DIRECTION, MOTION, SEARCH)
+    one = shift(noise(seed) + 2.0 * (T >= 11.0) * DIRECTION, WEIGHT, DIRECTION, BASIS, SEARCH)
     assert one is not None
     assert one.start / RATE == pytest.approx(11.0, abs=0.4)
     assert one.size == pytest.approx(2.0, abs=0.2)
