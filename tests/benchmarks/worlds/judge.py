@@ -156,7 +156,7 @@ def main() -> None:
     parser.add_argument("--motion", default=None)
     parser.add_argument("--mode", default=None)
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
-    parser.add_argument("--json", type=Path, default=None)
+    parser.add_argument("--rows", type=Path, default=None, help="keeps every row: a run that was stopped goes on")
     args = parser.parse_args()
     fixed = {"log_rate": args.log_rate, "motion": args.motion, "mode": args.mode}
     fixed = {k: v for k, v in fixed.items() if v is not None}
@@ -168,15 +168,24 @@ def main() -> None:
         effect = args.effects[k % len(args.effects)] if args.effects else "any"
         cases.append((args.first + 100_000 + k, effect, float(np.exp(rng.uniform(np.log(1.0), np.log(15.0)))), fixed))
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    rows = []
+    known = _read(args.rows)
+    left = [case for case in cases if case[0] not in known]
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
-        for row in track(pool.map(row_of, cases), description="worlds", total=len(cases)):
-            if row is not None:
-                rows.append(row)
+        for case, row in zip(left, track(pool.map(row_of, left), description="worlds", total=len(left)), strict=True):
+            known[case[0]] = row
+            if args.rows:
+                with args.rows.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps([case[0], row], default=str) + "\n")
+    rows = [row for case in cases if (row := known[case[0]]) is not None]
     report(rows)
     print(f"{len(rows)} of {len(cases)} worlds judged; the others cannot have the effect drawn for them")
-    if args.json:
-        args.json.write_text(json.dumps(rows, indent=1, default=str), encoding="utf-8")
+
+
+def _read(path: Path | None) -> dict[int, dict[str, Any] | None]:
+    """Return the rows by seed that a file holds; None where the world cannot have the effect."""
+    if path is None or not path.exists():
+        return {}
+    return dict(json.loads(line) for line in path.read_text(encoding="utf-8").splitlines())
 
 
 if __name__ == "__main__":
