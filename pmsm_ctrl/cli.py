@@ -337,6 +337,7 @@ def study(
     """Run the whole chain and write one HTML report."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import require_distinct, require_new, unused_name
+    from pmsm_ctrl.next_steps import completed_beside
     from pmsm_ctrl.report import report_path
     from pmsm_ctrl.report import study as run_study
 
@@ -344,7 +345,7 @@ def study(
     if holdout is not None and log is None:
         raise RequestError("--holdout: needs --log, from which the model is identified")
     page = report_path(axis, output)
-    beside = page.with_suffix(".design.toml") if output is not None and log is not None else None
+    beside = completed_beside(page) if output is not None and log is not None else None
     if beside is not None:
         require_distinct([beside], [design])
         require_new(() if force else [beside])

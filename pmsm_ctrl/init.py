@@ -123,10 +123,10 @@ def _print_next(target: Path, *, simulated: bool) -> None:
     import shlex
 
     typed = shlex.quote(str(target))
-    following = {f"study {typed}": "tunes the loops and simulates the axis"} if simulated else {}
+    following = {f"study {typed}": "tunes and simulates"} if simulated else {}
     following |= {
-        "import LOG": "checks a log of the drive",
-        f"study {typed} --log LOG": "finds the missing effects of the measured axis",
+        "import LOG": "checks a log",
+        f"study {typed} --log LOG": "missing effects",
     }
     width = max(map(len, following))
     for number, (command, answers_what) in enumerate(following.items()):

@@ -9,7 +9,18 @@ from typing import Any
 
 from pmsm_ctrl.files import unused_name
 
-__all__ = ["next_step"]
+__all__ = ["completed_beside", "next_step"]
+
+
+def completed_beside(page: Path) -> Path:
+    """Return where ``study`` writes the completed design: beside its page.
+
+    Parameters
+    ----------
+    page : Path
+        The HTML file of the study.
+    """
+    return page.with_suffix(".design.toml")
 
 
 def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
@@ -36,7 +47,7 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
             words = ("compensate", design) if given.get("output") else ("sweep", design, "--output", _new())
         case "import":
             log = given.get("output") or given["file"]
-            words = ("compare", log, "--design", design) if design else ("study", "DESIGN", "--log", log)
+            words = ("compare", log, "--design", design) if design else ("init", "axis")
         case "identify":
             words = ("diagnose", *logs, "--design", design)
         case "compare":
@@ -48,7 +59,7 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
             words = (
                 ("compare", log, "--design", design)
                 if written
-                else ("diagnose", *logs, "--design", design, "-o", _new())
+                else ("diagnose", *logs, "--design", design, *_holdout(given), "-o", _new())
             )
         case "diagnose" if verdict == "consistent":
             words = ("compensate", design)
@@ -75,7 +86,7 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
                 ("compensate", design) if verdict == "limit_cycle" else ("track", given["after"], "--design", design)
             )
         case "study":
-            words = ("compensate", design) if given.get("log") else ("import", "LOG", "--design", design)
+            words = _after_study(given)
         case "effects" if not given.get("identifier"):
             words = ("effects", "stribeck", "--design", "DESIGN")
         case "effects":
@@ -90,6 +101,22 @@ def _again(given: Mapping[str, Any]) -> tuple[Any, ...]:
     stated = [word for name, value in values.items() for word in (f"--{name}", value)]
     mapped = [word for pair in given.get("mapping") or () for word in ("--map", pair)]
     return ("fleet", *given["words"], *stated, *mapped, *(["--joint"] if given.get("joint") else []), "--retry")
+
+
+def _holdout(given: Mapping[str, Any]) -> list[Any]:
+    """Return the words that state the held-out logs again."""
+    return [word for log in given.get("holdout") or () for word in ("--holdout", log)]
+
+
+def _after_study(given: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return the words after a study: with the completed design where one was written, and to write one where not."""
+    design, logs = given["design"], given.get("log")
+    if not logs:
+        return ("import", "LOG", "--design", design)
+    beside = completed_beside(given["output"]) if given.get("output") else None
+    if beside is not None and beside.exists():
+        return ("compensate", beside)
+    return ("diagnose", *logs, "--design", design, *_holdout(given), "-o", _new())
 
 
 # Commands whose output is a design, with which one goes on.

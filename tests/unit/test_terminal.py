@@ -78,7 +78,9 @@ def test_a_study_of_a_log_writes_the_completed_design_beside_its_page(
         assert (left.value.code or 0) == status
     assert 'id = "constant_load"' in Path("d.design.toml").read_text(encoding="utf-8")
     assert Path("d.toml").read_text(encoding="utf-8") == PLAIN
-    assert "design: d.design.toml" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "design: d.design.toml" in said
+    assert said.splitlines()[-1] == "next: pmsm-ctrl compensate d.design.toml"  # and not the design as it was
 
 
 GIVEN: dict[str, dict[str, Any]] = {
@@ -108,6 +110,19 @@ def test_the_next_command_exists(verb: str, verdict: str) -> None:
     named = {name for option in command.params if option.param_type_name == "option" and option.required
              for name in option.opts}  # fmt: skip
     assert not named or named & set(words)
+
+
+def test_the_next_command_keeps_the_held_out_logs() -> None:
+    logs = {"design": Path("a.toml"), "log": [Path("l.csv")], "holdout": [Path("h.csv")]}
+    for verb in "diagnose", "study":
+        words = shlex.split(next_step(verb, logs, "effects_missing"))
+        assert words[1:3] == ["diagnose", "l.csv"]
+        assert words[words.index("--holdout") + 1] == "h.csv"
+
+
+def test_an_import_without_a_design_leads_to_one() -> None:
+    assert next_step("import", {"file": Path("l.csv")}) == "pmsm-ctrl init axis"
+    assert next_step("import", {"file": Path("l.csv"), "design": Path("a.toml")}).endswith("compare l.csv --design a.toml")
 
 
 def test_every_command_has_a_next_one() -> None:

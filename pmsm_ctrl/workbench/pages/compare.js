@@ -109,15 +109,16 @@ function errorsByModel(app, record) {
   const models = shown.map((one) => h("li", { class: searching ? "live" : null }, h("span", { class: "name" }, words(model, one.name)), bar("fitted", error(one.errors, balance)), held ? bar("held", error(one.holdout, balance)) : null));
   const busy = !!job;
   const last = shown.at(-1);
+  const left = model.candidates.some((one) => one.advised); // else the next thing is to take the design away
   return [
     h("h2", {}, "Error of each model"),
-    h("p", { class: "soft legend" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", floor < most ? [h("span", { class: "key floor" }), `noise floor ${percent(floor)}`] : null, `. Rms of measured − predicted, relative to measured: ${balance}`),
+    h("p", { class: "soft legend" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", floor < most ? [h("span", { class: "key floor" }), `noise floor of the fitted ${model.records.filter((one) => !one.held_out).length > 1 ? "logs" : "log"} ${percent(floor)}`] : null, `. Rms of measured − predicted, relative to measured: ${balance}`),
     model.verdict && !searching ? h("p", { class: "verdict", id: "verdict" }, model.verdict.text, model.verdict.reasons.map((text) => `: ${text}`), ".") : null,
     h("ol", { class: "models", id: "models" }, models, apart),
     h("p", { class: "row" },
-      h("button", { type: "button", id: "find", class: "main", disabled: busy, onclick: () => app.act("steps", { find: true }) }, "Find all"),
+      h("button", { type: "button", id: "find", class: left ? "main" : "", disabled: busy, onclick: () => app.act("steps", { find: true }) }, "Find all"),
       h("button", { type: "button", id: "undo", disabled: busy || !app.state.steps.length, onclick: () => app.act("steps", { undo: true }) }, "Undo"),
-      h("button", { type: "button", disabled: busy, onclick: () => app.go("take"), id: "to-take" }, "Take away")),
+      h("button", { type: "button", class: left ? "" : "main", disabled: busy, onclick: () => app.go("take"), id: "to-take" }, "Take away")),
     model.names.length ? switches(app, record, busy) : null,
     h("p", { class: "hidden", role: "status" }, apart ? `Without ${off.join(", ")}: error ${percent(own)}${held && others ? `, held out ${percent(others)}` : ""}` : `Error ${percent(error(last.errors, balance))}`),
   ];

@@ -101,6 +101,12 @@ function status() {
   bar.replaceChildren(...parts.filter(Boolean));
 }
 
+// A file was dropped where the page takes none.
+function missed() {
+  app.complaint = app.state?.design ? "Drop log files onto the field of step 2, Logs." : "A design comes first: take an example, open one or fill in the datasheet. Logs are dropped in step 2.";
+  draw();
+}
+
 function dismiss() {
   app.complaint = "";
   if (app.state) app.state.message = "";
@@ -146,8 +152,12 @@ async function begin() {
     dispatchEvent(new Event("scheme"));
     draw();
   });
-  // a file that misses its place must not replace the page
-  for (const kind of ["dragover", "drop"]) addEventListener(kind, (event) => event.preventDefault());
+  // a file that misses its place must not replace the page, nor vanish without a word
+  addEventListener("dragover", (event) => event.preventDefault());
+  addEventListener("drop", (event) => {
+    if (!event.defaultPrevented && event.dataTransfer?.files.length) missed();
+    event.preventDefault();
+  });
   try {
     [app.about, app.state] = await Promise.all([get("about"), get("state")]);
   } catch (error) {
