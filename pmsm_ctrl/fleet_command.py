@@ -34,7 +34,7 @@ def fleet(
         Path | None, typer.Option("--design", "-d", metavar="DESIGN", help="design of every axis of a folder")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="PATH", help="folder of results, or page of the report")
+        str | None, typer.Option("--output", "-o", metavar="PATH", help="folder of results, or page of the report")
     ] = None,
     jobs: Annotated[
         int, typer.Option("--jobs", "-j", metavar="N", min=0, help="worker processes; 0: one per core; 1: none")
@@ -66,7 +66,7 @@ def fleet(
 ) -> None:
     """Evaluate the logs of many axes into one table. Logs that are in the table already are not evaluated again."""
     if words[0] == "report":
-        _report(words[1:], output, json_file, axis_pages, force)
+        _report(words[1:], None if output is None else Path(output), json_file, axis_pages, force)
         return
     if words[0] == "example":
         _example(words[1:], design)
@@ -88,16 +88,21 @@ def _watch(manifest: Manifest, engine: Engine, every: float, retry: bool, axis_p
     """Follow a folder: table and pages are renewed as logs arrive, until Ctrl-C."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import fleet_report
+    from pmsm_ctrl.fleet.remote import folder_at, is_remote, plain
     from pmsm_ctrl.fleet.watch import watch
 
     if retry:
         raise RequestError("--retry: not with watch; run fleet once with it")
-    page = Path(manifest.results) / "fleet.html"
+    where = plain(manifest.results)
+    if is_remote(where):
+        axis_pages = False  # the page is one object
+    page = Path(where) / "fleet.html"
 
     def told(done: FleetResult) -> None:
-        found = fleet_report(manifest.results)
-        write_text(page, _page(found, _axis_pages(found, page, axis_pages, force=True)))
-        print(printable(f"{done.evaluated} logs evaluated, {done.logs} in all: {page}"), flush=True)
+        found = fleet_report(where)
+        text = _page(found, _axis_pages(found, page, axis_pages, force=True))
+        folder_at(where).write(page.name, text.encode())
+        print(printable(f"{done.evaluated} logs evaluated, {done.logs} in all: {where}/{page.name}"), flush=True)
 
     watch(manifest, told, every=every, engine=engine)
 
@@ -186,7 +191,7 @@ def _page(found: FleetReport, links: Mapping[str, str] | None = None) -> str:
 
 
 def _manifest(
-    words: list[str], design: Path | None, output: Path | None, joint: bool, mapping: list[str] | None,
+    words: list[str], design: Path | None, output: str | None, joint: bool, mapping: list[str] | None,
     effects: Path | None,
 ) -> Manifest:  # fmt: skip
     """Return the manifest of a file, or of folders of logs."""
@@ -207,7 +212,7 @@ def _manifest(
     settings = manifest.settings
     settings = replace(settings, joint=joint or settings.joint, mapping={**settings.mapping, **parse_map(mapping)})
     own = "" if effects is None else str(effects.resolve())  # workers have working folders of their own
-    results = str(output) if output is not None else manifest.results
+    results = output if output is not None else manifest.results
     return replace(manifest, settings=settings, results=results, effects=own)
 
 

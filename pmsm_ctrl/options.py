@@ -49,7 +49,8 @@ class Verb(typer.core.TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command after a look at the files that it names."""
-        outputs = [path for name in self.OUTPUTS if (path := ctx.params.get(name)) is not None and path != STDOUT]
+        named = [path for name in self.OUTPUTS if (path := ctx.params.get(name)) is not None and path != STDOUT]
+        outputs = [Path(path) for path in named if "://" not in str(path)]  # what is remote is no file
         inputs = [one for name, value in ctx.params.items() if name not in self.OUTPUTS for one in _paths(value)]
         if outputs:
             require_distinct(outputs, inputs)

@@ -14,6 +14,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.files import sha256
 from pmsm_ctrl.fleet.manifest import Item, Settings
+from pmsm_ctrl.fleet.remote import local_copy
 from pmsm_ctrl.fleet.store import Row
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.result import Estimate
@@ -86,9 +87,12 @@ class _Rows:
     job: Job
     started: datetime = field(default_factory=lambda: datetime.now(UTC))
     rows: list[Row] = field(default_factory=list)
+    copies: dict[str, str] = field(default_factory=dict)  # of remote logs; a reason names the log
 
     def add(self, source: str, kind: str, name: str, **values: Any) -> None:
         item = self.job.item
+        for copy, file in self.copies.items():
+            values = {**values, "text": values.get("text", "").replace(copy, file)}
         self.rows.append(
             Row(self.job.key, len(self.rows), item.axis, item.type, item.files[-1], item.time, self.started,
                 source, kind, name, **values)
@@ -170,9 +174,11 @@ def _imported(out: _Rows) -> list[Log]:
         out.job = replace(out.job, design=out.job.design.with_own_effects(*known))
     job, logs = out.job, []
     for file in job.item.files:
-        log = read_log(file, job.design, job.settings.mapping)
-        out.doubts("import", log.provenance.notices)
-        require_confirmed(log, job.design, job.settings.mapping)
+        with local_copy(file) as path:
+            out.copies[str(path)] = file
+            log = read_log(path, job.design, job.settings.mapping)
+            out.doubts("import", log.provenance.notices)
+            require_confirmed(log, job.design, job.settings.mapping)
         logs.append(log)
     out.add("import", "quantity", "duration", value=sum(log.duration for log in logs), unit="s")
     out.add("import", "quantity", "rate", value=_finite(min(log.rate for log in logs)), unit="Hz")

@@ -1,6 +1,7 @@
 """What is done is not done again: a key made from the logs, the design, the settings and the package.
 
 The hash of a file is remembered with its size and its time of change, so that a run with nothing new reads no log.
+Where an object store states a tag of the content, that stands for the hash: the log does not pass through this process.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import sha256
 from pmsm_ctrl.fleet.manifest import Item, Settings
+from pmsm_ctrl.fleet.remote import digest_of, is_remote, version
 
 __all__ = ["Hashes", "key_of", "package_digest"]
 
@@ -57,7 +59,7 @@ class Hashes:
         self.known: dict[str, Any] = dict(known or {})
 
     def __call__(self, path: str) -> str:
-        """Return the SHA-256 of a file.
+        """Return the SHA-256 of a file; of an object the tag of its content, where its store states one.
 
         Parameters
         ----------
@@ -68,6 +70,8 @@ class Hashes:
         OSError
             When it cannot be read.
         """
+        if is_remote(path):
+            return self._of_object(path)
         about = os.stat(path)
         size, changed, digest, when = (self.known.get(path) or (None, None, "", 0.0))[:4]
         if (size, changed) == (about.st_size, about.st_mtime_ns) and when - 1e-9 * about.st_mtime_ns > SETTLED:
@@ -75,6 +79,14 @@ class Hashes:
         now, digest = time.time(), sha256(path)
         self.known[path] = [about.st_size, about.st_mtime_ns, digest, now]
         return digest
+
+    def _of_object(self, path: str) -> str:
+        size, written, content = version(path)
+        if content:
+            return f"{size} {content}"
+        if self.known.get(path, (None, None))[:2] != [size, written]:
+            self.known[path] = [size, written, digest_of(path), time.time()]
+        return str(self.known[path][2])
 
 
 def _design_digest(path: str) -> str:

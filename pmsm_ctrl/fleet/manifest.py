@@ -9,11 +9,12 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 from pmsm_ctrl.errors import LogError, RequestError, nearest
 from pmsm_ctrl.fleet.paths import Place, compiled, guessed
+from pmsm_ctrl.fleet.remote import changed, is_file, is_remote, listed, plain
 from pmsm_ctrl.importers import log_files
 from pmsm_ctrl.importers.folders import SUFFIXES
 
@@ -51,13 +52,13 @@ class Manifest:
     Attributes
     ----------
     logs : tuple of str
-        Files, folders (with what is below them) and patterns.
+        Files, folders (with what is below them) and patterns; also with a protocol of fsspec, such as ``s3://``.
     design : str
         The design of every axis that has none of its own; empty where each has one.
     designs : dict of str to str
         Design by axis or by type.
     results : str
-        Folder of the results.
+        Folder of the results, likewise.
     path : str
         Pattern of the end of a path, such as ``{type}/{axis}/{time:%Y-%m-%d}.csv``; guessed where empty.
     time : {"path", "modified", "column"}
@@ -145,7 +146,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     folder = Path(path).parent
 
     def below(name: str) -> str:
-        return name if "://" in name else os.path.normpath(folder / name)
+        return name if is_remote(name) else os.path.normpath(folder / plain(name))
 
     logs = content.get("logs", ())
     manifest = Manifest(
@@ -237,28 +238,39 @@ def _found(manifest: Manifest) -> Iterator[Item]:
         raise RequestError(f'path = \'{manifest.path}\': no {{time}} in it; add time = "modified" or time = "column"')
     files = list(_files(manifest.logs))
     matched = pattern is None or not files
-    for root, path in files:
+    for root, path, name in files:
         place = pattern.place(path) if pattern is not None else guessed(path, root)
         if place is not None:
             matched = True
-            yield _item(manifest, path, place)
+            yield _item(manifest, name, place)
         else:  # one foreign file must not end a run
-            problem = f"{path}: does not match path = '{manifest.path}'"
-            yield Item((str(path),), UNKNOWN, "", _modified(path), "", problem)
+            problem = f"{name}: does not match path = '{manifest.path}'"
+            yield Item((name,), UNKNOWN, "", changed(name), "", problem)
     if not matched:
         raise RequestError(f"path = '{manifest.path}': no file matches this pattern")
 
 
-def _files(logs: Sequence[str]) -> Iterator[tuple[Path, Path]]:
-    """Yield every file once, with the folder that its name is read relative to."""
-    seen: set[Path] = set()
+def _files(logs: Sequence[str]) -> Iterator[tuple[PurePath, PurePath, str]]:
+    """Yield every file once: the folder that its name is read relative to, its path, and its whole name."""
+    seen: set[str] = set()
     for one in logs:
-        root = Path(one)
-        inside = _below(root) if root.is_dir() else _matching(one)
-        for path in inside:
-            if path not in seen:
-                seen.add(path)
-                yield (root if root.is_dir() else _fixed_part(one)), path
+        for root, path, name in _elsewhere(one) if is_remote(one) else _here(plain(one)):
+            if name not in seen:
+                seen.add(name)
+                yield root, path, name
+
+
+def _elsewhere(one: str) -> list[tuple[PurePath, PurePath, str]]:
+    """Return what a remote path means; of a folder or a pattern the files that can be logs."""
+    found = listed(one)
+    exact = len(found) == 1 and found[0][2].rstrip("/") == one.rstrip("/")
+    return [row for row in found if exact or (row[1].suffix.lower() in SUFFIXES and not row[1].name.startswith("."))]
+
+
+def _here(one: str) -> list[tuple[PurePath, PurePath, str]]:
+    root = Path(one)
+    inside, top = (_below(root), root) if root.is_dir() else (_matching(one), _fixed_part(one))
+    return [(top, path, str(path)) for path in inside]
 
 
 def _matching(pattern: str) -> list[Path]:
@@ -280,19 +292,14 @@ def _below(folder: Path) -> list[Path]:
     return sorted(path for path in found if path.suffix.lower() in SUFFIXES)
 
 
-def _item(manifest: Manifest, path: Path, place: Place) -> Item:
+def _item(manifest: Manifest, name: str, place: Place) -> Item:
     time = place.time if manifest.time == "path" else None
     if manifest.time == "column":
         from pmsm_ctrl.fleet.paths import first_date
 
-        time = first_date(path)
-    return Item(
-        (str(path),), place.axis, place.type, time or _modified(path), _design_of(manifest, place.axis, place.type)
-    )
-
-
-def _modified(path: Path) -> datetime:
-    return datetime.fromtimestamp(path.stat().st_mtime, UTC)
+        time = first_date(name)
+    design = _design_of(manifest, place.axis, place.type)
+    return Item((name,), place.axis, place.type, time or changed(name), design)
 
 
 def _design_of(manifest: Manifest, axis: str, kind: str) -> str:
@@ -306,12 +313,13 @@ def _listed(manifest: Manifest) -> Iterator[Item]:
     """Yield the items of a table; its files are relative to it."""
     folder = Path(manifest.table).parent
     for line, row in _rows(manifest.table):
-        path, axis, kind = folder / row["file"], row["axis"], row.get("type") or ""
-        if not path.is_file():
+        axis, kind = row["axis"], row.get("type") or ""
+        name = row["file"] if is_remote(row["file"]) else str(folder / plain(row["file"]))
+        if not is_file(name):
             raise RequestError(f"{manifest.table}, line {line}: no file '{row['file']}'")
         place = Place(axis, kind, _moment(row["time"], f"{manifest.table}, line {line}") if row.get("time") else None)
         one = replace(manifest, designs={axis: str(folder / row["design"])}) if row.get("design") else manifest
-        yield _item(one, path, place)
+        yield _item(one, name, place)
 
 
 def _rows(table: str) -> Iterable[tuple[int, dict[str, str]]]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
+from pathlib import PurePath
 
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.fleet.remote import head
 
 __all__ = ["Pattern", "Place", "compiled", "first_date", "guessed"]
 
@@ -62,12 +64,12 @@ class Pattern:
         """The fields that the pattern has."""
         return self.regex.groupindex
 
-    def place(self, path: Path) -> Place | None:
+    def place(self, path: PurePath) -> Place | None:
         """Return what a path says; None where it does not match.
 
         Parameters
         ----------
-        path : Path
+        path : PurePath
         """
         match = self.regex.search(path.as_posix())
         if match is None:
@@ -124,12 +126,12 @@ def _of_form(form: str) -> str:
     return "".join(re.escape(part) if k % 2 == 0 else _DIGITS.get(part, r"[^/]+?") for k, part in enumerate(parts))
 
 
-def guessed(path: Path, root: Path) -> Place:
+def guessed(path: PurePath, root: PurePath) -> Place:
     """Guess axis and time: the folder below `root` is the axis, else the name without its date; the time is a date.
 
     Parameters
     ----------
-    path, root : Path
+    path, root : PurePath
 
     Returns
     -------
@@ -147,20 +149,20 @@ def guessed(path: Path, root: Path) -> Place:
     return Place(stem if time is not None and stem else _LAST_NUMBER.sub("", path.stem) or path.stem, "", time)
 
 
-def first_date(path: Path) -> datetime | None:
+def first_date(path: str | os.PathLike[str]) -> datetime | None:
     """Return the first ISO 8601 date in a text file: that of its first row, or of its heading.
 
     Parameters
     ----------
-    path : Path
+    path : path
+        Here or elsewhere.
 
     Returns
     -------
     datetime or None
         None where its first lines hold no date.
     """
-    with open(path, "rb") as stream:
-        match = _STAMP.search(stream.read(HEAD).decode("latin-1"))
+    match = _STAMP.search(head(path, HEAD).decode("latin-1"))
     if match is None:
         return None
     try:

@@ -15,6 +15,7 @@ from pmsm_ctrl.fleet.engine import Engine, completed
 from pmsm_ctrl.fleet.evaluate import DONE, SET_ASIDE, Job, own_effects
 from pmsm_ctrl.fleet.keys import Hashes, key_of
 from pmsm_ctrl.fleet.manifest import Item, Manifest, items_of, read_manifest
+from pmsm_ctrl.fleet.remote import changed
 from pmsm_ctrl.fleet.result import FleetResult, Lost
 from pmsm_ctrl.fleet.store import Row, Store
 from pmsm_ctrl.section import Notice
@@ -105,7 +106,7 @@ def _loaded(effects: str) -> str:
 def _settled(item: Item, quiet: float) -> bool:
     """Whether none of its files was changed within the last seconds."""
     try:
-        return all(time.time() - os.stat(file).st_mtime >= quiet for file in item.files)
+        return all(time.time() - changed(file).timestamp() >= quiet for file in item.files)
     except OSError:  # it is gone, which the evaluation says
         return True
 

@@ -1,8 +1,8 @@
 """The results: one Parquet dataset that only grows, part by part.
 
-A part is written under a temporary name and renamed, so that a reader sees whole parts alone. Small parts are joined at
-the end of a run; the joined part names those that it replaces, so that a run that was killed in between counts nothing
-twice.
+A part is written under a temporary name and renamed, or put into an object store as one object, so that a reader sees
+whole parts alone. Small parts are joined at the end of a run; the joined part names those that it replaces, so that a
+run that was killed in between counts nothing twice.
 """
 
 from __future__ import annotations
@@ -13,11 +13,10 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.files import atomic_path
+from pmsm_ctrl.fleet.remote import folder_at
 
 __all__ = ["COLUMNS", "Row", "Store", "require_pyarrow"]
 
@@ -102,26 +101,31 @@ class Store:
     Parameters
     ----------
     folder : path
-        Made where it does not exist.
+        Here, or elsewhere by a protocol of fsspec such as ``s3://``. Made where it does not exist.
 
     Raises
     ------
     RequestError
-        When pyarrow is not installed, or the folder cannot be made or holds something else.
+        When pyarrow or what the protocol needs is not installed, or the folder cannot be made or holds something else.
     """
 
     def __init__(self, folder: str | os.PathLike[str], *, create: bool = True) -> None:
         self.arrow = require_pyarrow()
-        self.folder = Path(folder)
-        self.rows = self.folder / "rows"
-        if not create and not self.rows.is_dir():
-            raise RequestError(f"{folder}: no results of a fleet; a folder that `pmsm-ctrl fleet` wrote was expected")
-        if self.folder.is_dir() and not self.rows.is_dir() and any(self.folder.iterdir()):
-            raise RequestError(f"{folder}: holds other files; an empty or a new folder was expected for the results")
+        self.folder = folder_at(folder)
+        self.rows = folder_at(f"{os.fspath(folder).rstrip('/')}/rows")
         try:
-            self.rows.mkdir(parents=True, exist_ok=True)
+            known = self.rows.exists()
+            if not create and not known:
+                raise RequestError(
+                    f"{folder}: no results of a fleet; a folder that `pmsm-ctrl fleet` wrote was expected"
+                )
+            if not known and self.folder.occupied():
+                raise RequestError(
+                    f"{folder}: holds other files; an empty or a new folder was expected for the results"
+                )
+            self.rows.make()
         except OSError as error:
-            raise RequestError(f"{folder}: cannot be made ({error.strerror})") from None
+            raise RequestError(f"{folder}: cannot be made ({error.strerror or error})") from None
 
     @property
     def schema(self) -> Any:
@@ -153,23 +157,29 @@ class Store:
         # a name that no other writer takes; the time keeps the order of a listing
         prefix = JOINED if replaces else PART
         name = f"{prefix}{datetime.now(UTC):%Y%m%dT%H%M%S%f}-{os.urandom(4).hex()}{SUFFIX}"
-        with atomic_path(self.rows / name) as temporary:
-            self.arrow.parquet.write_table(table.replace_schema_metadata(told), temporary, compression="zstd")
+        content = self.arrow.BufferOutputStream()
+        self.arrow.parquet.write_table(table.replace_schema_metadata(told), content, compression="zstd")
+        self.rows.write(name, content.getvalue().to_pybytes())
 
-    def parts(self) -> list[Path]:
-        """Return the parts that count: neither unfinished nor replaced by a joined one."""
+    def parts(self) -> list[str]:
+        """Return the names of the parts that count: neither unfinished nor replaced by a joined one."""
         found = self._all()
-        gone = set(chain.from_iterable(self._replaced(path) for path in found if path.name.startswith(JOINED)))
-        return [path for path in found if path.name not in gone]
+        gone = set(chain.from_iterable(self._replaced(name) for name in found if name.startswith(JOINED)))
+        return [name for name in found if name not in gone]
 
-    def _all(self) -> list[Path]:
+    def _all(self) -> list[str]:
         """Return every whole part, in the order of their writing; an unfinished one is hidden."""
-        found = (path for prefix in (PART, JOINED) for path in self.rows.glob(f"{prefix}*{SUFFIX}"))
-        return sorted(found, key=lambda path: path.name.partition("-")[2])
+        found = (one for one in self.rows.names() if one.startswith((PART, JOINED)) and one.endswith(SUFFIX))
+        return sorted(found, key=lambda name: name.partition("-")[2])
 
-    def _replaced(self, path: Path) -> list[str]:
-        told = self.arrow.parquet.read_schema(path).metadata or {}
+    def _replaced(self, name: str) -> list[str]:
+        told = self.arrow.parquet.read_schema(self.rows.path(name), filesystem=self.rows.arrow).metadata or {}
         return list(json.loads(told.get(b"replaces", b"[]")))
+
+    def _part(self, name: str) -> Any:
+        return self.arrow.parquet.read_table(
+            self.rows.path(name), schema=self.schema, filesystem=self.rows.arrow, partitioning=None
+        )
 
     def table(self, columns: Iterable[str] | None = None, kinds: Iterable[str] | None = None) -> Any:
         """Return the rows as an Arrow table, in the order of their writing.
@@ -187,12 +197,13 @@ class Store:
         """
         import pyarrow.dataset
 
-        parts = [str(path) for path in self.parts()]
+        parts = [self.rows.path(name) for name in self.parts()]
         if not parts:
             return self.schema.empty_table()
         wanted = None if kinds is None else pyarrow.dataset.field("kind").isin(list(kinds))
         names = None if columns is None else list(columns)
-        return pyarrow.dataset.dataset(parts, schema=self.schema).to_table(columns=names, filter=wanted)
+        found = pyarrow.dataset.dataset(parts, schema=self.schema, filesystem=self.rows.arrow)
+        return found.to_table(columns=names, filter=wanted)
 
     def read(self, kinds: Iterable[str] | None = None) -> Iterator[Row]:
         """Yield the rows.
@@ -216,16 +227,18 @@ class Store:
 
     def join(self) -> None:
         """Join small parts into one."""
-        parquet = self.arrow.parquet
         counting = self.parts()
         for stale in set(self._all()) - set(counting):
-            stale.unlink(missing_ok=True)
-        small = [path for path in counting if parquet.read_metadata(path).num_rows < SMALL]
+            self.rows.remove(stale)
+        small = [name for name in counting if self._length(name) < SMALL]
         if len(small) > 1:
-            tables = [parquet.read_table(path, schema=self.schema) for path in small]
-            self._write(self.arrow.concat_tables(tables), [path.name for path in small])
-            for path in small:
-                path.unlink(missing_ok=True)
+            self._write(self.arrow.concat_tables([self._part(name) for name in small]), small)
+            for name in small:
+                self.rows.remove(name)
+
+    def _length(self, name: str) -> int:
+        about = self.arrow.parquet.read_metadata(self.rows.path(name), filesystem=self.rows.arrow)
+        return int(about.num_rows)
 
     def forget(self, keys: Collection[str]) -> None:
         """Take the rows of some keys out: their parts are written again without them, and replaced at once.
@@ -236,14 +249,14 @@ class Store:
         """
         if not keys:
             return
-        parquet, compute = self.arrow.parquet, self.arrow.compute
+        compute = self.arrow.compute
         wanted = self.arrow.array(sorted(keys))
-        for path in self.parts():
-            table = parquet.read_table(path, schema=self.schema)
+        for name in self.parts():
+            table = self._part(name)
             gone = compute.is_in(table["key"], value_set=wanted)
             if compute.any(gone).as_py():
-                self._write(table.filter(compute.invert(gone)), [path.name])
-                path.unlink(missing_ok=True)
+                self._write(table.filter(compute.invert(gone)), [name])
+                self.rows.remove(name)
 
     # -- beside the rows --------------------------------------------------------------------------------------
 
@@ -255,8 +268,7 @@ class Store:
         name : str
         content : dict
         """
-        with atomic_path(self.folder / f"{name}.json") as temporary:
-            temporary.write_text(json.dumps(content, indent=1, default=str), encoding="utf-8")
+        self.folder.write(f"{name}.json", json.dumps(content, indent=1, default=str).encode())
 
     def noted(self, name: str) -> dict[str, Any]:
         """Return what `note` wrote; nothing where it did not.
@@ -266,7 +278,7 @@ class Store:
         name : str
         """
         try:
-            content = json.loads((self.folder / f"{name}.json").read_text(encoding="utf-8"))
+            content = json.loads(self.folder.read(f"{name}.json"))
         except (OSError, ValueError):
             return {}
         return content if isinstance(content, dict) else {}

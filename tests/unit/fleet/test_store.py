@@ -40,7 +40,7 @@ def test_every_column_has_its_unit_and_meaning_in_the_file(tmp_path: Path) -> No
     store = Store(tmp_path / "r")
     store.add([row("k")])
     (part,) = store.parts()
-    schema = pyarrow.parquet.read_schema(part)
+    schema = pyarrow.parquet.read_schema(tmp_path / "r" / "rows" / part)
     assert {one.name: (one.metadata[b"unit"].decode(), one.metadata[b"meaning"].decode()) for one in schema} == {
         name: (unit, meaning) for name, (_, unit, meaning) in COLUMNS.items()
     }
