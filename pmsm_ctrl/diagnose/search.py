@@ -15,7 +15,7 @@ from pmsm_ctrl.evidence.linalg import Added, added_each
 from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.columns import Group, candidate_groups
+from pmsm_ctrl.regression.columns import Group, candidate_groups, groups_of_candidates
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved
 from pmsm_ctrl.regression.saturated import Saturated, saturated
@@ -183,9 +183,9 @@ def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tupl
     offer : Offer
     left : Saturated
     """
-    laid = tuple(
-        (candidate, tuple(candidate_groups(record, candidate.effect, candidate.grid))) for candidate in candidates
-    )
+    some = tuple(candidates)
+    groups = groups_of_candidates(record, [(one.effect, one.grid) for one in some])
+    laid = tuple((one, tuple(own)) for one, own in zip(some, groups, strict=True))
     left = saturated(record, model, [group for _, some in laid for group in some])
     return Offer(laid, left.grams, left.entering, left.places), left
 

@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 
 LANES = 16  # columns side by side: two cache lines
 AT_ONCE = 1024  # samples that stay in the cache while every lag is added
-FEW = 4  # columns; fewer are filtered one by one, with the filter's state in registers
+FEW = 3  # columns; fewer are filtered one by one, with the filter's state in registers
+VECTOR, TILE = 8, 64  # columns of a whole vector register; samples that are transposed in the cache
 
 
 @uncontracted
@@ -98,29 +99,31 @@ def zero_phase(values: Array, sections: Array, settled: Array, pad: int, step: i
         Filled.
     """
     columns, n = values.shape
-    sweeps = (columns + LANES - 1) // LANES
-    if columns < FEW and len(sections) <= 4:
-        sweeps = columns
-    for sweep in range(sweeps):
-        start = sweep * columns // sweeps
-        lanes = (sweep + 1) * columns // sweeps - start
-        rows = np.empty((n + 2 * pad, lanes))
-        for c in range(lanes):
-            first, last = values[start + c, 0], values[start + c, n - 1]
-            for i in range(pad):
-                rows[i, c] = 2.0 * first - values[start + c, pad - i]
-                rows[pad + n + i, c] = 2.0 * last - values[start + c, n - 2 - i]
-            for i in range(n):
-                rows[pad + i, c] = values[start + c, i]
-        if lanes == 1 and len(sections) <= 4:
+    few = columns < FEW and len(sections) <= 4
+    most = 1 if few else LANES
+    for start in range(0, columns, most):
+        count = min(most, columns - start)
+        # empty lanes cost less than lanes that fill no whole vector
+        lanes = 1 if few else (count + VECTOR - 1) // VECTOR * VECTOR
+        rows = np.zeros((n + 2 * pad, lanes))
+        for first in range(0, n, TILE):
+            for c in range(count):
+                for i in range(first, min(first + TILE, n)):
+                    rows[pad + i, c] = values[start + c, i]
+        for i in range(pad):
+            for c in range(lanes):
+                rows[i, c] = 2.0 * rows[pad, c] - rows[2 * pad - i, c]
+                rows[pad + n + i, c] = 2.0 * rows[pad + n - 1, c] - rows[pad + n - 2 - i, c]
+        if few:
             _four_sections(rows, sections, settled, False)
             _four_sections(rows[pad:], sections, settled, True)
         else:
             _recursive(rows, sections, settled, False)
             _recursive(rows[pad:], sections, settled, True)
-        for c in range(lanes):
-            for j in range(out.shape[1]):
-                out[start + c, j] = rows[pad + j * step, c]
+        for first in range(0, out.shape[1], TILE):
+            for c in range(count):
+                for j in range(first, min(first + TILE, out.shape[1])):
+                    out[start + c, j] = rows[pad + j * step, c]
 
 
 @uncontracted

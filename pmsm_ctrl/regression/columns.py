@@ -19,6 +19,7 @@ __all__ = [
     "candidate_groups",
     "effect_group",
     "forget_effects",
+    "groups_of_candidates",
     "seen_as_candidate",
 ]
 
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 # Bytes of columns that are kept from one fit to the next, roughly, and of signals that are filtered at once.
 MOST_KEPT, AT_ONCE = 100e6, 6e6
 SINGLE = 150_000  # samples of the thinned grid beyond which candidates are kept in single precision
-FEWEST_AT_ONCE = 4  # shapes: fewer columns are filtered one by one
+FEWEST_AT_ONCE = 8  # columns, which are filtered in the time of four
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ def _key(effect: Effect, shape: Mapping[str, float]) -> tuple[object, ...]:
 def candidate_groups(record: Record, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> list[Group]:
     """Return, for every shape, the columns by which an effect that is not in the model yet is judged.
 
-    They are filtered side by side, and remembered; none where the log or the design lacks what the effect needs.
+    None where the log or the design lacks what the effect needs.
 
     Parameters
     ----------
@@ -142,29 +143,77 @@ def candidate_groups(record: Record, effect: Effect, shapes: Sequence[Mapping[st
     shapes : sequence of mapping
         Nonlinear parameters.
     """
-    structure = effect.structure
-    if structure.available(record, effect):
-        return []
-    symbols = structure.symbols(effect)
-    keys = [("seen", *_key(effect, shape)) for shape in shapes]
-    missing = [k for k, key in enumerate(keys) if key not in _memo(record, effect, key)]
-    batch = max(FEWEST_AT_ONCE, int(AT_ONCE / (len(record.prepared.t) * 8 * max(1, len(symbols)))))
-    for start in range(0, len(missing), batch):
-        some = missing[start : start + batch]
-        try:
-            parts = [part for k in some for part in structure.columns(record, effect, shapes[k])]
-        except UnavailableError:
-            return []
-        stacked = record.stack_all(parts, structure.filtered(record))
-        for position, k in enumerate(some):
-            own = slice(position * len(symbols), (position + 1) * len(symbols))
-            rows = tuple(None if columns is None else columns[own].copy() for columns in stacked)
-            group = seen_as_candidate(record, Group(effect, symbols, rows, shapes[k]))
-            _memo(record, effect, keys[k])[keys[k]] = tuple(map(_small, group.rows))
+    return groups_of_candidates(record, [(effect, shapes)])[0]
+
+
+def groups_of_candidates(
+    record: Record, wanted: Sequence[tuple[Effect, Sequence[Mapping[str, float]]]]
+) -> list[list[Group]]:
+    """Do what `candidate_groups` does for several effects.
+
+    The columns of all are filtered side by side, and remembered.
+
+    Parameters
+    ----------
+    record : Record
+    wanted : sequence of (Effect, shapes)
+    """
+    several = max(FEWEST_AT_ONCE, int(AT_ONCE / (len(record.prepared.t) * 8)))
+    lacking, waiting, held = set(), [], 0
+    for number, (effect, shapes) in enumerate(wanted):
+        if effect.structure.available(record, effect):
+            lacking.add(number)
+            continue
+        for shape in shapes:
+            key = ("seen", *_key(effect, shape))
+            if key in _memo(record, effect, key):
+                continue
+            try:
+                parts = effect.structure.columns(record, effect, shape)
+            except UnavailableError:
+                lacking.add(number)
+                break
+            waiting.append(_Raw(effect, shape, parts))
+            held += len(parts)
+            if held >= several:
+                _remember(record, waiting)
+                waiting, held = [], 0
+    _remember(record, waiting)
     return [
-        Group(effect, symbols, _memo(record, effect, key)[key], dict(shape))
-        for key, shape in zip(keys, shapes, strict=True)
+        [] if number in lacking else [_remembered(record, effect, shape) for shape in shapes]
+        for number, (effect, shapes) in enumerate(wanted)
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Raw:
+    """Columns of an effect at the log's rate: one mapping of balance to array, shape (n,), for each of its symbols."""
+
+    effect: Effect
+    shape: Mapping[str, float]
+    parts: Sequence[Mapping[str, Array]]
+
+
+def _remember(record: Record, several: Sequence[_Raw]) -> None:
+    """Filter and thin columns, and remember them as those of candidates."""
+    for filtered in (False, True):
+        some = [raw for raw in several if raw.effect.structure.filtered(record) == filtered]
+        stacked = record.stack_all([part for raw in some for part in raw.parts], filtered)
+        start = 0
+        for raw in some:
+            own = slice(start, start := start + len(raw.parts))
+            rows = tuple(
+                columns[own].copy() if columns is not None and any(name in part for part in raw.parts) else None
+                for name, columns in zip(record.channels, stacked, strict=True)
+            )
+            group = Group(raw.effect, raw.effect.structure.symbols(raw.effect), rows, raw.shape)
+            key = ("seen", *_key(raw.effect, raw.shape))
+            _memo(record, raw.effect, key)[key] = tuple(map(_small, seen_as_candidate(record, group).rows))
+
+
+def _remembered(record: Record, effect: Effect, shape: Mapping[str, float]) -> Group:
+    key = ("seen", *_key(effect, shape))
+    return Group(effect, effect.structure.symbols(effect), _memo(record, effect, key)[key], dict(shape))
 
 
 def _small(columns: Array | None) -> Array | None:
