@@ -243,7 +243,8 @@ class Section:
                 own = own or tables == 0
             if own:
                 kept.append(_shortened(block))
-        left = [f"{warnings - MOST_WARNINGS} more warnings"] if warnings > MOST_WARNINGS else []
+        more = warnings - MOST_WARNINGS
+        left = [f"{more} more warning{'s' if more > 1 else ''}"] if more > 0 else []
         left += ["everything else"] if len(kept) < len(self.blocks) else []
         said = [f"--verbose shows {' and '.join(left)}."] if left else []
         return replace(self, blocks=(*kept, *said))

@@ -84,6 +84,7 @@ def structure_words(found: ResidualStructure) -> str:
     for number, d in enumerate(found.named):
         share = f"{100 * d.added:.0f} %"
         start = f"{share} of the residual depends" if not parts else f"a further {share} depends"
+        start = "a small part depends" if share == "0 %" else start  # of it nothing was left by the ones before
         text = f"{start} on {coordinate_words(d)}"
         if number == 0 and d.coordinate != "direction":
             place = "" if len(d.orders) == 1 else f"largest {largest_words(d)}, "

@@ -36,6 +36,7 @@ def _(result: Comparison) -> Section:
             *(notice for notice in result.notices if notice not in result.reasons[:1]),
             *(_capital(sentence) for sentence in found[1:]),
             *([sampled] if (sampled := sampling_text(log.timing, names["torque"])) is not None else []),
+            *_drift(records),
             _errors(records, names),
             *_meanings(records),
             *_whole(records, motion),
@@ -45,6 +46,15 @@ def _(result: Comparison) -> Section:
             *_pictures(result),
         ),
     )
+
+
+def _drift(records: Iterable[tuple[str, Record]]) -> Iterator[str]:
+    """Yield what the error of a free run over the whole record says, and what it does not say."""
+    if any(run.method == "free run" for _, record in records for run in record.simulated):
+        yield (
+            "The free run has nothing that holds it to the measured motion: small errors of the torque add up, "
+            "and a good model drifts away as well. Judge the model by the prediction of the torque."
+        )
 
 
 def _whole(records: Iterable[tuple[str, Record]], motion: str) -> Iterator[str]:

@@ -160,7 +160,7 @@ def _errors(d: Diagnosis) -> Table:
             for name, own, held, of_run in rows
         ),
         "Relative rms error of each balance"
-        + ("; position of the whole log, simulated from the torque alone" if simulated else ""),
+        + ("; free run: the position, simulated from the torque alone, whose small errors add up" if simulated else ""),
     )
 
 

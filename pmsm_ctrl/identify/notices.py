@@ -17,7 +17,7 @@ __all__ = [
 BOUND = Template(
     "parameter_at_bound",
     "{name} is held at its bound {bound:g}, and the others are fitted with it; without bounds it would be {value:.4g} "
-    "+- {stderr:.2g} {unit}",
+    "+- {stderr:.2g} {unit}; beyond its error that is a missing effect: diagnose this log",
 )
 ILL_CONDITIONED = Template(
     "ill_conditioned", "condition number {condition:.3g}: some parameters are nearly inseparable on this motion"

@@ -99,9 +99,14 @@ _LOOKUP = {alias: channel for channel, aliases in _NAMES.items() for alias in al
 _LOOKUP |= {_folded(channel): channel for channel in CHANNELS if channel not in ("omega_true", "theta_true")}
 
 
+# "% rated", "% of nominal": a share, of what the file does not state
+_RATED = re.compile(r"^(%|‰)\s*+(?:of\s++|of\s++the\s++)?(?:rated|nominal|rtd|nenn\w{0,12}|nom)$", re.IGNORECASE)
+
+
 def unit_spelling(unit: str) -> str:
     """Return the package's spelling of a unit as a file writes it; an unknown unit comes back as it is."""
     text = unit.strip().strip("[]()").strip()
+    text = _RATED.sub(r"\1", text)
     if text in UNITS:
         return text
     return _SPELLINGS.get(text.casefold()) or _FOLDED.get(text.casefold(), text)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import tomli_w
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
@@ -20,6 +19,7 @@ from pmsm_ctrl.importers.clock import with_clock
 from pmsm_ctrl.importers.guessing import Guess, guesses
 from pmsm_ctrl.importers.mapping import REQUIRED, find_column
 from pmsm_ctrl.importers.reading import log_of
+from pmsm_ctrl.importers.report import log_toml
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.result import Result, jsonable
@@ -73,7 +73,7 @@ class Proposal(Result):
     @property
     def table(self) -> str:
         """The [log] table, as TOML, for a design."""
-        return tomli_w.dumps({"log": {**self.settings, "channels": self.mapping}})
+        return log_toml({**self.settings, "channels": self.mapping})
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""

@@ -184,7 +184,18 @@ def log_table(table: Table, assignment: Assignment) -> str:
     scale = {s.channel: s.scale for s in assignment.sources if s.scale != 1.0 or s.factor_unknown}
     if scale:
         content["scale"] = scale
-    return tomli_w.dumps({"log": content})
+    return log_toml(content)
+
+
+def log_toml(content: Mapping[str, Any]) -> str:
+    """Return a [log] table as TOML, fit to be shown: a tab as its escape, which a terminal does not swallow.
+
+    Parameters
+    ----------
+    content : dict
+        Settings, and the tables ``channels`` and ``scale``.
+    """
+    return tomli_w.dumps({"log": content}).replace("\t", "\\t")
 
 
 def _spelled(table: Table, source: Source) -> str:

@@ -122,7 +122,8 @@ def test_the_next_command_keeps_the_held_out_logs() -> None:
 
 def test_an_import_without_a_design_leads_to_one() -> None:
     assert next_step("import", {"file": Path("l.csv")}) == "pmsm-ctrl init axis"
-    assert next_step("import", {"file": Path("l.csv"), "design": Path("a.toml")}).endswith("compare l.csv --design a.toml")
+    given = {"file": Path("l.csv"), "design": Path("a.toml")}
+    assert next_step("import", given) == "pmsm-ctrl compare l.csv --design a.toml"
 
 
 def test_every_command_has_a_next_one() -> None:
@@ -142,6 +143,7 @@ def test_a_brief_section_keeps_what_is_essential() -> None:
     assert "A detail" not in text
     assert "... 29 more" in text
     assert "--verbose shows 2 more warnings and everything else." in text
+    assert "shows 1 more warning and" in to_text(Section("Title", (*notices[:4], long, found)).brief())
     short = Section("Title", ("The verdict.", found))
     assert to_text(short.brief()) == to_text(short)
 

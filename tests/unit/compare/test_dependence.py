@@ -109,6 +109,8 @@ def test_a_second_coordinate_is_named_beyond_the_first(axis: Prepared, rng: np.r
     found = search(axis, speed + 0.6 * place + 0.3 * coloured(rng, len(speed), 0.5))
     assert [d.coordinate for d in found.named[:2]] == ["speed", "position"]
     assert "a further" in structure_words(found)
+    nothing_left = replace(found, dependences=tuple(replace(d, added=0.0) if d.rank == 2 else d for d in found.named))
+    assert "; a small part depends on position" in structure_words(nothing_left)  # and not "a further 0 %"
 
 
 def test_an_offset_is_called_constant(axis: Prepared, rng: np.random.Generator) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -84,6 +85,24 @@ def test_per_mille_of_rated_current(tmp_path: Path, axis: dict[str, np.ndarray],
     assert mapping["i_q"].startswith("Querstrom [‰ of ")
     log = read_log(path, mapping={**mapping, "i_q": "Querstrom [‰ of 1.3 A]"})
     np.testing.assert_allclose(log["i_q"], axis["i_q"], atol=1e-6)
+
+
+def test_a_share_of_a_rated_value_is_no_ampere(tmp_path: Path, axis: dict[str, np.ndarray]) -> None:
+    """It was taken for amperes: only the word behind the sign was not understood."""
+    columns = (axis["t"], axis["omega"], axis["i_q"] / 1.3 * 100.0)
+    for head in "Torque current (% rated)", "Torque current [% of nominal]":
+        path = text(tmp_path / "a.csv", [f"t [s],speed [rad/s],{head}"], columns, ",")
+        found = propose(open_table(path))
+        assert "rated_unknown" in codes(found)
+        assert found.mapping["i_q"] == "Torque current [% of RATED A]"
+        assert not found.complete
+
+
+def test_a_tab_is_visible_in_the_table_that_is_proposed(tmp_path: Path, axis: dict[str, np.ndarray]) -> None:
+    path = text(tmp_path / "a.txt", [], (axis["t"], axis["theta"], axis["omega"], axis["i_q"]), "\t")
+    table = propose(open_table(path)).table
+    assert 'separator = "\\t"' in table
+    assert tomllib.loads(table)["log"]["separator"] == "\t"
 
 
 @pytest.mark.parametrize("named", [True, False])
