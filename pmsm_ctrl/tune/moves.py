@@ -19,10 +19,10 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.motions import Limits
-from pmsm_ctrl.tune.reach import reachable
+from pmsm_ctrl.tune.reach import RESERVE, largest, reachable
 from pmsm_ctrl.tune.sampled import Cascade
 
-__all__ = ["PEAK_TOLERANCE", "Move", "MovePair", "friction_load", "moves"]
+__all__ = ["PEAK_TOLERANCE", "Move", "MovePair", "friction_load", "move_limits", "moves"]
 
 Array = NDArray[np.float64]
 
@@ -108,11 +108,36 @@ def moves(cascade: Cascade, plant: Design, *, seed: int = 0) -> tuple[MovePair, 
     return tuple(_pair(cascade, plant, profile, seed) for profile in PROFILES)
 
 
-def _limits(cascade: Cascade, profile: str) -> Limits:
-    """Return the limits of a profile that the drive can follow; its full speed is reached within `LONGEST_RAMP`."""
+def move_limits(cascade: Cascade, profile: str) -> Limits:
+    """Return the limits of a profile that the drive can follow; its full speed is reached within `LONGEST_RAMP`.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        With its position loop.
+    profile : {"trapezoid", "s_curve"}
+    """
     limits = Limits.of(cascade.design)
-    limits = replace(limits, speed=min(limits.speed, LONGEST_RAMP * limits.acceleration))
+    limits = replace(limits, speed=_stable_speed(cascade, min(limits.speed, LONGEST_RAMP * limits.acceleration)))
     return reachable(cascade.design, cascade.current, limits, jumps=profile == "trapezoid")
+
+
+def _stable_speed(cascade: Cascade, wanted: float) -> float:
+    """Return the speed, at most the one that is wanted, that keeps a reserve to where the loops become unstable."""
+
+    def stable(speed: float) -> bool:
+        poles = cascade.moving(speed, 0.0).system(("angle_noise",), ("i_q_ref",)).poles()
+        return float(np.abs(poles).max()) < 1.0 + ROUNDING
+
+    top = wanted / RESERVE
+    if stable(top):
+        return wanted
+    below = 0.0
+    for speed in np.linspace(0.0, top, SPEEDS)[1:].tolist():
+        if not stable(speed):
+            return RESERVE * largest(stable, below, speed)
+        below = speed
+    return wanted
 
 
 def friction_load(design: Design) -> float:
@@ -149,7 +174,7 @@ def _pair(cascade: Cascade, plant: Design, profile: str, seed: int) -> MovePair:
     design = cascade.design
     off = design.compensation.model_copy(update={"gain": 0.0})
     design = design.model_copy(update={"compensation": off})
-    limits = _limits(cascade, profile)
+    limits = move_limits(cascade, profile)
     speed = min(limits.speed, LONGEST_RAMP * limits.acceleration)
     distance = 1.5 * speed * (speed / limits.acceleration + limits.acceleration / limits.jerk)
     built_up = {"jerk": limits.jerk} if profile == "s_curve" else {}

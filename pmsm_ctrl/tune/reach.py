@@ -20,7 +20,7 @@ from pmsm_ctrl.simulate.motions import Limits
 from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.tune.held import held_period
 
-__all__ = ["RESERVE", "highest_stable_speed", "reachable", "steady_voltage", "within_period"]
+__all__ = ["RESERVE", "highest_stable_speed", "largest", "reachable", "steady_voltage", "within_period"]
 
 Array = NDArray[np.float64]
 
@@ -61,15 +61,22 @@ def reachable(design: Design, current: CurrentLoop, limits: Limits, *, jumps: bo
         return slower
     if jumps and _need(design, current, scaled(0.0), jumps) < RESERVE:
         # A jump is lowered by the acceleration alone.
-        lowered = _largest(lambda share: _jump(design, current, share * slower.acceleration) <= RESERVE)
+        lowered = largest(lambda share: _jump(design, current, share * slower.acceleration) <= RESERVE)
         slower = replace(slower, acceleration=lowered * slower.acceleration, jerk=lowered * slower.jerk)
     if _need(design, current, scaled(0.0), jumps) >= RESERVE:
         return limits
-    return scaled(_largest(lambda share: _need(design, current, scaled(share), jumps) <= RESERVE))
+    return scaled(largest(lambda share: _need(design, current, scaled(share), jumps) <= RESERVE))
 
 
-def _largest(allowed: Callable[[float], bool], low: float = 0.0, high: float = 1.0) -> float:
-    """Return the largest value that is allowed, between one that is and one that may not be, by bisection."""
+def largest(allowed: Callable[[float], bool], low: float = 0.0, high: float = 1.0) -> float:
+    """Return the largest value that is allowed, between one that is and one that may not be, by bisection.
+
+    Parameters
+    ----------
+    allowed : function
+    low, high : float
+        The first one is allowed.
+    """
     if allowed(high):
         return high
     for _ in range(HALVINGS):
@@ -217,7 +224,7 @@ def highest_stable_speed(design: Design, current: CurrentLoop, up_to: float = ma
         if above >= last:
             return math.inf
         below, above = above, min(above + STEP, last)
-    return rate * _largest(stable, below, above)
+    return rate * largest(stable, below, above)
 
 
 def _radius(design: Design, m: Plant, current: CurrentLoop, omega_e: float) -> float:

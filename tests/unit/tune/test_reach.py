@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from pmsm_ctrl.design import CurrentLoop, Design, Filter
+from pmsm_ctrl.design import CurrentLoop, Design, Filter, PositionLoop, SpeedLoop
 from pmsm_ctrl.simulate.motions import Limits
 from pmsm_ctrl.tune.bench import multisine
 from pmsm_ctrl.tune.current import tune_current
-from pmsm_ctrl.tune.moves import moves
+from pmsm_ctrl.tune.moves import move_limits, moves
 from pmsm_ctrl.tune.reach import RESERVE, highest_stable_speed, reachable, steady_voltage
+from pmsm_ctrl.tune.sampled import Cascade
 from pmsm_ctrl.tune.tuning import tune
 from tests.benchmarks.machines import machine
 
@@ -60,6 +61,18 @@ def test_the_current_loop_is_unstable_above_a_speed(design, delay):
     assert highest_stable_speed(lossless, loop, 0.9 * found / (design.motor.p * T)) == math.inf
 
 
+def test_a_move_stays_below_the_speed_at_which_the_position_loop_is_unstable():
+    # L/R of 10 us at 4 kHz and 19 pole pairs: the current loop alone is stable up to 298 rad/s
+    current, speed = CurrentLoop(K_p=0.2006, T_n=1.041e-5), SpeedLoop(K_p=0.06482, T_n=0.05863)
+    cascade = Cascade.of(machine(1067), current, speed, PositionLoop(K_v=56.1), at=80.0)
+    assert highest_stable_speed(cascade.design, current) == pytest.approx(298.0, abs=0.5)
+    found = move_limits(cascade, "s_curve").speed
+    largest = [float(np.abs(cascade.moving(share * found / RESERVE, 0.0).system(("angle_noise",), ("i_q_ref",)).poles())
+               .max()) for share in (0.99, 1.01)]  # fmt: skip
+    assert largest[0] < 1.0 < largest[1]
+    assert found < 200.0
+
+
 def test_a_motion_within_the_limits_stays_as_it_is(design):
     limits, loop = Limits.of(design), tune_current(design)
     assert reachable(design, loop, limits, jumps=False) == limits
@@ -105,9 +118,10 @@ def test_a_current_limit_is_kept_and_a_hopeless_one_left(design):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1040, 1051, 1121, 1148])
+@pytest.mark.parametrize("seed", [1040, 1051, 1067, 1121, 1148])
 def test_a_machine_follows_the_moves_derived_for_it(seed):
-    # 1121: slow winding, voltage p w L i; the others: 1 to 2.5 rad per control period at full EMF
+    # 1121: slow winding, voltage p w L i; 1067: speed loop unstable before the current loop is; the others: 1 to
+    # 2.5 rad per control period at full EMF
     tuned = tune(machine(seed), prove=False)
     for move in moves(tuned.cascade, tuned.design):
         assert not move.limited
