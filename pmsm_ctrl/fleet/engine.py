@@ -23,6 +23,15 @@ PATIENCE = "20s"  # for a scheduler to answer
 LONGEST = 900.0  # s a job may take before its worker is ended: 100 times the usual
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # of libraries, in a worker
 
+# dask looks after tasks of milliseconds: it polls 10 to 50 times a second, and moves tasks and data between workers.
+# A log takes seconds and its rows are small.
+UNHURRIED = {
+    "distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "1s",
+    "distributed.worker.memory.monitor-interval": "500ms", "distributed.admin.system-monitor.interval": "10s",
+    "distributed.admin.system-monitor.gil.enabled": False, "distributed.scheduler.work-stealing": False,
+    "distributed.scheduler.active-memory-manager.start": False,
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Engine:
@@ -151,8 +160,7 @@ def _client(engine: Engine, processes: int) -> Iterator[Any]:
     quiet = {"distributed.scheduler.allowed-failures": DEATHS - 1, "distributed.logging.distributed": "critical",
              "distributed.worker.memory.terminate": 0.95, "distributed.admin.tick.limit": "1h",
              # dask has workers give memory back at once, and each large array then costs its page faults: 1.6 times
-             "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, 1),
-             "distributed.worker.profile.enabled": False}  # fmt: skip
+             "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, 1), **UNHURRIED}  # fmt: skip
     with dask.config.set(quiet):
         if engine.scheduler:
             try:
