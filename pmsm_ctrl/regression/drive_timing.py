@@ -20,7 +20,7 @@ from pmsm_ctrl.regression.filters import derivative
 from pmsm_ctrl.sampling import speed_lag
 
 __all__ = [
-    "CURRENT_LOOP", "EMF", "EMF_LATE", "LATENESS", "SPREAD", "SYNCHRONOUS", "TOLD", "UNDELAYED", "DriveTiming",
+    "CURRENT_LOOP", "EMF", "EMF_LATE", "LATENESS", "SPREAD", "SURE", "SYNCHRONOUS", "TOLD", "UNDELAYED", "DriveTiming",
     "Sampling", "drive_sampling", "emf_left", "filter_behind", "in_time", "possible_sampling", "sampling_columns",
     "stated_timing",
 ]  # fmt: skip
@@ -33,7 +33,8 @@ EMF_LATE = 5e-3  # s, by which the compensation of the back-emf lags: a speed fi
 # What is sampled with the current, and so as late as that.
 DRIVE = ("torque", "i_q", "i_d")
 OTHERS = ("theta", "omega", "u_d", "u_q")
-# Standard errors by which the spread must miss that of a filter for the rest to be called a delay.
+# Standard errors by which a delay must exceed what sampling can do, and by which the spread must miss that of a filter
+# for the rest to be called a delay.
 SURE = 3.0
 MET = 0.03  # of a sample: a delay below it is met well enough to first order
 # Part of a period of the log by which a sampling that the design states may be off: the clocks of two boards.

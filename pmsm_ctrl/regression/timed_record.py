@@ -18,6 +18,7 @@ from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import (
     LATENESS,
     SPREAD,
+    SURE,
     TOLD,
     UNDELAYED,
     DriveTiming,
@@ -186,12 +187,17 @@ def _with_filter_said(record: Record) -> Record:
 
 
 def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:
-    """Return the filter of the drive signal that explains a delay beyond what sampling can do; none where none does."""
+    """Return the filter of the drive signal that explains a delay beyond what sampling can do; none where none does.
+
+    A delay that is beyond by less than its uncertainty is none: friction that the design lacks looks like one.
+    """
     if record.timing == UNDELAYED and fit.level(LATENESS) <= record.sampling:
         return UNDELAYED
     free = base_fit(design, record, settled=False)
-    value, stderr = free.value(SPREAD)
     delay = record.timing.delay + free.level(LATENESS)
+    if delay - record.sampling <= SURE * free.value(LATENESS)[1]:
+        return UNDELAYED
+    value, stderr = free.value(SPREAD)
     return filter_behind(delay, (record.timing.spread + value, stderr), record.sampling) or UNDELAYED
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +17,9 @@ from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.diagnose import Diagnosis, diagnose
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression import timed_record
 from pmsm_ctrl.regression.balances import make_record
-from pmsm_ctrl.regression.drive_timing import UNDELAYED, DriveTiming, filter_behind, in_time
+from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, UNDELAYED, DriveTiming, filter_behind, in_time
 from pmsm_ctrl.regression.model import base_groups
 from pmsm_ctrl.simulate import simulate
 from tests.effort import seeds, slow
@@ -111,6 +114,18 @@ def test_a_filter_is_told_from_a_delay_by_its_spread(
         assert found is not None
         assert (found.late, found.lag) == pytest.approx((expected.late, expected.lag), abs=1e-9)
         assert found.delay == pytest.approx(delay)
+
+
+@pytest.mark.parametrize(("stderr", "lag"), [(1e-5, 1.2e-3), (0.4e-3, 0.0)])
+def test_a_delay_within_its_uncertainty_is_no_filter(
+    monkeypatch: pytest.MonkeyPatch, stderr: float, lag: float
+) -> None:
+    """Stribeck friction that the design lacks made a delay of (1.2 +- 0.4) ms, which was told as a filter of 1.2 ms."""
+    found = {LATENESS: (1.2e-3, stderr), SPREAD: (0.5 * 1.2e-3**2, 1e-7)}
+    fit: Any = SimpleNamespace(level=lambda name: found[name][0], value=found.__getitem__)
+    monkeypatch.setattr(timed_record, "base_fit", lambda *_, **__: fit)
+    record: Any = SimpleNamespace(timing=UNDELAYED, sampling=1e-3)
+    assert timed_record._filter(believed(), record, fit).lag == pytest.approx(lag)
 
 
 # ---- what a diagnosis makes of it -------------------------------------------------------------------------------
