@@ -71,6 +71,10 @@ def _convert_datasheet(data: dict[str, Any], part: type[Part]) -> dict[str, Any]
     return out
 
 
+# Parameters of which a datasheet may state the tolerance; the last two are those of a second mass.
+TOLERATED = ("J", "psi_f", "R", "L_d", "L_q", "J_load", "k")
+
+
 class Motor(SheetPart):
     """The machine. Either its electrical data are known, or only its torque constant `K_t` (a plain axis).
 
@@ -91,8 +95,15 @@ class Motor(SheetPart):
     )
     tolerance: dict[str, Fraction] = Field(
         default_factory=lambda: {"J": 0.15, "psi_f": 0.07, "R": 0.15, "L_d": 0.2, "L_q": 0.2},
-        description="relative datasheet tolerance of each parameter",
+        description=f"relative datasheet tolerance of each parameter: {', '.join(TOLERATED)}",
     )
+
+    @field_validator("tolerance")
+    @classmethod
+    def _known(cls, value: dict[str, float]) -> dict[str, float]:
+        if wrong := sorted(set(value) - set(TOLERATED)):
+            raise ValueError(f"no parameter {', '.join(wrong)} has a tolerance here; accepted: {', '.join(TOLERATED)}")
+        return value
 
     @field_validator("J", mode="before")
     @classmethod

@@ -37,7 +37,7 @@ def log_files(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
         found += _expanded(os.fspath(path))
     seen: set[Path] = set()
     for one in found:
-        whole = one.resolve()
+        whole = Path(os.path.realpath(one))  # a link that leads to itself is an error of the reader
         if whole in seen:
             raise LogError(f"{one}: given twice; every log is one record")
         seen.add(whole)

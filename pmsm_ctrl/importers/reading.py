@@ -155,8 +155,11 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None, file:
         When the file is missing, empty, damaged or of no known format.
     """
     target, file = _existing(path, file)
-    with open(target, "rb") as stream:
-        head = stream.read(1024)
+    try:
+        with open(target, "rb") as stream:
+            head = stream.read(1024)
+    except OSError as error:
+        raise LogError(f"{file}: cannot be read ({error.strerror})") from None
     if not head:
         raise LogError(f"{file}: empty; a log with time, position or speed, and current or torque was expected")
     if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):

@@ -271,6 +271,8 @@ def test_design_is_frozen_and_changes_by_copy() -> None:
         ("[motor]\nJ = 1.0\nK_t = 1.0\n[loops.current]\nK_p = 1.0", ["loops", "missing"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\n[[effects]]\nF_c = 1.0", ["effects.0.id", "missing"]),
         ("[motor]\nJ = 1.0\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 'x'", ["effects.0", "F_c", "'x'"]),
+        ("[motor]\nJ = 1.0\nK_t = 1.0\ntolerance = { Jx = 0.1 }", ["motor.tolerance", "Jx", "accepted: J, psi_f"]),
+        ("[motor]\nJ = 1.0\nK_t = 1.0\n" + 1000 * "[[effects]]\nid = 'cogging'\n", ["effects", "1000", "at most 100"]),
         ("motor = 3", ["motor", "3"]),
         ("[motor]\nJ = = 1", ["not valid TOML", "line 2"]),
         ("", ["empty", "[motor]"]),

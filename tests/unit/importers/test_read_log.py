@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers import read_log
+from pmsm_ctrl.importers.folders import log_files
 from pmsm_ctrl.log import Log
 
 GOOD = "t [s],theta [rad],i_q [A]\n0,0,1\n0.001,0.1,2\n0.002,0.2,3\n0.003,0.3,2\n"
@@ -188,6 +190,16 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
         read_log(tmp_path)
     with pytest.raises(LogError, match=r"no such file|cannot be read"):
         read_log("a\0b")
+    (tmp_path / "round.csv").symlink_to(tmp_path / "round.csv")
+    assert log_files([tmp_path / "round.csv"])  # looked at before the reader is: a link that leads to itself
+    with pytest.raises(LogError, match=r"round\.csv: (no such file|cannot be read)"):
+        read_log(tmp_path / "round.csv")
+
+
+@pytest.mark.skipif(not os.path.isfile("/proc/self/mem"), reason="no /proc")
+def test_a_file_that_breaks_while_it_is_read() -> None:
+    with pytest.raises(LogError, match="/proc/self/mem: cannot be read"):
+        read_log("/proc/self/mem")
 
 
 @pytest.mark.parametrize(
