@@ -65,7 +65,7 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
             fit = moved
         tangent = tangent_of(design, fit, free)
     except UnavailableError:  # a shape beyond what the log can evaluate
-        return fit
+        return _with_errors(fit)
     covariance = noise_covariance(tangent, fit.weights, fit.whitener).of_fit()
     count = len(fit.model.names)
     stderr = np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
@@ -75,6 +75,7 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
     chosen = [*range(count), *(count + k for k in known)]
     return replace(
         fit,
+        solved=_prewhitened(fit),
         plain=replace(fit.plain, stderr=stderr),
         estimate=replace(fit.estimate, stderr=held),
         covariance=covariance[np.ix_(chosen, chosen)],
@@ -223,21 +224,25 @@ def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
 
 
 def _moved(design: Design, fit: Fitted, free: Sequence[Free], step: Array) -> Fitted | None:
-    """Return the fit at moved shapes; None where no part of the step makes it better."""
+    """Return the fit at moved shapes, without their errors; None where no part of the step makes it better."""
     before = fit.estimate.chi2
     for halved in range(HALVINGS):
         accepted = shifted(fit.accepted, free, step / 2.0**halved)
         record, model = _model(design, fit, accepted)
-        covariance = noise_covariance(solve_model(record, model, fit.weights), fit.weights, fit.whitener)
-        inside = bounded(covariance.fit)
+        solved = solve_model(record, model, fit.weights)
+        inside = bounded(solved)
         if inside.chi2 < before:
-            return replace(
-                fit,
-                record=record,
-                model=model,
-                accepted=accepted,
-                solved=solve_model(record, model, fit.whitener),
-                plain=with_honest_errors(covariance),
-                estimate=with_honest_errors(replace(covariance, fit=inside)),
-            )
+            return replace(fit, record=record, model=model, accepted=accepted, plain=solved, estimate=inside)
     return None
+
+
+def _prewhitened(fit: Fitted) -> Solved:
+    """Return the prewhitened solution of a fit whose shapes may have moved."""
+    return fit.solved if fit.solved.model is fit.model else solve_model(fit.record, fit.model, fit.whitener)
+
+
+def _with_errors(fit: Fitted) -> Fitted:
+    """Return a fit whose shapes may have moved, with standard errors that take the shapes as known."""
+    covariance = noise_covariance(fit.plain, fit.weights, fit.whitener)
+    plain, estimate = (with_honest_errors(replace(covariance, fit=one)) for one in (fit.plain, fit.estimate))
+    return replace(fit, solved=_prewhitened(fit), plain=plain, estimate=estimate)

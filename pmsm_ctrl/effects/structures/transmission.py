@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -300,15 +300,6 @@ class Transmission(Structure):
         return out - s["alpha"]
 
 
-def _response(s: NDArray[Any], w_a: float, zeta: float) -> NDArray[Any]:
-    """Acceleration of a load on its spring less the rotor's, over the rotor's, at Laplace variables `s`.
-
-    From J_load theta_l'' = k (theta - theta_l) + d (omega - omega_l) with the load's own frequency
-    ``w_a = sqrt(k / J_load)`` in rad/s and damping ``zeta``: -s^2 / (s^2 + 2 zeta w_a s + w_a^2).
-    """
-    return np.asarray(-s * s / (s * s + 2.0 * zeta * w_a * s + w_a * w_a))
-
-
 def _of(effect: Effect) -> Transmission:
     assert isinstance(effect.structure, Transmission)
     return effect.structure
@@ -316,8 +307,19 @@ def _of(effect: Effect) -> Transmission:
 
 def _passed(shape: Mapping[str, float], cutoff: float) -> float:
     """What a spring makes of white noise in the band, rms: one that rings is shaken by little."""
-    response = _response(2j * np.pi * np.linspace(0.0, cutoff, 4001)[1:], shape[FREQUENCY], shape[DAMPING])
-    return float(np.sqrt(np.mean(response.real**2 + response.imag**2)))
+    f = np.linspace(0.0, cutoff, 4001)[1:]
+    flat = np.zeros((5, len(f)))
+    flat[4] = 1.0 / len(f)
+    return float(np.sqrt(_sums(f, flat, np.array([[shape[FREQUENCY], shape[DAMPING]]]))[0, 2]))
+
+
+def _sums(f: Array, products: Array, springs: Array) -> Array:
+    """Return what `spring_sums` fills, shape (k, 3), of frequencies in Hz."""
+    from pmsm_ctrl.kernels.springs import spring_sums
+
+    out = np.empty((len(springs), 3))
+    spring_sums(2.0 * np.pi * f, products, springs, out)
+    return out
 
 
 def _gaps(balances: Balances) -> Array:
@@ -354,19 +356,23 @@ def _ringing(log: LogView) -> Iterator[tuple[float, float, float]]:
     alpha = balances.acceleration()
     f = np.fft.rfftfreq(len(alpha), 1.0 / balances.rate)
     band = (f > 0.0) & (f < balances.cutoff)
-    s = 2j * np.pi * f[band]
     motion, wanted, own = (np.fft.rfft(x)[band] for x in (alpha, square * log.residual, square * alpha))
     scale = 2.0 / len(alpha)
+    along, beside = scale * wanted.conj() * motion, scale * own.conj() * motion
+    level = scale * float(square.mean()) * (motion.real**2 + motion.imag**2)
     size = max(float(square @ alpha**2), 1e-300)
-    level = scale * float(square.mean())
     top = max(1.2 * balances.cutoff, LOWEST)
-    for zeta in RINGING:
-        for w in 2.0 * np.pi * np.geomspace(LOWEST, top, int(np.log(top / LOWEST) / (1.2 * zeta)) + 1):
-            column = _response(s, float(w), zeta) * motion
-            along = scale * float(np.vdot(wanted, column).real)
-            beside = scale * float(np.vdot(own, column).real)
-            left = level * float(np.vdot(column, column).real) - beside**2 / size
-            yield (along**2 / left if along > 0.0 and left > 0.0 else 0.0), float(w), zeta
+    springs = np.array([
+        (2.0 * np.pi * one, zeta)
+        for zeta in RINGING
+        for one in np.geomspace(LOWEST, top, int(np.log(top / LOWEST) / (1.2 * zeta)) + 1)
+    ])  # fmt: skip
+    products = np.stack([along.real, along.imag, beside.real, beside.imag, level])
+    for (w, zeta), (gain, shared, power) in zip(
+        springs.tolist(), _sums(np.asarray(f[band], dtype=float), products, springs).tolist(), strict=True
+    ):
+        left = power - shared**2 / size
+        yield (gain**2 / left if gain > 0.0 and left > 0.0 else 0.0), w, zeta
 
 
 def _loop(effect: Effect) -> tuple[str, tuple[str, ...]]:
