@@ -9,6 +9,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -29,11 +30,6 @@ NEVER_ON_IMPORT = ["numba", "scipy", "matplotlib", "control", "filterpy", "jinja
 NEVER_ON_IMPORT += ["starlette", "uvicorn", "dask", "distributed", "pyarrow"]
 
 
-@cache
-def tree_of(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
 def module_of(path: Path) -> str:
     """Dotted name of a source file."""
     parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
@@ -43,23 +39,51 @@ def module_of(path: Path) -> str:
 MODULES = {module_of(path) for path in PATHS}
 
 
+@dataclass(frozen=True)
+class Source:
+    """What the tests ask of a source file, all of it found in one pass.
+
+    Imports are (place, dotted module), wherever in the file they stand, functions included.
+    """
+
+    imports: list[tuple[str, str]]
+    for_types: set[str]  # imported for the type checker and nowhere else
+    functions: list[tuple[int, str, int]]  # line, name, length without its docstring
+
+
 @cache
+def source_of(path: Path) -> Source:
+    found = Source([], set(), [])
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            found.imports.extend((f"{path.relative_to(PACKAGE)}:{node.lineno}", module) for module in imported(node))
+        elif isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            found.for_types.update(one.module or "" for one in node.body if isinstance(one, ast.ImportFrom))
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            found.functions.append((node.lineno, node.name, length_of(node)))
+    return found
+
+
 def imports(path: Path) -> list[tuple[str, str]]:
-    """Return (place, dotted module) of every import, wherever in the file it stands, functions included."""
-    return list(imported(path))
+    return source_of(path).imports
 
 
-def imported(path: Path) -> Iterator[tuple[str, str]]:
-    for node in ast.walk(tree_of(path)):
-        place = f"{path.relative_to(PACKAGE)}:{getattr(node, 'lineno', 0)}"
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield place, alias.name
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{place}: relative import; write the full name"
-            for alias in node.names:
-                full = f"{node.module}.{alias.name}"
-                yield place, full if full in MODULES else str(node.module)
+def imported(node: ast.Import | ast.ImportFrom) -> Iterator[str]:
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+        return
+    assert node.level == 0, f"line {node.lineno}: relative import; write the full name"
+    for alias in node.names:
+        full = f"{node.module}.{alias.name}"
+        yield full if full in MODULES else str(node.module)
+
+
+def length_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Lines of a function without its docstring: saying more about it must not make it too long."""
+    length = (node.end_lineno or node.lineno) - node.lineno + 1
+    if ast.get_docstring(node) is not None:
+        length -= (node.body[0].end_lineno or 0) - node.body[0].lineno + 1
+    return length
 
 
 def test_every_import_keeps_the_contracts(project_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,18 +92,12 @@ def test_every_import_keeps_the_contracts(project_root: Path, monkeypatch: pytes
     assert linter.lint_imports(config_filename="pyproject.toml", no_cache=True) == 0
 
 
-def for_types_alone(path: Path) -> set[str]:
-    """Modules that a file imports for the type checker and nowhere else."""
-    blocks = [n for n in ast.walk(tree_of(path)) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
-    return {node.module or "" for block in blocks for node in ast.walk(block) if isinstance(node, ast.ImportFrom)}
-
-
 def test_no_module_imports_itself_in_a_circle() -> None:
     graph = {}
     for path in PATHS:
         graph[module_of(path)] = {module for _, module in imports(path) if module in MODULES}
         # an effect holds its structure, and a structure is asked about an effect: the two types know each other
-        graph[module_of(path)] -= for_types_alone(path) & {"pmsm_ctrl.effects.base"}
+        graph[module_of(path)] -= source_of(path).for_types & {"pmsm_ctrl.effects.base"}
     graph["pmsm_ctrl"] = set()  # the package itself names its exports, and everybody may ask for its version
     try:
         TopologicalSorter(graph).prepare()
@@ -117,13 +135,9 @@ def test_no_room_outgrows_its_size() -> None:
         name, lines = path.relative_to(PACKAGE), path.read_text(encoding="utf-8").count("\n")
         if lines > MAX_MODULE:
             grown.append(f"{name}: {lines} lines; at most {MAX_MODULE}")
-        for node in ast.walk(tree_of(path)):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                length = (node.end_lineno or node.lineno) - node.lineno + 1
-                if ast.get_docstring(node) is not None:  # saying more about a function must not make it too long
-                    length -= (node.body[0].end_lineno or 0) - node.body[0].lineno + 1
-                if length > MAX_FUNCTION:
-                    grown.append(f"{name}:{node.lineno}, {node.name}: {length} lines; at most {MAX_FUNCTION}")
+        for line, function, length in source_of(path).functions:
+            if length > MAX_FUNCTION:
+                grown.append(f"{name}:{line}, {function}: {length} lines; at most {MAX_FUNCTION}")
     assert not grown, "\n".join(grown)
 
 
