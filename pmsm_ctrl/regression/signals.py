@@ -9,12 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
-from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.units import psi_f_from
 
-__all__ = ["drive_torque", "evaluable_terms", "logged_torque", "missing_signals", "term_signals"]
+__all__ = ["drive_torque", "logged_torque", "missing_signals", "term_signals"]
 
 Array = NDArray[np.float64]
 
@@ -63,24 +62,3 @@ def term_signals(design: Design, signals: Mapping[str, Array]) -> dict[str, Arra
 def missing_signals(effect: Effect, known: Mapping[str, Array | float]) -> str:
     """Return the names of the signals that a term reads and that are not known, separated by commas."""
     return ", ".join(name for name in effect.signals if name not in known)
-
-
-def evaluable_terms(
-    design: Design, enters: str, known: Mapping[str, Array | float]
-) -> tuple[list[tuple[Effect, dict[str, float]]], dict[str, str]]:
-    """Return the active effects that enter this balance and can be evaluated from known signals without any fit.
-
-    With them, those left out: effect id -> why.
-    """
-    terms: list[tuple[Effect, dict[str, float]]] = []
-    left_out: dict[str, str] = {}
-    for effect, parameters in bound_effects(design):
-        if effect.enters != enters or not effect.active(parameters):
-            continue
-        if effect.has_state:
-            left_out[effect.id] = "it has a state of its own"
-        elif missing := missing_signals(effect, known):
-            left_out[effect.id] = f"the log has no {missing}"
-        else:
-            terms.append((effect, parameters))
-    return terms, left_out

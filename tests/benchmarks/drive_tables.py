@@ -17,7 +17,9 @@ from pmsm_ctrl.compensate.motions import Trial, study_trials
 from pmsm_ctrl.compensate.runs import baseline, compensated, judge, run_trial
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.export.blocks import identifier
-from pmsm_ctrl.export.read_back import (
+from pmsm_ctrl.export.simulators import joint_friction
+from pmsm_ctrl.export.tables import friction_points, table_files
+from tests.benchmarks.read_back import (
     added_to,
     read_ax8000,
     read_cogging_ax8000,
@@ -26,8 +28,6 @@ from pmsm_ctrl.export.read_back import (
     read_sinumerik,
     read_torque_over_angle,
 )
-from pmsm_ctrl.export.simulators import joint_friction
-from pmsm_ctrl.export.tables import friction_points, table_files
 
 DESIGNS = Path(__file__).resolve().parents[2] / "designs"
 NAMES = ("seed_motor", "low_speed", "small_servo", "servo_2kw", "presliding")

@@ -11,7 +11,11 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.export.drives import characteristic, pulses
-from pmsm_ctrl.export.read_back import (
+from pmsm_ctrl.export.simulators import joint_friction
+from pmsm_ctrl.export.tables import friction_points, table_files
+from pmsm_ctrl.simulate import scenario, simulate
+from pmsm_ctrl.simulate.fed_forward import fed_currents
+from tests.benchmarks.read_back import (
     added_to,
     read_ax8000,
     read_cogging_ax8000,
@@ -20,10 +24,6 @@ from pmsm_ctrl.export.read_back import (
     read_sinumerik,
     read_torque_over_angle,
 )
-from pmsm_ctrl.export.simulators import joint_friction
-from pmsm_ctrl.export.tables import friction_points, table_files
-from pmsm_ctrl.simulate import scenario, simulate
-from pmsm_ctrl.simulate.fed_forward import fed_currents
 
 
 @pytest.fixture(scope="module")
