@@ -34,6 +34,7 @@ LOGGED = (
     "theta_true", "omega_true", "theta_load",
 )  # fmt: skip
 TRUTHS = ("theta_true", "omega_true", "theta_load")
+FEWEST_ROWS = 2  # one sample has no rate
 MOST_ROWS = 2e8  # two days at 1 kHz, and 25 GB of memory
 CHUNK = 1 << 18  # control periods between two progress reports: a fraction of a second
 
@@ -179,7 +180,7 @@ def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = 
     DesignError
         When data of the plant or the loops are missing.
     RequestError
-        When the motion is too long for a log.
+        When the motion is too long or too short for a log.
     """
     motion = named_scenario(scenario, design) if isinstance(scenario, str) else scenario
     plant_design = truth if truth is not None else design
@@ -190,6 +191,11 @@ def prepare(design: Design, scenario: str | Scenario, *, truth: Design | None = 
         raise RequestError(
             f"scenario '{motion.name}': {motion.duration:.3g} s are {rows:.3g} logged samples, at most {MOST_ROWS:.0e} "
             "are possible; shorten the motion, or raise sensor.log_divider"
+        )
+    if rows < FEWEST_ROWS:
+        raise RequestError(
+            f"scenario '{motion.name}': {motion.duration:.3g} s are less than {FEWEST_ROWS} logged samples; "
+            "lengthen the motion, or lower sensor.log_divider"
         )
     bound = [(effect, values) for effect, values in bound_effects(plant_design) if effect.active(values)]
     bound, plant = _as_simulated(bound, plant, plant_design)

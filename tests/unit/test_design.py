@@ -245,6 +245,12 @@ def test_design_is_frozen_and_changes_by_copy() -> None:
     assert design.effects == ()
 
 
+def test_pole_pairs_may_stand_beside_a_torque_constant_alone() -> None:
+    """They are enough for the electrical orders of a turn; the inertia need not be known either."""
+    motor = Design.from_dict({"motor": {"J": "unknown", "K_t": 1.0, "p": 4}}).motor
+    assert (motor.p, motor.J, motor.electrical) == (4, None, False)
+
+
 # ---- messages ---------------------------------------------------------------------------------------------------
 
 

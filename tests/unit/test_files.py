@@ -230,6 +230,13 @@ def test_the_size_of_a_motion_is_known_before_it_is_built(name: str, values: dic
         scenario(name, Design.read(SEED_MOTOR), **values)
 
 
+def test_a_motion_of_one_sample_is_no_log() -> None:
+    """It was written "at nan Hz", with status 0."""
+    design = Design.read(SEED_MOTOR)
+    with pytest.raises(RequestError, match="less than 2 logged samples"):
+        simulate(design, scenario("hold", design, duration=1e-7))
+
+
 def test_an_empty_cache_variable_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     from pmsm_ctrl.kernels import cache_folder
 
