@@ -94,6 +94,11 @@ def triangle(blocks: Iterable[Array]) -> Array:
     Returns
     -------
     array, shape (k or fewer, k)
+
+    Raises
+    ------
+    ValueError
+        When there is no block.
     """
     upper: Array | None = None
     for block in blocks:

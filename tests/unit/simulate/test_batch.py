@@ -45,7 +45,7 @@ def test_keep_replaces_the_log(seed_motor, motion):
 def test_the_kernel_lets_other_threads_run(seed_motor):
     """While a long run is in the kernel, a thread that sleeps half a millisecond at a time gets its turns."""
     design = seed_motor.replace(sensor={"log_divider": 1600})
-    simulate(design, scenario("hold", duration=0.1))
+    simulate(design, scenario("hold", duration=0.2))
     turns = 0
     finished = threading.Event()
 
