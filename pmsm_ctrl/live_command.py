@@ -28,7 +28,7 @@ def watch_source(
     ----------
     design : Design
     live : str or None
-        A path, or ``-`` for standard input.
+        A path, ``-`` for standard input, or ``ads://[HOST/]NETID[:PORT]``.
     log : sequence of Path, optional
         Logs, which exclude a live source.
     mapping : list of str, optional
@@ -45,7 +45,7 @@ def watch_source(
     Raises
     ------
     RequestError
-        When there is neither a log nor a source, or both.
+        When there is neither a log nor a source, or both; or a PLC cannot be reached.
     """
     if live is None:
         raise RequestError("track: neither LOG nor --live SOURCE is given; one of them was expected")
@@ -54,9 +54,15 @@ def watch_source(
     from pmsm_ctrl.track import watch
     from pmsm_ctrl.track.stream import follow, lines_of
 
-    lines = lines_of(sys.stdin) if live == "-" else follow(live)
+    channels = parse_map(mapping)
+    if live.startswith("ads:"):
+        from pmsm_ctrl.track.ads import ads_lines
+
+        lines = ads_lines(live, channels)
+    else:
+        lines = lines_of(sys.stdin) if live == "-" else follow(live)
     return watch(
-        design, lines, source="standard input" if live == "-" else live, mapping=parse_map(mapping), estimate=estimate,
+        design, lines, source="standard input" if live == "-" else live, mapping=channels, estimate=estimate,
         patience=math.inf if idle is None else idle, show=_show(design), alarm=_tell,
     )  # fmt: skip
 

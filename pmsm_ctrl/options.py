@@ -119,7 +119,7 @@ TrackedArgument = Annotated[
 ]
 LiveOption = Annotated[
     str | None,
-    typer.Option("--live", metavar="SOURCE", help="a growing file, or - for standard input, until Ctrl-C"),
+    typer.Option("--live", metavar="SOURCE", help="a growing file, - for standard input, or ads://NETID, until Ctrl-C"),
 ]
 LogsOption = Annotated[
     list[Path] | None,
