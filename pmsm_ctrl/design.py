@@ -22,6 +22,7 @@ from pmsm_ctrl.design_parts import (
     CurrentLoop,
     Drive,
     EffectEntry,
+    Effects,
     Evaluated,
     Filter,
     Finite,
@@ -46,7 +47,6 @@ __all__ = [
 
 MAX_FILE = 1 << 24  # bytes of a design
 DEEPEST = 32  # parts of a dotted key
-MOST_EFFECTS = 100  # of one axis: every one is fitted beside all others
 _DEEP = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
 
 
@@ -64,7 +64,7 @@ class Design(Part):
     sensor: Sensor = Sensor()
     assumed: Assumed = Assumed()
     loops: Loops | None = None
-    effects: tuple[EffectEntry, ...] = ()
+    effects: Effects = ()
     compensation: Compensation = Compensation()
     acceptance: tuple[Acceptance, ...] = ()
     scenarios: dict[str, dict[str, Finite]] = Field(
@@ -84,13 +84,6 @@ class Design(Part):
         if any(unicodedata.category(c) in ("Cc", "Cf", "Zl", "Zp") for c in name):
             raise ValueError(f"found {name[:60]!r}; one line of printable characters was expected")
         return name
-
-    @field_validator("effects")
-    @classmethod
-    def _counted(cls, value: tuple[EffectEntry, ...]) -> tuple[EffectEntry, ...]:
-        if len(value) > MOST_EFFECTS:
-            raise ValueError(f"found {len(value)} effects; at most {MOST_EFFECTS} are evaluated together")
-        return value
 
     @model_validator(mode="after")
     def _sampled(self) -> Design:

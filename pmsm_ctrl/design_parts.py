@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from pmsm_ctrl.biquads import Biquad, lead, low_pass, notch
 from pmsm_ctrl.units import DATASHEET, torque_constant
 
 __all__ = [
-    "LARGE", "SMALL", "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Drive", "EffectEntry", "Evaluated",
-    "Filter", "Finite", "Load",
+    "LARGE", "SMALL", "Acceptance", "Assumed", "Compensation", "CurrentLoop", "Drive", "EffectEntry", "Effects",
+    "Evaluated", "Filter", "Finite", "Load",
     "LogMap", "Loops", "Motor", "Part", "PositionLoop", "Sampled", "Sensor", "SpeedLoop",
 ]  # fmt: skip
 
@@ -313,6 +313,18 @@ class EffectEntry(Part):
             return data
         rest = {key: value for key, value in data.items() if key not in ("id", "stderr")}
         return {key: data[key] for key in ("id", "stderr") if key in data} | {"parameters": rest}
+
+
+MOST_EFFECTS = 100  # of one axis: every one is fitted beside all others
+
+
+def _counted(value: tuple[EffectEntry, ...]) -> tuple[EffectEntry, ...]:
+    if len(value) > MOST_EFFECTS:
+        raise ValueError(f"found {len(value)} effects; at most {MOST_EFFECTS} are evaluated together")
+    return value
+
+
+Effects = Annotated[tuple[EffectEntry, ...], AfterValidator(_counted)]
 
 
 class Compensation(Part):

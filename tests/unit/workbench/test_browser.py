@@ -145,9 +145,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
+DROPPED = """const files = new DataTransfer();
+files.items.add(new File(["t,theta"], "a.csv"));
+const dropped = new DragEvent("drop", {dataTransfer: files, bubbles: true, cancelable: true});
+document.querySelector("main").dispatchEvent(dropped);"""
+
+
 def through(person: Person, folder: Path, address: str) -> None:
     """From nothing to a design with the missing effect."""
     person.open(address)
+    person.do(DROPPED)  # before there is a design: it is said and not swallowed
+    person.until(
+        lambda: "A design comes first" in person.text("status"), "the answer to a log that is dropped too early"
+    )
     person.element("toml").send_keys(str(folder / "design.toml"))
     person.until(lambda: person.element("log-file").is_displayed(), "step 2")
     person.element("log-file").send_keys("\n".join(str(path) for path in sorted(folder.glob("*.csv"))))
