@@ -14,6 +14,7 @@ from pmsm_ctrl.evidence.blocks import FEWEST_RECORDS, equal_blocks, left_out_gai
 from pmsm_ctrl.evidence.linalg import Added, added_each
 from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.regression.answers import beside_held
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, candidate_groups, groups_of_candidates
 from pmsm_ctrl.regression.covariance import NoiseCovariance
@@ -157,16 +158,18 @@ class Offer:
 
 
 def with_columns(record: Record, trial: Trial) -> Trial:
-    """Return a trial with the columns of its shape, which the offer may have left out.
+    """Return an offered trial with its columns, which a long log's offer left out, beside what the model holds.
 
     Parameters
     ----------
     record : Record
     trial : Trial
+        As `try_all` returns it.
     """
-    if trial.group.rows:
-        return trial
-    return replace(trial, group=candidate_groups(record, trial.candidate.effect, [trial.group.shape])[0])
+    group = trial.group
+    if not group.rows:
+        group = candidate_groups(record, trial.candidate.effect, [group.shape])[0]
+    return replace(trial, group=beside_held(group, trial.judge[0].model.answers))
 
 
 def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tuple[Offer, Saturated]:
@@ -245,6 +248,7 @@ def _score(candidate: Candidate, own: Added, solved: Solved) -> float:
 def try_candidate(record: Record, solved: Solved, whitener: Whitener, candidate: Candidate) -> Trial | None:
     """Return the candidate at the best of its shapes, or None when it has no column on this log."""
     groups = candidate_groups(record, candidate.effect, candidate.grid)
+    groups = [beside_held(group, solved.model.answers) for group in groups]
     found = beyond_each(solved, whitener, groups)
     return _best_of(
         candidate, [(group, own) for group, (_, own) in zip(groups, found, strict=True)], (solved, whitener)

@@ -28,6 +28,7 @@ from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.search import Trial, try_group
 from pmsm_ctrl.evidence.tests import f_tail, holm
+from pmsm_ctrl.regression.answers import beside_held
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
 from pmsm_ctrl.regression.columns import SINGLE, effect_group
 from pmsm_ctrl.regression.model import Solved
@@ -345,7 +346,8 @@ def _with(case: Case, fit: Fitted, trial: Trial) -> tuple[Accepted, ...]:
             continue
         rest = case.without_candidates((*out[:k], *out[k + 1 :]))
         candidate = Candidate(one.effect, (*one.grid, one.shape), len(one.grid))
-        trial = try_group(rest.plain, rest.weights, candidate, effect_group(rest.record, one.effect, one.shape))
+        group = beside_held(effect_group(rest.record, one.effect, one.shape), rest.model.answers)
+        trial = try_group(rest.plain, rest.weights, candidate, group)
         refined = refine(rest.record, rest.plain, rest.weights, trial)
         if not refined.wrong_sign:
             out[k] = Accepted(one.effect, refined.group.shape, one.grid)
@@ -399,6 +401,7 @@ def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:
         elif effect.electrical_order and rival.order and p is not None and not rival.falsifies_current:
             turn = 1 if "p" in rival.signals else p  # of the electrical angle, or of the shaft
             shape = {rival.order: float(turn * effect.electrical_order)}
-            other = try_group(*trial.judge, Candidate(rival, (shape,)), effect_group(fit.record, rival, shape))
+            group = beside_held(effect_group(fit.record, rival, shape), fit.model.answers)
+            other = try_group(*trial.judge, Candidate(rival, (shape,)), group)
             found += equivalents(trial, [replace(other, plain_judge=trial.plain_judge)], case.policy)
     return tuple(found)

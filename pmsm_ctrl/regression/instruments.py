@@ -12,7 +12,7 @@ the test of least squares: J. A. Hausman, Econometrica 46 (1978) 1251.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.blocks import block_sums, no_smaller_than_by_blocks
 from pmsm_ctrl.evidence.linalg import in_blocks, triangle
+from pmsm_ctrl.regression.answers import Answer
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, SPREAD
 from pmsm_ctrl.regression.model import Model
@@ -55,12 +56,15 @@ class Referred:
     noise : float
         Share of the acceleration's power, as the fit weighs it, that the reference does not explain: by so much least
         squares may find the inertia too small.
+    answers : dict of name to Answer
+        How each value follows the torque.
     """
 
     inertia: tuple[float, float]
     late: tuple[float, float]
     spread: tuple[float, float]
     noise: float
+    answers: Mapping[str, Answer]
 
 
 def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
@@ -103,7 +107,14 @@ def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
     values, stderr = scaled / size, _errors(seen, prior, inverse, (rest, _place(record.mask))) / size
     found = {name: (float(values[names.index(name)]), float(stderr[names.index(name)])) for name in FOUND}
     noise = 1.0 - float(np.sum(seen[:, names.index("J")] ** 2))
-    return Referred(found["J"], found[LATENESS], found[SPREAD], noise)
+    answers = {name: _answer(seen, inverse, size, weight, names.index(name)) for name in FOUND}
+    return Referred(found["J"], found[LATENESS], found[SPREAD], noise, answers)
+
+
+def _answer(seen: Array, inverse: Array, size: Array, weight: Array, k: int) -> Answer:
+    """Return how the value of a column follows the torque, and what the instruments tell of the column."""
+    column = np.divide(seen[:, k] * size[k], weight, out=np.zeros(len(weight)), where=weight > 0.0)
+    return Answer(column, (seen @ inverse[k]) * weight / size[k])
 
 
 def _weighted_instruments(

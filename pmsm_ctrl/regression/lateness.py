@@ -96,7 +96,8 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, told: Referre
         held[k] = min(max(late, -record.early), record.sampling) - undone, stderr if by is None else by.late[1]
         if by is not None:
             held[model.names.index(SPREAD)] = by.spread
-    return _holding(model, held, {k: record.sampling, model.names.index(SPREAD): record.sampling**2})
+    settled = _holding(model, held, {k: record.sampling, model.names.index(SPREAD): record.sampling**2})
+    return settled if by is None else replace(settled, answers=(by.answers[LATENESS], by.answers[SPREAD]))
 
 
 def _with_inertia_held(model: Model, fit: Solved, told: Referred) -> Model:
@@ -115,7 +116,9 @@ def _with_inertia_held(model: Model, fit: Solved, told: Referred) -> Model:
     tolerance = model.doubt.get(k, float(model.sigma[k]))  # of the datasheet, which counts as ever
     known = 1.0 / stderr**2 + 1.0 / tolerance**2
     value = (value / stderr**2 + float(model.nominal[k]) / tolerance**2) / known
-    return _holding(model, {k: (value, 1.0 / math.sqrt(known))}, {k: value})
+    share, answer = 1.0 / (stderr**2 * known), told.answers["J"]
+    answers = (*model.answers, replace(answer, slope=share * answer.slope))
+    return replace(_holding(model, {k: (value, 1.0 / math.sqrt(known))}, {k: value}), answers=answers)
 
 
 def _holding(model: Model, held: Mapping[int, tuple[float, float]], scale: Mapping[int, float]) -> Model:

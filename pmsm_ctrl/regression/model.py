@@ -15,6 +15,7 @@ from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures.interface import Known
 from pmsm_ctrl.evidence.linalg import factored, own_shares
 from pmsm_ctrl.evidence.whitening import Whitener
+from pmsm_ctrl.regression.answers import Answer
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, TOLD, emf_left
@@ -74,6 +75,8 @@ class Model:
         Of parameters that are held at a nominal value, its standard deviation, where that is not `sigma`.
     bias : dict of column to float
         By how much least squares may be off, as far as an estimate without bias from the same log tells.
+    answers : tuple of Answer
+        Of the parameters that are held at a value from instruments.
     """
 
     groups: tuple[Group, ...]
@@ -83,6 +86,7 @@ class Model:
     matrix: Array
     doubt: Mapping[int, float] = field(default_factory=dict)
     bias: Mapping[int, float] = field(default_factory=dict)
+    answers: tuple[Answer, ...] = ()
 
     @classmethod
     def of(cls, groups: Sequence[Group], names: tuple[str, ...], nominal: Array, sigma: Array) -> Model:
@@ -112,7 +116,7 @@ class Model:
         names = tuple(f"{s}#{count + 1}" if count else s for s in group.symbols)
         nominal, sigma = np.concatenate([self.nominal, np.zeros(k)]), np.concatenate([self.sigma, np.full(k, prior)])
         made = Model.of((*self.groups, group), (*self.names, *names), nominal, sigma)
-        return replace(made, doubt=self.doubt, bias=self.bias)
+        return replace(made, doubt=self.doubt, bias=self.bias, answers=self.answers)
 
     # Read in every fit, some times.
     @cached_property
@@ -378,11 +382,7 @@ def known(model: Model, values: Array) -> Known:
 
 
 def noise_share(record: Record, alpha: Array) -> float:
-    """Share of noise in the acceleration where it counts.
-
-    Noise makes an estimated inertia too small by that share: where fast transients are all that accelerates the axis
-    and the log's rate is too low for them, hardly anything else is left.
-    """
+    """Share of noise in the acceleration where it counts: noise makes an estimated inertia too small by that share."""
     weight = (record.weight[0] * record.mask) ** 2
     return float(record.noise_of(alpha) ** 2 * np.sum(weight) / max(float(weight @ alpha**2), 1e-300))
 

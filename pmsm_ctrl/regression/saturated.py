@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.linalg import gram_of, projection_on_all
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
+from pmsm_ctrl.regression.answers import gram_beside_held
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.model import Model
@@ -35,7 +36,8 @@ class Saturated:
     lost : int
         Most columns that were fitted away in a balance.
     grams : arrays, shape (1 + p + columns, 1 + p + columns)
-        Per balance, weighted: of the target, the model's columns and those of all groups that enter it.
+        Per balance, weighted: of the target, the model's columns and those of all groups that enter it, these less what
+        the values that the model holds answer to them.
     entering : int arrays, shape (p,)
         The model's columns in each balance.
     places : tuple of dict of balance to slice
@@ -74,7 +76,10 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
         if row == 0:
             blocks.append(_smooth(record))
         weight = record.weight[row] * record.mask
-        gram = gram_of(blocks, weight)
+        answers = model.answers if row == 0 and groups else ()
+        whole = gram_of([*blocks, *(one.column[None] for one in answers)], weight)
+        fitted = len(whole) - len(answers)
+        gram = whole[:fitted, :fitted]
         room = max(FEWEST_DIRECTIONS, int(_effective(weight) / SAMPLES_PER_DIRECTION))
         coefficients, rank = projection_on_all(gram[1:, 1:], gram[1:, 0], room, len(inside))
         residual[row] = record.target[row]
@@ -84,9 +89,20 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
             start += len(block)
         residual[row][weight == 0.0] = 0.0
         lost = max(lost, rank)
+        if answers:
+            kept = np.r_[:end, fitted : len(whole)]
+            answered = np.zeros((len(answers), end))
+            answered[:, 1 + len(inside) :] = _answered(model, groups)
+            gram = gram_beside_held(whole[np.ix_(kept, kept)], answered)
         grams.append(gram[:end, :end])
         entering.append(inside)
     return Saturated(residual, lost, tuple(grams), tuple(entering), tuple(places))
+
+
+def _answered(model: Model, groups: Sequence[Group]) -> Array:
+    """Return by how much the held values change with every column of the groups in the torque, shape (answers, k)."""
+    slopes = np.array([one.slope for one in model.answers])
+    return np.hstack([slopes @ columns.T for group in groups if (columns := group.rows[0]) is not None])
 
 
 def whiteners(record: Record, residual: Array, lost: int) -> tuple[Whitener, Whitener]:
