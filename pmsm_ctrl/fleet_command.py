@@ -88,7 +88,8 @@ def _watch(manifest: Manifest, engine: Engine, every: float, retry: bool, axis_p
     """Follow a folder: table and pages are renewed as logs arrive, until Ctrl-C."""
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import fleet_report
-    from pmsm_ctrl.fleet.remote import folder_at, is_remote, plain
+    from pmsm_ctrl.fleet.folders import folder_at
+    from pmsm_ctrl.fleet.remote import is_remote, plain
     from pmsm_ctrl.fleet.watch import watch
 
     if retry:

@@ -12,15 +12,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path, PurePosixPath
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from pmsm_ctrl.errors import LogError, RequestError
-from pmsm_ctrl.files import atomic_path
 
 __all__ = [
-    "Folder", "LocalFolder", "RemoteFolder", "changed", "digest_of", "folder_at", "head", "is_file", "is_remote",
-    "listed", "local_copy", "plain", "version",
+    "OBJECTS", "changed", "digest_of", "filesystem", "head", "is_file", "is_remote", "listed", "local_copy", "plain",
+    "reached", "version",
 ]  # fmt: skip
 
 # Stores of objects: a folder is the beginning of a name, and making one could make a bucket.
@@ -92,8 +91,19 @@ def _said(error: Exception) -> str:
 
 
 @contextmanager
-def _reached(name: str) -> Iterator[None]:
-    """Turn what the package of a store raises into one line; each has errors of its own."""
+def reached(name: str) -> Iterator[None]:
+    """Turn what the package of a store raises into one line; each has errors of its own.
+
+    Parameters
+    ----------
+    name : str
+        With its protocol.
+
+    Raises
+    ------
+    OSError
+        Of what the package said.
+    """
     try:
         yield
     except (OSError, RequestError):
@@ -122,7 +132,7 @@ def listed(pattern: str) -> list[tuple[PurePosixPath, PurePosixPath, str]]:
     """
     system, path = filesystem(pattern)
     try:
-        with _reached(pattern):
+        with reached(pattern):
             if any(sign in path for sign in "*?["):
                 found = [one for one in system.glob(path) if not system.isdir(one)]
                 fixed = path[: min(path.find(sign) for sign in "*?[" if sign in path)]
@@ -158,7 +168,7 @@ def is_file(name: str) -> bool:
     if not is_remote(name):
         return Path(plain(name)).is_file()
     system, path = filesystem(name)
-    with _reached(name):
+    with reached(name):
         return bool(system.isfile(path))
 
 
@@ -182,7 +192,7 @@ def changed(name: str) -> datetime:
     if not is_remote(name):
         return datetime.fromtimestamp(os.stat(name).st_mtime, UTC)
     system, path = filesystem(name)
-    with _reached(name):
+    with reached(name):
         moment: datetime = system.modified(path)
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
@@ -205,7 +215,7 @@ def version(name: str) -> tuple[int, str, str]:
         When it cannot be read.
     """
     system, path = filesystem(name)
-    with _reached(name):
+    with reached(name):
         about = system.info(path)
         content = next((f"{key} {about[key]}" for key in CONTENT if about.get(key)), "")
         return int(about.get("size") or 0), str(system.ukey(path)), content
@@ -229,7 +239,7 @@ def digest_of(name: str) -> str:
     """
     system, path = filesystem(name)
     made = hashlib.sha256()
-    with _reached(name), system.open(path, "rb") as stream:
+    with reached(name), system.open(path, "rb") as stream:
         while block := stream.read(1 << 20):
             made.update(block)
     return made.hexdigest()
@@ -256,7 +266,7 @@ def head(name: str | os.PathLike[str], count: int) -> bytes:
         with open(plain(name), "rb") as stream:
             return stream.read(count)
     system, path = filesystem(os.fspath(name))
-    with _reached(os.fspath(name)):
+    with reached(os.fspath(name)):
         return bytes(system.cat_file(path, start=0, end=count))
 
 
@@ -285,222 +295,8 @@ def local_copy(name: str) -> Iterator[Path]:
         system, path = filesystem(name)
         copy = Path(folder) / PurePosixPath(path).name
         try:
-            with _reached(name):
+            with reached(name):
                 system.get_file(path, str(copy))
         except OSError as error:
             raise LogError(f"{name}: cannot be fetched ({error.strerror or error})") from None
         yield copy
-
-
-class Folder(Protocol):
-    """Where the results are: whole files by name, one level deep."""
-
-    name: str
-    arrow: Any  # file system for pyarrow; None for that of this machine
-
-    def exists(self) -> bool:
-        """Whether it is there."""
-
-    def occupied(self) -> bool:
-        """Whether it holds anything."""
-
-    def make(self) -> None:
-        """Make it, with the folders above."""
-
-    def names(self) -> list[str]:
-        """Return the names of its files."""
-
-    def path(self, name: str) -> str:
-        """Return the path of a file for pyarrow."""
-
-    def write(self, name: str, content: bytes) -> None:
-        """Write a file; a reader sees it whole or not at all."""
-
-    def read(self, name: str) -> bytes:
-        """Return a file's content."""
-
-    def remove(self, name: str) -> None:
-        """Remove a file, if it is there."""
-
-
-class LocalFolder:
-    """A folder of this machine.
-
-    Parameters
-    ----------
-    name : path
-    """
-
-    arrow = None
-
-    def __init__(self, name: str | os.PathLike[str]) -> None:
-        self.name, self._path = os.fspath(name), Path(name)
-
-    def exists(self) -> bool:
-        """Whether it is there."""
-        return self._path.is_dir()
-
-    def occupied(self) -> bool:
-        """Whether it holds anything."""
-        return self.exists() and any(self._path.iterdir())
-
-    def make(self) -> None:
-        """Make it, with the folders above."""
-        self._path.mkdir(parents=True, exist_ok=True)
-
-    def names(self) -> list[str]:
-        """Return the names of its files; one that is not whole yet is hidden."""
-        return [one.name for one in self._path.iterdir() if not one.name.startswith(".")]
-
-    def path(self, name: str) -> str:
-        """Return the path of a file for pyarrow.
-
-        Parameters
-        ----------
-        name : str
-        """
-        return str(self._path / name)
-
-    def write(self, name: str, content: bytes) -> None:
-        """Write a file under a temporary name and rename it.
-
-        Parameters
-        ----------
-        name : str
-        content : bytes
-        """
-        with atomic_path(self._path / name) as temporary:
-            temporary.write_bytes(content)
-
-    def read(self, name: str) -> bytes:
-        """Return a file's content.
-
-        Parameters
-        ----------
-        name : str
-        """
-        return (self._path / name).read_bytes()
-
-    def remove(self, name: str) -> None:
-        """Remove a file, if it is there.
-
-        Parameters
-        ----------
-        name : str
-        """
-        (self._path / name).unlink(missing_ok=True)
-
-
-class RemoteFolder:
-    """A prefix in an object store, or a folder that fsspec reaches; a file is written as one object.
-
-    Parameters
-    ----------
-    name : str
-        With its protocol.
-
-    Raises
-    ------
-    RequestError
-        As for `filesystem`.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.name = name.rstrip("/")
-        self.arrow, self._path = filesystem(self.name)
-
-    def exists(self) -> bool:
-        """Whether it is there; a store of objects has a folder once something is in it."""
-        with _reached(self.name):
-            return bool(self.arrow.exists(self._path))
-
-    def occupied(self) -> bool:
-        """Whether it holds anything."""
-        with _reached(self.name):
-            return self.exists() and bool(self.arrow.ls(self._path, detail=False))
-
-    def make(self) -> None:
-        """Make it, with the folders above; a store of objects needs none."""
-        if self.name.partition("://")[0] not in OBJECTS:
-            with _reached(self.name):
-                self.arrow.makedirs(self._path, exist_ok=True)
-
-    def names(self) -> list[str]:
-        """Return the names of its files."""
-        with _reached(self.name):
-            self.arrow.invalidate_cache(self._path)
-            try:
-                found = self.arrow.ls(self._path, detail=False)
-            except FileNotFoundError:  # no object has this prefix yet
-                return []
-            return [PurePosixPath(one).name for one in found]
-
-    def path(self, name: str) -> str:
-        """Return the path of a file for pyarrow.
-
-        Parameters
-        ----------
-        name : str
-        """
-        return f"{self._path}/{name}"
-
-    def write(self, name: str, content: bytes) -> None:
-        """Write a file as one object.
-
-        Parameters
-        ----------
-        name : str
-        content : bytes
-
-        Raises
-        ------
-        RequestError
-            When the store refuses it.
-        """
-        try:
-            with _reached(self.name):
-                self.arrow.pipe_file(self.path(name), content)
-        except OSError as error:
-            raise RequestError(f"{self.name}/{name}: cannot be written ({error.strerror or error})") from None
-
-    def read(self, name: str) -> bytes:
-        """Return a file's content.
-
-        Parameters
-        ----------
-        name : str
-        """
-        with _reached(self.name):
-            return bytes(self.arrow.cat_file(self.path(name)))
-
-    def remove(self, name: str) -> None:
-        """Remove a file, if it is there.
-
-        Parameters
-        ----------
-        name : str
-        """
-        with _reached(self.name):
-            try:
-                self.arrow.rm_file(self.path(name))
-            except FileNotFoundError:  # somebody else has
-                return
-
-
-def folder_at(name: str | os.PathLike[str]) -> LocalFolder | RemoteFolder:
-    """Return the folder of a path, here or elsewhere.
-
-    Parameters
-    ----------
-    name : path
-
-    Returns
-    -------
-    LocalFolder or RemoteFolder
-
-    Raises
-    ------
-    RequestError
-        As for `filesystem`.
-    """
-    return RemoteFolder(os.fspath(name)) if is_remote(name) else LocalFolder(plain(name))

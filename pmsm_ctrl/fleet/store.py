@@ -16,7 +16,7 @@ from itertools import chain
 from typing import Any
 
 from pmsm_ctrl.errors import RequestError
-from pmsm_ctrl.fleet.remote import folder_at
+from pmsm_ctrl.fleet.folders import folder_at
 
 __all__ = ["COLUMNS", "Row", "Store", "require_pyarrow"]
 

@@ -29,6 +29,8 @@ ALLOWED = {
     ("datasheet.py", "g"): "gram",
     ("frf/bode.py", "g"): "a name of a response in a file",
     ("design_parts.py", "order"): "of a low-pass filter",
+    ("design_parts.py", "J_load"): "the inertia of `SecondMass`, whose tolerance may be stated",
+    ("design_parts.py", "k"): "the stiffness of `SecondMass`, whose tolerance may be stated",
     ("fleet/paths.py", "d"): "the day of a date",
     **{("fleet/example.py", name): "the plant of a simulated fleet" for name in (
         "unbalance", "viscous_asymmetry", "a_s", "a_c", "dF_v")},

@@ -16,9 +16,10 @@ from pmsm_ctrl.cli import main
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.fleet import Engine, Manifest, Store, fleet_report, read_manifest
 from pmsm_ctrl.fleet import evaluate as evaluation
+from pmsm_ctrl.fleet.folders import folder_at
 from pmsm_ctrl.fleet.keys import Hashes
 from pmsm_ctrl.fleet.manifest import items_of
-from pmsm_ctrl.fleet.remote import changed, folder_at, local_copy, plain
+from pmsm_ctrl.fleet.remote import changed, local_copy, plain
 from tests.unit.fleet.rows import of_record
 
 fsspec = pytest.importorskip("fsspec")
