@@ -134,7 +134,8 @@ def _by_margins(
         return margins(speed_methods.open_loop(replace(cascade, current=current), speed)).crossover
 
     if judged is None:
-        return *gains((), None if wanted.robust else 1.0), None
+        full = speed_methods.open_loop(cascade, slower(1.0, asked, ()))
+        return *gains((), 1.0 if margins(full).stable and not wanted.robust else None), None
     plain, refused = None, None
     try:
         plain = gains((), None)
