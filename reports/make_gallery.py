@@ -261,7 +261,7 @@ def _missing(identified: Design, found: Diagnosis, plain: Mapping[str, Any]) -> 
             Picture(
                 lambda: friction_curves(identified, found.design),
                 "Friction of both models: the slopes differ between the directions, and near standstill friction is "
-                "lower than a straight line. The Stribeck term comes out negative, as presliding would.",
+                "lower than a straight line, as in presliding.",
             ),
         ),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import shorten, wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 
 GREY, SHADE = "#7f8a97", "#F0E442"
 DOTS = 4000  # samples shown of a longer log
+PANEL_WIDTH = 44  # letters of a small title over a third of the figure
 
 
 def outline(t: Array, y: Array, bins: int = 500) -> tuple[Array, Array]:
@@ -59,9 +61,8 @@ def traces_figure(record: Record) -> Figure:
             for stretch in record.stretches:
                 each.axvspan(stretch.start, stretch.stop, color=SHADE, alpha=0.35, linewidth=0)
     axes[0].legend(loc="upper right", fontsize="small")
-    # a path can be wider than the figure
-    title = f"Measured against predicted, {Path(record.name).name}; filtered, without standstill"
-    axes[0].set_title(title, parse_math=False)
+    name = shorten(Path(record.name).name, 60, placeholder=" ...")  # a name can be wider than the figure
+    axes[0].set_title(f"Measured against predicted, {name}\nfiltered, without standstill", parse_math=False)
     axes[-1].set_xlabel("time [s]")
     return figure
 
@@ -140,7 +141,8 @@ def _dependence_panel(axes: Axes, d: Dependence, residual: Array, found: Residua
         axes.set_xlim(float(d.x[0]) - margin, float(d.x[-1]) + margin)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel(f"residual [{found.unit}]")
-    axes.set_title(f"over {d.coordinate}: {_state(d)}", fontsize="small")
+    said = f"over {d.coordinate}: {_state(d)}"
+    axes.set_title("\n".join(wrap(said, PANEL_WIDTH)), fontsize="small")
     axes.grid(alpha=0.3)
 
 

@@ -185,6 +185,11 @@ class Stepwise(Result):
         return noise_floor(self._case.record, self._fit)
 
     @property
+    def cutoff(self) -> float:
+        """The low-pass of both sides of a balance, Hz: the fitted logs choose it, and it is that of all errors."""
+        return self._case.record.cutoff
+
+    @property
     def balances(self) -> tuple[str, ...]:
         """The balances of the log: ``torque`` and, with voltages, ``u_d`` and ``u_q``."""
         return self._fit.record.channels

@@ -35,6 +35,7 @@ MOST_MAPS = 6
 CELLS = (24, 18)  # of a map: over speed, and over the other coordinate
 LEAST = 3  # samples in a cell that is drawn
 SPEED_BINS = 24
+WHITE = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}  # behind a number, which a line may cross
 NEGLIGIBLE = 1e-3  # of the largest part: a smaller one is not drawn
 
 
@@ -97,7 +98,7 @@ def _steps(
     for k, value in zip(x, values, strict=True):
         axes.annotate(
             f"{100 * value:.3g}", (k, 100 * value), textcoords="offset points", xytext=offset, fontsize="x-small",
-            ha="center", color=colour,
+            ha="center", color=colour, bbox=WHITE, zorder=3,
         )  # fmt: skip
 
 
@@ -119,7 +120,7 @@ def falling_figure(d: Diagnosis) -> Figure:
         values = [100.0 * one["torque"]["relative"] for one in errors if one]
         bars = axes.barh(places, values, width, color=colour, hatch="" if k == 0 else "//", edgecolor="white", lw=0,
                          label=f"{label} record")  # fmt: skip
-        axes.bar_label(bars, [percent(value / 100.0) for value in values], padding=3, fontsize=10)
+        axes.bar_label(bars, [percent(value / 100.0) for value in values], padding=5, fontsize=10, bbox=WHITE, zorder=3)
     floor = 100.0 * d.errors["noise_floor"]["torque"]["relative"]
     axes.axvline(floor, color=BLACK, linestyle=":", label=f"noise floor {floor:.2f} %")
     axes.set_yticks(range(len(names)), names)

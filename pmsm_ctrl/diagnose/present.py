@@ -19,7 +19,7 @@ from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.units import drives
 
-__all__ = ["first_pictures", "verdict_text"]
+__all__ = ["errors_caption", "first_pictures", "verdict_text"]
 
 VERDICTS = {
     Verdict.CONSISTENT: "no missing effect: the design explains this log",
@@ -159,9 +159,24 @@ def _errors(d: Diagnosis) -> Table:
             (name, *_relative(own, channels), *_relative(held, other), *(_run_cells(of_run) if simulated else ()))
             for name, own, held, of_run in rows
         ),
-        "Relative rms error of each balance"
+        errors_caption(d.record.cutoff)
         + ("; free run: the position, simulated from the torque alone, whose small errors add up" if simulated else ""),
     )
+
+
+def errors_caption(cutoff: float) -> str:
+    """Return what a table of errors holds; as a held-out record a log is filtered as the fitted one, not as its own.
+
+    Parameters
+    ----------
+    cutoff : float
+        Of the low-pass of both sides of a balance, Hz.
+
+    Returns
+    -------
+    str
+    """
+    return f"Relative rms error of each balance, low-passed at {number(cutoff)} Hz, which the fitted log allows"
 
 
 def _run_cells(run: Mapping[str, Any]) -> tuple[str, str]:

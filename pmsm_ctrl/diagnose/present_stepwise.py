@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pmsm_ctrl.diagnose.by_hand import ModelErrors, Stepwise
+from pmsm_ctrl.diagnose.present import errors_caption
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.rendering.numbers import percent, probability, with_error
 from pmsm_ctrl.section import Block, Section, Table, present
@@ -45,7 +46,7 @@ def _models(found: Stepwise, kind: str) -> Table:
         for one in found.models
     )
     last = ("noise floor", *floor, *("" for _ in held))
-    return Table(head, (*rows, last), "Relative rms error of each balance, step by step")
+    return Table(head, (*rows, last), f"{errors_caption(found.cutoff)}, step by step")
 
 
 def _effects(found: Stepwise) -> Table:

@@ -20,6 +20,7 @@ __all__ = ["gist_of", "picture_html", "tables_script", "to_html", "to_notebook"]
 
 _UNIT = re.compile(r"\[[^]]*\]")
 _LONG = 14  # rows beyond which a table is shown on demand
+_SHORT = 10  # letters of a cell that is not broken
 _MANY = 8  # columns beyond which a table is set smaller, so that a page is wide enough
 _NOTEBOOK_STYLE = (
     "<style>.pmsm-ctrl .warnings{border-left:.3em solid #a33c00;padding:.2em 1em}.pmsm-ctrl caption{text-align:left}"
@@ -216,4 +217,6 @@ def _linked(cell: str, address: str) -> str:
 
 
 def _cell(text: str) -> str:
-    return escape(text.replace(" %", "\u00a0%"))
+    """A few words, or a number with its unit, stay on one line."""
+    kept = " " if len(text) <= _SHORT else " %"
+    return escape(text.replace(kept, kept.replace(" ", "\u00a0")))

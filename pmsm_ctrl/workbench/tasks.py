@@ -329,6 +329,7 @@ def solve(request: Request) -> dict[str, Any]:
     _shown[key] = jsonable({
         "models": [_model_errors(one) for one in model.models],
         "names": model.names,
+        "cutoff": model.cutoff,
         "floor": {name: error["relative"] for name, error in model.noise_floor.items()},
         "titles": {name: effect.title for name, effect in catalogue.items()},
         "candidates": [_candidate(one, catalogue) for one in model.rank()],

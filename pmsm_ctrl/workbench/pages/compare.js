@@ -105,14 +105,14 @@ function errorsByModel(app, record) {
   const bar = (kind, share) => h("span", { class: `meter ${kind}` }, h("span", { class: "track" }, h("i", { style: { width: `${Math.min(100, (100 * share) / most)}%` } }), floor < most ? h("u", { style: { left: `${(100 * floor) / most}%` } }) : null), h("em", {}, percent(share)));
   const searching = job?.kind === "find";
   const shown = searching ? [model.models[0], ...(job.models || [])] : model.models;
-  const apart = off.length && !searching ? h("li", { class: "apart", id: "without" }, h("span", { class: "name" }, `Without ${off.join(", ")}`, h("small", {}, "all other parameters held")), bar("fitted", own), held && others ? bar("held", others) : null) : null;
+  const apart = off.length && !searching ? h("li", { class: "apart", id: "without" }, h("span", { class: "name" }, `Without ${off.map((name) => titled(model, name)).join(", ")}`, h("small", {}, "all other parameters held")), bar("fitted", own), held && others ? bar("held", others) : null) : null;
   const models = shown.map((one) => h("li", { class: searching ? "live" : null }, h("span", { class: "name" }, words(model, one.name)), bar("fitted", error(one.errors, balance)), held ? bar("held", error(one.holdout, balance)) : null));
   const busy = !!job;
   const last = shown.at(-1);
   const left = model.candidates.some((one) => one.advised); // else the next thing is to take the design away
   return [
     h("h2", {}, "Error of each model"),
-    h("p", { class: "soft legend" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", floor < most ? [h("span", { class: "key floor" }), `noise floor of the fitted ${model.records.filter((one) => !one.held_out).length > 1 ? "logs" : "log"} ${percent(floor)}`] : null, `. Rms of measured − predicted, relative to measured: ${balance}`),
+    h("p", { class: "soft legend", id: "models-note" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", floor < most ? [h("span", { class: "key floor" }), `noise floor of the fitted ${model.records.filter((one) => !one.held_out).length > 1 ? "logs" : "log"} ${percent(floor)}`] : null, `. Rms of measured − predicted, relative to measured: ${balance}${model.cutoff ? `, all records low-passed at ${number(model.cutoff, 3)} Hz, which the fitted log allows` : ""}.`),
     model.verdict && !searching ? h("p", { class: "verdict", id: "verdict" }, model.verdict.text, model.verdict.reasons.map((text) => `: ${text}`), ".") : null,
     h("ol", { class: "models", id: "models" }, models, apart),
     h("p", { class: "row" },
@@ -120,8 +120,14 @@ function errorsByModel(app, record) {
       h("button", { type: "button", id: "undo", disabled: busy || !app.state.steps.length, onclick: () => app.act("steps", { undo: true }) }, "Undo"),
       h("button", { type: "button", class: left ? "" : "main", disabled: busy, onclick: () => app.go("take"), id: "to-take" }, "Take away")),
     model.names.length ? switches(app, record, busy) : null,
-    h("p", { class: "hidden", role: "status" }, apart ? `Without ${off.join(", ")}: error ${percent(own)}${held && others ? `, held out ${percent(others)}` : ""}` : `Error ${percent(error(last.errors, balance))}`),
+    h("p", { class: "hidden", role: "status" }, apart ? `Without ${off.map((name) => titled(model, name)).join(", ")}: error ${percent(own)}${held && others ? `, held out ${percent(others)}` : ""}` : `Error ${percent(error(last.errors, balance))}`),
   ];
+}
+
+// An effect that was added, in words: its title, and the order where it has one.
+export function titled(model, name) {
+  const [id, order] = name.split(" ");
+  return `${model.titles?.[id] || id}${order ? ` (order ${order})` : ""}`;
 }
 
 // A model in words: what was added, and its id.
@@ -147,10 +153,10 @@ function switches(app, record, busy) {
   return h("div", { class: "added" },
     h("h3", {}, "Added effects"),
     h("ul", { class: "plain" }, names.map((name, k) => h("li", { class: "row" },
-      h("label", {}, h("input", { type: "checkbox", id: `switch-${k}`, checked: !view.off.has(name), disabled: !balance.parts.includes(name), onchange: flip(name) }), " ", h("span", {}, name)),
-      h("span", { class: "soft grow" }, parameters(app, name)),
-      k > 0 ? h("button", { type: "button", class: "plain", disabled: busy, "aria-label": `Add ${name} earlier`, title: "Add earlier", onclick: () => moved(k, -1) }, "↑") : null,
-      h("button", { type: "button", class: "plain", disabled: busy, id: `remove-${k}`, "aria-label": `Remove ${name}`, title: "Remove", onclick: () => app.act("steps", { remove: name }) }, "×")))),
+      h("label", {}, h("input", { type: "checkbox", id: `switch-${k}`, checked: !view.off.has(name), disabled: !balance.parts.includes(name), onchange: flip(name) }), " ", h("span", {}, titled(app.state.model, name))),
+      k > 0 ? h("button", { type: "button", class: "plain", disabled: busy, "aria-label": `Add ${titled(app.state.model, name)} earlier`, title: "Add earlier", onclick: () => moved(k, -1) }, "↑") : null,
+      h("button", { type: "button", class: "plain", disabled: busy, id: `remove-${k}`, "aria-label": `Remove ${titled(app.state.model, name)}`, title: "Remove", onclick: () => app.act("steps", { remove: name }) }, "×"),
+      h("span", { class: "soft" }, parameters(app, name))))),
     h("p", { class: "soft" }, "Switch one off to see in the traces, fitted or held out, what it explains; the error without it stands below the models."));
 }
 
@@ -183,12 +189,12 @@ function candidates(app) {
   const row = (one, k, group) => {
     const look = (on) => () => view.traces?.hover(on && !app.state.job ? one.name : null);
     return h("tr", { tabindex: "0", id: `candidate-${group}-${k}`, "data-effect": one.name, onmouseenter: look(true), onmouseleave: look(false), onfocusin: look(true), onfocusout: look(false) },
-      h("td", {}, h("b", {}, one.title), h("span", { class: "soft" }, one.name), detail(one)),
+      h("td", {}, h("b", {}, one.title), h("span", { class: "soft" }, one.name), detail(one, model.titles)),
       h("td", { class: "share" }, h("span", { class: "meter thin" }, h("i", { style: { width: `${100 * one.explained}%` } })), h("em", {}, one.explained >= 0.0005 ? percent(one.explained) : "< 0.05 %")),
       h("td", {}, h("button", { type: "button", id: `add-${group}-${k}`, disabled: busy, class: one.advised ? "main" : "", "aria-label": `Add ${one.title} (${one.name})`, onclick: () => add(app, one) }, "Add")));
   };
   const table = (list, group) => h("table", { class: "candidates" },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "effect"), h("th", { scope: "col" }, "explains of the residual"), h("th", { scope: "col" }, h("span", { class: "hidden" }, "add")))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "effect"), h("th", { scope: "col" }, "share of the residual that it explains"), h("th", { scope: "col" }, h("span", { class: "hidden" }, "add")))),
     h("tbody", {}, list.map((one, k) => row(one, k, group))));
   return [
     h("h2", {}, "What is missing?"),
@@ -223,10 +229,11 @@ async function add(app, one) {
   if (!failed) document.getElementById("models")?.scrollIntoView({ block: "nearest" });
 }
 
-function detail(one) {
+function detail(one, titles) {
+  const named = (id) => titles?.[id] || id;
   const lines = [
     one.why_not ? `${one.why_not[0].toUpperCase()}${one.why_not.slice(1)}.` : `p ${one.p < 1e-12 ? "< 1e-12" : `= ${number(one.p, 2)}`}.`,
-    one.look_alikes.length ? `Can be confused with ${one.look_alikes.join(", ")}.` : "",
+    one.look_alikes.length ? `Can be confused with: ${one.look_alikes.map(named).join(", ")}.` : "",
   ].filter(Boolean);
   return h("span", { class: "soft detail" }, lines.join(" "));
 }

@@ -29,8 +29,8 @@ function sources(app) {
         h("button", { type: "button", id: "use-example", onclick: async () => (await app.act("design", { example: choice.value })) || next(app) }, "Use it")),
     ),
     h("div", { class: "card drop", ...dropping((files) => files[0] && take(files[0])) },
-      h("h3", {}, h("label", { for: "toml" }, "Open a design (TOML)")),
-      h("input", { type: "file", id: "toml", accept: ".toml,text/plain", onchange: (event) => event.target.files[0] && take(event.target.files[0]) }),
+      h("h3", {}, "Open a design (TOML)"),
+      files("toml", "Choose a design file", { accept: ".toml,text/plain" }, ([file]) => file && take(file)),
     ),
   );
 }
@@ -39,6 +39,12 @@ function next(app) {
   wrong = {};
   app.go("logs");
 }
+
+// A button that opens the browser's choice of files. The browser's own field is not shown: it is made anew with the page,
+// and would say "No file chosen" beside files that were taken.
+export const files = (id, words, attributes, take) => h("span", { class: "files" },
+  h("input", { type: "file", id, class: "hidden", ...attributes, onchange: (event) => take([...event.target.files]) }),
+  h("label", { for: id }, words));
 
 export function dropping(take) {
   const mark = (on) => (event) => {

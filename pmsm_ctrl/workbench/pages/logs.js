@@ -1,6 +1,6 @@
 // Step 2: the logs, what was understood of them, and what is doubtful.
 import { fill, h, number, size } from "./dom.js";
-import { dropping } from "./design.js";
+import { dropping, files } from "./design.js";
 import { drawChannel } from "./plots.js";
 
 const ROLES = [["fit", "Fit"], ["holdout", "Held out"], ["off", "Leave out"]];
@@ -40,8 +40,7 @@ function drop(app) {
     for (const file of files) if (await app.upload(file)) break;
   };
   return h("div", { class: "card drop big", ...dropping(take) },
-    h("label", { for: "log-file" }, "Drop log files here, or choose them"),
-    h("input", { type: "file", id: "log-file", multiple: true, onchange: (event) => take([...event.target.files]) }),
+    h("p", { class: "row" }, h("b", {}, `Drop ${app.state.logs.length ? "more " : ""}log files here, or`), files("log-file", "Choose log files", { multiple: true }, take)),
     h("p", { class: "soft" }, "CSV and other text, MAT, MDF4, TDMS, Parquet, NumPy, ROS 2 bags. Needed: time, position or speed, and current or torque. Files stay on this computer."));
 }
 

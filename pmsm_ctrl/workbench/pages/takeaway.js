@@ -1,4 +1,5 @@
 // Step 4: what can be taken away.
+import { titled } from "./compare.js";
 import { fill, h } from "./dom.js";
 
 const FILES = [
@@ -14,7 +15,7 @@ export function showTakeaway(section, app) {
   const { model, design } = app.state;
   fill(section, [model.names, model.models, design.name], () => [
     h("h2", {}, "Take away"),
-    h("p", { class: "lead" }, model.names.length ? `${design.name} with ${model.names.join(", ")}.` : `${design.name}, parameters refitted, no effect added.`),
+    h("p", { class: "lead" }, model.names.length ? `${design.name} with ${model.names.map((name) => titled(model, name)).join(", ")}.` : `${design.name}, parameters refitted, no effect added.`),
     h("div", { class: "cards wide" }, FILES.map(([kind, title, text]) => h("div", { class: "card" }, h("h3", {}, title), h("p", {}, text), h("p", {}, button(app, kind, title))))),
     h("h2", {}, "Effects of the new design"),
     h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Effects of the new design" }, h("table", {},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -25,6 +26,7 @@ if CHROMIUM is None or DRIVER is None:
     pytest.skip("CHROMIUM ABSENT: apt-get install chromium chromium-driver", allow_module_level=True)
 
 NAME = "<script>alert(1)</script>"
+SIZES, SIZE_NAMES = [(1280, 800), (390, 844)], ["1280x800", "390x844"]
 WAIT = 300.0  # s; without a cache the first fit compiles its code
 
 
@@ -117,6 +119,10 @@ class Person:
         words = self.do("return [...document.querySelectorAll(`${arguments[0]} em`)].map((e) => e.textContent)", row)
         return [float(word.removesuffix(" %")) for word in words]
 
+    def overhang(self) -> int:
+        """Return by how many pixels the page is wider than the screen; a phone's innerWidth grows with the page."""
+        return int(self.do("const root = document.documentElement; return root.scrollWidth - root.clientWidth"))
+
     def errors(self) -> list[str]:
         return [entry["message"] for entry in self.driver.get_log("browser") if entry["level"] == "SEVERE"]
 
@@ -163,6 +169,8 @@ def through(person: Person, folder: Path, address: str) -> None:
     person.element("log-file").send_keys("\n".join(str(path) for path in sorted(folder.glob("*.csv"))))
     person.until(lambda: person.do("return document.querySelectorAll('article.log .tile').length >= 6"), "two logs")
     person.idle()
+    shown = "return [...document.querySelectorAll('input[type=file]')].every((e) => e.offsetWidth <= 1)"
+    assert person.do(shown), "the browser says 'No file chosen' there"
     assert person.do("return document.querySelectorAll('img, main script').length") == 0
     assert "<img src=x onerror=alert(1)>.csv" in person.text("logs")
     assert NAME in person.text("subject")
@@ -170,7 +178,7 @@ def through(person: Person, folder: Path, address: str) -> None:
     person.until(lambda: person.models() == 1, "the base parameters")
     person.until(lambda: person.do("return !!document.querySelector('[data-part=traces]').dataset.drawn"), "traces")
     person.idle()
-    assert person.do("return document.documentElement.scrollWidth <= innerWidth")
+    assert person.overhang() <= 0
     first = person.do("return document.querySelector('[data-effect]').dataset.effect")
     assert first in ("quadratic_drag", "viscous_power")
     person.press("add-a-0")
@@ -183,6 +191,10 @@ def test_a_stranger_finds_the_missing_effect(person: Person, server: Server, fol
     through(person, folder, server.address)
     drawn = "return Number(document.querySelector('[data-part=traces]').dataset.drawn)"
     before = person.do(drawn)
+    words = person.do("return [...document.querySelectorAll('.detail')].map((e) => e.textContent).join(' ')")
+    assert "Can be confused with: " in words
+    assert "_" not in re.sub(r"\b\w_\w+", "", words), "a look-alike by its id"  # symbols such as a_s stay
+    assert "low-passed at" in person.text("models-note"), "why one log has two errors"
     person.do("document.querySelector('.zoom button').click()")
     person.until(lambda: person.do(drawn) > before, "the zoom")
     assert violations(person.driver) == []
@@ -203,7 +215,7 @@ def test_a_stranger_finds_the_missing_effect(person: Person, server: Server, fol
     person.until(lambda: person.do("return document.body.dataset.ready === 'yes'"), "the page again")
     person.do("document.querySelector('[data-step=compare]').click()")
     person.until(lambda: person.models() == 2, "the models again")
-    assert person.do("return document.documentElement.scrollWidth <= innerWidth")
+    assert person.overhang() <= 0
     assert person.errors() == []
 
 
@@ -213,16 +225,22 @@ def test_the_steps_on_a_phone(person: Person, server: Server, folder: Path) -> N
     through(person, folder, server.address)
     for step in ("design", "logs", "compare", "take"):
         person.do("document.querySelector(`[data-step=${arguments[0]}]`).click()", step)
-        assert person.do("return document.documentElement.scrollWidth <= innerWidth"), step
+        assert person.overhang() <= 0, step
         assert violations(person.driver) == [], step
     assert person.errors() == []
 
 
 @pytest.mark.slow
-def test_the_pages_of_the_gallery_are_accessible(person: Person, project_root: Path) -> None:
+@pytest.mark.parametrize("person", SIZES, indirect=True, ids=SIZE_NAMES)
+def test_the_pages_of_the_gallery_are_accessible_and_as_wide_as_the_screen(person: Person, project_root: Path) -> None:
+    """Drawn by their scripts, and all that is folded unfolded; a table or a figure scrolls in its own frame."""
     for page in sorted((project_root / "reports" / "gallery").glob("*.html")):
         person.driver.get(page.as_uri())
         assert violations(person.driver) == [], page.stem
+        person.until(lambda: person.do("return !document.querySelector('.live[hidden]')"), "the traces")
+        person.do("for (const each of document.querySelectorAll('details')) each.open = true")
+        assert person.overhang() <= 0, page.stem
+        assert person.errors() == [], page.stem
 
 
 @pytest.mark.slow
@@ -331,7 +349,7 @@ def test_a_file_of_200_megabytes_is_shown_and_the_server_stays_small(person: Per
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("person", [(1280, 800), (390, 844)], indirect=True, ids=["1280x800", "390x844"])
+@pytest.mark.parametrize("person", SIZES, indirect=True, ids=SIZE_NAMES)
 def test_emps_after_a_file_that_is_no_log(
     person: Person, server: Server, tmp_path: Path, measured: Callable[[str], Path]
 ) -> None:
@@ -360,5 +378,5 @@ def test_emps_after_a_file_that_is_no_log(
     assert "viscous" in person.text("verdict").lower()
     errors = [person.errors_of(f"#models li:nth-child({k})") for k in (1, person.models())]
     assert all(after < 0.7 * before for before, after in zip(*errors, strict=True)), "fitted and held out"
-    assert person.do("return document.documentElement.scrollWidth <= innerWidth")
+    assert person.overhang() <= 0
     assert person.errors() == []
