@@ -42,6 +42,7 @@ __all__ = [
     "WINDING_IMPOSSIBLE",
     "WINDING_SUBSTITUTE",
     "calibration_text",
+    "errors_caption",
     "of_calibration",
     "of_log",
 ]
@@ -201,6 +202,21 @@ def calibration_text(found: Calibration) -> str:
         f"{f' ({named})' if named else ''}; false-alarm rate on this motion at most {100.0 * found.most:.0f} % "
         "(95 % confidence)"
     )
+
+
+def errors_caption(cutoff: float) -> str:
+    """Return what a table of errors holds; as a held-out record a log is filtered as the fitted one, not as its own.
+
+    Parameters
+    ----------
+    cutoff : float
+        Of the low-pass of both sides of a balance, Hz.
+
+    Returns
+    -------
+    str
+    """
+    return f"Relative rms error of each balance, low-passed at {cutoff:.4g} Hz, which the fitted log allows"
 
 
 def of_calibration(found: Calibration, policy: Policy = POLICY) -> tuple[Notice, ...]:

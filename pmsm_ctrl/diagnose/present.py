@@ -10,7 +10,7 @@ from typing import Any
 
 from pmsm_ctrl.diagnose.addition import Addition
 from pmsm_ctrl.diagnose.explorer import traces_of
-from pmsm_ctrl.diagnose.notices import calibration_text
+from pmsm_ctrl.diagnose.notices import calibration_text, errors_caption
 from pmsm_ctrl.diagnose.result import Agreement, Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
 from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table, spread_sentence
@@ -19,7 +19,7 @@ from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.units import drives
 
-__all__ = ["errors_caption", "first_pictures", "verdict_text"]
+__all__ = ["first_pictures", "verdict_text"]
 
 VERDICTS = {
     Verdict.CONSISTENT: "no missing effect: the design explains this log",
@@ -162,21 +162,6 @@ def _errors(d: Diagnosis) -> Table:
         errors_caption(d.record.cutoff)
         + ("; free run: the position, simulated from the torque alone, whose small errors add up" if simulated else ""),
     )
-
-
-def errors_caption(cutoff: float) -> str:
-    """Return what a table of errors holds; as a held-out record a log is filtered as the fitted one, not as its own.
-
-    Parameters
-    ----------
-    cutoff : float
-        Of the low-pass of both sides of a balance, Hz.
-
-    Returns
-    -------
-    str
-    """
-    return f"Relative rms error of each balance, low-passed at {number(cutoff)} Hz, which the fitted log allows"
 
 
 def _run_cells(run: Mapping[str, Any]) -> tuple[str, str]:

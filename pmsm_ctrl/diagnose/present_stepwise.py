@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pmsm_ctrl.diagnose.by_hand import ModelErrors, Stepwise
-from pmsm_ctrl.diagnose.present import errors_caption
+from pmsm_ctrl.diagnose.notices import errors_caption
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.rendering.numbers import percent, probability, with_error
 from pmsm_ctrl.section import Block, Section, Table, present

@@ -55,7 +55,7 @@ def fitted(late: float, lag: float) -> tuple[Any, Any]:
     """Record and selection of a log whose torque was so late, and filtered before that was undone."""
     model = SimpleNamespace(names=("J", LATENESS))
     fit = SimpleNamespace(model=model, plain=SimpleNamespace(values=np.array([1.0, late])))
-    return SimpleNamespace(timing=DriveTiming(0.0, lag)), SimpleNamespace(fit=fit)
+    return SimpleNamespace(timing=DriveTiming(0.0, lag), cutoff=52.06), SimpleNamespace(fit=fit)
 
 
 def test_the_verdict_names_the_effects(found: Diagnosis) -> None:
@@ -72,6 +72,7 @@ def test_every_other_verdict_has_words(found: Diagnosis, verdict: Verdict) -> No
 def test_the_error_falls_model_by_model(found: Diagnosis) -> None:
     table = _errors(found)
     assert table.header == ("model", "torque", "held-out torque")
+    assert table.caption.endswith("low-passed at 52.06 Hz, which the fitted log allows")
     assert table.rows == (
         ("design as given", "7.00 %", ""), ("parameters refitted", "5.00 %", "6.00 %"),
         ("+ stribeck", "2.00 %", "3.00 %"), ("noise floor", "1.90 %", ""),
