@@ -28,9 +28,11 @@ from pmsm_ctrl.regression.drive_timing import (
     possible_sampling,
     stated_timing,
 )
+from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
 from pmsm_ctrl.regression.notices import LONG_LOG
+from pmsm_ctrl.regression.signals import logged_torque
 from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual
 from pmsm_ctrl.regression.weights import (
     EDGE_PERIODS,
@@ -38,8 +40,11 @@ from pmsm_ctrl.regression.weights import (
     WRONG_TORQUE,
     edge_weight,
     on_grid,
+    prefilter,
     quantisation_error,
     reversal_weight,
+    torque_noise,
+    uneven_weight,
     voltage_weight,
 )
 from pmsm_ctrl.section import Notice
@@ -73,6 +78,7 @@ STANDSTILL = 0.0005
 FEWEST_SAMPLES = 32
 # Periods of the cutoff at either end that the filters need to start, and the share of a log that is given up at most.
 EDGES, SHORTEST_EDGE = (4.0, 10.0), 0.05
+REVERSALS = 250.0  # Hz: band of the torque at reversals
 STEADY = 0.02  # weight below which a sample's time cannot be believed
 INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d changes no faster
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
@@ -80,7 +86,6 @@ SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 SINC = 24
 FEWEST = 20  # samples of the thinned grid that a balance needs
 AT_ONCE = 4_000_000  # samples of columns that are filtered in one go
-LONG_ENOUGH = 200_000  # samples that tell the step of an angle
 # Share of a log that the default band has to leave.
 USABLE = 0.1
 # A delay below this share of a sample is met well enough to first order.
@@ -351,7 +356,7 @@ def _made(
 ) -> Record:  # fmt: skip
     sampling, early = possible_sampling(design, log)
     log, few = without_coarse_angle(design, log, processing.cutoff or default_cutoff(log.rate))
-    resolution = _resolution(log)
+    resolution = angle_step(log)
     log, given = timing.undone(thinned(in_time(design, ending_steadily(log), age))), log
     prepared = condition(design, log, processing, as_logged=True)
     raw = dict(prepared.signals)
@@ -371,12 +376,14 @@ def _made(
         told = on_grid(log, prepared, "omega_ref" if "omega_ref" in log else "theta_ref")
         signals["omega_ref"] = told if "omega_ref" in log else derivative(told, 1.0 / prepared.rate)
     _add_slopes(signals, prepared)
-    driving = signals["torque"] - signals.get("T_load", np.zeros_like(prepared.t))
+    load = signals.get("T_load", np.zeros_like(prepared.t))
+    driving, fast = signals["torque"] - load, _fast_torque(design, log, prepared) - load
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
     unresolved = resolution * prepared.cutoff
-    direction, sure, kink = direction_of(driving, prepared, measured, STANDSTILL, unresolved)
+    steps = errors_by_steps(prepared, resolution) if resolution > 0.0 else None
+    direction, sure, kink = direction_of(driving, fast, prepared, measured, STANDSTILL, steps, unresolved)
     if int((sure & _edges(prepared))[prepared.keep].sum()) < FEWEST:  # no speed is left that the encoder resolves
-        direction, sure, kink = direction_of(driving, prepared, measured, STANDSTILL)
+        direction, sure, kink = direction_of(driving, fast, prepared, measured, STANDSTILL, steps)
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
@@ -392,16 +399,19 @@ def _made(
         )
         slow = slow * steady
         sound = sound & (steady > STEADY)
-    weight = [slow * reversal_weight(log, prepared, signals, kink, wrong)]
+    moving = (sure & _edges(prepared))[prepared.keep]
+    noise = torque_noise(log, prepared, signals, wrong)
+    weight = [slow * reversal_weight(prepared, signals, kink, noise, steps.speed if steps else None)]
+    if steps is not None:
+        weight[0] = weight[0] * uneven_weight(kink[1] * steps.filtered, noise, moving & sound)
     for name in channels[1:]:
         level = np.hypot(target[1], target[2])
         weight.append(weight[0] * voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)))
-    moving = sure & _edges(prepared)
-    steps = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
-    steps[0] *= 1.0 if source == "torque" else design.K_t_assumed
+    levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
+    levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
-        design, prepared, signals, tuple(channels), target, moving[prepared.keep] & sound,
-        np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(steps), kink[0],
+        design, prepared, signals, tuple(channels), target, moving & sound,
+        np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(levels), kink[0],
         (*few, *_too_long(given, log), *prepared.notes), None if "theta" in log else age,
         timing=timing, sampling=sampling, early=early, sampling_told=drive_sampling(design, log).told,
         unseen=_in_gaps(log), records=log.records, wrong=wrong,
@@ -415,10 +425,14 @@ def _too_long(given: Log, thin: Log) -> tuple[Notice, ...]:
     return (LONG_LOG(samples=len(given), rate=thin.rate, given=given.rate, fastest=thin.rate / 8.0),)
 
 
-def _resolution(log: Log) -> float:
-    """Return the step of the angle, rad (m): of a coarse encoder, and next to nothing of any other; 0 without one."""
-    steps = np.diff(np.unique(log["theta"][:LONG_ENOUGH])) if "theta" in log else np.zeros(0)
-    return float(np.min(steps, initial=np.inf)) if len(steps) else 0.0
+def _fast_torque(design: Design, log: Log, prepared: Prepared) -> Array:
+    """Return the drive's torque in the band in which reversals are followed."""
+    names = ("torque",) if "torque" in log else tuple(name for name in ("i_d", "i_q") if name in log)
+    channels = {name: on_grid(log, prepared, name) for name in names}
+    band = max(REVERSALS, prefilter(prepared))
+    if band < 0.45 * prepared.rate:
+        channels = {name: low_pass(values, prepared.rate, band) for name, values in channels.items()}
+    return logged_torque(design, channels, "")
 
 
 def _in_gaps(log: Log) -> float:

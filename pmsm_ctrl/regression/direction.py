@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.noise import stretches
 from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.regression.encoder_steps import StepErrors
+from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
 from pmsm_ctrl.regression.weights import prefilter
 
@@ -18,11 +20,18 @@ Mask = NDArray[np.bool_]
 # Share of a log at most in which a direction that is not known is left out.
 MOST_UNKNOWN = 0.2
 REST = 0.004  # s: what is shorter is a reversal
+MOST_TAKEN = 0.5  # share of the acceleration's power at most that is taken for noise
 FEWEST_MIXED = 4  # samples on either side of a reversal that smoothing mixes at least
 
 
 def direction_of(
-    driving: Array, prepared: Prepared, measured: Mask, standstill: float, unresolved: float = 0.0
+    driving: Array,
+    fast: Array,
+    prepared: Prepared,
+    measured: Mask,
+    standstill: float,
+    steps: StepErrors | None = None,
+    unresolved: float = 0.0,
 ) -> tuple[Array, Mask, tuple[float, float]]:
     """Direction of motion; while the shaft rests, or nearly, the share of the dry friction that balances the drive.
 
@@ -34,11 +43,17 @@ def direction_of(
     Parameters
     ----------
     driving : array, shape (n,)
-        What drives the axis, N m (N).
+        What drives the axis, N m (N), as smooth as the speed.
+    fast : array, shape (n,)
+        The same as it was logged, or nearly. At a reversal the drive's torque rises by twice the friction: smoothed
+        it rises too early, and so the axis would turn too early.
     prepared : Prepared
     measured : bool array, shape (n,)
     standstill : float
         Share of the fast speed below which the direction is uncertain.
+    steps : StepErrors, optional
+        What the steps of the angle do to the acceleration. The inertia is corrected for their noise.
+        Source: W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.2.
     unresolved : float
         Speed, rad/s (m/s), at which a coarse encoder counts no more than once in the filters' memory: nothing tells
         motion from rest below it.
@@ -65,17 +80,23 @@ def direction_of(
     direction[long] = 0.0
     unknown = np.zeros(len(omega), dtype=bool)
     for _ in range(3):  # again with what the reversals say of the level
-        columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[free & ~unknown]
-        weights = np.linalg.lstsq(columns, driving[free & ~unknown], rcond=None)[0]
+        used = free & ~unknown
+        columns = np.column_stack([prepared.alpha, direction, omega, np.ones(len(omega))])[used]
+        products = columns.T @ columns
+        if steps is not None:  # noise of the acceleration would make the inertia too small by its share
+            products[0, 0] -= min(float(np.sum(steps.acceleration[used] ** 2)), MOST_TAKEN * products[0, 0])
+        weights = np.linalg.lstsq(products, columns.T @ driving[used], rcond=None)[0]
         level, J = float(weights[1]), float(weights[0])
         if level <= 0.0 or J <= 0.0:
             break
         left = (driving - weights[2] * omega - weights[3]) / level
+        pushed = (fast - weights[2] * omega - weights[3]) / level
         balanced = np.clip(left - J / level * prepared.alpha, -1.0, 1.0)
         direction[long] = balanced[long]
-        theta, period = prepared.signals["theta"], 1.0 / prepared.rate
+        period = 1.0 / prepared.rate
+        ends = _followed(prepared, pushed, J / level)
         unknown[:] = False
-        for piece in reversals(direction, long, omega, theta, left, J / level, period, reach):
+        for piece in reversals(direction, long, omega, ends, pushed, J / level, period, reach):
             unknown[piece] = True
         if np.mean(unknown & ~long) > MOST_UNKNOWN:  # noise turns the shaft, or its speed, everywhere
             unknown[:] = False
@@ -84,3 +105,19 @@ def direction_of(
     for piece in stretches(long | unknown):
         sure[max(0, piece.start - dilate) : piece.stop + dilate] = False
     return direction, sure, (max(level, 0.0), J)
+
+
+def _followed(prepared: Prepared, pushed: Array, J: float) -> tuple[Array, Array]:
+    """Return speed and position in the band of the torque: those measured, and above their band what the torque makes.
+
+    Where a reversal begins and ends the axis has a speed that the ripple of the torque gave it, and that the smoothed
+    speed has lost. A complementary filter: W. T. Higgins, IEEE Trans. Aerospace Electr. Systems 11 (1975) 321.
+    """
+    period, wide = 1.0 / prepared.rate, prefilter(prepared)
+    if wide >= 0.45 * prepared.rate:
+        return prepared.signals["omega"], prepared.signals["theta"]
+    made = np.cumsum(pushed) * (period / J)
+    made -= low_pass(made, prepared.rate, wide)
+    travel = np.cumsum(made) * period
+    travel -= low_pass(travel, prepared.rate, wide)
+    return prepared.signals["omega"] + made, prepared.signals["theta"] + travel

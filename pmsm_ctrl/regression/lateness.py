@@ -86,14 +86,16 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, told: Referre
     untold = UNTOLD * record.sampling
     by = None if delayed or record.sampling_told or told is None or not _biased(model, fit, told) else told
     held: dict[int, tuple[float, float]] = {}
-    if delayed or stderr > untold or (by is not None and by.late[1] > untold):
+    late, error = (value, stderr) if by is None else by.late
+    late += undone
+    beyond = max(late - record.sampling, -record.early - late) > SURE * error  # that much it tells in any case
+    if delayed or (max(stderr, error) > untold and not beyond):
         possible = (record.sampling + record.early) / math.sqrt(12.0)
-        held[k] = 0.0, 0.0 if delayed else min(stderr if by is None else by.late[1], possible)
+        held[k] = 0.0, 0.0 if delayed else min(error, possible)
     else:
-        late = undone + (value if by is None else by.late[0])
         if by is None and -record.early <= late <= record.sampling:
             return model
-        held[k] = min(max(late, -record.early), record.sampling) - undone, stderr if by is None else by.late[1]
+        held[k] = min(max(late, -record.early), record.sampling) - undone, error
         if by is not None:
             held[model.names.index(SPREAD)] = by.spread
     settled = _holding(model, held, {k: record.sampling, model.names.index(SPREAD): record.sampling**2})

@@ -36,8 +36,8 @@ def timed_sign(omega: Array) -> Array:
 
 
 def reversals(
-    direction: Array, resting: NDArray[np.bool_], omega: Array, theta: Array, torque: Array, J: float, period: float,
-    reach: int,
+    direction: Array, resting: NDArray[np.bool_], omega: Array, ends: tuple[Array, Array], torque: Array, J: float,
+    period: float, reach: int,
 ) -> list[slice]:  # fmt: skip
     """Overwrite `direction` around every reversal by what a shaft with dry friction would do there.
 
@@ -49,8 +49,12 @@ def reversals(
         Friction as a share of its level; changed in place.
     resting : bool array, shape (n,)
         Samples at which the shaft rests.
-    omega, theta, torque : array, shape (n,)
-        Smoothed speed and position, and what drives it less everything but dry friction, as a share of its level.
+    omega : array, shape (n,)
+        Smoothed speed.
+    ends : (array, array), shape (n,)
+        Speed and position before and after a reversal, in the band of the torque.
+    torque : array, shape (n,)
+        What drives the axis less everything but dry friction, as a share of its level.
     J : float
         Inertia over the level of dry friction, s^2.
     period : float
@@ -59,13 +63,14 @@ def reversals(
         Samples on either side that the smoothing of the speed mixes.
     """
     longest = reach * (2 + LONGEST)
+    speed, theta = ends
     share = np.empty(longest)
     unknown = []
     for first, last in _events(omega, resting, reach):
         start, stop = first - reach, last + reach + 1
         if start < 0 or stop > len(omega) or stop - start > longest:
             continue
-        if turned(omega[start:stop], theta[start:stop], torque[start:stop], J, period, share):
+        if turned(speed[start:stop], theta[start:stop], torque[start:stop], J, period, share):
             direction[start + 1 : stop - 1] = share[1 : stop - start - 1]
         elif omega[start] * omega[stop - 1] > 0.0:
             unknown.append(slice(start, stop))

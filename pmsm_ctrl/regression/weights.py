@@ -20,6 +20,8 @@ __all__ = [
     "prefilter",
     "quantisation_error",
     "reversal_weight",
+    "torque_noise",
+    "uneven_weight",
     "voltage_weight",
 ]
 
@@ -47,14 +49,28 @@ WRONG_TORQUE = 0.02
 WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
 
 
+def torque_noise(log: Log, prepared: Prepared, signals: Mapping[str, Array], least: float = WRONG_TORQUE) -> float:
+    """Noise of the filtered torque, rms, N m (N): what the drive signal holds beyond any motion, in the band.
+
+    Errors up to the share `least` of the torque's scatter need no care and count as noise.
+    """
+    rate = prepared.rate
+    source = "torque" if "torque" in log else "i_q"
+    scale = float(np.std(signals["torque_meas"]) / max(float(np.std(signals["i_q_meas"])), 1e-300))
+    noise = _scatter(on_grid(log, prepared, source), rate) * (1.0 if source == "torque" else scale)
+    noise *= np.sqrt(4.0 * prepared.cutoff / rate)
+    return max(float(np.hypot(noise, least * np.std(signals["torque_meas"]))), 1e-300)
+
+
 def reversal_weight(
-    log: Log, prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], least: float = WRONG_TORQUE
-) -> Array:
+    prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], noise: float,
+    speed_error: Array | None = None,
+) -> Array:  # fmt: skip
     """Weight around reversals: the moment at which friction turns is known only so well.
 
     Friction jumps by twice its level F, the acceleration by 2 F / J, and the low-pass before differentiation rounds
-    that kink off; a tenth of a sample comes on top. The torque is off by 2 F for that long. What is below the share
-    `least` of the torque's scatter counts as noise.
+    that kink off; a tenth of a sample comes on top, and the error of the speed, shape (n,), over the acceleration. The
+    torque is off by 2 F for that long.
     """
     level, J = kink
     rate, omega = prepared.rate, signals["omega"]
@@ -64,17 +80,22 @@ def reversal_weight(
     rounded = ROUNDED * 2.0 * level / J / (2.0 * np.pi * wide)
     turns = np.flatnonzero(np.diff(np.sign(omega)) != 0)
     slope = np.abs(low_pass(prepared.alpha, rate, prepared.cutoff))[turns]
-    unsure = UNSURE / rate + np.minimum(rounded / np.maximum(slope, 1e-12), 1.0 / prepared.cutoff)
+    error = rounded if speed_error is None else np.hypot(rounded, speed_error[turns])
+    unsure = UNSURE / rate + np.minimum(error / np.maximum(slope, 1e-12), 1.0 / prepared.cutoff)
     wrong = np.zeros(len(omega))
     np.maximum.at(wrong, turns, 2.0 * level * unsure * 2.0 * prepared.cutoff)
     wrong = _highest(wrong, 2 * round(rate / prepared.cutoff) + 1)[prepared.keep]
-    source = "torque" if "torque" in log else "i_q"
-    raw = on_grid(log, prepared, source)
-    scale = float(np.std(signals["torque_meas"]) / max(float(np.std(signals["i_q_meas"])), 1e-300))
-    noise = _scatter(raw, rate) * (1.0 if source == "torque" else scale)
-    noise *= np.sqrt(4.0 * prepared.cutoff / rate)
-    noise = float(np.hypot(noise, least * np.std(signals["torque_meas"])))
-    return 1.0 / (1.0 + (wrong / max(noise, 1e-300)) ** 2)
+    return 1.0 / (1.0 + (wrong / noise) ** 2)
+
+
+def uneven_weight(error: Array, noise: float, used: NDArray[np.bool_]) -> Array:
+    """Weight by an error whose size changes along the log, rms, shape (m,).
+
+    The usual one, of the samples `used`, is in the noise.
+    """
+    usual = float(np.median(error[used])) ** 2 if used.any() else 0.0
+    other = max(noise**2 - usual, 0.0)
+    return np.asarray(np.sqrt(np.minimum(1.0, (other + usual) / np.maximum(other + error**2, 1e-300))))
 
 
 def edge_weight(

@@ -149,14 +149,14 @@ def test_what_sampling_can_do_is_no_effect_and_is_reported(seed: int, sampled: d
     assert json.loads(json.dumps(found.to_dict()))["timing"]["late"] == found.timing.late
 
 
-@pytest.mark.parametrize(("lag", "said"), [(2e-3, "about 2 ms"), slow(3e-3, "about 3 ms")])
-def test_a_filter_of_the_current_is_no_effect_and_its_time_constant_is_reported(lag: float, said: str) -> None:
+@pytest.mark.parametrize("lag", [2e-3, slow(3e-3)])
+def test_a_filter_of_the_current_is_no_effect_and_its_time_constant_is_reported(lag: float) -> None:
     found = diagnose(believed(), made(1, lag=lag), plan=False)
     assert (found.verdict, names(found)) == ("consistent", [])
     assert found.timing.delay == pytest.approx(lag, rel=0.05)
     assert found.timing.lag == pytest.approx(lag, rel=0.05)
     assert "drive_signal_filtered" in found.to_dict()["warning_codes"]
-    assert said in found.summary()
+    assert f"about {1e3 * found.timing.lag:.2g} ms" in found.summary()
 
 
 def test_a_filter_that_the_log_states_is_not_said_again() -> None:

@@ -22,7 +22,7 @@ def turned(t: np.ndarray, theta: np.ndarray, torque: np.ndarray, resting: np.nda
     omega = derivative(smooth, 1.0 / rate)
     plain = timed_sign(omega)
     through = plain.copy()
-    reversals(through, resting, omega, smooth, torque, J, 1.0 / rate, round(rate / WIDE))
+    reversals(through, resting, omega, (omega, smooth), torque, J, 1.0 / rate, round(rate / WIDE))
     return plain, through
 
 
@@ -77,7 +77,9 @@ def test_a_shaft_that_stops_and_goes_on_has_no_direction_there() -> None:
     omega = derivative(theta, 1.0 / rate)
     assert np.count_nonzero(np.diff(np.sign(omega))) > 1
     direction = timed_sign(omega)
-    unknown = reversals(direction, np.zeros(t.size, dtype=bool), omega, theta, np.full(t.size, -0.5), J, 1e-3, 10)
+    unknown = reversals(
+        direction, np.zeros(t.size, dtype=bool), omega, (omega, theta), np.full(t.size, -0.5), J, 1e-3, 10
+    )
     assert len(unknown) == 1
     assert t[unknown[0].start] < 0.0
     assert t[unknown[0].stop - 1] > 0.06

@@ -8,7 +8,7 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared, prepare
-from pmsm_ctrl.regression.weights import EDGE_PERIODS, edge_weight, reversal_weight
+from pmsm_ctrl.regression.weights import EDGE_PERIODS, edge_weight, reversal_weight, torque_noise
 from pmsm_ctrl.simulate import scenario, simulate
 
 
@@ -52,9 +52,10 @@ def test_a_smooth_signal_keeps_its_weight(prepared: Prepared) -> None:
 
 def test_a_reversal_counts_the_less_the_more_friction_turns_there(log: Log, prepared: Prepared) -> None:
     signals = {**prepared.signals, "torque_meas": log["i_q"] * 1.032, "i_q_meas": log["i_q"]}
+    noise = torque_noise(log, prepared, signals)
     turn = np.flatnonzero(np.diff(np.sign(prepared.signals["omega"])) != 0)
     away = np.min(np.abs(prepared.keep[:, None] - turn), axis=1) / prepared.rate
-    at = [reversal_weight(log, prepared, signals, (level, 9e-5)) for level in (0.0, 0.02, 0.06)]
+    at = [reversal_weight(prepared, signals, (level, 9e-5), noise) for level in (0.0, 0.02, 0.06)]
     assert (at[0] == 1.0).all()
     near = away < 0.5 / prepared.cutoff
     assert at[2][near].mean() < at[1][near].mean() < 0.5

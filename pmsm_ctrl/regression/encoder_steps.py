@@ -1,0 +1,91 @@
+"""What the steps of an angle do to speed and acceleration, sample by sample.
+
+The error of a rounded angle is a wave of one period a step. Where the axis is fast the wave lies above the band, and
+little of it is left; where it is slow, around every reversal, all of it passes and is differentiated twice. Noise that
+is larger there than elsewhere, and taken for even, looks like friction that changes, a gap or a spring.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
+from pmsm_ctrl.regression.filters import derivative, low_pass
+
+__all__ = ["StepErrors", "angle_step", "errors_by_steps"]
+
+Array = NDArray[np.float64]
+
+LONG_ENOUGH = 200_000  # samples that tell the step of an angle
+ROUNDING = 1e-9  # share of the range below which a step is the rounding of a number
+NEGLIGIBLE = 1e-3  # share of the acceleration's scatter
+ZEROS = 8  # places of the encoder's zero between two steps over which its error is averaged
+
+
+def angle_step(log: Log) -> float:
+    """Return the step of the angle, rad (m): of a coarse encoder, and next to nothing of any other; 0 without one.
+
+    Parameters
+    ----------
+    log : Log
+    """
+    if "theta" not in log:
+        return 0.0
+    theta = log["theta"][:LONG_ENOUGH]
+    steps = np.diff(np.unique(theta))
+    steps = steps[steps > ROUNDING * float(np.ptp(theta))]
+    return float(np.min(steps, initial=np.inf)) if len(steps) else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class StepErrors:
+    """Errors by the steps of an angle, rms.
+
+    Attributes
+    ----------
+    speed : array, shape (n,)
+        rad/s (m/s).
+    acceleration : array, shape (n,)
+        Of the acceleration before the balance's filter, rad/s^2 (m/s^2).
+    filtered : array, shape (m,)
+        Of the filtered and thinned acceleration.
+    """
+
+    speed: Array
+    acceleration: Array
+    filtered: Array
+
+
+def errors_by_steps(prepared: Prepared, step: float) -> StepErrors | None:
+    """Return what the steps of an angle do to speed and acceleration; None where that is nothing beside the motion.
+
+    The measured motion, smoothed, is rounded again, by encoders with zeros of their own: where the zero lies is chance,
+    how fast the steps pass is not. Source: B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008, ch. 1.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    step : float
+        Of the angle, rad (m).
+    """
+    period, wide = 1.0 / prepared.rate, PREFILTER * prepared.cutoff
+    largest = step / math.pi * (2.0 * math.pi * wide) ** 2  # a wave of the angle at the edge of the band
+    if largest < NEGLIGIBLE * float(np.std(prepared.alpha)):
+        return None
+    count = prepared.signals["theta"] / step
+    speed, acceleration, filtered = np.zeros(len(count)), np.zeros(len(count)), np.zeros(len(prepared.keep))
+    for k in range(ZEROS):
+        place = count + (k + 0.5) / ZEROS
+        error = step * (np.round(place) - place)
+        error = low_pass(error, prepared.rate, wide) if wide < 0.45 * prepared.rate else error
+        slope = derivative(error, period)
+        bend = derivative(slope, period)
+        speed += slope**2
+        acceleration += bend**2
+        filtered += prepared.column(bend) ** 2
+    return StepErrors(*(np.sqrt(total / ZEROS) for total in (speed, acceleration, filtered)))
