@@ -142,7 +142,7 @@ def _dependence_panel(axes: Axes, d: Dependence, residual: Array, found: Residua
     axes.set_ylim(-limit, limit)
     axes.set_ylabel(f"residual [{found.unit}]")
     said = f"over {d.coordinate}: {_state(d)}"
-    axes.set_title("\n".join(wrap(said, PANEL_WIDTH)), fontsize="small")
+    axes.set_title("\n".join(wrap(said, PANEL_WIDTH, break_on_hyphens=False)), fontsize="small")
     axes.grid(alpha=0.3)
 
 
