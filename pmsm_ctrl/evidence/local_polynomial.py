@@ -45,6 +45,8 @@ class Local:
         Covariance of what is left of the outputs in the window.
     freedom : int array, shape (n,)
         Complex degrees of freedom of each covariance.
+    sine : bool array, shape (n,)
+        Whether the window's content is a single sine.
     """
 
     place: Array
@@ -53,6 +55,7 @@ class Local:
     power: Array
     noise: Complex
     freedom: Lines
+    sine: NDArray[np.bool_]
 
 
 def strongest_lines(spectrum: Complex, first: int, last: int) -> Lines:
@@ -112,7 +115,8 @@ def local_polynomial(inputs: Complex, outputs: Complex, lines: Lines, first: int
         for k, order in parts
     ]
     back = np.argsort(np.concatenate([k for k, _ in parts]))
-    return Local(place, *(np.concatenate([one[i] for one in solved])[back] for i in range(5)))
+    response, covariance, power, noise, freedom = (np.concatenate(one)[back] for one in zip(*solved, strict=True))
+    return Local(place, response, covariance, power, noise, freedom, sine)
 
 
 def _between(size: Array, window: Lines) -> Array:
@@ -124,7 +128,7 @@ def _between(size: Array, window: Lines) -> Array:
 
 
 def _solved(x: Complex, y: Complex, away: Array, order: int) -> tuple[Complex, Complex, Array, Complex, Lines]:
-    """Return the fields of `Local` behind its first, for windows of the input, shape (n, w), and of the outputs."""
+    """Return response to freedom of a `Local`, for windows of the input, shape (n, w), and of the outputs."""
     size = np.sqrt(np.mean(np.abs(x) ** 2, axis=1))
     scaled = x / np.where(size > 0.0, size, 1.0)[:, None]
     powers = (away / REACH)[..., None] ** np.arange(ORDER + 1)

@@ -154,15 +154,13 @@ def fit_axis(response: Response, J: float, period: float) -> Axis:
         return task.axis(rigid)
     two = min((task.refined(start) for start in _two_mass_starts(response, task.omega, late)), key=task.cost)
     # errors in proportion to what was measured would favour the points that came out small
-    task = replace(task, size=np.abs(_response(two, task.omega, task.spread)))
-    rigid, two = task.refined(rigid), task.refined(two)
-    freedom = 2 * len(response) - TWO
-    gain = (task.cost(rigid) - task.cost(two)) / (TWO - RIGID) / max(1.0, task.cost(two) / freedom)
-    p = float(f_distribution.sf(gain, TWO - RIGID, freedom)) * len(response)
+    p = task.sized(rigid, two).chance(rigid, two)
+    task = task.sized(two)
+    two = task.refined(two)
     found = task.axis(two, p)
     if p < policy.RESONANCE and _inside(two, task.omega) and _determined(found):
         return found
-    task = replace(task, size=np.abs(_response(rigid, task.omega, task.spread)))
+    task = task.sized(rigid)
     return task.axis(task.refined(rigid), p)
 
 
@@ -180,6 +178,22 @@ class _Task:
         errors = self.response.stderr * (self.size / np.abs(self.response.value))
         residual = (self.response.value - _response(values, self.omega, self.spread)) * (math.sqrt(2.0) / errors)
         return np.concatenate([residual.real, residual.imag, values[3:4]])
+
+    def sized(self, *axes: Array) -> _Task:
+        """Return the task with the modulus that an axis has; of several the largest."""
+        size = np.max([np.abs(_response(values, self.omega, self.spread)) for values in axes], axis=0)
+        return replace(self, size=size)
+
+    def chance(self, rigid: Array, two: Array) -> float:
+        """Return the chance of such a gain by two masses where the axis is rigid, over all frequencies.
+
+        The modulus should be that of both: errors of two masses alone would be small where these are small, and the
+        rigid axis would seem to be far away there.
+        """
+        freedom = 2 * len(self.response) - TWO
+        left = self.cost(self.refined(two))
+        gain = (self.cost(self.refined(rigid)) - left) / (TWO - RIGID) / max(1.0, left / freedom)
+        return float(f_distribution.sf(gain, TWO - RIGID, freedom)) * len(self.response)
 
     def cost(self, values: Array) -> float:
         residual = self.left(values)

@@ -1,7 +1,9 @@
 """From logs to frequency responses: stretches of steady motion, spectra, and the instrument.
 
 Noise of the measured torque makes a response that is taken directly too small. A reference has none of it: the response
-is that of the speed to the reference over that of the torque to the reference, and the noise drops out.
+is that of the speed to the reference over that of the torque to the reference, and the noise drops out. A current
+reference inside a closed speed loop contains noise that the controller answers; what is left without that answer
+(`excitation`) has none.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.evidence.local_polynomial import REACH, Local, local_polynomial, strongest_lines
 from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
+from pmsm_ctrl.frf.excitation import excitation
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.frf.result import Response
 from pmsm_ctrl.log import Log
@@ -36,8 +39,9 @@ LOOPS = {"current": ("i_q_ref", "i_q"), "speed": ("omega_ref", "omega"), "positi
 DELAYS = 81  # that are tried: at 0.4 of the log's rate they are 4 deg apart
 NEIGHBOURS = 7  # windows over which the noise is averaged: it is smooth, and its estimate in one window is not
 # The outermost reference that follows the excitation is the instrument; the inner one contains noise that the outer
-# controllers answer.
-REFERENCES = ("theta_ref", "omega_ref", "i_q_ref")
+# controllers answer. ADDED is the current reference without that answer.
+ADDED = "i_q_add"
+REFERENCES = ("theta_ref", "omega_ref", ADDED, "i_q_ref")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +54,7 @@ class Stretch:
     period : float
         s.
     channels : dict of name to array, shape (n,)
-        Those of the log, and ``torque``; ``speed`` as its spectrum needs it.
+        Those of the log, ``torque``, and ``i_q_add``, the `excitation`, where the log tells it.
     reverses : bool
         Whether the axis reverses in it.
     """
@@ -128,7 +132,9 @@ def _stretch(design: Design, log: Log, name: str) -> Stretch | None:
         start, stop = 0, len(t)
     if (stop - start) * period < policy.SHORTEST or stop - start < 4 * (2 * REACH + 1):
         return None
-    return Stretch(name, period, {key: values[start:stop] for key, values in channels.items()}, reverses)
+    cut = {key: values[start:stop] for key, values in channels.items()}
+    added = excitation(design, cut, period)
+    return Stretch(name, period, cut if added is None else cut | {ADDED: added}, reverses)
 
 
 def _running_mean(values: Array, count: int) -> Array:
@@ -264,8 +270,7 @@ def _points(record: Stretch, source: str, output: str, through: str = "") -> _Po
     local = local_polynomial(sent, np.stack(outputs, axis=1), _lines(record, sent))
     width = record.rate / record.count
     value, variance, noise = _direct(local) if direct else _ratio(local)
-    with np.errstate(invalid="ignore"):
-        seen = np.isfinite(value) & (variance > 0.0) & (np.abs(value) > policy.SEEN * np.sqrt(variance))
+    seen = _seen(value, variance, noise, local.sine)
     value, variance, noise = value[seen], variance[seen], noise[seen]
     # referred to the input the noise is smooth, also where the response bends
     level = _smooth(noise / np.abs(value) ** 2, local.freedom[seen]) * np.abs(value) ** 2
@@ -274,6 +279,24 @@ def _points(record: Stretch, source: str, output: str, through: str = "") -> _Po
         local.place[seen] * width, value, variance * level / noise, explained / (explained + level),
         (2 * REACH + 1) * width,
     )  # fmt: skip
+
+
+def _seen(value: Complex, variance: Array, noise: Array, sine: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the lines whose response is above the noise.
+
+    A line is not judged by its own response, since those that noise makes large would be kept. The content of its
+    window, and what such content showed in the neighbouring windows, say what it should show. Beside a sine there is
+    no content.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    found = np.flatnonzero(np.isfinite(value) & (variance > 0.0))
+    content = noise[found] / variance[found]
+    shown = np.maximum(np.abs(value[found]) ** 2 / variance[found] - 1.0, 0.0)
+    around, total = (uniform_filter1d(one, min(NEIGHBOURS, len(found)), mode="nearest") for one in (shown, content))
+    seen = np.zeros(len(value), dtype=bool)
+    seen[found] = np.where(sine[found], shown, content * around / total) > policy.SEEN**2
+    return seen
 
 
 def _smooth(noise: Array, freedom: NDArray[np.intp]) -> Array:
@@ -292,15 +315,20 @@ def _direct(local: Local) -> tuple[Complex, Array, Array]:
 
 
 def _ratio(local: Local) -> tuple[Complex, Array, Array]:
-    """Return a response over the other, the variance of the ratio, and the noise that is not common to both."""
+    """Return a response over the other, the variance of the ratio, and the noise that is not common to both.
+
+    Numerator and denominator are multiplied by the denominator's conjugate, and what noise adds to these products is
+    subtracted. The plain ratio, weighted by the power of its denominator, is too small by the noise in that power.
+    """
     above, below = local.response.T
     with np.errstate(all="ignore"):  # a line without content is dropped by its variance
-        value = above / below
-        slope = np.stack([1.0 / below, -value / below], axis=1)
-        variance = np.einsum("nq,nqr,nr->n", slope, local.covariance, slope.conj()).real
+        power = np.abs(below) ** 2 - local.covariance[:, 1, 1].real
+        value = (above * below.conj() - local.covariance[:, 0, 1]) / power
         beside = np.stack([np.ones_like(value), -value], axis=1)
-        noise = np.einsum("nq,nqr,nr->n", beside, local.noise, beside.conj()).real
-    return value, variance, noise
+        error, noise = (
+            np.einsum("nq,nqr,nr->n", beside, one, beside.conj()).real for one in (local.covariance, local.noise)
+        )
+        return value, np.where(power > 0.0, error / power, np.nan), noise
 
 
 def _merged(name: str, points: list[_Points], instrument: str) -> Response:

@@ -261,8 +261,7 @@ def _added(
 ) -> Array:  # fmt: skip
     """Return what was added to the speed controller's output at the kept samples, A.
 
-    Between two samples the controller's integrator grows by its gain times the sum of its errors. The sum of the
-    filtered speed over those ticks follows from the angle turned and from the filter's own equation, exactly.
+    Between two samples the controller's integrator grows by its gain times the sum of its errors.
     """
     when, theta, omega, T_s = t[kept], unwrapped(raw["theta"])[kept], raw["omega"][kept], design.drive.speed_period
     ticks = when[0] + np.arange(round((when[-1] - when[0]) / T_s) + 1) * T_s
@@ -287,10 +286,8 @@ def _added(
         T = 1.0 / design.drive.f_control
         theta = theta - omega * (np.floor((when - when[0]) / T + 1e-6) * T - at * T_s)
     sums = np.interp(at, n, np.concatenate([[0.0], np.cumsum(wanted)]))  # of all ticks before the sample's
-    turned = (theta - theta[0]) / T_s - (omega - omega[0]) / controller.speed_filter
-    gain = controller.speed_gain
-    integral = controller.speed_integral * gain * (sums - turned)
-    left: Array = raw["i_q_ref"][kept] - gain * (np.interp(at, n[:-1], wanted) - omega) - integral
+    asked = controller.speed_gain * (np.interp(at, n[:-1], wanted) + controller.speed_integral * sums)
+    left: Array = raw["i_q_ref"][kept] - asked + controller.speed_answer(theta, omega, T_s)
     return left
 
 

@@ -203,6 +203,22 @@ class Controller:
             *(value for one in self.filters for value in one),
         ], dtype=np.float64)  # fmt: skip
 
+    def speed_answer(self, theta: Array, omega: Array, period: float) -> Array:
+        """Return what the PI subtracts from its output for the measured motion alone, A, shape (n,).
+
+        The sum of the filtered speed over the ticks between two samples follows from the angle turned and from the
+        filter's own equation, exactly and at any rate of the samples.
+
+        Parameters
+        ----------
+        theta, omega : array, shape (n,)
+            Measured angle and filtered speed at ticks of the controller; the integrator starts at the first.
+        period : float
+            Of the speed controller, s.
+        """
+        turned = (theta - theta[0]) / period - (omega - omega[0]) / self.speed_filter
+        return np.asarray(self.speed_gain * (omega + self.speed_integral * turned))
+
 
 def matched_filter(design: Design) -> float:
     """Return the time constant that delays the reference speed as the measured speed lags, s.

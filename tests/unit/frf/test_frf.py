@@ -220,4 +220,4 @@ def test_figures_and_json(found: FrequencyResponse) -> None:
     assert [axes.get_ylabel() for axes in found.plot().axes] == [
         "dB of (rad/s)/(N m)", "phase [deg]", "measured / design [dB]",
     ]  # fmt: skip
-    assert json.loads(json.dumps(found.to_dict()))["responses"]["plant"]["instrument"] == "i_q_ref"
+    assert json.loads(json.dumps(found.to_dict()))["responses"]["plant"]["instrument"] == "i_q_add"
