@@ -50,6 +50,7 @@ from pmsm_ctrl.options import (
     scenario_names,
     write_design,
 )
+from pmsm_ctrl.workbench_command import WORKBENCH_COMMANDS
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
@@ -222,7 +223,7 @@ def sweep(
     write_design(result.design, output)
 
 
-for command in (*LOG_COMMANDS, *FLEET_COMMANDS):
+for command in (*LOG_COMMANDS, *FLEET_COMMANDS, *WORKBENCH_COMMANDS):
     app.command()(command)
 
 
@@ -438,46 +439,6 @@ def effects(
     if output is not None:
         save_figure(entry.plot(), output)
         print(printable(f"signature: {output}"))
-
-
-@app.command()
-def workbench(
-    design: Annotated[
-        Path | None, typer.Argument(metavar="DESIGN", help="design in TOML; or chosen in the page")
-    ] = None,
-    logs: Annotated[list[Path] | None, typer.Argument(metavar="LOG...", help="logs; or dropped onto the page")] = None,
-    host: Annotated[
-        str,
-        typer.Option(
-            "--host", metavar="ADDRESS", help="listen elsewhere: whoever has the address can use the page, unencrypted"
-        ),
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="0: a free one")] = 0,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="open the page in the browser")] = True,
-    max_upload: Annotated[
-        int, typer.Option("--max-upload", metavar="MB", min=1, help="largest file that is accepted")
-    ] = 2048,
-    folder: Annotated[Path | None, typer.Option("--folder", metavar="FOLDER", help="where sessions are kept")] = None,
-    allow_code: Annotated[
-        bool, typer.Option("--allow-code", help="run effects that are written in the page: RUNS Python code from there")
-    ] = False,
-) -> None:
-    """Open the workbench, a local page in the browser. It compares, ranks the missing effects and adds them."""
-    from dataclasses import replace
-    from importlib.util import find_spec
-
-    from pmsm_ctrl.errors import RequestError
-
-    missing = [name for name in ("starlette", "uvicorn", "bokeh") if find_spec(name) is None]
-    if missing:
-        raise RequestError(f"workbench: {', '.join(missing)} not installed: pip install 'pmsm-ctrl[workbench]'")
-    from pmsm_ctrl.importers import log_files
-    from pmsm_ctrl.workbench import Settings, serve
-
-    settings = Settings(host=host, port=port, browser=browser, upload=max_upload << 20, code=allow_code)
-    if folder is not None:
-        settings = replace(settings, folder=folder)
-    serve(settings, design, log_files(logs or ()))
 
 
 @app.command()

@@ -52,18 +52,12 @@ def watch_source(
     if log:
         raise RequestError("--live: excludes LOG; one of them was expected")
     from pmsm_ctrl.track import watch
-    from pmsm_ctrl.track.stream import follow, lines_of
+    from pmsm_ctrl.track.sources import lines_from
 
     channels = parse_map(mapping)
-    if live.startswith("ads:"):
-        from pmsm_ctrl.track.ads import ads_lines
-
-        lines = ads_lines(live, channels)
-    else:
-        lines = lines_of(sys.stdin) if live == "-" else follow(live)
     return watch(
-        design, lines, source="standard input" if live == "-" else live, mapping=channels, estimate=estimate,
-        patience=math.inf if idle is None else idle, show=_show(design), alarm=_tell,
+        design, lines_from(live, channels), source="standard input" if live == "-" else live, mapping=channels,
+        estimate=estimate, patience=math.inf if idle is None else idle, show=_show(design), alarm=_tell,
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from pmsm_ctrl.gates import FailOnOption, MaxErrorOption, OutcomeOption, require
 from pmsm_ctrl.options import (
     DesignOption,
     EffectsOption,
+    EstimateOption,
     ForceOption,
     HoldoutOption,
     JsonOption,
@@ -28,6 +29,7 @@ from pmsm_ctrl.options import (
     SeedOption,
     TrackedArgument,
     effect_ids,
+    estimated_names,
     load_logs,
     logs_if_given,
     measured_bode,
@@ -186,15 +188,7 @@ def track(
         float | None,
         typer.Option("--idle", metavar="S", min=0.1, help="with --live: end when nothing came for this time"),
     ] = None,
-    estimate: Annotated[
-        str | None,
-        typer.Option(
-            "--estimate",
-            metavar="NAMES",
-            help="what is estimated beside F_c and F_v: T_load, J, T_load,J or none; "
-            "by default T_load where the axis reverses, and J where it accelerates; live both",
-        ),
-    ] = None,
+    estimate: EstimateOption = None,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
@@ -207,18 +201,15 @@ def track(
     from pmsm_ctrl.track import Settings
     from pmsm_ctrl.track import track as run_tracking
 
-    names = () if estimate in (None, "none") else tuple(name.strip() for name in str(estimate).split(","))
-    Settings(estimate=names)  # an unknown name is refused before the log is read
+    names = estimated_names(estimate)  # an unknown name is refused before the log is read
     axis = read_design(design, effects)
     if live is not None or not log:
-        watched = watch_source(
-            axis, live, log, mapping=mapping, estimate=None if estimate is None else names, idle=idle
-        )
+        watched = watch_source(axis, live, log, mapping=mapping, estimate=names, idle=idle)
         finish("track", watched, json_file=json_file, report=report)
         return
     logs = load_logs(log, axis, mapping)
     measured = all("theta" in one for one in as_logs(logs))
-    settings = None if estimate is None else Settings(measure="theta" if measured else "omega", estimate=names)
+    settings = None if names is None else Settings(measure="theta" if measured else "omega", estimate=names)
     result = run_tracking(axis, logs, settings)
     finish("track", result, json_file=json_file, report=report)
 

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from pmsm_ctrl.log import Log
 
 __all__ = [
-    "DesignArgument", "DesignOption", "EffectsOption", "ForceOption", "HoldoutOption", "JsonOption",
+    "DesignArgument", "DesignOption", "EffectsOption", "EstimateOption", "ForceOption", "HoldoutOption", "JsonOption",
     "LiveOption", "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption",
     "ReportOption", "SeedOption", "TrackedArgument", "TruthOption", "Verb", "confirmed_import", "design_if_given",
-    "effect_ids", "load_logs", "logs_if_given", "measured_bode", "output_option", "read_design", "scenario_names",
-    "write_design",
+    "effect_ids", "estimated_names", "load_logs", "logs_if_given", "measured_bode", "output_option", "read_design",
+    "scenario_names", "write_design",
 ]  # fmt: skip
 
 
@@ -120,6 +120,15 @@ TrackedArgument = Annotated[
 LiveOption = Annotated[
     str | None,
     typer.Option("--live", metavar="SOURCE", help="a growing file, - for standard input, or ads://NETID, until Ctrl-C"),
+]
+EstimateOption = Annotated[
+    str | None,
+    typer.Option(
+        "--estimate",
+        metavar="NAMES",
+        help="what is estimated beside F_c and F_v: T_load, J, T_load,J or none; "
+        "by default T_load where the axis reverses, and J where it accelerates; live both",
+    ),
 ]
 LogsOption = Annotated[
     list[Path] | None,
@@ -323,3 +332,27 @@ def load_logs(paths: Iterable[Path], design: Design, mapping: list[str] | None) 
 def logs_if_given(paths: Iterable[Path] | None, design: Design, mapping: list[str] | None) -> list[Log] | None:
     """Return the logs of an option that may be left out."""
     return load_logs(paths, design, mapping) if paths else None
+
+
+def estimated_names(text: str | None) -> tuple[str, ...] | None:
+    """Return what a tracker estimates beside F_c and F_v; None where that is left to it.
+
+    Parameters
+    ----------
+    text : str or None
+        Of ``--estimate``.
+
+    Returns
+    -------
+    tuple of str, or None
+
+    Raises
+    ------
+    RequestError
+        For a name that it cannot estimate.
+    """
+    if text is None:
+        return None
+    from pmsm_ctrl.track import Settings
+
+    return Settings(estimate=() if text == "none" else tuple(name.strip() for name in text.split(","))).estimate

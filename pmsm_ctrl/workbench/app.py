@@ -26,7 +26,10 @@ from pmsm_ctrl.workbench.session import Session
 __all__ = ["make_app"]
 
 PAGES = Path(__file__).with_name("pages")
-OWN = ("workbench.css", "workbench.js", "dom.js", "design.js", "logs.js", "plots.js", "compare.js", "takeaway.js")
+OWN = (
+    "workbench.css", "workbench.js", "dom.js", "design.js", "logs.js", "plots.js", "compare.js", "takeaway.js",
+    "live.js",
+)  # fmt: skip
 BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
 _REVISION = re.compile(r"[0-9]{1,12}")
 MOST_JSON = 1 << 20  # bytes of a request that is no upload
@@ -48,6 +51,8 @@ def make_app(desk: Desk) -> Starlette:
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         desk.workers.prepare()
+        if desk.live is not None:
+            desk.live.start()
         yield
         desk.workers.close()
 
@@ -65,6 +70,7 @@ def make_app(desk: Desk) -> Starlette:
         (f"{s}/steps", answers.step, ["POST"]),
         (f"{s}/effects", answers.effects, ["POST"]),
         (f"{s}/stop", answers.stop, ["POST"]),
+        (f"{s}/live", answers.live, ["GET"]),
         (f"{s}/view/{{what}}", answers.view, ["GET"]),
         (f"{s}/take/{{kind}}", answers.take, ["GET"]),
     ]
@@ -117,6 +123,7 @@ class _Answers:
             "form": sheet.form(),
             "examples": list(example_designs()),
             "channels": views.channels(),
+            "live": self.desk.live is not None,
         }
         known["template"] = own.TEMPLATE if self.desk.code else ""
         return JSONResponse(known | {"sessions": await run_in_threadpool(self.desk.sessions.kept)})
@@ -149,6 +156,11 @@ class _Answers:
     async def stop(self, request: Request) -> Response:
         self.desk.stop(self.session(request))
         return self.shown(request)
+
+    async def live(self, request: Request) -> Response:
+        if self.desk.live is None:
+            return JSONResponse({"error": "nothing is tracked; start the server with --live SOURCE"}, 404)
+        return JSONResponse(self.desk.live.shown())
 
     async def view(self, request: Request) -> Response:
         what, session, asked = request.path_params["what"], self.session(request), dict(request.query_params)

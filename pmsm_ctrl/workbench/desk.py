@@ -13,6 +13,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError, RequestError
 from pmsm_ctrl.log import CHANNELS
 from pmsm_ctrl.workbench import own, sheet, takeaway, tasks
+from pmsm_ctrl.workbench.live import Live
 from pmsm_ctrl.workbench.session import Session, Sessions, needed
 from pmsm_ctrl.workbench.workers import Workers
 
@@ -34,10 +35,12 @@ class Desk:
     workers : Workers
     code : bool
         Whether effects that are written in a page are run.
+    live : Live, optional
+        What is tracked while the server runs.
     """
 
-    def __init__(self, sessions: Sessions, workers: Workers, *, code: bool = False) -> None:
-        self.sessions = sessions
+    def __init__(self, sessions: Sessions, workers: Workers, *, code: bool = False, live: Live | None = None) -> None:
+        self.sessions, self.live = sessions, live
         self.code = code
         self.workers = workers
         self._running: dict[str, asyncio.Task[None]] = {}

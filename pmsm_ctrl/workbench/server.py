@@ -20,6 +20,7 @@ from pmsm_ctrl.workbench import sheet
 from pmsm_ctrl.workbench.app import make_app
 from pmsm_ctrl.workbench.desk import Desk
 from pmsm_ctrl.workbench.guard import Guard
+from pmsm_ctrl.workbench.live import Live
 from pmsm_ctrl.workbench.session import Session, Sessions, default_folder
 from pmsm_ctrl.workbench.workers import Workers
 
@@ -127,7 +128,7 @@ def begun(desk: Desk, design: Path | None, logs: Sequence[Path]) -> Session:
     return session
 
 
-def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] = ()) -> None:
+def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] = (), live: Live | None = None) -> None:
     """Serve the workbench until it is interrupted.
 
     Parameters
@@ -137,6 +138,8 @@ def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] =
         With which a session begins.
     logs : sequence of Path
         They are copied into the session.
+    live : Live, optional
+        What is tracked while the server runs.
 
     Raises
     ------
@@ -147,7 +150,7 @@ def serve(settings: Settings, design: Path | None = None, logs: Sequence[Path] =
 
     import uvicorn
 
-    desk = Desk(Sessions(settings.folder), Workers(), code=settings.code)
+    desk = Desk(Sessions(settings.folder), Workers(), code=settings.code, live=live)
     try:
         settings.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     except OSError as error:

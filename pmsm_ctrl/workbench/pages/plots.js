@@ -207,3 +207,47 @@ export function drawChannel(place, entry) {
   if (details.open) build();
   else details.addEventListener("toggle", build, { once: true });
 }
+
+// Estimates over time with their bands of 95 %, the value of the design, and the abrupt changes.
+export class Bands {
+  constructor(place, names, units) {
+    const { Range1d, ColumnDataSource } = Bokeh;
+    const [red, blue, ink] = ["--red", "--blue", "--ink"].map(colour);
+    const field = (one) => ({ field: one });
+    this.place = place;
+    this.names = names;
+    this.range = new Range1d({ start: 0, end: 1 });
+    this.source = new ColumnDataSource({ data: {} });
+    this.stated = new ColumnDataSource({ data: { t: [] } });
+    this.alarms = new ColumnDataSource({ data: { t: [] } });
+    this.empty = Object.fromEntries(["t", ...names.flatMap((name) => [name, `${name}-low`, `${name}-high`])].map((name) => [name, []]));
+    this.source.data = this.empty;
+    const figures = names.map((name) => {
+      const figure = panel(`${name} [${units[name]}]`, 200, this.range, "save");
+      figure.varea(field("t"), field(`${name}-low`), field(`${name}-high`), { source: this.source, fill_color: blue, fill_alpha: 0.25 });
+      figure.line(field("t"), field(name), { source: this.source, line_color: blue, line_width: 1.6 });
+      figure.line(field("t"), field(name), { source: this.stated, line_color: ink, line_width: 1, line_dash: [2, 4] });
+      figure.vspan(field("t"), { source: this.alarms, line_color: red, line_width: 1.5 });
+      styled(figure);
+      return figure;
+    });
+    figures.at(-1).below[0].axis_label = "time [s]";
+    show(place, figures);
+  }
+
+  update(found) {
+    const data = { t: found.t };
+    for (const name of this.names) {
+      const half = found[`stderr_${name}`].map((one) => 1.96 * one);
+      data[name] = found[name];
+      data[`${name}-low`] = found[name].map((one, k) => one - half[k]);
+      data[`${name}-high`] = found[name].map((one, k) => one + half[k]);
+    }
+    const [start, end] = [found.t[0], Math.max(found.t.at(-1), found.t[0] + 1)];
+    this.source.data = data;
+    this.stated.data = { t: [start, end], ...Object.fromEntries(this.names.map((name) => [name, Array(2).fill(found.stated[name] ?? NaN)])) };
+    this.alarms.data = { t: found.alarms.map((one) => one.t).filter((t) => t >= start) };
+    this.range.setv({ start, end });
+    this.place.dataset.drawn = String(1 + Number(this.place.dataset.drawn || 0));
+  }
+}

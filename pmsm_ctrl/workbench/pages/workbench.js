@@ -4,9 +4,10 @@ import { showDesign } from "./design.js";
 import { showLogs, usable } from "./logs.js";
 import { showCompare } from "./compare.js";
 import { showTakeaway } from "./takeaway.js";
+import { showLive } from "./live.js";
 
-const STEPS = ["design", "logs", "compare", "take"];
-const VIEWS = { design: showDesign, logs: showLogs, compare: showCompare, take: showTakeaway };
+const STEPS = ["design", "logs", "compare", "take", "live"];
+const VIEWS = { design: showDesign, logs: showLogs, compare: showCompare, take: showTakeaway, live: showLive };
 const app = { state: null, about: null, step: "design", complaint: "", act, go, enter, refresh, upload };
 let listening = false;
 
@@ -121,12 +122,15 @@ function draw() {
   const count = state.logs.length;
   subject.textContent = state.design ? `${state.design.name}${count ? ` · ${count} log${count === 1 ? "" : "s"}` : ""}` : "";
   document.title = state.design ? `${state.design.name} – workbench` : "pmsm_ctrl workbench";
-  const ready = { design: true, logs: !!state.design, compare: !!state.design && count > 0, take: !!state.model };
+  const ready = { design: true, logs: !!state.design, compare: !!state.design && count > 0, take: !!state.model, live: app.about.live };
   for (const button of document.querySelectorAll("#steps button")) {
     const step = button.dataset.step;
     button.toggleAttribute("disabled", !ready[step]);
-    if (step === app.step) button.setAttribute("aria-current", "step");
-    else button.removeAttribute("aria-current");
+    if (step === "live") button.parentElement.hidden = !ready.live;
+    if (step === app.step) {
+      if (!button.hasAttribute("aria-current")) requestAnimationFrame(() => button.scrollIntoView({ block: "nearest", inline: "nearest" }));
+      button.setAttribute("aria-current", "step");
+    } else button.removeAttribute("aria-current");
   }
   if (!ready[app.step]) app.step = state.design ? (count ? "compare" : "logs") : "design";
   for (const step of STEPS) {
@@ -166,7 +170,7 @@ async function begin() {
     return;
   }
   const wanted = location.hash.slice(1);
-  app.step = STEPS.includes(wanted) ? wanted : app.state.model ? "compare" : app.state.logs.length ? "logs" : "design";
+  app.step = STEPS.includes(wanted) ? wanted : app.state.model ? "compare" : app.state.logs.length ? "logs" : app.about.live ? "live" : "design";
   draw();
   listen();
   document.body.dataset.ready = "yes";

@@ -15,6 +15,8 @@ from typing import Any
 
 import pytest
 
+from pmsm_ctrl import Design, Log, simulate
+from pmsm_ctrl.simulate import scenario
 from tests.axe import violations
 from tests.benchmarks.workbench import memory_of, written
 from tests.unit.workbench.harness import DESIGN, moved
@@ -33,9 +35,8 @@ WAIT = 300.0  # s; without a cache the first fit compiles its code
 class Server:
     """A server in a process of its own."""
 
-    def __init__(self, folder: Path, port: int = 0) -> None:
-        command = [sys.executable, "-m", "pmsm_ctrl", "workbench", "--no-browser", "--folder", str(folder)]
-        command += ["--port", str(port)] if port else []
+    def __init__(self, folder: Path, *words: str) -> None:
+        command = [sys.executable, "-m", "pmsm_ctrl", "workbench", "--no-browser", "--folder", str(folder), *words]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
         assert self.process.stdout is not None
         self.address = self.process.stdout.readline().split()[1]
@@ -380,3 +381,36 @@ def test_emps_after_a_file_that_is_no_log(
     assert all(after < 0.7 * before for before, after in zip(*errors, strict=True)), "fitted and held out"
     assert person.overhang() <= 0
     assert person.errors() == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("person", SIZES, indirect=True, ids=SIZE_NAMES)
+def test_the_friction_of_a_growing_file_stands_in_its_band(person: Person, tmp_path: Path, designs: Path) -> None:
+    """The axis has F_c 0.0213 N m and F_v 0.000168 N m s/rad; the design that the tracker begins with, half of both."""
+    axis = Design.read(designs / "seed_motor.toml")
+    half = axis.with_effect("coulomb", {"F_c": 0.0107}).with_effect("viscous", {"F_v": 8.4e-5})
+    (tmp_path / "half.toml").write_text(half.to_toml(), encoding="utf-8")
+    log = simulate(axis, scenario("triangle", axis, speed=150.0, period=2.0), seed=1).between(0.0, 6.0)
+    path = Log({name: log[name] for name in ("t", "theta", "i_q")}).write_csv(tmp_path / "whole.csv")
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    source = tmp_path / "<img src=x onerror=alert(1)>.csv"
+    server = Server(tmp_path / "sessions", str(tmp_path / "half.toml"), "--live", str(source))
+    try:
+        person.open(server.address)
+        person.until(lambda: "Waiting for samples" in person.text("live"), "the step Live")
+        for part, reached in ((lines[:3000], "2."), (lines[3000:], "5.")):
+            with open(source, "a", encoding="utf-8") as file:
+                file.writelines(part)
+            person.until(lambda reached=reached: person.text("live-t").startswith(reached), f"{reached} s")
+        person.until(lambda: "No sample for" in person.text("live"), "the end of the file")
+        for name, true in (("F_c", 0.0213), ("F_v", 0.000168)):
+            value, _, band, *_ = person.text(f"live-{name}").split()
+            assert abs(float(value) - true) < 2.0 * float(band) < 0.25 * true, name
+        assert int(person.do("return document.querySelector('[data-part=bands]').dataset.drawn")) >= 2
+        assert source.name in person.text("live")
+        assert person.do("return document.querySelectorAll('img').length") == 0
+        assert person.overhang() <= 0
+        assert violations(person.driver) == []
+        assert person.errors() == []
+    finally:
+        server.close()
