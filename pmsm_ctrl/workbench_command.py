@@ -46,11 +46,8 @@ def workbench(
 ) -> None:
     """Open the workbench, a local page in the browser. It compares, ranks the missing effects and adds them."""
     from dataclasses import replace
-    from importlib.util import find_spec
 
-    missing = [name for name in ("starlette", "uvicorn", "bokeh") if find_spec(name) is None]
-    if missing:
-        raise RequestError(f"workbench: {', '.join(missing)} not installed: pip install 'pmsm-ctrl[workbench]'")
+    _require_packages()
     from pmsm_ctrl.importers import log_files
     from pmsm_ctrl.workbench import Settings, serve
 
@@ -58,6 +55,15 @@ def workbench(
     if folder is not None:
         settings = replace(settings, folder=folder)
     serve(settings, design, log_files(logs or ()), _live(design, live, mapping, estimate))
+
+
+def _require_packages() -> None:
+    """Refuse to start without what the extra installs."""
+    from importlib.util import find_spec
+
+    missing = [name for name in ("starlette", "uvicorn", "bokeh") if find_spec(name) is None]
+    if missing:
+        raise RequestError(f"workbench: {', '.join(missing)} not installed: pip install 'pmsm-ctrl[workbench]'")
 
 
 def _live(design: Path | None, source: str | None, mapping: list[str] | None, estimate: str | None) -> Live | None:
