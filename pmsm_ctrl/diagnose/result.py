@@ -157,6 +157,8 @@ class Structure:
     notice : Notice
     resembles : str
         The effect, or the part of the winding, that it resembles without being it; empty where a curve was fitted.
+    confirmed : bool
+        Whether left-out blocks confirm it, as far as they can: otherwise it is an open question.
     """
 
     coordinate: str
@@ -167,6 +169,7 @@ class Structure:
     curve: tuple[Array, Array, Array]
     notice: Notice
     resembles: str = ""
+    confirmed: bool = True
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_SAMPLES = 100  # of a balance that is judged
-FEWEST = 4  # samples whose mean is drawn
+FEWEST = 4  # samples whose mean is drawn, and reversals that can repeat each other
+HALF = 0.5  # of the samples around a reversal have to take part
 # What a voltage acts like that a parameter of the winding takes up, and the parameter's unit.
 LIKENESS = {"R": ("a resistance", "Ohm"), "L_d": ("an inductance", "H"), "L_q": ("an inductance", "H")}
 
@@ -91,7 +92,9 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
 def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | None:
     """Return the structure that a refused effect explains far too much of for noise; None where there is none.
 
-    The effect itself was refused for a reason: it is not what is missing, but something like it is.
+    The effect itself was refused for a reason: it is not what is missing, but something like it is. What is left out
+    has to confirm that: blocks by the least that an effect must gain, or each reversal by the course of the others.
+    Else it is an open question.
 
     Parameters
     ----------
@@ -123,7 +126,9 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     notice = notices.RESEMBLANCE(
         balance=_balance(record, channel), place=place, effect=name, percent=100.0 * share, refusal=refusal
     )
-    return Structure(coordinate, unit, channel, share, best.p_value, curve, notice, name)
+    gained = share > policy.excess and refusal.detail["gain"] > policy.first_block_errors * refusal.detail["stderr"]
+    confirmed = gained or (ratio > policy.around_reversals and _repeated(fit, row) > policy.block_errors)
+    return Structure(coordinate, unit, channel, share, best.p_value, curve, notice, name, confirmed)
 
 
 def impossible_winding(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
@@ -200,6 +205,27 @@ def _around_reversals(fit: Fitted, row: int) -> tuple[float, tuple[Array, Array,
     forward = np.sign(omega[turns[nearest] + 1]) > 0.0
     curve = _means(since, fit.residual[row], forward, record.mask, edges)
     return float(np.sqrt(powers[0] / max(powers[1], 1e-300))), curve
+
+
+def _repeated(fit: Fitted, row: int) -> float:
+    """Return whether the residual takes the same course around every reversal: the mean over its standard error.
+
+    Of what the mean course of all others explains of each. Noise that is larger around reversals than elsewhere, as
+    that of a coarse encoder, has another course each time.
+    """
+    record = fit.record
+    omega, t = record.signals["omega"], record.prepared.t
+    reach = 2.0 / record.prepared.cutoff
+    since = np.arange(-reach, 2.0 * reach, 1.0 / record.rate)
+    residual = fit.residual[row] * record.weight[row] * record.mask
+    turns = np.flatnonzero(np.diff(np.sign(omega)) != 0.0)
+    seen = [np.interp(t[k] + since, record.t, record.mask).mean() > HALF for k in turns]
+    turns = turns[np.array(seen, dtype=bool)]
+    if len(turns) < FEWEST:
+        return 0.0
+    course = np.array([np.sign(omega[k + 1]) * np.interp(t[k] + since, record.t, residual) for k in turns])
+    alike = np.sum(course * (course.sum(axis=0) - course), axis=1)
+    return float(np.mean(alike) / max(float(np.std(alike, ddof=1)) / math.sqrt(len(alike)), 1e-300))
 
 
 def _over(x: Array, record: Record, residual: Array) -> tuple[Array, Array, Array]:

@@ -48,7 +48,7 @@ def explains_most(fit: Fitted, policy: Policy = POLICY) -> bool:
 def judged(
     selection: Selection,
     believed: Plausibility | None,
-    asides: tuple[Notice | None, Notice | None],
+    asides: tuple[Notice | None, Notice | None, Notice | None],
     deviations: tuple[Deviation, ...],
     policy: Policy = POLICY,
 ) -> tuple[Verdict, tuple[Notice, ...]]:
@@ -59,8 +59,9 @@ def judged(
     selection : Selection
     believed : Plausibility or None
         Of the log.
-    asides : (Notice or None, Notice or None)
-        What friction the motion does not excite, and what no effect of the catalogue explains.
+    asides : (Notice or None, Notice or None, Notice or None)
+        What friction the motion does not excite, what no effect of the catalogue explains, and what looks like that
+        but is not confirmed.
     deviations : tuple of Deviation
     policy : Policy
     """
@@ -69,11 +70,12 @@ def judged(
         return Verdict.IMPLAUSIBLE, impossible
     if selection.steps:
         return Verdict.EFFECTS_MISSING, ()
-    for verdict, reason in zip((Verdict.NOT_EXCITED, Verdict.UNEXPLAINED), asides, strict=True):
+    for verdict, reason in zip((Verdict.NOT_EXCITED, Verdict.UNEXPLAINED), asides[:2], strict=True):
         if reason is not None:
             return verdict, (reason,)
     doubts = (doubt for doubt in (believed.doubts if believed else ()) if doubt.code not in ACCOUNTED)
-    undecided = (*doubts, *open_questions(selection, deviations, policy))
+    unconfirmed = () if asides[2] is None else (asides[2],)
+    undecided = (*doubts, *unconfirmed, *open_questions(selection, deviations, policy))
     return (Verdict.INCONCLUSIVE, undecided) if undecided else (Verdict.CONSISTENT, ())
 
 
