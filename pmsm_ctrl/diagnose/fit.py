@@ -38,9 +38,10 @@ from pmsm_ctrl.regression.base_fit import (
     settled_model,
     with_bristles,
 )
+from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects, seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance
-from pmsm_ctrl.regression.model import Model, Solved
+from pmsm_ctrl.regression.model import Model, Solved, solve_model
 
 __all__ = ["BASE", "Accepted", "Elsewhere", "Fitted", "fit_design", "predicted_elsewhere", "ranked"]
 
@@ -117,6 +118,22 @@ class Fitted:
     def spared(self) -> Fitted:
         """Return the fit without bases and the candidates' columns: with what a later search asks of an earlier fit."""
         return replace(self.light(), trials=tuple(trial.spared() for trial in self.trials))
+
+    def without_last(self) -> Fitted | None:
+        """Return the fit without the last accepted effect, all nuisances held as they are beside it.
+
+        A fit of its own may hold others: what noise hides of the sampling shows once an effect is in the model. None
+        where the effect has no columns of its own.
+        """
+        last = self.position(len(self.accepted) - 1)
+        if last is None or last != len(self.model.groups) - 1:
+            return None
+        model = self.model.first(last)
+        solved, plain = (solve_model(self.record, model, weights) for weights in (self.whitener, self.weights))
+        return replace(
+            self, model=model, solved=solved, plain=plain, estimate=bounded(plain), accepted=self.accepted[:-1],
+            trials=(), closed=(), covariance=None, free=(), rough=frozenset(), profiles={},
+        )  # fmt: skip
 
     def position(self, number: int, model: Model | None = None) -> int | None:
         """Where an accepted effect stands among the model's groups; None where it has no columns of its own.

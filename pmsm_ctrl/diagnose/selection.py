@@ -261,23 +261,27 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
 
 
 def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
-    """Return what speaks against an effect once everything was fitted again with it."""
-    old, new = plain_errors(before), plain_errors(after)
+    """Return what speaks against an effect once everything was fitted again with it.
+
+    The errors are those of two fits that differ by the effect alone.
+    """
+    beside = after.without_last() or before
+    old, new = plain_errors(beside), plain_errors(after)
     noise = dict(zip(after.record.channels, after.weights.sigma.tolist(), strict=True))
-    refusal = criteria.no_balance_worse(weighted_errors(before), weighted_errors(after), noise, policy)
+    refusal = criteria.no_balance_worse(weighted_errors(beside), weighted_errors(after), noise, policy)
     if refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
         refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, policy)
     elif refusal is None and [row for row, _ in trial.group.entering] == [0]:
         # what shows in a voltage as well may change the torque's error by chance: its balances were judged together
-        was, now = (sound_error(fit, policy.sound_weight) for fit in (before, after))
+        was, now = (sound_error(fit, policy.sound_weight) for fit in (beside, after))
         refusal = criteria.no_plain_error_worse(was, now, policy)
     old, new = (
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
-        for fit, plain in ((before, old), (after, new))
+        for fit, plain in ((beside, old), (after, new))
     )
     if not (trial.slow or trial.candidate.effect.structure.has_memory):
-        old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (before, after))
+        old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (beside, after))
     relief = strain(before.plain) - strain(after.plain) + apart(before.plain) - apart(after.plain)
     return (
         refusal or criteria.error_lowered(old, new, relief, policy) or _judge_parameters(before, after, trial, policy)
