@@ -15,7 +15,7 @@ from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.fit import Axis, fit_axis
 from pmsm_ctrl.frf.from_bode import MeasuredBode
-from pmsm_ctrl.frf.measured import LOOPS, closed_loop, guessed_inertia, mean_speed, plant, stretches
+from pmsm_ctrl.frf.measured import LOOPS, closed_loop, guessed_inertia, mean_speed, measured_axis, stretches
 from pmsm_ctrl.frf.result import Band, FrequencyResponse, Response
 from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.rendering.numbers import with_error
@@ -68,15 +68,15 @@ def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
     """
     if isinstance(logs, MeasuredBode):
         shown = {} if logs.kind == "plant" else {"speed": _closed(logs)}
-        period = design.drive.speed_period
-        return _fitted(design, logs.file, logs.speed, {"plant": logs.plant, **shown}, period, words.taken(logs))
+        J = guessed_inertia(logs.plant) if design.motor.J is None else design.J
+        axis = fit_axis(logs.plant, J, design.drive.speed_period)
+        return _compared(design, logs.file, logs.speed, {"plant": logs.plant, **shown}, axis, words.taken(logs))
     given = as_logs(logs)
     records = stretches(design, given)
-    response, found = plant(design, records)
+    response, axis, found = measured_axis(design, records)
     loops = {name: one for name in LOOPS if (one := closed_loop(name, records)) is not None}
-    period = max(one.period for one in records)
-    return _fitted(
-        design, names_of(given, "log"), mean_speed(records), {"plant": response, **loops}, period, list(found)
+    return _compared(
+        design, names_of(given, "log"), mean_speed(records), {"plant": response, **loops}, axis, list(found)
     )  # fmt: skip
 
 
@@ -89,13 +89,12 @@ def _closed(given: MeasuredBode) -> Response:
     return replace(one, value=closed, stderr=one.stderr / np.abs(1.0 + one.value) ** 2)
 
 
-def _fitted(
-    design: Design, name: str, speed: float, responses: dict[str, Response], period: float, found: list[Notice]
+def _compared(
+    design: Design, name: str, speed: float, responses: dict[str, Response], axis: Axis, found: list[Notice]
 ) -> FrequencyResponse:
-    """Fit the axis to the response of the plant, and compare it with the design's."""
+    """Compare the axis that was fitted to the response of the plant with the design's."""
     response = responses["plant"]
     unknown = design.motor.J is None
-    axis = fit_axis(response, guessed_inertia(response) if unknown else design.J, period)
     if not axis.covariance[0, 0] < policy.UNDETERMINED**2:
         raise LogError(
             f"{name}: the response at {len(response)} frequencies does not determine the inertia: its error is larger "

@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.evidence.local_polynomial import REACH, Local, local_polynomial, strongest_lines
 from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.excitation import excitation
+from pmsm_ctrl.frf.fit import Axis, fit_axis
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.frf.result import Response
 from pmsm_ctrl.log import Log
@@ -30,7 +32,7 @@ from pmsm_ctrl.regression.timing import uniform, unwrapped
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import drives
 
-__all__ = ["LOOPS", "Stretch", "closed_loop", "guessed_inertia", "mean_speed", "plant", "stretches"]
+__all__ = ["LOOPS", "Stretch", "closed_loop", "guessed_inertia", "mean_speed", "measured_axis", "plant", "stretches"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -157,10 +159,34 @@ def _longest(mask: NDArray[np.bool_]) -> int:
     return stop - start
 
 
-def plant(design: Design, records: tuple[Stretch, ...]) -> tuple[Response, tuple[Notice, ...]]:
-    """Return the response from drive torque to speed, from all records, and what there is to doubt.
+def measured_axis(design: Design, records: tuple[Stretch, ...]) -> tuple[Response, Axis, tuple[Notice, ...]]:
+    """Return the response from drive torque to speed, from all records, the axis fitted to it, and what is in doubt.
 
-    What the recorder of the design's drive makes of the current is taken off.
+    What the recorder of the design's drive makes of the current is taken off: that of a rigid axis first, and where
+    a spring is found that of two masses.
+
+    Raises
+    ------
+    LogError
+        When no frequency is excited.
+    """
+    taken, found = plant(records, drives(design.motion))
+    J = guessed_inertia(taken) if design.motor.J is None else design.J
+    periods = [one.period for one in records]
+
+    def fitted(J: float, mass: SecondMass | None) -> tuple[Response, Axis]:
+        seen = recorded(design, taken.frequency, periods, J, mean_speed(records), mass)
+        response = replace(taken, value=taken.value / seen, stderr=taken.stderr / np.abs(seen))
+        return response, fit_axis(response, J, max(periods))
+
+    response, axis = fitted(J, None)
+    if axis.mass is not None:
+        response, axis = fitted(axis.J, axis.mass)
+    return response, axis, found
+
+
+def plant(records: tuple[Stretch, ...], quantity: str = "torque") -> tuple[Response, tuple[Notice, ...]]:
+    """Return the response from drive torque to speed as it is recorded, and what there is to doubt.
 
     Raises
     ------
@@ -176,15 +202,12 @@ def plant(design: Design, records: tuple[Stretch, ...]) -> tuple[Response, tuple
             "no frequency is excited: the speed follows the torque nowhere above the noise; add a multisine, a chirp "
             "or noise to the current or the speed reference"
         )
-    J = guessed_inertia(response) if design.motor.J is None else design.J
-    seen = recorded(design, response.frequency, [one.period for one in records], J, mean_speed(records))
-    response = replace(response, value=response.value / seen, stderr=response.stderr / np.abs(seen))
     found: list[Notice] = []
     if any(one.reverses for one in records):
         found.append(words.REVERSES())
     if not instrument:
         weakest = float(np.quantile(1.0 - response.coherence, 0.9))
-        found.append(words.NO_REFERENCE(quantity=drives(design.motion), bias=weakest))
+        found.append(words.NO_REFERENCE(quantity=quantity, bias=weakest))
     if noisy is not None:
         found.append(words.NOISE_ANSWERED(frequency=noisy))
     return response, tuple(found)
@@ -272,13 +295,27 @@ def _points(record: Stretch, source: str, output: str, through: str = "") -> _Po
     value, variance, noise = _direct(local) if direct else _ratio(local)
     seen = _seen(value, variance, noise, local.sine)
     value, variance, noise = value[seen], variance[seen], noise[seen]
-    # referred to the input the noise is smooth, also where the response bends
-    level = _smooth(noise / np.abs(value) ** 2, local.freedom[seen]) * np.abs(value) ** 2
+    level = _level(local, seen, value, noise)
     explained = np.abs(local.response[seen, 0]) ** 2 * local.power[seen]
     return _Points(
         local.place[seen] * width, value, variance * level / noise, explained / (explained + level),
         (2 * REACH + 1) * width,
     )  # fmt: skip
+
+
+def _level(local: Local, seen: NDArray[np.bool_], value: Complex, noise: Array) -> Array:
+    """Return the noise at the lines that are seen, averaged over neighbouring windows.
+
+    Referred to the input it is smooth, also where the response bends. A sine's neighbours that are seen are other
+    sines, far away: around it the noise is that of the windows between them.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    smooth = _smooth(noise / np.abs(value) ** 2, local.freedom[seen]) * np.abs(value) ** 2
+    width = min(NEIGHBOURS, len(local.noise))
+    parts = (uniform_filter1d(part, width, axis=0, mode="nearest") for part in (local.noise.real, local.noise.imag))
+    real, imaginary = (part[seen] for part in parts)
+    return np.where(local.sine[seen], _beside(value, real + 1j * imaginary), smooth)
 
 
 def _seen(value: Complex, variance: Array, noise: Array, sine: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -311,7 +348,8 @@ def _smooth(noise: Array, freedom: NDArray[np.intp]) -> Array:
 
 
 def _direct(local: Local) -> tuple[Complex, Array, Array]:
-    return local.response[:, 0], local.covariance[:, 0, 0].real, local.noise[:, 0, 0].real
+    value = local.response[:, 0]
+    return value, _beside(value, local.covariance), _beside(value, local.noise)
 
 
 def _ratio(local: Local) -> tuple[Complex, Array, Array]:
@@ -324,11 +362,16 @@ def _ratio(local: Local) -> tuple[Complex, Array, Array]:
     with np.errstate(all="ignore"):  # a line without content is dropped by its variance
         power = np.abs(below) ** 2 - local.covariance[:, 1, 1].real
         value = (above * below.conj() - local.covariance[:, 0, 1]) / power
-        beside = np.stack([np.ones_like(value), -value], axis=1)
-        error, noise = (
-            np.einsum("nq,nqr,nr->n", beside, one, beside.conj()).real for one in (local.covariance, local.noise)
-        )
-        return value, np.where(power > 0.0, error / power, np.nan), noise
+        error = _beside(value, local.covariance)
+        return value, np.where(power > 0.0, error / power, np.nan), _beside(value, local.noise)
+
+
+def _beside(value: Complex, covariance: Complex) -> Array:
+    """Return the variance of an output, or of an output less `value` times the other, shape (n,)."""
+    if covariance.shape[1] == 1:
+        return covariance[:, 0, 0].real
+    slope = np.stack([np.ones_like(value), -value], axis=1)
+    return np.asarray(np.einsum("nq,nqr,nr->n", slope, covariance, slope.conj()).real)
 
 
 def _merged(name: str, points: list[_Points], instrument: str) -> Response:

@@ -3,7 +3,7 @@
 The speed loop's reference is a staircase, and so the current contains images of every frequency around the multiples of
 that loop's rate. Samples taken in the tick of the loop fold them back onto the frequency itself: the current appears
 earlier or later than it flows, by up to T^2 / (12 tau) with the loop's period T and the current's time constant tau.
-The axis hardly answers the images.
+The axis hardly answers the images. The EMF, which disturbs the current, is that of the axis: a spring shows in it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.tune.linearise import mobility
 from pmsm_ctrl.tune.sampled import Cascade
 
 __all__ = ["recorded"]
@@ -27,7 +29,9 @@ Complex = NDArray[np.complex128]
 SAME = 1e-3  # relative difference of two periods that are the same
 
 
-def recorded(design: Design, frequency: Array, periods: Sequence[float], J: float, speed: float) -> Complex:
+def recorded(
+    design: Design, frequency: Array, periods: Sequence[float], J: float, speed: float, mass: SecondMass | None = None
+) -> Complex:
     """Return what the samples of a log show of an axis, over the axis' own response, shape (n,).
 
     One where the design does not state how the log is taken: its loops or motor data are missing, or the log has
@@ -45,6 +49,8 @@ def recorded(design: Design, frequency: Array, periods: Sequence[float], J: floa
         Inertia, kg m^2: how much the EMF answers.
     speed : float
         rad/s.
+    mass : SecondMass, optional
+        A load behind a spring; part of `J`.
     """
     one = np.ones(len(frequency), dtype=np.complex128)
     stated = design.log_period
@@ -52,8 +58,9 @@ def recorded(design: Design, frequency: Array, periods: Sequence[float], J: floa
         return one
     free = reduce(lambda found, effect: found.without_effect(effect.id), design.effects, design)
     try:
-        cascade = Cascade.of(free.with_parameters(J=J), design.loops.current, at=speed)
+        cascade = Cascade.of(free.with_parameters(J=J), design.loops.current, at=speed, mass=mass)
     except (DesignError, RequestError):  # a speed that the drive cannot hold
         return one
     seen = cascade.sampled_motion(2.0 * math.pi * frequency, design.sensor.log_divider)
-    return np.asarray(seen / cascade.model.A[2, 1])
+    s = np.asarray(2j * math.pi * frequency, dtype=np.complex128)
+    return np.asarray(seen / (free.K_t * s * mobility(s, J, 0.0, mass)))

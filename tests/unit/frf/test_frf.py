@@ -13,9 +13,10 @@ import pytest
 from pmsm_ctrl import Design, Log, frf, simulate
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.evidence.local_polynomial import Local
 from pmsm_ctrl.frf import FrequencyResponse, Response
 from pmsm_ctrl.frf.fit import fit_axis
-from pmsm_ctrl.frf.measured import _passive
+from pmsm_ctrl.frf.measured import _beside, _passive, _ratio
 from pmsm_ctrl.frf.notices import NOISE_ANSWERED
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.simulate.scenarios import chirp, multisine
@@ -70,6 +71,17 @@ def test_two_masses_are_measured_through_the_closed_loop(found: FrequencyRespons
     assert abs(values["delay"]) < 4e-6
     assert found.misfit == pytest.approx(1.0, abs=0.35)
     assert [one.code for one in found.notices] == ["frf_resonance_not_in_design"]
+
+
+def test_without_noise_nothing_is_left_of_recorder_and_window(seed: Design) -> None:
+    """The spring shows in the EMF, and so in the current between the samples: by 1e-4 of the stiffness."""
+    truth = seed.with_effect("compliance", SPRING).replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
+    result = frf(seed, simulate(seed, chirp(design=seed), truth=truth))
+    values = {name: one.value for name, one in result.estimates.items()}
+    assert values["J"] == pytest.approx(9e-5, rel=1e-5)
+    assert values["stiffness"] == pytest.approx(15.0, rel=1e-5)
+    assert values["resonance"] == pytest.approx(RESONANCE, rel=1e-6)
+    assert values["damping"] == pytest.approx(0.002, rel=1e-4)
 
 
 def test_where_the_design_fails_is_said(found: FrequencyResponse) -> None:
@@ -180,6 +192,22 @@ def test_a_phase_that_wraps_is_late_and_not_ahead(*, sprung: bool) -> None:
     assert axis.errors()["delay"][0] == pytest.approx(1.9e-3, abs=1e-9)
     assert pytest.approx(9e-5, rel=1e-6) == axis.J
     assert (axis.mass is not None) == sprung
+
+
+def test_a_ratio_of_noisy_responses_is_not_too_small(rng: np.random.Generator) -> None:
+    """Weighted by its power the plain ratio of 2 to 1 with noise n in both, 0.3 n in common, is (2 + 0.3 n) / (1 + n)."""
+    count, noise = 20000, 0.04
+    covariance = noise * np.array([[1.0, 0.3], [0.3, 1.0]], dtype=complex)
+    root = np.linalg.cholesky(covariance / 2.0)
+    response = np.array([2.0, 1.0]) + (rng.normal(size=(count, 2)) + 1j * rng.normal(size=(count, 2))) @ root.T
+    spread = np.broadcast_to(covariance, (count, 2, 2))
+    value, variance, _ = _ratio(
+        Local(np.arange(count), response, spread, np.ones(count), spread, np.full(count, 7), np.zeros(count, bool))
+    )
+    power = _beside(value, spread) / variance
+    assert np.sum(power * value) / np.sum(power) == pytest.approx(2.0, abs=0.01)
+    plain = np.sum(response[:, 0] * response[:, 1].conj()) / np.sum(np.abs(response[:, 1]) ** 2)
+    assert plain.real == pytest.approx((2.0 + 0.3 * noise) / (1.0 + noise), abs=0.01)
 
 
 @pytest.mark.parametrize(("log_divider", "speed_divider"), [(16, 4), (6, 4), (1, 4), (20, 10)])
