@@ -195,7 +195,7 @@ def test_a_phase_that_wraps_is_late_and_not_ahead(*, sprung: bool) -> None:
 
 
 def test_a_ratio_of_noisy_responses_is_not_too_small(rng: np.random.Generator) -> None:
-    """Weighted by its power the plain ratio of 2 to 1 with noise n in both, 0.3 n in common, is (2 + 0.3 n) / (1 + n)."""
+    """Weighted by its power the plain ratio of 2 to 1, noise n in both and 0.3 n in common, is (2 + 0.3 n)/(1 + n)."""
     count, noise = 20000, 0.04
     covariance = noise * np.array([[1.0, 0.3], [0.3, 1.0]], dtype=complex)
     root = np.linalg.cholesky(covariance / 2.0)
