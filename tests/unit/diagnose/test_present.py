@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.present import _candidates, _errors, _found, verdict_text
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Calibration, Diagnosis, DiagnosisStep, Ranked, Verdict
-from pmsm_ctrl.diagnose.unexplained import resemblance
+from pmsm_ctrl.diagnose.unexplained import _repeated, resemblance
 from pmsm_ctrl.regression.drive_timing import LATENESS, DriveTiming
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
@@ -119,10 +119,13 @@ def test_false_alarms_in_words(alarms: int, warned: bool) -> None:
 # ---- structure that a refused effect resembles ------------------------------------------------------------------
 
 
-def resembling(gain: float, reason: Reason, p_value: float = 1e-20, plain_gain: float | None = None) -> Any:
+def resembling(
+    gain: float, reason: Reason, p_value: float = 1e-20, plain_gain: float | None = None, left_out: float = 1.0
+) -> Any:
     """A spring that would explain `gain` of 100, in the second of two balances; four samples a balance.
 
-    With `plain_gain` it is judged by the estimate's weights, of whose sum of 1000 it takes that much.
+    With `plain_gain` it is judged by the estimate's weights, of whose sum of 1000 it takes that much. Blocks that were
+    left out gain `left_out` +- 2.
     """
     t = np.linspace(0.0, 1.0, 200)
     trial = SimpleNamespace(
@@ -140,7 +143,7 @@ def resembling(gain: float, reason: Reason, p_value: float = 1e-20, plain_gain: 
         trials=(trial,), solved=SimpleNamespace(chi2=100.0), plain=SimpleNamespace(rows=4, chi2=1000.0), record=record,
         weights=SimpleNamespace(channel=np.array([0, 0, 1, 1])), residual=np.stack([0.0 * t, np.sin(20.0 * t)]),
     )  # fmt: skip
-    refused = {"compliance": Refusal(reason, {"gain": 1.0, "stderr": 2.0})}
+    refused = {"compliance": Refusal(reason, {"gain": left_out, "stderr": 2.0})}
     return resemblance(SimpleNamespace(fit=fit, refused=refused), POLICY)  # type: ignore[arg-type]
 
 
@@ -151,6 +154,29 @@ def test_what_only_cross_validation_refused_is_unexplained_when_it_is_large() ->
     assert "compliance would explain 20 % of it, but is not confirmed by cross-validation" in found.notice.text
     x, forward, _ = found.curve
     assert forward[np.isfinite(forward)] == pytest.approx(x[np.isfinite(forward)], abs=0.06)
+
+
+def test_what_blocks_left_out_contradict_is_an_open_question() -> None:
+    assert not resembling(30.0, Reason.NOT_CONFIRMED, left_out=1.0).confirmed
+    assert resembling(30.0, Reason.NOT_CONFIRMED, left_out=2.0 * POLICY.first_block_errors + 0.1).confirmed
+
+
+@pytest.mark.parametrize(("same", "repeated"), [(1.0, True), (0.0, False)])
+def test_a_course_that_every_reversal_repeats_is_told_from_noise_that_is_larger_there(
+    same: float, repeated: bool
+) -> None:
+    rate, t = 100.0, np.arange(0.0, 40.0, 0.01)
+    omega = np.sin(2.0 * np.pi * 0.5 * t + 0.1)
+    since = np.mod(t + 0.1 / np.pi, 1.0)
+    rng = np.random.default_rng(5)
+    noise = rng.standard_normal(len(t)) * (1.0 + 4.0 * (since < 0.1))
+    residual = noise + same * 4.0 * np.sign(omega) * np.exp(-since / 0.05)
+    record = SimpleNamespace(
+        signals={"omega": omega}, prepared=SimpleNamespace(t=t, cutoff=40.0), t=t, rate=rate,
+        weight=np.ones((1, len(t))), mask=np.ones(len(t), dtype=bool),
+    )  # fmt: skip
+    fit = SimpleNamespace(record=record, residual=residual[None])
+    assert (_repeated(fit, 0) > POLICY.block_errors) == repeated  # type: ignore[arg-type]
 
 
 def test_the_share_of_an_effect_judged_by_plain_weights_is_of_their_sum() -> None:
