@@ -146,6 +146,8 @@ class Record:
         Share of the torque that its edges and reversals were weighed by.
     left_out : tuple of (float, float)
         Stretches of time that take no part, because something happened there once, s.
+    step : float
+        Step of the logged angle, rad (m); next to nothing of a fine encoder, 0 without an angle.
     lines : tuple of int
         Lines of the encoder whose errors the log shows; they are part of every fit.
     memo, kept : dict
@@ -176,6 +178,7 @@ class Record:
     shifts: tuple[tuple[float, float], ...] = ()
     wrong: float = WRONG_TORQUE
     left_out: tuple[tuple[float, float], ...] = ()
+    step: float = 0.0
     lines: tuple[int, ...] = ()
     memo: Memo = field(default_factory=dict, repr=False)
     kept: Memo = field(default_factory=dict, repr=False)
@@ -415,12 +418,13 @@ def _made(
         (*few, *_too_long(given, log), *prepared.notes), None if "theta" in log else age,
         timing=timing, sampling=sampling, early=early, sampling_told=drive_sampling(design, log).told,
         unseen=_in_gaps(log), records=log.records, wrong=wrong,
+        step=resolution,
     )  # fmt: skip
 
 
 def _too_long(given: Log, thin: Log) -> tuple[Notice, ...]:
     """Say that a log was thinned because of its length; what a fast log loses, no evaluation uses."""
-    if given.rate >= 2.0 * FAST or len(thin) > 0.9 * len(given):
+    if thin.rate > 0.9 * min(FAST, given.rate):
         return ()
     return (LONG_LOG(samples=len(given), rate=thin.rate, given=given.rate, fastest=thin.rate / 8.0),)
 

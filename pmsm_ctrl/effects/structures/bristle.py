@@ -108,7 +108,12 @@ class Bristle(Structure):
         return [{"torque": self.direction(balances, effect, shape) - balances.signals["direction"]}]
 
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
-        """Return the column without the moments at which the lag is over before the filters show it."""
+        """Return the column without the moments at which the lag is over before the filters show it.
+
+        A deflection below a step of the angle is never seen: the axis turns round within the step.
+        """
+        if shape[self.deflection] < balances.step:
+            return np.zeros_like(values)
         smoothed = SMOOTHED / balances.cutoff
         over = 0.5 * np.abs(balances.acceleration()) * smoothed**2 > LAGS * shape[self.deflection]
         return np.where(over[:, None], 0.0, values)

@@ -105,6 +105,10 @@ class Balances(Protocol):
     def linear(self) -> bool:
         """Whether the axis is linear (m, N)."""
 
+    @property
+    def step(self) -> float:
+        """Step of the logged angle, rad (m): of a coarse encoder, and next to nothing of any other."""
+
     def rate_of(self, values: Array) -> Array:
         """Time derivative at the log's rate."""
 
