@@ -62,7 +62,7 @@ def identify(
     force: ForceOption = False,
 ) -> None:
     """Identify inertia and friction from a log. Status 1, and no design, when the given one is better."""
-    with progress_bar("identify"):
+    with progress_bar("identify") as progress:
         from pmsm_ctrl.identify import identify as run_identification
         from pmsm_ctrl.regression.conditioning import Processing
 
@@ -70,7 +70,9 @@ def identify(
         records = load_logs(log, axis, mapping)
         processing = None if cutoff is None else Processing(cutoff=cutoff)
         chosen = cast("Method", method)
-        result = run_identification(axis, records, method=chosen, processing=processing, check_cutoff=True)
+        result = run_identification(
+            axis, records, method=chosen, processing=processing, check_cutoff=True, progress=progress
+        )
     finish("identify", result, json_file=json_file, report=report)
     if not result.improved:
         raise typer.Exit(NEGATIVE)

@@ -39,6 +39,7 @@ from pmsm_ctrl.units import drives
 __all__ = ["ChannelError", "Comparison", "Record", "Simulated", "compare"]
 
 Array = NDArray[np.float64]
+PREDICTED = 0.4  # share of a record's work that is done before it is simulated
 
 
 @dataclass(frozen=True)
@@ -261,7 +262,7 @@ def compare(
     processing : Processing, optional
         Filter, derivative and mask; the band of `diagnose` when left out.
     progress : function, optional
-        Called with the share done, 0 to 1.
+        Called with the share done, 0 to 1; an exception that it raises ends the comparison.
 
     Returns
     -------
@@ -281,9 +282,11 @@ def compare(
     believed = doubts_about(design, log)
     advance = progress or (lambda share: None)
     part = 1.0 / (1 + len(holdouts))
+    advance(0.1 * part)
     balances = _conditioned(design, believed.log, processing)
     prediction = predict(design, balances)
-    here = _record(design, believed.log, prediction, lambda share: advance(part * share))
+    advance(PREDICTED * part)
+    here = _record(design, believed.log, prediction, partial(_advanced, advance, part, 0))
     here = replace(here, name=names_of(logs, "the given log"))
     verdict, reasons = judged(here.errors["torque"].relative, here.structure, here.ratios, believed)
     # structure has its own place in a result
@@ -308,7 +311,7 @@ def compare(
 
 
 def _advanced(advance: Callable[[float], None], part: float, done: int, share: float) -> None:
-    advance(part * (done + share))
+    advance(part * (done + PREDICTED + (1.0 - PREDICTED) * share))
 
 
 def _conditioned(design: Design, log: Log, processing: Processing | None) -> Balances:
@@ -319,9 +322,7 @@ def _conditioned(design: Design, log: Log, processing: Processing | None) -> Bal
     return make_record(design, log, processing, usual.age or 0.0, usual.timing)
 
 
-def _record(
-    design: Design, log: Log, prediction: Prediction, progress: Callable[[float], None] | None = None
-) -> Record:
+def _record(design: Design, log: Log, prediction: Prediction, progress: Callable[[float], None]) -> Record:
     """Simulate and search one log."""
     balances = prediction.record
     balances.kept.clear()  # the columns of a fit that is done
@@ -399,13 +400,14 @@ def _rows(log: Log, prepared: Prepared, traces: Mapping[str, Trace]) -> Iterator
 
 def _simulated(
     design: Design, log: Log, processing: Processing, whole: tuple[Prepared, ResidualStructure],
-    progress: Callable[[float], None] | None,
+    progress: Callable[[float], None],
 ) -> tuple[tuple[Simulated, ...], tuple[Notice, ...]]:  # fmt: skip
     """Simulate every record by itself: in restarted windows, in closed loop, and from its begin to its end."""
     prepared, left = whole
     found: list[Simulated] = []
     said: list[Notice] = []
-    for part in parts_of(log):
+    parts = parts_of(log)
+    for number, part in enumerate(parts):
         try:
             of_part = prepared if part is log else prepare(design, part, replace(processing, cutoff=prepared.cutoff))
         except LogError:  # too short to be simulated; its row has its errors all the same
@@ -413,10 +415,18 @@ def _simulated(
         free, free_notices = _free_run(design, part, of_part, left)
         closed, closed_notices = _closed_loop(design, part, processing, left.floor)
         name = "" if part is log else part.provenance.file
-        runs = (*free, *closed, *_whole_run(design, part, of_part, progress))
+        tell = partial(_told, progress, len(parts), number)
+        tell(0.0)
+        runs = (*free, *closed, *_whole_run(design, part, of_part, tell))
         found += [replace(one, record=name) for one in runs]
         said += [notice for notice in (*free_notices, *closed_notices) if notice not in said]
+    progress(1.0)
     return tuple(found), tuple(said)
+
+
+def _told(progress: Callable[[float], None], count: int, done: int, share: float) -> None:
+    """Tell how far the simulations are; of each record, those in windows and in closed loop come first."""
+    progress((done + 0.3 + 0.7 * share) / count)
 
 
 def _free_run(
@@ -438,9 +448,7 @@ def _free_run(
     return (Simulated("free run in windows", meaning, errors),), free.notices
 
 
-def _whole_run(
-    design: Design, log: Log, prepared: Prepared, progress: Callable[[float], None] | None
-) -> Iterable[Simulated]:
+def _whole_run(design: Design, log: Log, prepared: Prepared, progress: Callable[[float], None]) -> Iterable[Simulated]:
     """Simulate the whole record from its torque alone; one with gaps has no torque there."""
     if not uniform(log)[2].all():
         return ()

@@ -34,7 +34,9 @@ from pmsm_ctrl.section import Notice
 __all__ = ["add", "added"]
 
 
-def add(design: Design, log: Logs, effect: str, *, polish: bool = False) -> Design:
+def add(
+    design: Design, log: Logs, effect: str, *, polish: bool = False, progress: Callable[[float], None] | None = None
+) -> Design:
     """Return the design with an effect added, all parameters fitted to the log, standard errors included.
 
     The effect is added whether or not the log calls for it: `added` says whether it does. No parameter leaves its
@@ -50,6 +52,8 @@ def add(design: Design, log: Logs, effect: str, *, polish: bool = False) -> Desi
         Id of an effect of the catalogue, or of the design's own.
     polish : bool
         Whether to refine all parameters by simulation, where that predicts left-out stretches better.
+    progress : function, optional
+        Called with the share of the work that is done; an exception that it raises ends the work.
 
     Raises
     ------
@@ -58,7 +62,7 @@ def add(design: Design, log: Logs, effect: str, *, polish: bool = False) -> Desi
     RequestError
         For an unknown effect, one that is in the design already, or one that this log cannot determine.
     """
-    return added(design, log, effect, polish=polish).design
+    return added(design, log, effect, polish=polish, progress=progress).design
 
 
 def added(
@@ -109,7 +113,9 @@ def added(
         )
     made = with_profiles(case.design, _best_made(case, fit, trial))
     advance(0.7)
-    return _judged(case, fit, trial, made, polish, names_of(holdouts, "the held-out log"))
+    judged = _judged(case, fit, trial, made, polish, names_of(holdouts, "the held-out log"))
+    advance(1.0)
+    return judged
 
 
 def _best_made(case: Case, fit: Fitted, trial: Trial) -> Fitted:

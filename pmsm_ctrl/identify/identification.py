@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import count
 from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
@@ -42,6 +43,8 @@ __all__ = ["Identification", "Method", "identify"]
 
 Array = NDArray[np.float64]
 Method = Literal["regression", "iv", "output_error"]
+SAMPLED, SOLVED = 0.2, 0.8  # share of the work that is done when the sampling is known, and when the fit is made
+ROUNDS = 10.0  # of a fit by simulation after which half of its share is told; how many it takes is not known before
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +178,7 @@ def _sizes(residual: Array, torque: Array) -> _Sizes:
 
 def identify(
     design: Design, log: Logs, *, method: Method = "regression", processing: Processing | None = None,
-    check_cutoff: bool = False,
+    check_cutoff: bool = False, progress: Callable[[float], None] | None = None,
 ) -> Identification:  # fmt: skip
     """Identify the inertia and the parameters of the design's effects from a log.
 
@@ -203,6 +206,9 @@ def identify(
     check_cutoff : bool
         Whether the inertia is found again at other cutoffs, with a warning where it moves beyond its interval. Of
         "regression" only.
+    progress : function, optional
+        Called with the share of the work that is done, after every round of a fit by simulation as well; an
+        exception that it raises ends the identification.
 
     Returns
     -------
@@ -219,7 +225,7 @@ def identify(
     SimulationError
         When the design's loops are not stable on the plant that the log suggests.
     """
-    logs = _checked(as_logs(log), method)
+    logs, advance = _checked(as_logs(log), method), progress or (lambda share: None)
     as_diagnosed = method == "regression" and processing is None and plain_terms(design)
     processing = _blanking(processing or Processing())
     believed = doubts_about(design := with_inertia(design, logs), log)
@@ -228,8 +234,13 @@ def identify(
     if checked or not as_diagnosed:
         log, processing = _sampled_log(design, whole, processing, method)
     several = joint(design, log) if method != "iv" else Joint(log)
+    advance(SAMPLED)
     base = based(design, whole) if as_diagnosed else None
-    solution = _solved(method, design, several.log, processing) if base is None else _Solution(base.problem, base.fit)
+    if base is None:
+        solution = _solved(method, design, several.log, processing, _rounds(advance))
+    else:
+        solution = _Solution(base.problem, base.fit)
+    advance(SOLVED)
     problem, fit = solution.problem, with_joint_errors(solution.fit, several.stderr)
     found, bounds = _identified(design, problem, fit)
     if base is None and method != "output_error":  # which has no columns of the given design
@@ -241,6 +252,7 @@ def identify(
     sizes = _sizes(unexplained[shown.mask], shown.torque[shown.mask])
     over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
+    advance(1.0)
     said = (
         *contradictions, *record_notices(several.rows), *((worse,) if worse else ()), *_large(sizes["relative_error"]),
         *believed.notices[len(believed.contradictions) :], *problem.notes,
@@ -269,6 +281,17 @@ def identify(
         over_cutoff=over,
         remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
     )
+
+
+def _rounds(advance: Callable[[float], None]) -> Callable[[], None]:
+    """Return what a fit by simulation calls in every round."""
+    done = count(1)
+
+    def tell() -> None:
+        k = next(done)
+        advance(SAMPLED + (SOLVED - SAMPLED) * k / (k + ROUNDS))
+
+    return tell
 
 
 def _estimates(problem: Problem, fit: Fit) -> dict[str, Estimate]:
@@ -331,7 +354,7 @@ def _sampled(sampling: Sampling | None, fit: Fit) -> Sampling:
     return replace(sampling, late=late, stderr=stderr)
 
 
-def _solved(method: Method, design: Design, log: Log, processing: Processing) -> _Solution:
+def _solved(method: Method, design: Design, log: Log, processing: Processing, each: Callable[[], None]) -> _Solution:
     if method == "regression":
         problem = regression_problem(design, log, processing)
         return _Solution(problem, solve(problem))
@@ -339,21 +362,22 @@ def _solved(method: Method, design: Design, log: Log, processing: Processing) ->
         plain = regression_problem(design, log, processing)
         fit = solve(plain)
         begin = design, _identified(design, plain, fit)[0]
-        simulated = by_open_loop(begin, log, fit, processing.sampling or SYNCHRONOUS)
+        simulated = by_open_loop(begin, log, fit, processing.sampling or SYNCHRONOUS, each)
         return _Solution(simulated[0], simulated[1], notices=simulated[2], remarks=(words.OPEN_LOOP(),))
     replay = build_replay(design, log)
-    solution = _by_simulation(method, design, log, replay, processing)
+    solution = _by_simulation(method, design, log, replay, processing, each)
     if lost := solution.fit.unidentifiable.get("J"):
         # an inertia that the log does not show would take the others' errors with it
-        solution = _by_simulation(method, design, log, replay, processing, inertia=False)
+        solution = _by_simulation(method, design, log, replay, processing, each, inertia=False)
         held = {"J": replace(lost, held=True), **solution.fit.unidentifiable}
         solution = replace(solution, fit=replace(solution.fit, unidentifiable=held))
     return replace(solution, remarks=replay.notes)
 
 
 def _by_simulation(
-    method: Method, design: Design, log: Log, replay: Replay, processing: Processing, inertia: bool = True
-) -> _Solution:
+    method: Method, design: Design, log: Log, replay: Replay, processing: Processing, each: Callable[[], None],
+    inertia: bool = True,
+) -> _Solution:  # fmt: skip
     wide = processing
     if processing.cutoff is None:
         wide = replace(processing, cutoff=widest_band(design, log))
@@ -363,7 +387,7 @@ def _by_simulation(
         return _Solution(*instrumental(design, log, replay, (wide, usual), inertia))
     wide = replace(wide, through_reversals=True)
     prepared = prepare(design, log, wide, as_logged=True)
-    problem, fit, notices = output_error(design, build_problem(design, log, wide, inertia), prepared, replay)
+    problem, fit, notices = output_error(design, build_problem(design, log, wide, inertia), prepared, replay, each)
     return _Solution(problem, fit, notices=notices)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,8 +25,9 @@ Array = NDArray[np.float64]
 
 
 def fitted(
-    loop: OpenLoop, prior: Mapping[str, float], starts: int = policy.STARTS, begin: Array | None = None
-) -> tuple[Array, bool]:
+    loop: OpenLoop, prior: Mapping[str, float], starts: int = policy.STARTS, begin: Array | None = None,
+    each: Callable[[], None] = lambda: None,
+) -> tuple[Array, bool]:  # fmt: skip
     """Return the values with the smallest sum of squares, and whether the search converged.
 
     Parameters
@@ -38,18 +39,21 @@ def fitted(
         Of the nonlinear parameters beside the design's: of each half, then twice its value.
     begin : array, shape (columns,), optional
         From where the search begins; the design's values when left out.
+    each : function
+        Called in every round.
     """
-    best = _descent(loop, prior, loop.start if begin is None else begin, policy.FIT_ROUNDS)
+    best = _descent(loop, prior, loop.start if begin is None else begin, policy.FIT_ROUNDS, each)
     for other in _starts(loop)[:starts]:
-        found = _descent(loop, prior, other, policy.TRIAL_ROUNDS)
+        found = _descent(loop, prior, other, policy.TRIAL_ROUNDS, each)
         if found[1] < best[1]:
-            best = _descent(loop, prior, found[0], policy.FIT_ROUNDS)
+            best = _descent(loop, prior, found[0], policy.FIT_ROUNDS, each)
     return best[0], best[2]
 
 
 def by_open_loop(
-    designs: tuple[Design, Design], log: Log, ordinary: Fit, sampling: Sampling
-) -> tuple[Problem, Fit, tuple[Notice, ...]]:
+    designs: tuple[Design, Design], log: Log, ordinary: Fit, sampling: Sampling,
+    each: Callable[[], None] = lambda: None,
+) -> tuple[Problem, Fit, tuple[Notice, ...]]:  # fmt: skip
     """Fit all parameters by the simulation of a log, from the solution of its regression on.
 
     Parameters
@@ -61,11 +65,13 @@ def by_open_loop(
     ordinary : Fit
         Of the regression.
     sampling : Sampling
+    each : function
+        Called in every round.
     """
     sigma = dict(zip((LATENESS, SPREAD), sampling.sigma, strict=True))
     given, start = designs
     loop = open_loop(start, DriveTiming(sampling.late).undone(log), sigma)
-    values, converged = fitted(loop, {name: e for name, e in ordinary.stderr.items() if np.isfinite(e)})
+    values, converged = fitted(loop, {name: e for name, e in ordinary.stderr.items() if np.isfinite(e)}, each=each)
     problem, fit = solved(loop, values)
     known = [{"J": given.J}, *(values for _, values in bound_effects(given))]
     columns = tuple(replace(c, nominal=known[c.entry + 1].get(c.symbol, c.nominal)) for c in problem.columns)
@@ -102,7 +108,9 @@ def _starts(loop: OpenLoop) -> Sequence[Array]:
     return out
 
 
-def _descent(loop: OpenLoop, prior: Mapping[str, float], begin: Array, rounds: int) -> tuple[Array, float, bool]:
+def _descent(
+    loop: OpenLoop, prior: Mapping[str, float], begin: Array, rounds: int, each: Callable[[], None]
+) -> tuple[Array, float, bool]:
     """Return values, half the sum of squares and whether it converged, from these values on."""
     from scipy.optimize import least_squares
 
@@ -116,6 +124,7 @@ def _descent(loop: OpenLoop, prior: Mapping[str, float], begin: Array, rounds: i
         return np.concatenate([loop.left(x * scale)[used] / noise, (x * scale - loop.start) / width])
 
     def slopes(x: Array) -> Array:
+        each()
         return np.vstack([-loop.slopes(x * scale)[used] * scale / noise, np.diag(scale / width)])
 
     low, high = (np.array([getattr(column, side) for column in loop.columns]) / scale for side in ("lower", "upper"))

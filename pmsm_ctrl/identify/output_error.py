@@ -10,7 +10,7 @@ of a closed-loop simulation); L. Ljung, System Identification, 2nd ed., Prentice
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -93,13 +93,13 @@ class _Model:
 
 
 def output_error(
-    design: Design, problem: Problem, prepared: Prepared, replay: Replay
+    design: Design, problem: Problem, prepared: Prepared, replay: Replay, each: Callable[[], None] = lambda: None
 ) -> tuple[Problem, Fit, tuple[Notice, ...]]:
     """Fit the inertia and all parameters of the design's effects by simulation.
 
     Starts from the solution of the log's regression. The log is prepared as it was logged: the simulation has the
     measurement effects of the design. Returns the problem that is linear at the solution, its columns the
-    sensitivities.
+    sensitivities. `each` is called in every round.
     """
     ordinary = solve(problem)
     columns = _parameters(design, problem)
@@ -112,7 +112,7 @@ def output_error(
     slopes = model.slopes(start, range(len(columns)))
     size = np.sqrt(np.mean(slopes[mask] ** 2, axis=0)) * steps / policy.DIFFERENCE
     free = np.flatnonzero(size > policy.NO_EFFECT * force)
-    values, found, notices = _fitted(model, measured, start, free, slopes[:, free])
+    values, found, notices = _fitted(model, measured, start, free, slopes[:, free], each)
     slopes = np.zeros_like(slopes)
     slopes[:, free] = found
     nuisances = model.nuisances(values)
@@ -176,7 +176,7 @@ def _step(column: Column, problem: Problem, force: float, value: float) -> float
 
 
 def _fitted(
-    model: _Model, measured: Array, start: Array, free: NDArray[np.intp], first: Array
+    model: _Model, measured: Array, start: Array, free: NDArray[np.intp], first: Array, each: Callable[[], None]
 ) -> tuple[Array, Array, tuple[Notice, ...]]:
     """Fit the simulated torque to the measured one, shape (m,); parameters that are not free stay as they are.
 
@@ -202,6 +202,7 @@ def _fitted(
             return np.full(int(mask.sum()), policy.UNSTABLE)
 
     def jacobian(x: Array) -> Array:
+        each()
         return slopes_at(x)[mask] * scale / force
 
     def slopes_at(x: Array) -> Array:

@@ -1,0 +1,60 @@
+"""Verbs that take long tell how far they are, and can be ended from what they tell it to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl import Design, Log, add, compare, identify
+from tests.effort import slow
+
+DESIGN = """
+name = "axis"
+[motor]
+J = 1e-4
+K_t = 1.0
+[[effects]]
+id = "coulomb"
+F_c = 0.02
+[[effects]]
+id = "viscous"
+F_v = 1e-4
+"""
+VERBS: dict[str, Callable[..., Any]] = {
+    "compare": compare,
+    "add": lambda design, log, progress: add(design, log, "quadratic_drag", progress=progress),
+    "identify": identify,
+    "simulated": lambda design, log, progress: identify(design, log, method="output_error", progress=progress),
+}
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    t = np.arange(2000) / 250.0
+    omega = 60.0 * np.sin(2.0 * np.pi * 0.4 * t) + 30.0 * np.sin(2.0 * np.pi * 0.9 * t)
+    theta = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1])) / 250.0])
+    torque = 1e-4 * np.gradient(omega, t) + 0.02 * np.sign(omega) + 1e-4 * omega + 4e-6 * omega * np.abs(omega)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(len(t))
+    return Log({"t": t, "theta": theta, "omega": omega, "i_q": torque + noise})
+
+
+@pytest.mark.parametrize("verb", [slow("compare"), "add", "identify", slow("simulated")])
+def test_shares_rise_to_one_and_an_exception_ends_the_verb(verb: str, log: Log) -> None:
+    design, shares = Design.from_toml(DESIGN), list[float]()
+    VERBS[verb](design, log, progress=shares.append)
+    assert shares == sorted(shares)
+    assert 0.0 < shares[0] < shares[-1] == 1.0
+    assert len(shares) >= (6 if verb == "simulated" else 3)
+    seen: list[float] = []
+
+    def stop(share: float) -> None:
+        seen.append(share)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        VERBS[verb](design, log, progress=stop)
+    assert seen == shares[:2]
