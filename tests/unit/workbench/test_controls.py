@@ -91,6 +91,11 @@ def test_a_preview_the_order_a_stop_and_the_downloads(
     assert person.do(asked) == 0
     ActionChains(person.driver).move_to_element(person.element("candidate-a-0")).perform()
     person.until(lambda: person.do(asked) == 1, "the curve over the residual")
+    drawn = "return Number(document.querySelector('[data-part=traces]').dataset.drawn)"
+    for over in ("acceleration [rad/s²]", "order of a turn", "speed [rad/s]"):
+        count = person.do(drawn)
+        chosen(person, "over", over)
+        person.until(lambda count=count: person.do(drawn) > count, f"the residual over {over}")
     person.do(  # pressed as soon as it is there
         "new MutationObserver(() => document.getElementById('stop')?.click())"
         ".observe(document.body, { childList: true, subtree: true })"
