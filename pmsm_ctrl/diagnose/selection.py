@@ -263,9 +263,11 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
 def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
     """Return what speaks against an effect once everything was fitted again with it.
 
-    The errors are those of two fits that differ by the effect alone.
+    The errors are those of two fits that differ by the effect alone; where it has a memory, as what lies between the
+    logged drive signal and the torque has, other nuisances are its doing, and the fit before counts.
     """
-    beside = after.without_last() or before
+    memory = trial.candidate.effect.structure.has_memory
+    beside = before if memory else after.without_last() or before
     old, new = plain_errors(beside), plain_errors(after)
     noise = dict(zip(after.record.channels, after.weights.sigma.tolist(), strict=True))
     refusal = criteria.no_balance_worse(weighted_errors(beside), weighted_errors(after), noise, policy)
@@ -280,7 +282,7 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
         for fit, plain in ((beside, old), (after, new))
     )
-    if not (trial.slow or trial.candidate.effect.structure.has_memory):
+    if not (trial.slow or memory):
         old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (beside, after))
     relief = strain(before.plain) - strain(after.plain) + apart(before.plain) - apart(after.plain)
     return (
