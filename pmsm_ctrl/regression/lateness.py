@@ -88,7 +88,8 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, told: Referre
     held: dict[int, tuple[float, float]] = {}
     late, error = (value, stderr) if by is None else by.late
     late += undone
-    beyond = max(late - record.sampling, -record.early - late) > SURE * error  # that much it tells in any case
+    # that much a log tells in any case, unless its sampling is stated
+    beyond = not record.sampling_told and max(late - record.sampling, -record.early - late) > SURE * error
     if delayed or (max(stderr, error) > untold and not beyond):
         possible = (record.sampling + record.early) / math.sqrt(12.0)
         held[k] = 0.0, 0.0 if delayed else min(error, possible)
