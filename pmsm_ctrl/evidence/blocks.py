@@ -95,7 +95,8 @@ def left_out_gains(
     """Return by how much columns lower the sum of squares of blocks that were left out of the fit.
 
     A block's training data are all rows less its own and those of the gap on either side: their Gram matrix is the
-    whole one less that of these few rows, and no fit touches the others.
+    whole one less that of these few rows, and no fit touches the others. A direction of the own columns of which the
+    training data tell less than a tenth is left at zero: its value would be an extrapolation.
 
     Parameters
     ----------
@@ -139,6 +140,8 @@ def left_out_gains(
     training = np.array(grams)
     small = _ridge_solutions(training[:, : base + 1, : base + 1], ridge) if base else np.zeros((len(grams), 0))
     big = _ridge_solutions(training, ridge)
+    for k in np.flatnonzero(_untold(training, full, base)):
+        big[k] = _told_alone(training[k], full, base, ridge)
     gains, total = [], 0.0
     for block, few, all_of_them in zip(judged, small, big, strict=True):
         y = block[:, 0]
@@ -146,6 +149,39 @@ def left_out_gains(
         gains.append(float(before @ before - after @ after))
         total += max(float(y @ y), float(before @ before))
     return np.array(gains), total
+
+
+def _beyond(gram: Array, base: int) -> Array:
+    """Gram matrix of the own columns beyond the base, shape (..., own, own)."""
+    few, own = gram[..., 1 : base + 1, 1 : base + 1], gram[..., base + 1 :, base + 1 :]
+    if not base:
+        return own
+    across = gram[..., 1 : base + 1, base + 1 :]
+    return np.asarray(own - across.swapaxes(-1, -2) @ np.linalg.pinv(few, hermitian=True) @ across)
+
+
+def _shares(training: Array, full: Array, base: int) -> tuple[Array, Array]:
+    """Share that training data tell of directions of the own columns, (..., own), and these, (..., own, own)."""
+    size, turn = np.linalg.eigh(_beyond(full, base))
+    whole = turn / np.sqrt(np.maximum(size, RIDGE * size[-1] + 1e-300))
+    share, along = np.linalg.eigh(whole.T @ _beyond(training, base) @ whole)
+    return share, whole @ along
+
+
+def _untold(training: Array, full: Array, base: int) -> NDArray[np.bool_]:
+    """Whether a block's training data lack a direction of the own columns, shape (blocks,)."""
+    return np.asarray(_shares(training, full, base)[0][:, 0] < LEAST_LEFT)
+
+
+def _told_alone(gram: Array, full: Array, base: int, ridge: float) -> Array:
+    """Coefficients of one block, those of directions that its training data hardly tell left at zero."""
+    share, along = _shares(gram, full, base)
+    kept = along[:, share >= LEAST_LEFT]
+    mixed = np.zeros((len(gram), 1 + base + kept.shape[1]))
+    mixed[: 1 + base, : 1 + base] = np.eye(1 + base)
+    mixed[1 + base :, 1 + base :] = kept
+    found = _ridge_solutions((mixed.T @ gram @ mixed)[None], ridge)[0]
+    return np.asarray(mixed[1:, 1:] @ found)
 
 
 def _ridge_solutions(grams: Array, ridge: float) -> Array:

@@ -80,3 +80,19 @@ def test_block_sums_of_a_mean_are_the_standard_error_of_the_mean_of_blocks(rng: 
     sums = block_sums(np.full((n, 1), n**-0.5), noise - noise.mean(), (np.arange(n) + 0.5) / n)
     expected = np.var(noise[::each], ddof=1) / BLOCKS
     assert float(np.sum(sums**2)) / n == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_one_block_alone_tells_is_not_extrapolated(seed: int) -> None:
+    # a bump over the whole record that all blocks tell of, and one that the last block alone has but for rounding
+    rng = np.random.default_rng(seed)
+    t = np.arange(800.0)
+    common, alone = np.sin(t / 7.0), np.where(t >= 700.0, 1.0, 1e-6)
+    columns = np.column_stack([np.ones_like(t), common, alone])
+    target = columns @ [0.3, 1.0, 2.0] + rng.standard_normal(len(t))
+    rows = np.column_stack([target, columns])[None]
+    edges = [(100.0 * k, 100.0 * (k + 1)) for k in range(8)]
+    gains, _ = left_out_gains(rows, rows[0].T @ rows[0], t, edges, 5.0, 1)
+    # the common one gains about half a square a sample; of the other nothing is known where it is left out
+    assert gains[-1] > 0.0
+    assert np.mean(gains) == pytest.approx(50.0, rel=0.4)
