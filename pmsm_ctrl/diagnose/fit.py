@@ -128,7 +128,12 @@ class Fitted:
         last = self.position(len(self.accepted) - 1)
         if last is None or last != len(self.model.groups) - 1:
             return None
-        model = self.model.first(last)
+        whole, k = self.model, self.model.columns_of(last).start
+        doubt, bias = ({n: value for n, value in known.items() if n < k} for known in (whole.doubt, whole.bias))
+        model = replace(
+            whole, groups=whole.groups[:last], names=whole.names[:k], nominal=whole.nominal[:k], sigma=whole.sigma[:k],
+            matrix=whole.matrix[:, :, :k], doubt=doubt, bias=bias,
+        )  # fmt: skip
         solved, plain = (solve_model(self.record, model, weights) for weights in (self.whitener, self.weights))
         return replace(
             self, model=model, solved=solved, plain=plain, estimate=bounded(plain), accepted=self.accepted[:-1],

@@ -55,8 +55,7 @@ def outcome(
     hidden = hidden_by_motion(final, offered, policy)
     deviations = parameter_deviations(case.design, final, policy)
     records = _records(case, selection)
-    open_ = structure.notice if structure is not None and not structure.confirmed else None
-    asides = (blind, None if left is open_ else left, open_)
+    asides = (blind, *((None, left) if structure is not None and not structure.confirmed else (left, None)))
     verdict, reasons = judged(selection, case.believed, asides, deviations, policy)
     if steps and verdict not in (Verdict.IMPLAUSIBLE, Verdict.EFFECTS_MISSING):
         verdict, reasons = Verdict.EFFECTS_MISSING, ()

@@ -96,7 +96,8 @@ def left_out_gains(
 
     A block's training data are all rows less its own and those of the gap on either side: their Gram matrix is the
     whole one less that of these few rows, and no fit touches the others. A direction of the own columns of which the
-    training data tell less than a tenth is left at zero: its value would be an extrapolation.
+    training data tell less than a tenth is left at zero, unless whole records are left out: its value would be an
+    extrapolation.
 
     Parameters
     ----------
@@ -140,8 +141,9 @@ def left_out_gains(
     training = np.array(grams)
     small = _ridge_solutions(training[:, : base + 1, : base + 1], ridge) if base else np.zeros((len(grams), 0))
     big = _ridge_solutions(training, ridge)
-    for k in np.flatnonzero(_untold(training, full, base)):
-        big[k] = _told_alone(training[k], full, base, ridge)
+    if left_out is None:  # else the levels of a record are held by their priors
+        for k in np.flatnonzero(_untold(training, full, base)):
+            big[k] = _told_alone(training[k], full, base, ridge)
     gains, total = [], 0.0
     for block, few, all_of_them in zip(judged, small, big, strict=True):
         y = block[:, 0]

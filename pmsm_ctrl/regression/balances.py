@@ -19,7 +19,7 @@ from pmsm_ctrl.log import Log, Span
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
-from pmsm_ctrl.regression.direction import direction_of
+from pmsm_ctrl.regression.direction import direction_of, fast_torque
 from pmsm_ctrl.regression.drive_timing import (
     UNDELAYED,
     DriveTiming,
@@ -32,20 +32,14 @@ from pmsm_ctrl.regression.encoder_steps import angle_step, errors_by_steps
 from pmsm_ctrl.regression.filters import derivative, low_pass, shifted
 from pmsm_ctrl.regression.joining import FAST, thinned
 from pmsm_ctrl.regression.notices import LONG_LOG
-from pmsm_ctrl.regression.signals import logged_torque
 from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual
 from pmsm_ctrl.regression.weights import (
-    EDGE_PERIODS,
     MAD,
     WRONG_TORQUE,
-    edge_weight,
     on_grid,
-    prefilter,
     quantisation_error,
-    reversal_weight,
-    torque_noise,
-    uneven_weight,
     voltage_weight,
+    weight_of_torque,
 )
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
@@ -78,8 +72,6 @@ STANDSTILL = 0.0005
 FEWEST_SAMPLES = 32
 # Periods of the cutoff at either end that the filters need to start, and the share of a log that is given up at most.
 EDGES, SHORTEST_EDGE = (4.0, 10.0), 0.05
-REVERSALS = 250.0  # Hz: band of the torque at reversals
-STEADY = 0.02  # weight below which a sample's time cannot be believed
 INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d changes no faster
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
@@ -380,7 +372,7 @@ def _made(
         signals["omega_ref"] = told if "omega_ref" in log else derivative(told, 1.0 / prepared.rate)
     _add_slopes(signals, prepared)
     load = signals.get("T_load", np.zeros_like(prepared.t))
-    driving, fast = signals["torque"] - load, _fast_torque(design, log, prepared) - load
+    driving, fast = signals["torque"] - load, fast_torque(design, log, prepared) - load
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
     unresolved = resolution * prepared.cutoff
     steps = errors_by_steps(prepared, resolution) if resolution > 0.0 else None
@@ -392,33 +384,21 @@ def _made(
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
         channels += ["u_d", "u_q"]
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
-    source = "torque" if "torque" in log else "i_q"
-    slow = edge_weight(on_grid(log, prepared, source), prepared, EDGE_PERIODS, log.records, wrong)
-    sound = measured[prepared.keep]
-    if "theta" in log and not sound.all():
-        # a speed that jumps from sample to sample is a lying time stamp or a lost count
-        steady = edge_weight(
-            np.gradient(np.unwrap(on_grid(log, prepared, "theta"))), prepared, EDGE_PERIODS, log.records
-        )
-        slow = slow * steady
-        sound = sound & (steady > STEADY)
-    moving = (sure & _edges(prepared))[prepared.keep]
-    noise = torque_noise(log, prepared, signals, wrong)
-    weight = [slow * reversal_weight(prepared, signals, kink, noise, steps.speed if steps else None)]
-    if steps is not None:
-        weight[0] = weight[0] * uneven_weight(kink[1] * steps.filtered, noise, moving & sound)
+    moving = (sure & _edges(prepared) & measured)[prepared.keep]
+    torque_weight, moving = weight_of_torque(log, prepared, signals, kink, moving, steps, wrong)
+    weight = [torque_weight]
     for name in channels[1:]:
         level = np.hypot(target[1], target[2])
         weight.append(weight[0] * voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)))
+    source = "torque" if "torque" in log else "i_q"
     levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
     levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
-        design, prepared, signals, tuple(channels), target, moving & sound,
-        np.array(weight), float(prepared.t[-1] - prepared.t[0]), np.array(levels), kink[0],
+        design, prepared, signals, tuple(channels), target, moving, np.array(weight),
+         float(prepared.t[-1] - prepared.t[0]), np.array(levels), kink[0],
         (*few, *_too_long(given, log), *prepared.notes), None if "theta" in log else age,
         timing=timing, sampling=sampling, early=early, sampling_told=drive_sampling(design, log).told,
-        unseen=_in_gaps(log), records=log.records, wrong=wrong,
-        step=resolution,
+        unseen=_in_gaps(log), records=log.records, wrong=wrong, step=resolution,
     )  # fmt: skip
 
 
@@ -427,16 +407,6 @@ def _too_long(given: Log, thin: Log) -> tuple[Notice, ...]:
     if thin.rate > 0.9 * min(FAST, given.rate):
         return ()
     return (LONG_LOG(samples=len(given), rate=thin.rate, given=given.rate, fastest=thin.rate / 8.0),)
-
-
-def _fast_torque(design: Design, log: Log, prepared: Prepared) -> Array:
-    """Return the drive's torque in the band in which reversals are followed."""
-    names = ("torque",) if "torque" in log else tuple(name for name in ("i_d", "i_q") if name in log)
-    channels = {name: on_grid(log, prepared, name) for name in names}
-    band = max(REVERSALS, prefilter(prepared))
-    if band < 0.45 * prepared.rate:
-        channels = {name: low_pass(values, prepared.rate, band) for name, values in channels.items()}
-    return logged_torque(design, channels, "")
 
 
 def _in_gaps(log: Log) -> float:

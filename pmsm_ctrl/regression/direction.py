@@ -5,20 +5,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.evidence.noise import stretches
+from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared
 from pmsm_ctrl.regression.encoder_steps import StepErrors
 from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
-from pmsm_ctrl.regression.weights import prefilter
+from pmsm_ctrl.regression.signals import logged_torque
+from pmsm_ctrl.regression.weights import on_grid, prefilter
 
-__all__ = ["direction_of"]
+__all__ = ["direction_of", "fast_torque"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # Share of a log at most in which a direction that is not known is left out.
 MOST_UNKNOWN = 0.2
+BAND = 250.0  # Hz: of the torque at reversals
 REST = 0.004  # s: what is shorter is a reversal
 MOST_TAKEN = 0.5  # share of the acceleration's power at most that is taken for noise
 FEWEST_MIXED = 4  # samples on either side of a reversal that smoothing mixes at least
@@ -121,3 +125,20 @@ def _followed(prepared: Prepared, pushed: Array, J: float) -> tuple[Array, Array
     travel = np.cumsum(made) * period
     travel -= low_pass(travel, prepared.rate, wide)
     return prepared.signals["omega"] + made, prepared.signals["theta"] + travel
+
+
+def fast_torque(design: Design, log: Log, prepared: Prepared) -> Array:
+    """Return the drive's torque in the band in which reversals are followed, N m (N), shape (n,).
+
+    Parameters
+    ----------
+    design : Design
+    log : Log
+    prepared : Prepared
+    """
+    names = ("torque",) if "torque" in log else tuple(name for name in ("i_d", "i_q") if name in log)
+    channels = {name: on_grid(log, prepared, name) for name in names}
+    band = max(BAND, prefilter(prepared))
+    if band < 0.45 * prepared.rate:
+        channels = {name: low_pass(values, prepared.rate, band) for name, values in channels.items()}
+    return logged_torque(design, channels)

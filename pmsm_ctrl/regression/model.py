@@ -118,13 +118,6 @@ class Model:
         made = Model.of((*self.groups, group), (*self.names, *names), nominal, sigma)
         return replace(made, doubt=self.doubt, bias=self.bias, answers=self.answers)
 
-    def first(self, groups: int) -> Model:
-        """Return a copy with the first so many groups alone, what is held as it is."""
-        k = self.columns_of(groups).start
-        made = Model.of(self.groups[:groups], self.names[:k], self.nominal[:k], self.sigma[:k])
-        doubt, bias = ({n: v for n, v in known.items() if n < k} for known in (self.doubt, self.bias))
-        return replace(made, doubt=doubt, bias=bias, answers=self.answers)
-
     # Read in every fit, some times.
     @cached_property
     def entering(self) -> tuple[NDArray[np.int64], ...]:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log, Span
 from pmsm_ctrl.regression.conditioning import PREFILTER, Prepared
+from pmsm_ctrl.regression.encoder_steps import StepErrors
 from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.timing import punctual
 
 __all__ = [
     "EDGE_PERIODS",
@@ -23,10 +25,12 @@ __all__ = [
     "torque_noise",
     "uneven_weight",
     "voltage_weight",
+    "weight_of_torque",
 ]
 
 Array = NDArray[np.float64]
 
+STEADY = 0.02  # weight below which a sample's time cannot be believed
 MAD = 1.4826  # standard deviation of normal noise over the median of its magnitude
 # A channel's own noise is what it holds above this share of its rate: no motion reaches there.
 UPPER = 0.25
@@ -47,6 +51,27 @@ ROUNDED = 0.15
 WRONG_TORQUE = 0.02
 # How far a voltage balance can be trusted: shares of the inductive drop and of the voltage.
 WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
+
+
+def weight_of_torque(
+    log: Log, prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], used: NDArray[np.bool_],
+    steps: StepErrors | None, least: float,
+) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
+    """Return the weight of each thinned sample of the torque balance, shape (m,), and which of those `used` remain.
+
+    Edges of the drive signal, reversals and slow steps of the angle count less; a sample whose time stamp lies is left
+    out. `kink` holds the level of the dry friction and the inertia; errors up to the share `least` need no care.
+    """
+    source = "torque" if "torque" in log else "i_q"
+    slow = edge_weight(on_grid(log, prepared, source), prepared, EDGE_PERIODS, log.records, least)
+    if "theta" in log and not punctual(log, prepared.t, prepared.cutoff, jumps=False).all():
+        # a speed that jumps from sample to sample is a lying time stamp or a lost count
+        speed = np.gradient(np.unwrap(on_grid(log, prepared, "theta")))
+        steady = edge_weight(speed, prepared, EDGE_PERIODS, log.records)
+        slow, used = slow * steady, used & (steady > STEADY)
+    noise = torque_noise(log, prepared, signals, least)
+    weight = slow * reversal_weight(prepared, signals, kink, noise, None if steps is None else steps.speed)
+    return (weight if steps is None else weight * uneven_weight(kink[1] * steps.filtered, noise, used)), used
 
 
 def torque_noise(log: Log, prepared: Prepared, signals: Mapping[str, Array], least: float = WRONG_TORQUE) -> float:
