@@ -16,6 +16,7 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 __all__ = [
     "CrossValidation",
     "beside_rivals",
+    "beyond_sampling",
     "cross_validation",
     "determined",
     "error_lowered",
@@ -264,6 +265,26 @@ def no_plain_error_worse(before: float, after: float, policy: Policy = POLICY) -
     policy : Policy
     """
     return Refusal(Reason.BALANCE_WORSE, {"balance": "torque"}) if after > policy.unchanged * before else None
+
+
+def beyond_sampling(
+    value: float, stderr: float, possible: tuple[float, float], policy: Policy = POLICY
+) -> Refusal | None:
+    """Check that a delay lies beyond what the sampling of the channels can make.
+
+    Parameters
+    ----------
+    value, stderr : float
+        Of the delay, s.
+    possible : (float, float)
+        How early and how late a sample can be, s.
+    policy : Policy
+    """
+    low, high = possible
+    if max(value - high, low - value) > policy.sure_errors * stderr:
+        return None
+    found = {"value": value, "stderr": stderr, "low": low, "high": high}
+    return Refusal(Reason.WITHIN_SAMPLING, {name: 1e3 * seconds for name, seconds in found.items()})
 
 
 def holdout(before: Mapping[str, float], after: Mapping[str, float], policy: Policy = POLICY) -> Refusal | None:

@@ -314,6 +314,9 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
     own = columns[-len(trial.values) :] if after.position(len(after.accepted) - 1) is not None else ()
     amplitudes = {model.names[k]: (float(inside.values[k]), stderr[k]) for k in own}
     refusal = criteria.determined(amplitudes, _ran_out(last))
+    if refusal is None and last.effect.structure.delays:
+        value, error = next(iter(amplitudes.values()))
+        refusal = criteria.beyond_sampling(value, error, (-after.record.early, after.record.sampling), policy)
     beyond = outside(after.plain, base)
     if refusal is not None or beyond is None:
         return refusal

@@ -54,7 +54,7 @@ MUTATIONS = (
              "(1.0 + (passed * edge) ** 2) ** 2", "(1.0 + 0.0 * edge) ** 2",
              "unit/regression/test_weights.py"),
     Mutation("weight: reversals count in full", "regression/weights.py",
-             "return 1.0 / (1.0 + (wrong / max(noise, 1e-300)) ** 2)", "return 1.0 / (1.0 + 0.0 * wrong)",
+             "return 1.0 / (1.0 + (wrong / noise) ** 2)", "return 1.0 / (1.0 + 0.0 * wrong)",
              "unit/regression/test_weights.py"),
     Mutation("Holm: every rank pays for one test less", "evidence/tests.py",
              "(len(p_values) - rank)", "(len(p_values) - rank - 1)", "unit/evidence/test_tests.py"),

@@ -188,3 +188,14 @@ def test_every_reason_has_words_and_every_notice_its_own_code() -> None:
     assert len(set(codes)) == len(codes)
     assert all(re.fullmatch(r"[a-z_]+", code) for code in codes)
     assert not any(one.words.endswith(".") for one in templates)
+
+
+@pytest.mark.parametrize(
+    ("value", "named"), [(0.5e-3, False), (1.2e-3, False), (1.4e-3, True), (-1.9e-3, False), (-2.4e-3, True)]
+)
+def test_a_delay_is_named_beyond_what_sampling_can_do(value: float, named: bool) -> None:
+    refusal = criteria.beyond_sampling(value, 0.1e-3, (-2e-3, 1e-3))
+    assert (refusal is None) == named
+    if refusal is not None:
+        assert refusal.reason is Reason.WITHIN_SAMPLING
+        assert "where -2 to 1 ms are possible" in str(refusal)
