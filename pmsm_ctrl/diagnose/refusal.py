@@ -49,8 +49,8 @@ WORDS: Mapping[Reason, str] = {
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",
     Reason.NOT_DETERMINED: "rejected: {parameter} = {value:.3g} +- {stderr:.2g}, not determined by this log",
-    Reason.WITHIN_SAMPLING: "sampling alone can make it: {value:.2g} +- {stderr:.1g} ms, where {low:.2g} to {high:.2g} ms are "
-    "possible",
+    Reason.WITHIN_SAMPLING: "sampling alone can make it: {value:.2g} +- {stderr:.1g} ms, where {low:.2g} to {high:.2g} "
+    "ms are possible",
     Reason.HOLDOUT_WORSE: "rejected: increases the error on the held-out record",
     Reason.NOT_NEEDED: "not needed by the final model",
     Reason.NOT_EXCITED: "not excited: {percent:.0f} % of the motion is slow enough for order {order}; needs {needs}",
