@@ -30,6 +30,7 @@ from pmsm_ctrl.regression.drive_timing import (
     stated_timing,
 )
 from pmsm_ctrl.regression.encoder_lines import shown_lines
+from pmsm_ctrl.regression.instruments import by_reference
 from pmsm_ctrl.regression.model import AGE, FILTERED, FIXED, MOST_NOISE, noise_share
 from pmsm_ctrl.regression.notices import DRIVE_FILTERED, ENCODER_LINES, SHOWN_MS
 from pmsm_ctrl.regression.saturated import rough_weights
@@ -187,18 +188,34 @@ def _with_filter_said(record: Record) -> Record:
 
 
 def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:
-    """Return the filter of the drive signal that explains a delay beyond what sampling can do; none where none does.
+    """Return the filter of the drive signal that explains what sampling cannot do; none where none does.
 
-    A delay that is beyond by less than its uncertainty is none: friction that the design lacks looks like one.
+    A delay beyond that by less than its uncertainty is none: friction that the design lacks looks like one. A variance
+    is beyond it where a mean over a period has less: two moments do not describe a filter that reaches into the band.
     """
-    if record.timing == UNDELAYED and fit.level(LATENESS) <= record.sampling:
+    settled = fit.level(LATENESS) <= record.sampling and not _spread_out(record, fit)
+    if record.timing == UNDELAYED and settled:
         return UNDELAYED
     free = base_fit(design, record, settled=False)
-    delay = record.timing.delay + free.level(LATENESS)
-    if delay - record.sampling <= SURE * free.value(LATENESS)[1]:
+    delay, stderr = record.timing.delay + free.level(LATENESS), free.value(LATENESS)[1]
+    value, error = record.timing.spread + free.value(SPREAD)[0], free.value(SPREAD)[1]
+    if delay - record.sampling > SURE * stderr:
+        return filter_behind(delay, (value, error), record.sampling) or UNDELAYED
+    if delay <= SURE * stderr or not _spread_out(record, free):
         return UNDELAYED
-    value, stderr = free.value(SPREAD)
-    return filter_behind(delay, (record.timing.spread + value, stderr), record.sampling) or UNDELAYED
+    lag = min(math.sqrt(2.0 * value), delay)
+    return DriveTiming(delay - lag, lag)
+
+
+def _spread_out(record: Record, fit: Estimated) -> bool:
+    """Whether the impulse response of the drive signal has a larger variance than a mean over a period.
+
+    By the reference as well, where there is one: noise that the controller answers makes it large for least squares.
+    """
+    told = by_reference(fit.record, fit.model, float(fit.weights.sigma[0]))
+    found = [fit.value(SPREAD), *([] if told is None else [told.spread])]
+    mean = record.sampling**2 / 24.0
+    return all(record.timing.spread + value - mean > SURE * stderr for value, stderr in found)
 
 
 def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Estimated]:
