@@ -96,7 +96,8 @@ def size(
     policy : Policy
     """
     least = policy.small_size if explained > policy.explained else policy.size
-    if share < least:
+    telling = explained > policy.refused_share and excess > policy.with_memory  # most of what is wrong, however small
+    if share < least and not (telling and share > 0.0):
         return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share})
     if excess < (policy.with_memory if memory else policy.excess):
         return Refusal(Reason.MINOR, {"percent": 100.0 * min(excess, 1.0)})

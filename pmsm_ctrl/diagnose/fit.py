@@ -42,6 +42,7 @@ from pmsm_ctrl.regression.bounds import bounded
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects, seen_as_candidate
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
+from pmsm_ctrl.regression.spread import with_mean
 
 __all__ = ["BASE", "Accepted", "Elsewhere", "Fitted", "fit_design", "predicted_elsewhere", "ranked"]
 
@@ -134,6 +135,7 @@ class Fitted:
             whole, groups=whole.groups[:last], names=whole.names[:k], nominal=whole.nominal[:k], sigma=whole.sigma[:k],
             matrix=whole.matrix[:, :, :k], doubt=doubt, bias=bias,
         )  # fmt: skip
+        model = with_mean(self.record, model, self.whitener)  # what the effect was is no mean by chance
         solved, plain = (solve_model(self.record, model, weights) for weights in (self.whitener, self.weights))
         return replace(
             self, model=model, solved=solved, plain=plain, estimate=bounded(plain), accepted=self.accepted[:-1],

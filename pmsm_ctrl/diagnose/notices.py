@@ -13,6 +13,7 @@ __all__ = [
     "BEYOND_BAND",
     "BEYOND_LOG",
     "DEPENDENCE",
+    "EDGES_ABOVE_FLOOR",
     "EFFECT_NOT_EXCITED",
     "ESTIMATE_AT_BOUND",
     "EVENT_BRAKE",
@@ -146,6 +147,11 @@ LITTLE_EXPLAINED = Template(
 ABOVE_FLOOR = Template(
     "above_noise_floor",
     "the residual of the {balance} is {ratio:.2g} times its noise floor, with no significant dependence",
+)
+EDGES_ABOVE_FLOOR = Template(
+    "edges_above_noise_floor",
+    "the residual of the {balance} is {ratio:.2g} times its noise floor at its edges, which this log does not sample: "
+    "what acts there alone is not seen",
 )
 OUTSIDE_TOLERANCE = Template(
     "parameter_outside_tolerance",

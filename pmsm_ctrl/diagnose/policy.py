@@ -109,10 +109,13 @@ class Policy:
         Share of the torque from which on a dry friction below zero contradicts the design; with less it stays at zero,
         and something else is missing. A convention.
     above_floor : float
-        Weighted residual over the noise floor up to which a torque that is not explained may be noise, and no
-        contradiction of log and design. A convention.
+        Residual over the noise floor up to which a torque that is not explained may be noise, and no contradiction of
+        log and design; from which on a log is not called consistent for its edges alone, weighted lightly as they are.
+        A convention: nine tenths of the mean square are no noise. One clean world in ten has such edges.
     refused_share : float
-        The same for a significant effect that was refused: the share of the residual that it would explain.
+        Share of the residual that a significant effect would explain that was refused: a log is not called consistent
+        then. An effect that explains so much, and most of what the residual has above its noise floor, is worth a name
+        however small. Worlds.
     events : Search
         What counts as an event. Pushes, brakes and steps of 0.7 F_c in 14 worlds; one named in 160 worlds without.
     alarms : float
@@ -155,7 +158,7 @@ class Policy:
     explained_torque: float = 0.5
     implausible_factor: float = 3.0
     friction_share: float = 0.1
-    above_floor: float = 2.0
+    above_floor: float = 3.0
     refused_share: float = 0.1
     events: Search = field(default_factory=Search)
     alarms: float = 0.05

@@ -170,9 +170,11 @@ def open_questions(
         level = level_of(fit, row)
         if row == 0 and level.explained < policy.explained_torque:
             yield notices.LITTLE_EXPLAINED(percent=100.0 * max(level.explained, 0.0))
+        balance = fit.record.drive if row == 0 else name
         if level.left**2 * (1.0 - policy.explained_torque) > 1.0:  # most of the residual is no noise
-            balance = fit.record.drive if row == 0 else name
             yield notices.ABOVE_FLOOR(balance=balance, ratio=level.left)
+        elif row == 0 and (ratio := _at_edges(fit)) > policy.above_floor:
+            yield notices.EDGES_ABOVE_FLOOR(balance=balance, ratio=ratio)
     for deviation in deviations:
         if deviation.flagged and deviation.parameter != "K_t":  # J, psi_f: a wrong K_t alone only scales
             percent = 100.0 * (deviation.estimate / deviation.nominal - 1.0)
@@ -180,6 +182,11 @@ def open_questions(
         if deviation.parameter == "F_c" and deviation.nominal > 0.0 >= deviation.estimate:
             yield notices.NO_FRICTION(parameter=deviation.parameter, value=deviation.estimate)
     yield from _refused(selection, policy)
+
+
+def _at_edges(fit: Fitted) -> float:
+    """Return the rms residual of the torque over its noise floor, all moving samples alike: edges stand out of it."""
+    return float(np.sqrt(np.mean(fit.residual[0][fit.record.mask] ** 2))) / max(float(fit.whitener.sigma[0]), 1e-300)
 
 
 def _refused(selection: Selection, policy: Policy) -> Iterator[Notice]:

@@ -32,7 +32,7 @@ from pmsm_ctrl.regression.records import (
 )
 from pmsm_ctrl.regression.weights import MAD
 
-__all__ = ["Levels", "disagreement", "levels_of", "spreads", "with_noise_of_records", "with_spread", "without_level"]
+__all__ = ["Levels", "disagreement", "levels_of", "spreads", "with_mean", "with_noise_of_records", "with_spread", "without_level"]
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -94,8 +94,31 @@ def with_spread(record: Record, model: Model, whitener: Whitener) -> Model:
     for symbol, where in places.items():
         sigma[where] = found[symbol]
     information[level, level] += 1.0 / sigma[level] ** 2
-    by_chance = _mean_by_chance(information, along, mean, found["offset"], COUNTS + count - 1.0)
-    sigma[mean] = found["offset"] if by_chance else SMALLEST * found["offset"]
+    return _with_mean(replace(model, sigma=sigma), information, along, count)
+
+
+def with_mean(record: Record, model: Model, whitener: Whitener) -> Model:
+    """Return the model with the mean of the constant torques free only as far as their spread, as it is, explains it.
+
+    Parameters
+    ----------
+    record : Record
+    model : Model
+    whitener : Whitener
+    """
+    count = len(record.records)
+    if count < 2:
+        return model
+    information, along = _information(solve_model(record, model, whitener), np.array([model.names.index(MEAN)]))
+    return _with_mean(model, information, along, count)
+
+
+def _with_mean(model: Model, information: Array, along: Array, count: int) -> Model:
+    """Return the model with a prior of the mean, from the information without one and its product with the values."""
+    mean, spread = model.names.index(MEAN), spreads(model, count)["offset"]
+    sigma = model.sigma.copy()
+    by_chance = _mean_by_chance(information, along, mean, spread, COUNTS + count - 1.0)
+    sigma[mean] = spread if by_chance else SMALLEST * spread
     return replace(model, sigma=sigma)
 
 
