@@ -251,10 +251,16 @@ def _lines(record: Stretch, spectrum: Complex) -> NDArray[np.intp]:
 
 
 def _follows(records: tuple[Stretch, ...], name: str) -> bool:
-    """Whether a reference has content where the torque has, in every record."""
+    """Whether a reference has content where the torque has, in every record.
+
+    The current reference without the answer to noise holds all that moves the axis but noise. It need not be compared
+    with the torque, in which the answer to a coarse encoder can be larger than the excitation.
+    """
     for one in records:
         if name not in one.channels or np.ptp(one.channels[name]) == 0.0:
             return False
+        if name == ADDED:
+            continue
         sent, torque = one.spectrum(name), one.spectrum("torque")
         lines = _lines(one, torque)
         seen = local_polynomial(sent, torque[:, None], lines)
