@@ -317,7 +317,8 @@ class Stepwise(Result):
             if each is not None:
                 each(_model_errors(case, selection.fit, f"+ {name_of(selection.steps[-1].trial)}"))
 
-        found = finished(case, searched(case, plan, advance, report), self._holdouts)
+        case, found = searched(case, plan, advance, report)
+        found = finished(case, found, self._holdouts)
         fits = found.selection.fits
         names = tuple(one.effect.label(one.shape) for one in found.selection.accepted)
         titles = ("base parameters", *(f"+ {name}" for name in names))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,6 +52,8 @@ class Case:
         Of the log.
     given : Design or None
         The design as it was given, where that is another one.
+    shown : function or None
+        Returns the case conditioned with a design that has effects which the log has shown.
     fits : list of Fitted
         Those of the selections made so far: the same effects of the same shapes are not fitted twice.
     """
@@ -67,6 +69,7 @@ class Case:
     events: tuple[Event, ...] = ()
     name: str = "the given log"
     given: Design | None = None
+    shown: Callable[[Design], Case] | None = field(default=None, repr=False)
     fits: list[Fitted] = field(default_factory=list, repr=False)
 
     @property

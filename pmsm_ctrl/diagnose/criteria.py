@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 
 __all__ = [
     "CrossValidation",
+    "beside_larger",
     "beside_rivals",
     "beyond_sampling",
     "cross_validation",
@@ -102,6 +103,22 @@ def size(
     if excess < (policy.with_memory if memory else policy.excess):
         return Refusal(Reason.MINOR, {"percent": 100.0 * min(excess, 1.0)})
     return None
+
+
+def beside_larger(share: float, largest: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect is no part of what the models of those accepted before leave.
+
+    Parameters
+    ----------
+    share : float
+        Its contribution over the rms of the balance, where it is largest.
+    largest : float
+        The same of the largest of them; 0 where there is none.
+    policy : Policy
+    """
+    if share >= policy.beside * largest:
+        return None
+    return Refusal(Reason.BESIDE_LARGER, {"percent": 100.0 * share, "largest": 100.0 * largest})
 
 
 def cross_validation(

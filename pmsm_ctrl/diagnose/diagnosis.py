@@ -21,11 +21,14 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.events import events_of, without_events
 from pmsm_ctrl.diagnose.experiment import next_experiment
+from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.notices import of_calibration
 from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
@@ -45,7 +48,7 @@ from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
-from pmsm_ctrl.regression.columns import forget_effects
+from pmsm_ctrl.regression.columns import SINGLE, forget_effects
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import name_of
@@ -134,7 +137,7 @@ def diagnose(
     advance = progress or (lambda share: None)
     share = 1.0 / (1.0 + calibrate)
     case = condition(design, logs, holdouts, offered, policy)
-    found = _answer(case, plan, lambda done: advance(share * done))
+    case, found = _answer(case, plan, lambda done: advance(share * done))
     found = finished(case, with_polish(case, found) if polish else found, holdouts)
     if told is not None:
         found = compared(case, found, told)
@@ -146,14 +149,14 @@ def diagnose(
     return found
 
 
-def _answer(case: Case, plan: bool, progress: Progress) -> Diagnosis:
+def _answer(case: Case, plan: bool, progress: Progress) -> tuple[Case, Diagnosis]:
     """Accept effects, swap those that another one explains better, and add what they do not explain."""
     if case.believed is not None and case.believed.contradictions:
-        return outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
+        return case, outcome(case, Selection((case.fit(()),)), None, None)  # no name would mean anything
     return searched(without_what_happened_once(case), plan, progress)
 
 
-def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = None) -> Diagnosis:
+def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = None) -> tuple[Case, Diagnosis]:
     """Accept effects, swap those that another one explains better, and judge what is left.
 
     Parameters
@@ -169,10 +172,12 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
 
     Returns
     -------
-    Diagnosis
+    (Case, Diagnosis)
+        The log conditioned as what was found in it calls for, and the answer.
     """
-    selection = _select(case, progress=progress, taken=taken)
-    selection = swap(case, selection, partial(_select, progress=lambda share: progress(0.9)))
+    again = partial(_select, progress=lambda share: progress(0.9))
+    selection = swap(case, _select(case, progress=progress, taken=taken), again)
+    case, selection = conditioned_again(case, selection, lambda other: swap(other, again(other), again))
     forget_effects(case.record)  # hundreds of columns that no test of a candidate needs any more
     case.fits.clear()
     selection = selection.with_last_candidates()
@@ -184,7 +189,37 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     else:  # what most of the torque is, no name can tell
         selection = Selection((case.fit(()),), (), selection.refused)
     experiment = next_experiment(case, selection) if plan else None
-    return outcome(case, selection, structure, experiment)
+    return case, outcome(case, selection, structure, experiment)
+
+
+def conditioned_again(case: Case, found: Selection, select: Callable[[Case], Selection]) -> tuple[Case, Selection]:
+    """Select again on the log conditioned with the first effect, where others were accepted beside it.
+
+    The filter of the drive signal, the band and the weights were found with a model that lacked it, and what they are
+    wrong by looks like a second effect. The new answer counts where the first effect stands in it as well.
+
+    Parameters
+    ----------
+    case : Case
+    found : Selection
+    select : function
+        Of a case.
+
+    Returns
+    -------
+    (Case, Selection)
+    """
+    first = found.accepted[0].effect if found.steps else None
+    if first is None or len(found.steps) < 2 or first.enters == "measurement" or case.shown is None:
+        return case, found
+    other = case.shown(fitted_design(case.design, found.fits[1]))
+    now, then = other.record, case.record
+    if now.timing == then.timing and now.cutoff == then.cutoff and np.allclose(now.weight, then.weight):
+        return case, found
+    other = without_what_happened_once(other)
+    again = select(other)
+    same = again.steps and first.id in (again.accepted[0].effect.id, *again.steps[0].equivalents)
+    return (other, again) if same else (case, found)
 
 
 def finished(case: Case, found: Diagnosis, holdouts: tuple[Log, ...]) -> Diagnosis:
@@ -241,8 +276,9 @@ def _select(
 
 
 def condition(
-    design: Design, log: Logs, holdouts: tuple[Log, ...], offered: Mapping[str, Effect], policy: Policy
-) -> Case:
+    design: Design, log: Logs, holdouts: tuple[Log, ...], offered: Mapping[str, Effect], policy: Policy,
+    shown: Design | None = None,
+) -> Case:  # fmt: skip
     """Condition the log, and the held-out ones in the same way.
 
     Parameters
@@ -253,13 +289,18 @@ def condition(
     offered : dict of id to Effect
         The candidates.
     policy : Policy
+    shown : Design, optional
+        The same with effects that the log has shown, which say more of how it was sampled.
 
     Returns
     -------
     Case
     """
     believed = doubts_about(design, log)
-    record = timed_record(design, believed.log)
+    whole = with_friction(design)
+    record = timed_record(shown or whole, believed.log)
+    if shown is not None:
+        record = replace(record, design=whole, memo={}, kept={})
     fast = orders_beyond(design, believed.log, record.cutoff)
     others: list[Record] = []
     remarks = list(fast)
@@ -270,9 +311,11 @@ def condition(
         others.append(replace(other, records=()))  # whatever it is made of, nothing is fitted to it
         remarks += map(of_holdout, held_out.notices)
     names = tuple(name_of(one, number) for number, one in enumerate(holdouts, start=1))
+    again = partial(condition, design, log, holdouts, offered, policy)
     return Case(
-        with_friction(design), record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
+        whole, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
         name=names_of(as_logs(log), "the given log"), given=design,
+        shown=None if shown or len(record.mask) > SINGLE else again,
     )  # fmt: skip
 
 

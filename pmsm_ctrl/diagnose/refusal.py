@@ -19,6 +19,7 @@ class Reason(StrEnum):
     PARAMETER_AT_BOUND = "parameter_at_bound"
     NOT_SIGNIFICANT = "not_significant"
     TOO_SMALL = "too_small"
+    BESIDE_LARGER = "beside_larger"
     MINOR = "minor"
     NOT_CONFIRMED = "not_confirmed"
     EXPLAINED_BY_RIVALS = "explained_by_rivals"
@@ -41,6 +42,8 @@ WORDS: Mapping[Reason, str] = {
     Reason.PARAMETER_AT_BOUND: "rejected: parameter at its bound",
     Reason.NOT_SIGNIFICANT: "not significant (p = {p:.2g}, Holm)",
     Reason.TOO_SMALL: "significant but too small: {percent:.2g} % of the balance where it acts",
+    Reason.BESIDE_LARGER: "significant but too small beside the others: {percent:.2g} % of the balance, and no model "
+    "of {largest:.2g} % is as exact",
     Reason.MINOR: "significant but minor: {percent:.2g} % of what the residual has above its noise",
     Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
     Reason.EXPLAINED_BY_RIVALS: "channel timing, channel filters or harmonics of a turn explain it as well (gain "

@@ -167,12 +167,13 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
     if number == case.policy.most_steps:
         return Found(None, None, selection.refused)
     only = start[number] if number < len(start) else ""
+    largest = max((step.evidence.size for step in selection.steps), default=0.0)
     refused: dict[str, Refusal] = {}
     for trial, p_holm in zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True):
         name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
-        judged = _judge_trial(fit, trial, p_holm, case.policy)
+        judged = _judge_trial(fit, trial, p_holm, case.policy, largest)
         if isinstance(judged, Refusal):
             refused[name] = judged
             continue
@@ -239,8 +240,10 @@ def with_trial(case: Case, fit: Fitted, trial: Trial) -> Fitted:
     return case.fit(_with(case, fit, trial))
 
 
-def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Refusal | Evidence:
-    """Return what a candidate's columns tell, the cheapest criterion first."""
+def _judge_trial(
+    fit: Fitted, trial: Trial, p_holm: float, policy: Policy, largest: float = 0.0
+) -> Refusal | Evidence:  # fmt: skip
+    """Return what a candidate's columns tell, the cheapest criterion first, beside effects of this size at most."""
     refusal = criteria.signs(not trial.singular, not trial.wrong_sign) or criteria.significance(p_holm, policy)
     if refusal is not None:
         return refusal
@@ -251,6 +254,8 @@ def _judge_trial(fit: Fitted, trial: Trial, p_holm: float, policy: Policy) -> Re
         white = excess_of(fit.solved, trial, trial.gain)[1]
         excess = white if white > policy.with_memory else excess
     refusal = criteria.size(share, explained, excess, memory, policy)
+    if refusal is None and not trial.candidate.effect.order:
+        refusal = criteria.beside_larger(share, largest, policy)
     if refusal is not None:
         return refusal
     found, whole, relief = cross_validated(fit, trial)

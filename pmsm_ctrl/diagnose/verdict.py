@@ -92,7 +92,7 @@ def contradictions_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Notice, ...
     told = torque.explicable >= policy.explained_torque and _sharp(fit)
     names = POSITIVE if told else ELECTRICAL
     found = [notice for name in names if (notice := _impossible(fit, name, policy)) is not None]
-    noise = torque.left <= policy.above_floor  # what is left: no model explains more then
+    noise = torque.left**2 * policy.refused_share <= 1.0  # what is left: no model explains more then
     if told and not noise and torque.explained < policy.explained_torque * torque.explicable:
         found.append(notices.UNRELATED_TORQUE(percent=100.0 * max(torque.explained, 0.0)))
     return tuple(found)
@@ -173,7 +173,7 @@ def open_questions(
         balance = fit.record.drive if row == 0 else name
         if level.left**2 * (1.0 - policy.explained_torque) > 1.0:  # most of the residual is no noise
             yield notices.ABOVE_FLOOR(balance=balance, ratio=level.left)
-        elif row == 0 and (ratio := _at_edges(fit)) > policy.above_floor:
+        elif row == 0 and (ratio := _at_edges(fit)) ** 2 * policy.refused_share > 1.0:
             yield notices.EDGES_ABOVE_FLOOR(balance=balance, ratio=ratio)
     for deviation in deviations:
         if deviation.flagged and deviation.parameter != "K_t":  # J, psi_f: a wrong K_t alone only scales

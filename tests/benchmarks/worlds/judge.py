@@ -24,7 +24,6 @@ from tests.benchmarks.worlds.world import draw
 
 # Names that a log of this kind cannot tell from the hidden one, whatever the diagnosis says of it.
 SAME = {
-    "constant_load": {"viscous_asymmetry"} - {"viscous_asymmetry"},
     "cogging": {"torque_ripple"},
     "torque_ripple": {"cogging"},
     "current_offset": {"cogging"},
