@@ -32,7 +32,16 @@ from pmsm_ctrl.regression.records import (
 )
 from pmsm_ctrl.regression.weights import MAD
 
-__all__ = ["Levels", "disagreement", "levels_of", "spreads", "with_mean", "with_noise_of_records", "with_spread", "without_level"]
+__all__ = [
+    "Levels",
+    "disagreement",
+    "levels_of",
+    "spreads",
+    "with_mean",
+    "with_noise_of_records",
+    "with_spread",
+    "without_level",
+]
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]

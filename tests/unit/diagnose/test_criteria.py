@@ -38,11 +38,26 @@ def test_significance() -> None:
 
 @pytest.mark.parametrize(
     ("share", "explained", "passes"),
-    [(0.0041, 0.0, True), (0.0039, 0.0119, False), (0.0039, 0.0121, True), (0.0009, 0.5, False)],
+    [(0.0041, 0.0, True), (0.0039, 0.0119, False), (0.0039, 0.0121, True), (0.0009, 0.05, False)],
 )
 def test_size_is_that_of_the_balance_or_what_is_explained(share: float, explained: float, passes: bool) -> None:
     refusal = criteria.size(share, explained, 1.0)
     assert reason(refusal) is (None if passes else Reason.TOO_SMALL)
+
+
+def test_what_is_most_of_the_rest_is_worth_a_name_however_small() -> None:
+    least, most = POLICY.refused_share, POLICY.with_memory
+    assert criteria.size(0.0005, 1.01 * least, 1.01 * most) is None
+    for share, explained, excess in ((0.0005, 0.99 * least, 1.0), (0.0005, 1.0, 0.99 * most), (0.0, 1.0, 1.0)):
+        assert reason(criteria.size(share, explained, excess)) is Reason.TOO_SMALL
+
+
+def test_beside_a_larger_effect_a_small_one_may_be_what_that_leaves() -> None:
+    assert criteria.beside_larger(0.005, 0.0) is None
+    assert criteria.beside_larger(1.01 * POLICY.beside * 0.5, 0.5) is None
+    refusal = criteria.beside_larger(0.01, 0.5)
+    assert reason(refusal) is Reason.BESIDE_LARGER
+    assert str(refusal).endswith("too small beside the others: 1 % of the balance, and no model of 50 % is as exact")
 
 
 def test_size_is_a_share_of_what_is_above_the_noise() -> None:

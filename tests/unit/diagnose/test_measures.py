@@ -51,7 +51,7 @@ def fit(coarse: float = 0.0) -> Any:
 def test_contribution_is_judged_where_it_is_largest() -> None:
     part = np.zeros(180)
     part[:10] = 0.5  # of the noise's 2 N m: 1 N m in ten samples of 90, a tenth of the balance
-    trial = SimpleNamespace(plain_direction=part)
+    trial = SimpleNamespace(plain_direction=part, group=SimpleNamespace(entering=((0, None),)))
     assert contribution(fit(), trial) == pytest.approx(0.1, rel=0.01)  # type: ignore[arg-type]
     assert contribution(fit(coarse=0.99), trial) == pytest.approx(0.1, rel=0.01)  # type: ignore[arg-type]
     assert contribution(fit(coarse=1.01), trial) == 0.0  # type: ignore[arg-type]

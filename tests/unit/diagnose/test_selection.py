@@ -48,7 +48,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
     def play(names: list[str], before: dict[str, Reason], after: dict[str, Reason], **given: Any) -> Found:
         judged: list[str] = []
 
-        def judge(fit: Any, one: Any, p_holm: float, policy: Any) -> Any:
+        def judge(fit: Any, one: Any, p_holm: float, policy: Any, largest: float) -> Any:
             judged.append(one.candidate.effect.id)
             return Refusal(before[judged[-1]]) if judged[-1] in before else SimpleNamespace(name=judged[-1])
 
@@ -63,7 +63,8 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(rounds, "equivalents", lambda *a: ())
         accepted = given.get("accepted", ())
         fit = SimpleNamespace(accepted=accepted, trials=tuple(trial(name) for name in names))
-        so_far = Selection((fit,), tuple(accepted), {"z": Refusal(Reason.TOO_SMALL)})  # type: ignore[arg-type]
+        steps: Any = tuple(SimpleNamespace(evidence=SimpleNamespace(size=0.1)) for _ in accepted)
+        so_far = Selection((fit,), steps, {"z": Refusal(Reason.TOO_SMALL)})  # type: ignore[arg-type]
         return best(FakeCase(), so_far, given.get("start", ()))  # type: ignore[arg-type]
 
     return play

@@ -42,6 +42,16 @@ def test_a_load_that_all_records_share_is_named_and_judged_on_records_left_out()
     assert load.value == pytest.approx(0.00415, rel=0.05)
 
 
+def test_without_a_load_its_torque_is_left_and_not_taken_up_by_what_records_differ_in() -> None:
+    logs = records([{"offset": 0.03 + 0.004 * k} for k in (-1.0, 0.2, 0.8)])
+    fit = diagnose(DESIGN, logs, candidates=["constant_load"], plan=False).selection.fit
+    bare = fit.without_last()
+    assert bare is not None
+    left = [float(np.sqrt(np.mean(one.residual[0][one.record.mask] ** 2))) for one in (bare, fit)]
+    assert left[0] == pytest.approx(0.03, rel=0.15)
+    assert left[1] < 5e-4
+
+
 def test_a_wave_is_found_across_other_zeros_of_the_angle() -> None:
     logs = records([{"zero": zero} for zero in (0.0, 0.3, -0.2, 0.1)], wave=0.004)
     found = diagnose(DESIGN, logs, candidates=FEW, plan=False)

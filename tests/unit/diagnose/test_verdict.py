@@ -41,6 +41,7 @@ def fit_of(
     matrix[0, :, list(at).index("F_c")] = -100.0 * friction * measured * row[0]  # of the torque, where F_c is -0.01
     return SimpleNamespace(
         record=record, residual=left * row, weights=SimpleNamespace(sigma=np.ones(1)),
+        whitener=SimpleNamespace(sigma=np.ones(1)),
         model=SimpleNamespace(names=list(at), nominal=nominal, matrix=matrix),
         plain=SimpleNamespace(values=np.array(list(at.values())), stderr=0.01 * nominal),
         trials=[], solved=SimpleNamespace(rest_of=lambda row: np.full(10, 10.0)),  # a sum of squares of 1000
@@ -127,6 +128,16 @@ def test_a_residual_well_above_its_floor_is_not_consistent() -> None:
     # half of a sum of squares of 2 is noise: beyond that all candidates together explain most of the residual
     assert verdict_of(fit_of(left=1.42)) == ("inconclusive", ["above_noise_floor"])
     assert verdict_of(fit_of(left=1.41)) == ("consistent", [])
+
+
+@pytest.mark.parametrize(("height", "expected"), [(10.0, "inconclusive"), (9.0, "consistent")])
+def test_a_residual_of_edges_that_are_weighted_lightly_is_not_consistent(height: float, expected: str) -> None:
+    fit = fit_of(samples=4e3)
+    edges = np.arange(4000) % 10 == 0
+    fit.record.weight[0, edges] = 0.1
+    fit.residual[0, edges] *= height
+    verdict, codes = verdict_of(fit)
+    assert (verdict, codes) == (expected, ["edges_above_noise_floor"] if expected == "inconclusive" else [])
 
 
 def test_a_record_that_is_too_short_decides_nothing() -> None:

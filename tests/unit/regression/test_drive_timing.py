@@ -34,8 +34,13 @@ def believed(F_c: float = F_C, F_v: float = F_V) -> Design:
     return drive.with_effect("coulomb", {"F_c": F_c}).with_effect("viscous", {"F_v": F_v})
 
 
-def made(seed: int, *, late: float = 0.0, mean: bool = False, lag: float = 0.0, pieces: int = 1) -> Log:
-    """Return a log of sines of speed, its current late, a mean over the period before, or filtered, in closed form."""
+def made(
+    seed: int, *, late: float = 0.0, mean: bool = False, lag: float = 0.0, pieces: int = 1, wave: float = 0.0
+) -> Log:  # fmt: skip
+    """Return a log of sines of speed, its current late, a mean over the period before, or filtered, in closed form.
+
+    `wave` is a torque once a turn, N m.
+    """
     rng = np.random.default_rng(seed)
     step, parts = PERIOD / FINE, ((14.0, 2.1), (6.0, 5.3), (0.8, 41.0), (0.3, 77.0))
     phases = rng.uniform(0.0, 6.28, len(parts))
@@ -46,7 +51,7 @@ def made(seed: int, *, late: float = 0.0, mean: bool = False, lag: float = 0.0, 
             lambda a, w, x: a * np.sin(x), lambda a, w, x: a * w * np.cos(x), lambda a, w, x: -a / w * np.cos(x)
         )
     )  # fmt: skip
-    torque = J * alpha + F_C * np.sign(speed) + F_V * speed
+    torque = J * alpha + F_C * np.sign(speed) + F_V * speed + wave * np.sin(theta + 1.0)
     if mean:
         torque = lfilter(np.full(FINE, 1.0 / FINE), 1.0, torque)
     if lag > 0.0:
@@ -157,6 +162,12 @@ def test_a_filter_of_the_current_is_no_effect_and_its_time_constant_is_reported(
     assert found.timing.lag == pytest.approx(lag, rel=0.05)
     assert "drive_signal_filtered" in found.to_dict()["warning_codes"]
     assert f"about {1e3 * found.timing.lag:.2g} ms" in found.summary()
+
+
+@pytest.mark.parametrize("lag", [5e-3, slow(2e-3)])
+def test_a_filter_is_found_beside_an_effect_that_hides_it_at_first(lag: float) -> None:
+    found = diagnose(believed(), made(3, lag=lag, wave=1.5), plan=False)
+    assert [step.effect for step in found.steps] == ["unbalance"]
 
 
 def test_a_filter_that_the_log_states_is_not_said_again() -> None:
