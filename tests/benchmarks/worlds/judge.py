@@ -103,8 +103,12 @@ def report(rows: list[dict[str, Any]]) -> None:
     refused = [r for r in rows if r["verdict"] == "refused"]
     judged = [r for r in clean if r["verdict"] != "refused"]
     print(f"\nclean logs, something named: {interval(sum(bool(r['named']) for r in judged), len(judged))}")
-    alarms = [r for r in judged if r["named"] or r["flagged"] or r["verdict"] in ("unexplained", "implausible")]
-    print(f"clean logs, named, flagged or unexplained: {interval(len(alarms), len(judged))}")
+    flagged = [r for r in judged if r["named"] or r["flagged"]]
+    print(f"clean logs, named or a parameter flagged: {interval(len(flagged), len(judged))}")
+    alarms = [r for r in judged if r in flagged or r["verdict"] in ("unexplained", "implausible")]
+    print(f"clean logs, unexplained or implausible alone: {interval(len(alarms) - len(flagged), len(judged))}")
+    print(f"clean logs, any of these: {interval(len(alarms), len(judged))}")
+    print(f"clean logs, inconclusive: {interval(sum(r['verdict'] == 'inconclusive' for r in judged), len(judged))}")
     print(f"  verdicts {dict(Counter(r['verdict'] for r in clean))}")
     print(f"  names {dict(Counter(n for r in judged for n in r['named']).most_common())}")
     print(f"  flags {dict(Counter(n for r in judged for n in r['flagged']).most_common())}")
@@ -123,7 +127,8 @@ def report(rows: list[dict[str, Any]]) -> None:
             answers = Counter("+".join(r["named"]) or r["verdict"] for r in part).most_common(4)
             print(f"| {effect} | {sum(r['right'] for r in part)}/{len(part)} | {answers} |")
     print(
-        "\n| property | clean: named or flagged | hidden: false name | hidden: first (margin >= 3) |\n|---|---|---|---|"
+        "\n| property | clean: named or flagged | clean: or unexplained | hidden: false name | "
+        "hidden: first (margin >= 3) |\n|---|---|---|---|---|"
     )
     for name in PROPERTIES:
         groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
@@ -134,9 +139,9 @@ def report(rows: list[dict[str, Any]]) -> None:
             c = [r for r in part if r["hidden"] is None]
             h = [r for r in part if r["hidden"] is not None]
             s = [r for r in h if r["margin"] >= 3.0]
-            bad = sum(r in alarms for r in c)
-            print(f"| {name} {value} | {bad}/{len(c)} | {sum(bool(r['false']) for r in h)}/{len(h)} | "
-                  f"{sum(r['right'] for r in s)}/{len(s)} |")  # fmt: skip
+            bad, all_bad = sum(r in flagged for r in c), sum(r in alarms for r in c)
+            print(f"| {name} {value} | {bad}/{len(c)} | {all_bad}/{len(c)} | "
+                  f"{sum(bool(r['false']) for r in h)}/{len(h)} | {sum(r['right'] for r in s)}/{len(s)} |")  # fmt: skip
 
 
 def main() -> None:
