@@ -29,9 +29,9 @@ CYCLES = Template(
 )
 FLOOR = Template(
     "noise_floor",
-    "the error left at reversals ({change:+.0f} % RMS) is that of the axis without any friction: noise of the measured "
-    "currents and of the encoder, which no compensation lowers; of the error that friction adds to it, {own:.0f} % is "
-    "removed",
+    "with compensation the error at reversals ({change:+.0f} % RMS) equals that of the axis without friction: it is "
+    "noise of the current measurement and the encoder, which no compensation lowers; {own:.0f} % of the error due to "
+    "friction is removed",
 )
 
 

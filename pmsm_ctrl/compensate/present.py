@@ -30,12 +30,13 @@ SHOWN = (
     ("warm-up", "rms", WARM_UP),
 )  # fmt: skip
 METHOD = (
-    "The baseline already feeds inertia and delay forward, so that the changes are due to friction alone. A gain is "
-    "safe when neither it nor any smaller one has a limit cycle at rest, also after a disturbance that can start one, "
-    "or an RMS error above that without compensation: with the parameters right and 20 % wrong, on the plant and on "
-    "the same plant with presliding where it has none (a bristle of 0.5 mrad, 10 um for a linear axis). The error of "
-    "the circle is that of its contour; during the warm-up Coulomb and viscous friction fall by 40 %. A motion at rest "
-    "of less than one encoder count is no limit cycle. The axis without friction shows what noise and the loops leave."
+    "The baseline already has feedforward of inertia and delay, so that the changes are due to friction alone. A gain "
+    "is safe when neither it nor any smaller gain causes a limit cycle at rest or an RMS error above that without "
+    "compensation. Limit cycles are also looked for after a disturbance that can start one. Each gain is tried with "
+    "the right parameters and with parameters 20 % wrong, on the plant and, if it has no presliding, on the plant with "
+    "presliding (a bristle of 0.5 mrad, 10 um for a linear axis). A motion at rest of less than one encoder count is "
+    "no limit cycle. The error of the circle is its contour error. During the warm-up Coulomb and viscous friction "
+    "fall by 40 %. The axis without friction shows the error that noise and the loops cause."
 )
 
 
@@ -64,7 +65,7 @@ def first_pictures(result: CompensationStudy) -> tuple[Picture, ...]:
 
         return (figures.reversal if example.angle is None else figures.circle)(example, angle)
 
-    words = ("Position error at a reversal: what friction causes, and what is left of it with compensation.",
+    words = ("Position error at a reversal, caused by friction, without and with compensation.",
              "Error of a circle: each axis turns, and friction shows, at the ends of a diameter.")  # fmt: skip
     return tuple(Picture(partial(drawn, e), words[e.angle is not None]) for e in result.examples)
 
@@ -149,7 +150,7 @@ def _worth(result: CompensationStudy) -> str:
 
     (right, wrong), (observed, off) = ((left(v, (1.0,)), left(v, FACTORS)) for v in (Variant.ALL, Variant.OBSERVER))
     told = "; ".join(
-        f"{when} {percent(a[0], 0)} of the RMS error and {percent(a[1], 0)} of the peak at reversals are left, with "
+        f"{when} {percent(a[0], 0)} of the RMS error and {percent(a[1], 0)} of the peak at reversals remain, with "
         f"the observer {percent(b[0], 0)} and {percent(b[1], 0)}"
         for when, a, b in (("with the right parameters", right, observed), ("20 % wrong", wrong, off))
     )

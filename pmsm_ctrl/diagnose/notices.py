@@ -49,11 +49,11 @@ __all__ = [
 ]
 
 NOT_EXCITED = Template("not_excited", "{parameters} not excited by this motion")
-NOT_POLISHED = Template("not_polished", "the parameters stay those of the regression: {why}")
+NOT_POLISHED = Template("not_polished", "the parameters are not refined by simulation: {why}")
 POLISHED = Template(
     "polished",
-    "the parameters are refined by simulation: stretches left out are predicted to {after:.3g} {unit} in place of "
-    "{before:.3g} {unit}",
+    "the parameters are refined by simulation: the error on left-out stretches falls from {before:.3g} to {after:.3g} "
+    "{unit}",
 )
 NOT_SEPARABLE = Template("not_separable", "{parameters} not separable on this motion")
 EFFECT_NOT_EXCITED = Template("effect_not_excited", "{effect}: {why}")
@@ -79,8 +79,8 @@ SPEED_LAG = Template(
 )
 WINDING_SUBSTITUTE = Template(
     "winding_substitute",
-    "{effect}: without it {parameter} would be {value:.3g} {unit}, {ratio:.2g} times its nominal value and explain "
-    "the voltages nearly as well",
+    "{effect}: without it {parameter} would be {value:.3g} {unit}, {ratio:.2g} times its nominal value, and the "
+    "voltages would be explained nearly as well",
 )
 OTHER_ANGLE = Template(
     "other_angle",
@@ -138,7 +138,8 @@ UNRELATED_TORQUE = Template(
     "not follow from this torque",
 )
 TOO_SHORT = Template(
-    "record_too_short", "the log holds {count:.0f} independent samples; at least {least:.0f} tell the effects apart"
+    "record_too_short",
+    "the log holds {count:.0f} independent samples; at least {least:.0f} are needed to distinguish effects",
 )
 LITTLE_EXPLAINED = Template(
     "little_explained",
@@ -150,8 +151,8 @@ ABOVE_FLOOR = Template(
 )
 EDGES_ABOVE_FLOOR = Template(
     "edges_above_noise_floor",
-    "the residual of the {balance} is {ratio:.2g} times its noise floor at its edges, which this log does not sample: "
-    "what acts there alone is not seen",
+    "the residual of the {balance} at its edges is {ratio:.2g} times the noise floor: this log does not sample the "
+    "edges, so that an effect that acts there alone is not detectable",
 )
 OUTSIDE_TOLERANCE = Template(
     "parameter_outside_tolerance",
@@ -164,8 +165,8 @@ LARGE_REFUSED = Template(
 )
 RESONANCE_NOT_NAMED = Template(
     "frf_resonance_not_named",
-    "the frequency response of {log} has an antiresonance at {antiresonance} Hz that is not named by this log "
-    "({why}); load inertia: {load}",
+    "the frequency response of {log} has an antiresonance at {antiresonance} Hz, but no second mass is named on this "
+    "log ({why}); load inertia: {load}",
 )
 RESONANCE_NOT_MEASURED = Template(
     "frf_resonance_not_measured",
@@ -179,14 +180,14 @@ RESONANCES_DIFFER = Template(
 )
 RESONANCE_STATED = Template(
     "frf_resonance_stated",
-    "the design states its second mass, with which frf has compared the response: it is no candidate here",
+    "the design already states the second mass that frf compared the response with: it is not a candidate",
 )
 NOT_CALIBRATED = Template("not_calibrated", "too many false alarms on this motion: {calibration}")
 LOG_CONDITIONING = Template("log_conditioning", "{note}")
 
 
 def of_log(notes: Iterable[Notice | str]) -> tuple[Notice, ...]:
-    """Return what was said of a log while it was conditioned, as notices.
+    """Return the remarks of the conditioning of a log as notices.
 
     Parameters
     ----------

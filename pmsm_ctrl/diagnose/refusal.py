@@ -34,7 +34,7 @@ class Reason(StrEnum):
     UNAVAILABLE = "unavailable"
 
 
-# What the log does not show: here the table says from which amount on it would.
+# Refusals for which the table of candidates gives the detection limit.
 NEVER_SEEN = frozenset({Reason.NOT_SIGNIFICANT, Reason.PARAMETER_AT_BOUND})
 
 WORDS: Mapping[Reason, str] = {
@@ -42,9 +42,9 @@ WORDS: Mapping[Reason, str] = {
     Reason.PARAMETER_AT_BOUND: "rejected: parameter at its bound",
     Reason.NOT_SIGNIFICANT: "not significant (p = {p:.2g}, Holm)",
     Reason.TOO_SMALL: "significant but too small: {percent:.2g} % of the balance where it acts",
-    Reason.BESIDE_LARGER: "significant but too small beside the others: {percent:.2g} % of the balance, and no model "
-    "of {largest:.2g} % is as exact",
-    Reason.MINOR: "significant but minor: {percent:.2g} % of what the residual has above its noise",
+    Reason.BESIDE_LARGER: "significant but too small beside the accepted effects: {percent:.2g} % of the balance, "
+    "within the model error of an effect of {largest:.2g} %",
+    Reason.MINOR: "significant but minor: {percent:.2g} % of the residual above the noise floor",
     Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
     Reason.EXPLAINED_BY_RIVALS: "channel timing, channel filters or harmonics of a turn explain it as well (gain "
     "beside them {gain})",
@@ -52,11 +52,12 @@ WORDS: Mapping[Reason, str] = {
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",
     Reason.NOT_DETERMINED: "rejected: {parameter} = {value:.3g} +- {stderr:.2g}, not determined by this log",
-    Reason.WITHIN_SAMPLING: "sampling alone can make it: {value:.2g} +- {stderr:.1g} ms, where {low:.2g} to {high:.2g} "
-    "ms are possible",
+    Reason.WITHIN_SAMPLING: "within what sampling alone can cause: {value:.2g} +- {stderr:.1g} ms, where {low:.2g} to "
+    "{high:.2g} ms are possible",
     Reason.HOLDOUT_WORSE: "rejected: increases the error on the held-out record",
     Reason.NOT_NEEDED: "not needed by the final model",
-    Reason.NOT_EXCITED: "not excited: {percent:.0f} % of the motion is slow enough for order {order}; needs {needs}",
+    Reason.NOT_EXCITED: "not excited: only {percent:.0f} % of the motion is slow enough for order {order}; needs "
+    "{needs}",
     Reason.UNAVAILABLE: "not available: {why}",
 }
 

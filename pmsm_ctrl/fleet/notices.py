@@ -7,6 +7,8 @@ from pmsm_ctrl.section import Template
 __all__ = ["FAILED", "SET_ASIDE", "SILENT", "WORTHLESS"]
 
 FAILED = Template("logs_failed", "{count} of {logs} logs could not be evaluated; the first: {reason}")
-SET_ASIDE = Template("logs_set_aside", "{count} logs ended three workers each and were set aside: {names}")
+SET_ASIDE = Template(
+    "logs_set_aside", "{count} logs were set aside, because each ended its worker process three times: {names}"
+)
 SILENT = Template("axes_without_an_answer", "{count} axes have no log that gives an answer: {names}")
 WORTHLESS = Template("logs_without_an_answer", "{count} of {logs} logs give no answer; they are listed with the reason")

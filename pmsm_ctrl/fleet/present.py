@@ -1,4 +1,4 @@
-"""What a run over a fleet, and the report on one, have to say."""
+"""A run over a fleet, and the report on it, as sections."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _axes_table(report: FleetReport) -> Table:
     for change in report.changes:
         changed.setdefault(change.axis, []).append(change)
     marks = {(c.axis, c.parameter): _day(c.when) for c in report.changes if c.when is not None}
-    header = ("axis", *(("type",) if typed else ()), "records", "verdict", "lacks", "q", "changes")
+    header = ("axis", *(("type",) if typed else ()), "records", "verdict", "missing effects", "q", "changes")
     rows = tuple(
         (
             one.name, *((one.type,) if typed else ()), str(one.records), _word(one),
@@ -148,7 +148,7 @@ def _missing(report: FleetReport) -> Section | None:
         "an axis has as many. p allows for all candidates and records of an axis, q for all axes (Benjamini and "
         "Hochberg)."
     )
-    header = ("axis", "lacks", "or, not distinguished", "records", "since", "p", "q")
+    header = ("axis", "missing effect", "not distinguishable from", "records", "since", "p", "q")
     return Section("Missing effects", (said, Table(header, rows, "Missing effects", sortable=True)))
 
 
@@ -352,7 +352,7 @@ def _records(records: tuple[AxisRecord, ...]) -> Section:
         )
         for one in records
     )  # fmt: skip
-    said = "Each log by itself, as it was stored; pmsm-ctrl study DESIGN --log LOG looks into one of them."
+    said = "Each log by itself, as stored. pmsm-ctrl study DESIGN --log LOG evaluates one of them in full."
     return Section("Logs", (said, Table(header, rows, "Logs", sortable=True)))
 
 
@@ -365,12 +365,12 @@ def _remarks(records: tuple[AxisRecord, ...]) -> Section | None:
     if not said:
         return None
     rows = tuple((code, f"{len(texts)} of {len(records)}", texts[-1]) for code, texts in sorted(said.items()))
-    return Section("Doubts", (Table(("code", "logs", "the last one says"), rows, "Doubts", sortable=True),))
+    return Section("Doubts", (Table(("code", "logs", "latest message"), rows, "Doubts", sortable=True),))
 
 
 def _lost_table(lost: Iterable[Lost], caption: str) -> Table:
     rows = tuple((one.axis, _short(one.record), one.reason.removeprefix(f"{one.record}: ")) for one in lost)
-    return Table(("axis", "log", "no answer, because"), rows, caption)
+    return Table(("axis", "log", "reason"), rows, caption)
 
 
 def _short(record: str) -> str:

@@ -21,17 +21,17 @@ NO_REFERENCE = Template(
 )
 NOISE_ANSWERED = Template(
     "frf_noise_answered",
-    "above {frequency:.4g} Hz the phase is not that of a passive axis: there the controller answers the noise of the "
-    "measured speed, or the channels are more than two periods of the log apart; left out",
+    "the response above {frequency:.4g} Hz is left out, because its phase is not that of a passive axis: the "
+    "controller responds to noise of the measured speed, or the channels are more than two log periods apart",
 )
 MISFIT = Template(
     "frf_misfit",
-    "the fitted axis leaves {misfit:.2g} times the noise: the response holds more than one resonance, or friction that "
-    "is not linear; standard errors are widened by this factor",
+    "the residual of the fitted axis is {misfit:.2g} times the noise: the response has more than one resonance, or the "
+    "friction is not linear; standard errors are multiplied by this factor",
 )
 INERTIA = Template(
     "frf_inertia_deviates",
-    "the inertia is {found} kg m^2 and not the design's {design:.4g} kg m^2 ({share:+.1%})",
+    "the inertia is {found} kg m^2; the design states {design:.4g} kg m^2 ({share:+.1%})",
 )
 NEW_RESONANCE = Template(
     "frf_resonance_not_in_design",
@@ -40,11 +40,11 @@ NEW_RESONANCE = Template(
 )
 OTHER_RESONANCE = Template(
     "frf_resonance_deviates",
-    "the resonance is at {found} Hz and not at the design's {design:.4g} Hz",
+    "the resonance is at {found} Hz; that of the design is at {design:.4g} Hz",
 )
 NO_RESONANCE = Template(
     "frf_resonance_not_seen",
-    "the design's resonance at {design:.4g} Hz is not seen in the measured response",
+    "the measured response does not show the design's resonance at {design:.4g} Hz",
 )
 LATE = Template(
     "frf_delay",

@@ -1,4 +1,4 @@
-"""What measured frequency responses have to say."""
+"""A measured frequency response as a section."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def _(result: FrequencyResponse) -> Section:
     blocks.append(
         Picture(
             lambda: _draw(result, "plant"),
-            f"From {quantity} to speed: points with 95 % bars were measured, the line is the design. Where the points "
-            "leave the line, the ratio below shows by how much.",
+            f"From {quantity} to speed: points with 95 % bars are measured, the line is the design. The ratio of the "
+            "two is shown below.",
         )
     )
     if len(result.responses) > 1:

@@ -52,8 +52,9 @@ INERTIA_OFF = Template(
 )
 INERTIA_OVER_CUTOFF = Template(
     "inertia_over_cutoff",
-    "J moves with the cutoff beyond its interval: {value:.4g} {unit} at {at:.3g} Hz, {other:.4g} at {cutoff:.3g} Hz; "
-    "noise in the acceleration lowers it as the band grows (--cutoff narrows it), or an effect is missing",
+    "J changes with the cutoff by more than its interval: {value:.4g} {unit} at {at:.3g} Hz, "
+    "{other:.4g} at {cutoff:.3g} Hz; noise in the acceleration lowers it as the band grows (--cutoff narrows it), "
+    "or an effect is missing",
 )
 
 # -- of the methods that simulate
@@ -107,7 +108,7 @@ _CAUSES = {
     Cause.UNCERTAIN: "uncertain by +- {half_width:.2g} {unit}, more than its expected size of {limit:.2g} {unit}",
     Cause.NO_ACCELERATION: "the torque of the acceleration, {torque:.2g} {unit} rms, is below the residual of "
     "{residual:.2g} {unit}",
-    Cause.IMPOSSIBLE: "its estimate, {value:.4g} +- {stderr:.2g} {unit}, is less than an axis can have",
+    Cause.IMPOSSIBLE: "its estimate, {value:.4g} +- {stderr:.2g} {unit}, is below its physical minimum",
     Cause.EFFECT_ABSENT: "its effect may be absent: the interval of {sizes} includes zero",
 }
 # Causes that another motion can remedy.

@@ -1,4 +1,4 @@
-"""What an examination has to say, by code."""
+"""The notices of the examination of a log, by code."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ VOLTAGE_SIGN = Template(
 )
 VOLTAGE_FACTOR = Template(
     "voltage_factor",
-    "u_d and u_q are {factor:.4g} times what R, psi_f and L of the design need{cause}; map them as "
+    "u_d and u_q are {factor:.4g} times what R, psi_f and L of the design require{cause}; map them as "
     "'{inverse:.4g} * COLUMN'",
 )
 CURRENT_FACTOR = Template(
     "current_factor",
-    "{channel} is {factor:.4g} times what the motion needs{cause}; map it as '{inverse:.4g} * COLUMN'",
+    "{channel} is {factor:.4g} times what the motion requires{cause}; map it as '{inverse:.4g} * COLUMN'",
 )
 MOTION_FACTOR = Template(
     "motion_factor",
-    "{channel} is {factor:.4g} times what torque and voltages need{cause}; map it as '{inverse:.4g} * COLUMN'",
+    "{channel} is {factor:.4g} times what torque and voltages require{cause}; map it as '{inverse:.4g} * COLUMN'",
 )
 TIME_FACTOR = Template(
     "time_factor",
-    "time runs {factor:.4g} times as long as torque and voltages need{cause}; map t as '{inverse:.4g} * COLUMN'",
+    "the time is {factor:.4g} times what torque and voltages require{cause}; map t as '{inverse:.4g} * COLUMN'",
 )
 POLE_PAIRS = Template(
     "pole_pairs",
-    "the voltages belong to a motor of {found} pole pairs, the design has {p}: correct motor.p, or psi_f where p is "
+    "the voltages are those of a motor with {found} pole pairs, the design has {p}: correct motor.p, or psi_f if p is "
     "right",
 )
 INERTIA_FACTOR = Template(
@@ -53,11 +53,13 @@ INERTIA_FACTOR = Template(
 )
 PARAMETER_FACTOR = Template(
     "parameter_factor",
-    "the log needs {factor:.3g} times the design's {parameter}: another motor, or a wrong unit in the design",
+    "the log requires {factor:.3g} times the design's {parameter}: another motor, or a wrong unit in the design",
 )
-CURRENTS_SWAPPED = Template("currents_swapped", "i_d and i_q look exchanged: i_d drives the motion; map them crosswise")
+CURRENTS_SWAPPED = Template(
+    "currents_swapped", "i_d and i_q seem to be swapped: i_d drives the motion; swap their columns in the mapping"
+)
 VOLTAGES_SWAPPED = Template(
-    "voltages_swapped", "u_d and u_q look exchanged: u_d holds the back-emf; map them crosswise"
+    "voltages_swapped", "u_d and u_q seem to be swapped: u_d holds the back-emf; swap their columns in the mapping"
 )
 STATIONARY_CURRENTS = Template(
     "stationary_currents",
@@ -65,13 +67,13 @@ STATIONARY_CURRENTS = Template(
 )
 CURRENT_OFFSET = Template(
     "current_offset_dc",
-    "i_q reads {offset:.3g} A too much in the torque and in R i_q alike: an offset of the sensor, or added by hand; a "
-    "constant load would show in the torque alone; subtract it",
+    "i_q is {offset:.3g} A too large, in the torque and in R i_q alike: an offset of the sensor, or one added later; a "
+    "constant load would show in the torque alone; subtract the offset",
 )
 UNRELATED_TORQUE = Template(
     "unrelated_torque",
-    "{channel} does not drive this motion: it explains {percent:.2g} % of the inertia's torque, and {left:.2g} % of it "
-    "follows from no motion: a channel of another axis, noise, or another time base",
+    "{channel} does not drive this motion: it explains {percent:.2g} % of the acceleration torque, and {left:.2g} % of "
+    "it is not explained by the motion; it belongs to another axis or another time base, or is noise",
 )
 MAGNITUDE_CHANNEL = Template(
     "magnitude_channel",
@@ -81,22 +83,23 @@ REFERENCE_AS_MEASURED = Template(
     "reference_as_measured", "{channel} is the same as {reference}: the reference was logged as the measured value"
 )
 
-# -- something is odd ----
+# -- doubts ----
 NOT_SYNCHRONOUS = Template(
     "not_synchronous",
-    "{channel} is late by about {lag_ms:.3g} ms against the motion: delayed or filtered by the drive, or not sampled "
-    "together",
+    "{channel} lags the motion by about {lag_ms:.3g} ms: it is delayed or filtered by the drive, or the channels are "
+    "not sampled together",
 )
 HELD_CHANNEL = Template(
     "held_channel", "{channel} is held for {periods} samples ({held_ms:.3g} ms): it was recorded at a lower rate"
 )
 CLIPPED_CHANNEL = Template(
     "clipped_channel",
-    "{channel} was clipped at {limit:.4g} {unit} in {percent:.2g} % of the samples: the motion needs more there",
+    "{channel} was clipped at {limit:.4g} {unit} in {percent:.2g} % of the samples: the motion requires more there",
 )
 CURRENT_FILTERED = Template(
     "current_filtered",
-    "{channel} was filtered, time constant about {lag_ms:.3g} ms: as a first-order lag of the motion's torque",
+    "{channel} was filtered before it was logged: it lags the torque of the motion as a first-order low-pass with a "
+    "time constant of about {lag_ms:.3g} ms",
 )
 LOST_SAMPLES = Template(
     "lost_samples",
@@ -105,11 +108,11 @@ LOST_SAMPLES = Template(
 )
 CUT_IN_TIME = Template(
     "cut_in_time",
-    "{channel} jumps by {size:.4g} {unit} at t = {at:.6g} s: a piece of the log is missing there, or the count was "
-    "reset; the log is split there",
+    "{channel} jumps by {size:.4g} {unit} at t = {at:.6g} s: samples are missing there, or the count was reset; the "
+    "log is split there",
 )
 
-# -- put right ----
+# -- repairs ----
 EVEN_STAMPS = Template(
     "even_stamps",
     "time stamps are off by up to {periods:.2g} periods, the motion is not: equal steps at {rate:.6g} Hz are used",

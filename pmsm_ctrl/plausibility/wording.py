@@ -14,8 +14,8 @@ from pmsm_ctrl.section import Notice
 __all__ = ["odd_parameters", "worded"]
 
 RPM = 30.0 / math.pi
-ONE = 1.1  # a factor of less than three beside a wrong sign is not worth a word
-NEAR = 0.08  # of a known factor: the tolerances of a datasheet stand in the measured one
+ONE = 1.1  # logarithm of a factor (about 3) below which a wrong sign alone is reported
+NEAR = 0.08  # of a known factor: the measured factor contains the tolerances of the datasheet
 
 
 def worded(evidence: Evidence, readings: Iterable[Finding]) -> tuple[Notice, ...]:
@@ -120,7 +120,7 @@ def _motions(design: Design) -> list[tuple[float, str]]:
         (RPM, "rpm for rad/s"),
         (1.0 / RPM, "rad/s for rpm"),
         (1000.0, "a lost prefix milli"),
-        (0.001, "a lost prefix milli"),
+        (0.001, "a lost prefix kilo"),
     ]
     if design.motor.p is not None and design.motor.p > 1:
         out.append((float(design.motor.p), f"the electrical angle, {design.motor.p} pole pairs"))
@@ -132,11 +132,12 @@ def _motions(design: Design) -> list[tuple[float, str]]:
 
 def _times() -> list[tuple[float, str]]:
     return [(1000.0, "ms for s"), (0.001, "s for ms"), (1e6, "us for s"), (2.0, "every sample counted twice, or every "
-            "second one missing"), (0.5, "half the sampling period"), (10.0, "a tenth"), (0.1, "ten")]  # fmt: skip
+            "second one missing"), (0.5, "half the sampling period"), (10.0, "ten times the sampling period"),
+            (0.1, "a tenth of the sampling period")]  # fmt: skip
 
 
 def _every(design: Design) -> list[tuple[float, str]]:
-    """What an inertia alone may tell: any channel may be off by such a factor."""
+    """Return all known factors by their effect on the inertia: any channel may be wrong."""
     out = [(f, f"{text} in the current or torque") for f, text in _currents(design)]
     out += [(1.0 / f, f"{text} in the motion") for f, text in _motions(design)]
     return out + [(f**2, f"{text} in the time") for f, text in _times()]

@@ -1,4 +1,4 @@
-"""What is to be said of a log that was made ready for an evaluation."""
+"""The notices of the conditioning of a log."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ SPEED_FOR_COARSE_ANGLE = Template(
 )
 LONG_LOG = Template(
     "long_log",
-    "{samples} samples are evaluated at {rate:.4g} Hz in place of {given:.4g} Hz, so that they fit into the memory: "
-    "what is faster than {fastest:.2g} Hz is not seen; a shorter part of the log is evaluated at its own rate",
+    "{samples} samples are evaluated at {rate:.4g} Hz in place of {given:.4g} Hz, to limit the memory: "
+    "content above {fastest:.2g} Hz is lost; a shorter part of the log is evaluated at its own rate",
 )
 DEAD_VOLTAGES = Template("dead_voltages", "{channels} zero throughout: not used")
 ENCODER_LINES = Template(
     "encoder_lines",
-    "the angle has an error of {lines} periods a turn and {amplitude:.2g} rad, as encoders that interpolate so many "
-    "lines have it: it is part of the model",
+    "the angle has an error of {lines} periods a turn and {amplitude:.2g} rad, the interpolation error of an encoder "
+    "with so many lines: it is part of the model",
 )
 DRIVE_FILTERED = Template(
     "drive_signal_filtered",
@@ -82,11 +82,11 @@ ORDERS_BEYOND_BAND = Template(
     "{percent:.0f} % of the speeds and is not judged: a log of slower motion (below {slow:.2g} rad/s) shows it",
 )
 
-SHOWN_MS = 0.01  # ms; less is no sampling that anybody could repair
+SHOWN_MS = 0.01  # ms; a smaller lag is not reported
 WORSE_THAN_GIVEN = Template(
     "worse_than_given",
-    "the fitted parameters leave {percent:.3g} % of the torque, those of the given design {given:.3g} %: the design "
-    "stays as it was",
+    "the torque error is {percent:.3g} % with the fitted parameters and {given:.3g} % with those of the given design: "
+    "the design is left unchanged",
 )
 
 

@@ -12,15 +12,15 @@ SLOWED = Template(
 )
 NO_FILTER = Template(
     SLOWED.code,
-    SLOWED.words + "; no notch and no low-pass keeps the requirements with the stiffness and the inertias of motor and "
-    "load at the ends of their tolerances",
+    SLOWED.words + "; no notch and no low-pass keeps the requirements over the tolerances of the stiffness and of the "
+    "inertias of motor and load",
 )
 FILTER = Template(
     SLOWED.code,
-    SLOWED.words
-    + "; the best filter, a {kind} at {frequency:.4g} Hz, keeps the requirements at {crossover:.3g} Hz also "
-    "with the stiffness and the inertias of motor and load at the ends of their tolerances; without a filter they are "
-    "kept {how} at {unfiltered:.3g} Hz, and with such a load at {plain:.3g} Hz",
+    SLOWED.words + "; over the tolerances of stiffness and inertias the requirements are kept up to a crossover of "
+    "{crossover:.3g} Hz "
+    "with the best filter, a {kind} at {frequency:.4g} Hz, and up to {plain:.3g} Hz without one; the gains chosen "
+    "without a filter keep them {how} at {unfiltered:.3g} Hz",
 )
 RIPPLE = Template(
     "encoder_ripple",
@@ -34,8 +34,8 @@ VOLTAGE = Template(
 )
 ENCODER = Template(
     "limited_by_encoder",
-    "the speed loop is {factor:.3g} times slower than the rule: at full bandwidth the counts of the encoder would take "
-    "more than a tenth of the current",
+    "the speed loop is {factor:.3g} times slower than the rule: at full bandwidth the encoder resolution would cause "
+    "a current ripple of more than a tenth of the current",
 )
 CHECK = Template(
     "check_failed",

@@ -23,7 +23,7 @@ def advice_of(found: Verification, missing: Sequence[str]) -> Verification:
     late = found.delay.value if found.delay is not None else 0.0
     match found.verdict:
         case Outcome.APPLIED:
-            text = "Nothing: the drive adds what the design says."
+            text = "Nothing: the drive applies the feedforward of the design."
         case Outcome.PARTLY_APPLIED:
             text = (f"Download the part that is missing ({', '.join(missing)}): the drive's field for it is empty, or "
                     "in another unit.")  # fmt: skip
@@ -39,7 +39,7 @@ def advice_of(found: Verification, missing: Sequence[str]) -> Verification:
             text = (f"Feed it forward {1e3 * late:.3g} ms earlier (look-ahead, a faster task, or no filter behind it): "
                     "at every reversal the friction is missing for that time.")  # fmt: skip
         case Outcome.LIMIT_CYCLE:
-            text = (f"Lower the gain at once: the axis cycles at rest at {found.after.cycle_frequency:.3g} Hz; "
+            text = (f"Lower the gain at once: a limit cycle at rest of {found.after.cycle_frequency:.3g} Hz has begun; "
                     "`pmsm-ctrl compensate` finds the highest safe gain.")  # fmt: skip
         case _:
             text = ("Log the same motion again with several reversals and with position and speed references, and both "

@@ -1,4 +1,4 @@
-"""What two logs say of a downloaded compensator, as a section."""
+"""The check of a downloaded compensator as a section."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ SENTENCES = {
     Outcome.INCONCLUSIVE: "These two logs do not tell whether the compensator's feedforward is applied.",
 }
 ADDED = (
-    "Current that the second log holds beside its controller, over the feedforward that the compensator computes from "
-    "the reference: points on the line are a gain of 1."
+    "Current of the second log less that of its controller, over the feedforward that the compensator computes from "
+    "the reference: on the line the gain is 1."
 )
 REVERSAL = "Mean tracking error around a reversal, in the direction of the motion that begins, before and after."
 ERRORS = {"rms": "rms", "peak": "largest", "reversal_peak": "after a reversal (median)"}
@@ -50,7 +50,7 @@ def _(result: Verification) -> Section:
 
 
 def _gains(result: Verification) -> Table:
-    rows = [("all of it", with_error(result.gain.value, result.gain.stderr), f"{result.expected:g}", "")]
+    rows = [("total", with_error(result.gain.value, result.gain.stderr), f"{result.expected:g}", "")]
     rows += [
         (name, with_error(one.value, one.stderr) if math.isfinite(one.stderr) else "-", f"{result.expected:g}",
          percent(result.weight[name], 1))
@@ -60,7 +60,9 @@ def _gains(result: Verification) -> Table:
         low, high = result.delay_interval
         rows.append(("delay [ms]", f"{1e3 * result.delay.value:.3g} ({1e3 * low:.3g} to {1e3 * high:.3g})", "0", ""))
     rows.append(("before the download", with_error(result.before_gain.value, result.before_gain.stderr), "0", ""))
-    return Table(("part of the feedforward", "gain", "design", "share of the current"), tuple(rows), "What is applied")
+    return Table(
+        ("part of the feedforward", "gain", "design", "share of the current"), tuple(rows), "Applied feedforward"
+    )
 
 
 def _errors(result: Verification) -> Table:
@@ -73,8 +75,8 @@ def _errors(result: Verification) -> Table:
     if not math.isnan(result.after.cycle_amplitude):
         cells = (_cycle(one.cycle_amplitude, one.cycle_frequency, unit) for one in (result.before, result.after))
         rows.append(("limit cycle at rest", *cells, "", ""))
-    header = ("tracking error", "before", "after", "change", "promised by simulation")
-    return Table(header, tuple(rows), "What it gained")
+    header = ("tracking error", "before", "after", "change", "predicted by simulation")
+    return Table(header, tuple(rows), "Tracking error before and after")
 
 
 def _cycle(amplitude: float, frequency: float, unit: str) -> str:

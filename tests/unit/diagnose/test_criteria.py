@@ -57,7 +57,9 @@ def test_beside_a_larger_effect_a_small_one_may_be_what_that_leaves() -> None:
     assert criteria.beside_larger(1.01 * POLICY.beside * 0.5, 0.5) is None
     refusal = criteria.beside_larger(0.01, 0.5)
     assert reason(refusal) is Reason.BESIDE_LARGER
-    assert str(refusal).endswith("too small beside the others: 1 % of the balance, and no model of 50 % is as exact")
+    assert str(refusal).endswith(
+        "beside the accepted effects: 1 % of the balance, within the model error of an effect of 50 %"
+    )
 
 
 def test_size_is_a_share_of_what_is_above_the_noise() -> None:
@@ -65,7 +67,7 @@ def test_size_is_a_share_of_what_is_above_the_noise() -> None:
     assert criteria.size(0.5, 0.5, 1.01 * least) is None
     refusal = criteria.size(0.5, 0.5, 0.99 * least)
     assert reason(refusal) is Reason.MINOR
-    assert str(refusal) == f"significant but minor: {99.0 * least:.2g} % of what the residual has above its noise"
+    assert str(refusal) == f"significant but minor: {99.0 * least:.2g} % of the residual above the noise floor"
     # what is too small for a name is called so first
     assert reason(criteria.size(0.0, 0.0, 0.0)) is Reason.TOO_SMALL
 
