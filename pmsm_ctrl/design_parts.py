@@ -381,8 +381,8 @@ class Sampled(Part):
     filter: Finite = Field(default=0.0, ge=0.0, description="time constant of the channel's filter, s")
 
     @property
-    def told(self) -> bool:
-        """Whether the time of sampling is known, and no nuisance of a fit."""
+    def stated(self) -> bool:
+        """Whether the time of sampling is stated, so that it is no nuisance parameter of a fit."""
         return self.sampling in ("instant", "mean")
 
 

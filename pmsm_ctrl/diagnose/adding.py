@@ -26,9 +26,9 @@ from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import with_inertia
 from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.regression.evaluated import with_evaluation
-from pmsm_ctrl.regression.kept import torque_error, worse_by_error
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import FRICTION
+from pmsm_ctrl.regression.worse_than_given import torque_error, worse_by_error
 from pmsm_ctrl.section import Notice
 
 __all__ = ["add", "added"]

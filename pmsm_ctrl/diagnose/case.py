@@ -52,8 +52,8 @@ class Case:
         Of the log.
     given : Design or None
         The design as it was given, where that is another one.
-    shown : function or None
-        Returns the case conditioned with a design that has effects which the log has shown.
+    conditioned_with : function or None
+        Returns the case with the log conditioned by another design, which has the effects found so far.
     fits : list of Fitted
         Those of the selections made so far: the same effects of the same shapes are not fitted twice.
     """
@@ -69,7 +69,7 @@ class Case:
     events: tuple[Event, ...] = ()
     name: str = "the given log"
     given: Design | None = None
-    shown: Callable[[Design], Case] | None = field(default=None, repr=False)
+    conditioned_with: Callable[[Design], Case] | None = field(default=None, repr=False)
     fits: list[Fitted] = field(default_factory=list, repr=False)
 
     @property

@@ -210,9 +210,9 @@ def conditioned_again(case: Case, found: Selection, select: Callable[[Case], Sel
     (Case, Selection)
     """
     first = found.accepted[0].effect if found.steps else None
-    if first is None or len(found.steps) < 2 or first.enters == "measurement" or case.shown is None:
+    if first is None or len(found.steps) < 2 or first.enters == "measurement" or case.conditioned_with is None:
         return case, found
-    other = case.shown(fitted_design(case.design, found.fits[1]))
+    other = case.conditioned_with(fitted_design(case.design, found.fits[1]))
     now, then = other.record, case.record
     if now.timing == then.timing and now.cutoff == then.cutoff and np.allclose(now.weight, then.weight):
         return case, found
@@ -315,7 +315,7 @@ def condition(
     return Case(
         whole, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
         name=names_of(as_logs(log), "the given log"), given=design,
-        shown=None if shown or len(record.mask) > SINGLE else again,
+        conditioned_with=None if shown or len(record.mask) > SINGLE else again,
     )  # fmt: skip
 
 

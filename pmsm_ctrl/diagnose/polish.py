@@ -24,9 +24,9 @@ from pmsm_ctrl.identify.open_loop_fit import fitted, solved
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, in_time
-from pmsm_ctrl.regression.kept import worse_than_given
 from pmsm_ctrl.regression.least_squares import Fit
 from pmsm_ctrl.regression.prediction import predict
+from pmsm_ctrl.regression.worse_than_given import worse_than_given
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 
@@ -52,7 +52,7 @@ def polished(design: Design, record: Record, log: Log) -> tuple[Design, tuple[No
     timed = predict(design, record).timing.undone(in_time(design, log))
     sigma = {LATENESS: (record.sampling + record.early) / math.sqrt(12.0), SPREAD: record.sampling**2 / 6.0}
     try:
-        loop = open_loop(design, timed, {} if record.sampling_told else sigma)
+        loop = open_loop(design, timed, {} if record.sampling_stated else sigma)
     except LogError as error:
         return design, (NOT_POLISHED(why=str(error)),)
     prior = {

@@ -8,9 +8,9 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors
 from pmsm_ctrl.regression.evaluated import with_evaluation
-from pmsm_ctrl.regression.kept import torque_error, worse_by_error
 from pmsm_ctrl.regression.prediction import errors as errors_of
 from pmsm_ctrl.regression.prediction import predict
+from pmsm_ctrl.regression.worse_than_given import torque_error, worse_by_error
 
 __all__ = ["as_written"]
 

@@ -48,12 +48,12 @@ class Noise:
     rms : float
         In the residual's unit: what no curve explains, as if nothing had been fitted.
     left : array, shape (m,)
-        The residual without what all curves together explain; zero where a sample does not count.
+        The residual less what all curves together explain; zero where a sample does not count.
     weight : array, shape (m,)
         Relative inverse level; zero where a sample does not count.
     whitener : ChannelWhitener
-    lost : int
-        Columns that were fitted.
+    rank : int
+        Rank of the fitted columns.
     """
 
     mask: Mask
@@ -61,7 +61,7 @@ class Noise:
     left: Array
     weight: Array
     whitener: ChannelWhitener
-    lost: int
+    rank: int
 
 
 def noise_of(residual: Array, columns: Sequence[Array], mask: Mask, rate: float) -> Noise:
@@ -79,15 +79,15 @@ def noise_of(residual: Array, columns: Sequence[Array], mask: Mask, rate: float)
     blocks = [residual[None], *(np.ascontiguousarray(some.T) for some in columns)]
     weight = mask.astype(np.float64)
     for _ in range(2):
-        left, lost = _unexplained(blocks, weight)
+        left, rank = _unexplained(blocks, weight)
         level = _level(np.where(mask, left, 0.0), mask, rate)
         weight = np.where(mask, 1.0 / level, 0.0)
         weight *= np.sqrt(mask.sum() / np.sum(weight**2))
         weight = np.minimum(weight, HIGHEST_WEIGHT)
-    left, lost = _unexplained(blocks, weight)
-    whitener = channel_whitener(left * weight, weight, mask, rate, lost)
-    left = np.where(mask, left, 0.0) * np.sqrt(inflation(int(mask.sum()), lost))
-    return Noise(mask, float(np.sqrt(np.mean(left[mask] ** 2))), left, weight, whitener, lost)
+    left, rank = _unexplained(blocks, weight)
+    whitener = channel_whitener(left * weight, weight, mask, rate, rank)
+    left = np.where(mask, left, 0.0) * np.sqrt(inflation(int(mask.sum()), rank))
+    return Noise(mask, float(np.sqrt(np.mean(left[mask] ** 2))), left, weight, whitener, rank)
 
 
 def _unexplained(blocks: Sequence[Array], weight: Array) -> tuple[Array, int]:
@@ -219,7 +219,7 @@ def bench(noise: Noise, t: Array, residual: Array, columns: Sequence[Array], gap
             used /= max(float(np.sqrt(np.mean(used**2))), 1e-300)
         both[:, k], white[:, k] = used, noise.whitener(used[None])[0]
     gap = min(LONGEST_GAP, max(MEMORIES * noise.whitener.memory, gap))
-    return Bench(t[noise.mask], both, white, both.T @ both, white.T @ white, gap, len(both) - noise.lost)
+    return Bench(t[noise.mask], both, white, both.T @ both, white.T @ white, gap, len(both) - noise.rank)
 
 
 def _beyond(gram: Array, base: Index, own: Index) -> tuple[Array, int, float]:

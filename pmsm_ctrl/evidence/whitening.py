@@ -133,7 +133,7 @@ class Whitener:
 
 
 def make_whitener(
-    residual: Array, weight: Array, mask: Mask, rate: float, lost: int, most: int = MAX_ORDER
+    residual: Array, weight: Array, mask: Mask, rate: float, rank: int, most: int = MAX_ORDER
 ) -> Whitener:
     """Fit the noise of each channel to its residual.
 
@@ -144,20 +144,20 @@ def make_whitener(
         Samples that take part.
     rate : float
         Sampling rate of the grid, Hz.
-    lost : int
-        Columns that were fitted away in each channel.
+    rank : int
+        Rank of the columns fitted in each channel.
     most : int
         Highest order of the autoregressive model; 0 for weights alone.
     """
     channels = [
-        channel_whitener(one * one_weight, one_weight, mask, rate, lost, most)
+        channel_whitener(one * one_weight, one_weight, mask, rate, rank, most)
         for one, one_weight in zip(residual, weight, strict=True)
     ]
     return Whitener(np.flatnonzero(mask), tuple(channels))
 
 
 def channel_whitener(
-    weighted: Array, weight: Array, mask: Mask, rate: float, lost: int, most: int = MAX_ORDER
+    weighted: Array, weight: Array, mask: Mask, rate: float, rank: int, most: int = MAX_ORDER
 ) -> ChannelWhitener:
     """Fit the noise of one channel.
 
@@ -168,8 +168,8 @@ def channel_whitener(
     mask : bool array, shape (m,)
     rate : float
         Sampling rate of the grid, Hz.
-    lost : int
-        Columns that were fitted away: the level is that of the noise, not of what they left.
+    rank : int
+        Rank of the fitted columns: the noise level is corrected for the degrees of freedom that they take.
     most : int
         Highest order of the autoregressive model; 0 for weights alone.
     """
@@ -179,7 +179,7 @@ def channel_whitener(
     n = int(mask.sum())
     limit = max(0, min(most, n // SAMPLES_PER_ORDER, int(lengths.max()) // STRETCH_PER_ORDER))
     models, variances = burg(pieces, limit)
-    variances = np.maximum(np.asarray(variances) * inflation(n, lost), SMALLEST_VARIANCE)
+    variances = np.maximum(np.asarray(variances) * inflation(n, rank), SMALLEST_VARIANCE)
     best = schwarz(variances, n)
     filters = np.zeros((best + 1, best + 1))
     for order in range(best + 1):
@@ -189,12 +189,12 @@ def channel_whitener(
     return ChannelWhitener(weight[mask], position, filters, sigma, memory_of(models[best], rate))
 
 
-def inflation(n: int, lost: int) -> float:
-    """Return the variance of noise over that of what a fit leaves of it.
+def inflation(n: int, rank: int) -> float:
+    """Return the variance of the noise over that of the residual of a fit.
 
     Parameters
     ----------
-    n, lost : int
-        Samples, and columns that were fitted away.
+    n, rank : int
+        Samples, and rank of the fitted columns.
     """
-    return n / max(n - lost, int(LEAST_FREE * n))
+    return n / max(n - rank, int(LEAST_FREE * n))

@@ -18,7 +18,7 @@ QUIET = 5.0  # s since the last change of a file, from which it is taken for com
 
 def watch(
     manifest: Manifest,
-    told: Callable[[FleetResult], None],
+    on_result: Callable[[FleetResult], None],
     *,
     every: float = 60.0,
     passes: int = 0,
@@ -29,19 +29,19 @@ def watch(
     Parameters
     ----------
     manifest : Manifest
-    told : function
+    on_result : function
         Called after each pass that evaluated something, with its result.
     every : float
-        s between two looks.
+        Time between two scans, s.
     passes : int
-        Looks after which it ends; 0 for no end.
+        Scans after which it ends; 0 for no end.
     engine : Engine, optional
         As for `fleet`.
     """
     for number in count(1):
         done = _one_pass(manifest, engine)
         if done is not None and (done.evaluated or number == 1):
-            told(done)
+            on_result(done)
         if number == passes:
             return
         time.sleep(every)

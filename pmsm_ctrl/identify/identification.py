@@ -31,10 +31,10 @@ from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
-from pmsm_ctrl.regression.kept import worse_by_error, worse_than_given
 from pmsm_ctrl.regression.least_squares import Cause, Fit, solve
 from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
 from pmsm_ctrl.regression.timed_record import sampling_of, timed_record
+from pmsm_ctrl.regression.worse_than_given import worse_by_error, worse_than_given
 from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice

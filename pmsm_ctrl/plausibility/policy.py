@@ -56,8 +56,8 @@ class Policy:
         Usual steps of the angle that a missing piece of a log makes at least; less is a few lost samples.
     most_cuts : int
         More jumps are another thing.
-    lost : float
-        Share of steps that are twice the steps beside them, from which on samples are missing.
+    lost_samples : float
+        Share of steps that are twice as long as their neighbours, from which on samples are missing.
     few_lost : float
         Share up to which the samples around the jumps of the speed that they make can be left out, and the rest judged.
     counts : float
@@ -108,7 +108,7 @@ class Policy:
     longest_lag: float = 0.12
     cut: float = 10.0
     most_cuts: int = 20
-    lost: float = 0.004
+    lost_samples: float = 0.004
     few_lost: float = 0.02
     counts: float = 8.0
     held: float = 4e-3

@@ -136,7 +136,7 @@ def _lost(log: Log) -> tuple[Notice, ...]:
     ratio = here[judged] / usual[judged]
     missing = np.abs(ratio - 2.0) < 0.25
     share = float(missing.mean())
-    return (say.LOST_SAMPLES(percent=100.0 * share),) if share > POLICY.lost else ()
+    return (say.LOST_SAMPLES(percent=100.0 * share),) if share > POLICY.lost_samples else ()
 
 
 def _held(log: Log) -> tuple[Notice, ...]:

@@ -126,7 +126,7 @@ class Record:
         speed loop, whose steps are always sampled at the same place.
     early : float
         How much earlier, s: a torque or current may be the command, which a current loop follows later.
-    sampling_told : bool
+    sampling_stated : bool
         Whether the design states when the drive signal was sampled.
     unseen : float
         Time in gaps of the log, s.
@@ -164,7 +164,7 @@ class Record:
     changes: tuple[float, ...] = ()
     sampling: float = 0.0
     early: float = 0.0
-    sampling_told: bool = False
+    sampling_stated: bool = False
     unseen: float = 0.0
     records: tuple[Span, ...] = ()
     shifts: tuple[tuple[float, float], ...] = ()
@@ -397,7 +397,7 @@ def _made(
         design, prepared, signals, tuple(channels), target, moving, np.array(weight),
          float(prepared.t[-1] - prepared.t[0]), np.array(levels), kink[0],
         (*few, *_too_long(given, log), *prepared.notes), None if "theta" in log else age,
-        timing=timing, sampling=sampling, early=early, sampling_told=drive_sampling(design, log).told,
+        timing=timing, sampling=sampling, early=early, sampling_stated=drive_sampling(design, log).stated,
         unseen=_in_gaps(log), records=log.records, wrong=wrong, step=resolution,
     )  # fmt: skip
 

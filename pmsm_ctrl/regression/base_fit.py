@@ -195,7 +195,7 @@ def estimated(record: Record, model: Model, left: Saturated) -> Estimated:
     model : Model
     left : Saturated
     """
-    whitener, weights = whiteners(record, left.residual, left.lost)
+    whitener, weights = whiteners(record, left.residual, left.rank)
     model = with_spread(record, model, whitener)
     whitener, solved = _no_louder_than_the_base(record, model, left, whitener)
     return Estimated(record, model, whitener, weights, solved, solve_model(record, model, weights))
@@ -223,7 +223,7 @@ def _no_louder_than_the_base(
         residual[quiet] = rest[quiet]
         residual[record.weight * record.mask == 0.0] = 0.0
         left = replace(left, residual=residual)
-        whitener = make_whitener(residual, record.weight, record.mask, record.rate, left.lost)
+        whitener = make_whitener(residual, record.weight, record.mask, record.rate, left.rank)
         solved = solve_model(record, model, whitener)
     return whitener, solved
 

@@ -93,7 +93,7 @@ def based(design: Design, log: Log) -> Based:
     weight = found.record.weight[0]
     columns = tuple(replace(column, values=weight * column.values) for column in problem.columns)
     weighted = replace(problem, target=weight * problem.target, columns=columns)
-    if problem.inertia is not None and columns[problem.inertia].told is None:
+    if problem.inertia is not None and columns[problem.inertia].prior is None:
         weighted = with_sound_inertia(design, log, weighted)
         problem = replace(problem, inertia_cutoff=weighted.inertia_cutoff)
     fit = solve(weighted, by_blocks=True)
@@ -142,5 +142,5 @@ def _inertia(design: Design, found: Settled, k: int) -> Column:
     unit, load = axis_unit("kg m^2", record.prepared.motion), design.load.J / design.load.gear**2
     plain = Column("J", model.matrix[0][:, k], unit, design.J, lower=load, symbol="J")
     if k in model.doubt and model.nominal[k] != design.J:
-        return replace(plain, told=(float(model.nominal[k]), model.doubt[k]), held=True)
+        return replace(plain, prior=(float(model.nominal[k]), model.doubt[k]), held=True)
     return replace(plain, bias=model.bias.get(k, 0.0))

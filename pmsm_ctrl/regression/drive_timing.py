@@ -20,8 +20,23 @@ from pmsm_ctrl.regression.filters import derivative
 from pmsm_ctrl.sampling import speed_lag
 
 __all__ = [
-    "CURRENT_LOOP", "EMF", "EMF_LATE", "LATENESS", "SPREAD", "SURE", "SYNCHRONOUS", "TOLD", "UNDELAYED", "DriveTiming",
-    "Sampling", "drive_sampling", "emf_left", "filter_behind", "in_time", "possible_sampling", "sampling_columns",
+    "CURRENT_LOOP",
+    "EMF",
+    "EMF_LATE",
+    "LATENESS",
+    "SPREAD",
+    "STATED_WITHIN",
+    "SURE",
+    "SYNCHRONOUS",
+    "UNDELAYED",
+    "DriveTiming",
+    "Sampling",
+    "drive_sampling",
+    "emf_left",
+    "filter_behind",
+    "in_time",
+    "possible_sampling",
+    "sampling_columns",
     "stated_timing",
 ]  # fmt: skip
 
@@ -37,8 +52,8 @@ OTHERS = ("theta", "omega", "u_d", "u_q")
 # for the rest to be called a delay.
 SURE = 3.0
 MET = 0.03  # of a sample: a delay below it is met well enough to first order
-# Part of a period of the log by which a sampling that the design states may be off: the clocks of two boards.
-TOLD = 0.05
+# Share of a log period by which a stated time of sampling may be off: two boards have two clocks.
+STATED_WITHIN = 0.05
 # Period of the speed loop of a drive of which nothing is known, and what a current loop lags its command at most, s:
 # one of 160 Hz and more.
 UNKNOWN_LOOP, CURRENT_LOOP = 1e-3, 1e-3
@@ -147,7 +162,7 @@ def sampling_columns(torque: Array, period: float, late: float) -> dict[str, Arr
     return {LATENESS: -slope, SPREAD: curved}
 
 
-def emf_left(design: Design, alpha: Array, period: float, told: bool = False) -> Array | None:
+def emf_left(design: Design, alpha: Array, period: float, stated: bool = False) -> Array | None:
     """Torque that a current loop lets the back-emf take from its command, per second that its compensation is late.
 
     With its zero on the winding's pole the loop answers a disturbance ``u`` by ``s u / ((L s + R) (s + w))``, and the
@@ -163,13 +178,13 @@ def emf_left(design: Design, alpha: Array, period: float, told: bool = False) ->
         Acceleration.
     period : float
         s.
-    told : bool
+    stated : bool
         Whether the sampling is known, and the signal no command.
     """
     from scipy.signal import lfilter
 
     motor = design.motor
-    if told or not motor.electrical or motor.R is None or motor.L_q is None or motor.psi_f is None or motor.p is None:
+    if stated or not motor.electrical or motor.R is None or motor.L_q is None or motor.psi_f is None or motor.p is None:
         return None
     decay = math.exp(-period * motor.R / motor.L_q)
     lagged = np.asarray(lfilter([1.0 - decay], [1.0, -decay], derivative(alpha, period)))
@@ -220,7 +235,7 @@ def in_time(design: Design, log: Log, more: float = 0.0) -> Log:
     if "theta" in log or "omega" not in log:
         return log
     omega = log["omega"]
-    if design.sensor.speed_filter > 0.0 and not design.log.of("omega").told:
+    if design.sensor.speed_filter > 0.0 and not design.log.of("omega").stated:
         lag = speed_lag(design.drive.speed_period, design.sensor.speed_filter)
         omega = omega + lag * np.gradient(omega, log.t)
     if more != 0.0:
@@ -242,10 +257,10 @@ def possible_sampling(design: Design, log: Log) -> tuple[float, float]:
     log : Log
     """
     stated, period = drive_sampling(design, log), log.period
-    if stated.told:
-        return TOLD * period, TOLD * period
+    if stated.stated:
+        return STATED_WITHIN * period, STATED_WITHIN * period
     late = max(period, design.drive.speed_period if design.motor.electrical else UNKNOWN_LOOP)
-    return TOLD * period if stated.sampling == "command" else late, late + CURRENT_LOOP
+    return STATED_WITHIN * period if stated.sampling == "command" else late, late + CURRENT_LOOP
 
 
 def filter_behind(delay: float, spread: tuple[float, float], sampling: float) -> DriveTiming | None:

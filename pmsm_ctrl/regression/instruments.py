@@ -26,7 +26,7 @@ from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, SPREAD
 from pmsm_ctrl.regression.model import Model
 
-__all__ = ["Referred", "by_reference"]
+__all__ = ["ReferenceEstimates", "by_reference"]
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ RANK = 1e-6  # of the largest singular value
 
 
 @dataclass(frozen=True)
-class Referred:
+class ReferenceEstimates:
     """Inertia, delay and half the variance of the impulse response by instruments: values and standard errors.
 
     Attributes
@@ -67,7 +67,7 @@ class Referred:
     answers: Mapping[str, Answer]
 
 
-def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
+def by_reference(record: Record, model: Model, sigma: float) -> ReferenceEstimates | None:
     """Estimate the inertia, and how the drive signal was sampled, by instruments made of the reference.
 
     Parameters
@@ -80,7 +80,7 @@ def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
 
     Returns
     -------
-    Referred or None
+    ReferenceEstimates or None
         None where the log has no reference of the motion, or the model no delay and variance.
     """
     if "omega_ref" not in record.signals or not {LATENESS, SPREAD} <= set(model.names) or sigma <= 0.0:
@@ -95,7 +95,7 @@ def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
     measured = seen[:, noisy]
     seen[:, noisy] = _projected(measured, _weighted_instruments(record, model, names, entering, weight))
     known = np.where(np.isfinite(model.sigma[entering]), model.sigma[entering], np.inf)
-    known[[k for k, name in enumerate(names) if name == "J" or (name == LATENESS and not record.sampling_told)]] = (
+    known[[k for k, name in enumerate(names) if name == "J" or (name == LATENESS and not record.sampling_stated)]] = (
         np.inf
     )
     prior = 1.0 / (known * size) ** 2
@@ -108,7 +108,7 @@ def by_reference(record: Record, model: Model, sigma: float) -> Referred | None:
     found = {name: (float(values[names.index(name)]), float(stderr[names.index(name)])) for name in FOUND}
     noise = 1.0 - float(np.sum(seen[:, names.index("J")] ** 2))
     answers = {name: _answer(seen, inverse, size, weight, names.index(name)) for name in FOUND}
-    return Referred(found["J"], found[LATENESS], found[SPREAD], noise, answers)
+    return ReferenceEstimates(found["J"], found[LATENESS], found[SPREAD], noise, answers)
 
 
 def _answer(seen: Array, inverse: Array, size: Array, weight: Array, k: int) -> Answer:

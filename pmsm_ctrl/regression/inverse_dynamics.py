@@ -56,8 +56,8 @@ class Column:
     sigma : float
         Of a nuisance parameter, how far it may lie from `nominal`: a standard deviation. Infinite for all others.
     held : bool
-        Whether a parameter stays where it is expected, as uncertain as `sigma` or `told` says.
-    told : (float, float) or None
+        Whether a parameter stays where it is expected, as uncertain as `sigma` or `prior` says.
+    prior : (float, float) or None
         Of a parameter of the axis, its value from elsewhere, and the standard error of that.
     bias : float
         By how much least squares may be off in this parameter.
@@ -74,13 +74,13 @@ class Column:
     symbol: str = ""
     sigma: float = np.inf
     held: bool = False
-    told: tuple[float, float] | None = None
+    prior: tuple[float, float] | None = None
     bias: float = 0.0
 
     @property
     def expected(self) -> tuple[float, float] | None:
         """Value near which the parameter lies, and its standard deviation; None where nothing is known of it."""
-        return (self.nominal, self.sigma) if self.is_nuisance else self.told
+        return (self.nominal, self.sigma) if self.is_nuisance else self.prior
 
     @property
     def is_nuisance(self) -> bool:

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD
-from pmsm_ctrl.regression.instruments import Referred, by_reference
+from pmsm_ctrl.regression.instruments import ReferenceEstimates, by_reference
 from pmsm_ctrl.regression.model import FIXED, Model, Solved
 
-__all__ = ["UNTOLD", "lateness", "stopped", "with_sampling_bounded"]
+__all__ = ["UNDETERMINED", "lateness", "stopped", "with_sampling_bounded"]
 
 Array = NDArray[np.float64]
 
-# Share of what sampling can do from which on an error says that a log does not tell the lateness: slow reversals alone
-# do not, as an error in the inertia or in the moment of a reversal is the same there.
-UNTOLD = 0.2
+# Standard error of the lateness, as a share of what sampling can do, above which a log does not determine it. Slow
+# reversals alone do not: an error in the inertia or in the moment of a reversal has the same effect there.
+UNDETERMINED = 0.2
 SURE = 3.0  # standard errors by which least squares must differ from the reference to be called biased
 
 
@@ -53,7 +53,7 @@ def stopped(record: Record, model: Model) -> bool:
 
 def _undone(record: Record) -> float:
     """Return what of the lateness was undone, s: a sampling that is stated is the centre of what is possible."""
-    return 0.0 if record.sampling_told else record.timing.late
+    return 0.0 if record.sampling_stated else record.timing.late
 
 
 def with_sampling_bounded(record: Record, model: Model, fit: Solved, sigma: float) -> Model:
@@ -74,23 +74,24 @@ def with_sampling_bounded(record: Record, model: Model, fit: Solved, sigma: floa
     """
     if LATENESS not in model.names:
         return model
-    told = by_reference(record, model, sigma)
-    model = _with_sampling_held(record, model, fit, told)
-    return model if told is None else _with_inertia_held(model, fit, told)
+    estimates = by_reference(record, model, sigma)
+    model = _with_sampling_held(record, model, fit, estimates)
+    return model if estimates is None else _with_inertia_held(model, fit, estimates)
 
 
-def _with_sampling_held(record: Record, model: Model, fit: Solved, told: Referred | None) -> Model:
+def _with_sampling_held(record: Record, model: Model, fit: Solved, estimates: ReferenceEstimates | None) -> Model:
     k = model.names.index(LATENESS)
     undone, value, stderr = _undone(record), float(fit.values[k]), float(fit.stderr[k])
     delayed = any(group.delays for group in model.groups)
-    untold = UNTOLD * record.sampling
-    by = None if delayed or record.sampling_told or told is None or not _biased(model, fit, told) else told
+    undetermined = UNDETERMINED * record.sampling
+    free = not (delayed or record.sampling_stated)
+    by = estimates if free and estimates is not None and _biased(model, fit, estimates) else None
     held: dict[int, tuple[float, float]] = {}
     late, error = (value, stderr) if by is None else by.late
     late += undone
     # that much a log tells in any case, unless its sampling is stated
-    beyond = not record.sampling_told and max(late - record.sampling, -record.early - late) > SURE * error
-    if delayed or (max(stderr, error) > untold and not beyond):
+    beyond = not record.sampling_stated and max(late - record.sampling, -record.early - late) > SURE * error
+    if delayed or (max(stderr, error) > undetermined and not beyond):
         possible = (record.sampling + record.early) / math.sqrt(12.0)
         held[k] = 0.0, 0.0 if delayed else min(error, possible)
     else:
@@ -103,23 +104,23 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, told: Referre
     return settled if by is None else replace(settled, answers=(by.answers[LATENESS], by.answers[SPREAD]))
 
 
-def _with_inertia_held(model: Model, fit: Solved, told: Referred) -> Model:
+def _with_inertia_held(model: Model, fit: Solved, estimates: ReferenceEstimates) -> Model:
     """Return the model with the inertia by the reference, where that of least squares is known less well.
 
     Noise of the motion makes the latter too small, by its share of the acceleration at most. Elsewhere it stays free,
     and is as uncertain as the two estimates differ beyond the noise of the one by the reference.
     """
     k = model.names.index("J")
-    value, stderr = told.inertia
+    value, stderr = estimates.inertia
     if value <= 0.0 or stderr <= 0.0:
         return model
     short = value - float(fit.values[k])
-    if stderr > told.noise * value and short < SURE * stderr:
+    if stderr > estimates.noise * value and short < SURE * stderr:
         return replace(model, bias={**model.bias, k: math.sqrt(max(short**2 - stderr**2, 0.0))})
     tolerance = model.doubt.get(k, float(model.sigma[k]))  # of the datasheet, which counts as ever
     known = 1.0 / stderr**2 + 1.0 / tolerance**2
     value = (value / stderr**2 + float(model.nominal[k]) / tolerance**2) / known
-    share, answer = 1.0 / (stderr**2 * known), told.answers["J"]
+    share, answer = 1.0 / (stderr**2 * known), estimates.answers["J"]
     answers = (*model.answers, replace(answer, slope=share * answer.slope))
     return replace(_holding(model, {k: (value, 1.0 / math.sqrt(known))}, {k: value}), answers=answers)
 
@@ -134,12 +135,12 @@ def _holding(model: Model, held: Mapping[int, tuple[float, float]], scale: Mappi
     return replace(model, nominal=nominal, sigma=known, doubt=doubt)
 
 
-def _biased(model: Model, fit: Solved, told: Referred) -> bool:
+def _biased(model: Model, fit: Solved, estimates: ReferenceEstimates) -> bool:
     """Return whether least squares differs from the reference as noise makes it: earlier, and with a larger variance.
 
     Anything else is an error of the model, which instruments do not bear better.
     """
     late, spread = (float(fit.values[model.names.index(name)]) for name in (LATENESS, SPREAD))
-    earlier = (told.late[0] - late) / max(told.late[1], 1e-300)
-    wider = (spread - told.spread[0]) / max(told.spread[1], 1e-300)
+    earlier = (estimates.late[0] - late) / max(estimates.late[1], 1e-300)
+    wider = (spread - estimates.spread[0]) / max(estimates.spread[1], 1e-300)
     return max(earlier, wider) > SURE and min(earlier, wider) > 0.0

@@ -191,8 +191,8 @@ def _centred(problem: Problem) -> Problem:
         return problem
     columns = tuple(
         replace(column, nominal=0.0) if column.is_nuisance
-        else replace(column, told=(0.0, column.told[1]), lower=column.lower - at, upper=column.upper - at)
-        if column.told is not None else column
+        else replace(column, prior=(0.0, column.prior[1]), lower=column.lower - at, upper=column.upper - at)
+        if column.prior is not None else column
         for column, at in zip(problem.columns, expected.tolist(), strict=True)
     )  # fmt: skip
     return replace(problem, target=problem.target - problem.matrix() @ expected, columns=columns)

@@ -18,7 +18,7 @@ from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.answers import Answer
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
-from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, TOLD, emf_left
+from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, STATED_WITHIN, emf_left
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
 
@@ -318,7 +318,7 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
         for number, wave in enumerate(("sin", "cos")):
             yield _Term(f"{wave} {lines}", partial(_line_error, record, lines, number), 0.0, 1.0)
     if record.age is not None:
-        known = TOLD * record.period if design.log.of("omega").told else FILTERED
+        known = STATED_WITHIN * record.period if design.log.of("omega").stated else FILTERED
         yield _Term(AGE, lambda: {"torque": record.rate_of(s["torque"])}, 0.0, known, True)
 
 
@@ -343,7 +343,7 @@ def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:
         curved = record.rate_of(record.rate_of(torque))
         known = max(record.sampling, record.timing.lag) ** 2 / 6.0
         yield _Term(SPREAD, lambda: {"torque": curved}, 0.0, known if settled else np.inf, True)
-    if (column := emf_left(record.design, record.signals["alpha"], record.period, record.sampling_told)) is not None:
+    if (column := emf_left(record.design, record.signals["alpha"], record.period, record.sampling_stated)) is not None:
         yield _Term(EMF, lambda: {"torque": column}, 0.0, EMF_LATE, True)
 
 
@@ -418,7 +418,7 @@ def _winding(design: Design, record: Record) -> Iterator[_Term]:
     for name, (part, modelled) in parts.items():
         nominal, sigma = 0.0, np.inf
         if name in TIMING:
-            sigma = TOLD * record.period if record.design.log.of("u_q").told else COMMAND
+            sigma = STATED_WITHIN * record.period if record.design.log.of("u_q").stated else COMMAND
         elif name not in ANSWER:
             nominal = float(getattr(motor, name))
             sigma = motor.tolerance.get(name, TOLERANCE) * nominal

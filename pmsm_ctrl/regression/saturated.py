@@ -33,8 +33,8 @@ class Saturated:
     ----------
     residual : array, shape (channels, m)
         Zero where a sample does not count.
-    lost : int
-        Most columns that were fitted away in a balance.
+    rank : int
+        Rank of the fitted columns, in the balance where it is largest.
     grams : arrays, shape (1 + p + columns, 1 + p + columns)
         Per balance, weighted: of the target, the model's columns and those of all groups that enter it, these less what
         the values that the model holds answer to them.
@@ -45,7 +45,7 @@ class Saturated:
     """
 
     residual: Array
-    lost: int
+    rank: int
     grams: tuple[Array, ...]
     entering: tuple[NDArray[np.int64], ...]
     places: tuple[Mapping[int, slice], ...]
@@ -62,7 +62,7 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
     """
     places: list[dict[int, slice]] = [{} for _ in groups]
     grams, entering = [], []
-    residual, lost = np.zeros(record.target.shape), 0
+    residual, most = np.zeros(record.target.shape), 0
     for row in range(len(record.channels)):
         inside = model.entering[row]
         blocks = [record.target[row][None], model.matrix[row].T[inside]]
@@ -88,7 +88,7 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
             residual[row] -= coefficients[start : start + len(block)] @ block
             start += len(block)
         residual[row][weight == 0.0] = 0.0
-        lost = max(lost, rank)
+        most = max(most, rank)
         if answers:
             kept = np.r_[:end, fitted : len(whole)]
             answered = np.zeros((len(answers), end))
@@ -96,7 +96,7 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
             gram = gram_beside_held(whole[np.ix_(kept, kept)], answered)
         grams.append(gram[:end, :end])
         entering.append(inside)
-    return Saturated(residual, lost, tuple(grams), tuple(entering), tuple(places))
+    return Saturated(residual, most, tuple(grams), tuple(entering), tuple(places))
 
 
 def _answered(model: Model, groups: Sequence[Group]) -> Array:
@@ -105,7 +105,7 @@ def _answered(model: Model, groups: Sequence[Group]) -> Array:
     return np.hstack([slopes @ columns.T for group in groups if (columns := group.rows[0]) is not None])
 
 
-def whiteners(record: Record, residual: Array, lost: int) -> tuple[Whitener, Whitener]:
+def whiteners(record: Record, residual: Array, rank: int) -> tuple[Whitener, Whitener]:
     """Fit the noise to what a saturated model leaves over.
 
     Returns the prewhitener, and the same noise without its correlation: point estimates use that one, because
@@ -115,10 +115,10 @@ def whiteners(record: Record, residual: Array, lost: int) -> tuple[Whitener, Whi
     ----------
     record : Record
     residual : array, shape (channels, m)
-    lost : int
-        Columns that were fitted away.
+    rank : int
+        Rank of the fitted columns.
     """
-    noise = residual, record.weight, record.mask, record.rate, lost
+    noise = residual, record.weight, record.mask, record.rate, rank
     return make_whitener(*noise), make_whitener(*noise, 0)
 
 
@@ -131,7 +131,7 @@ def rough_weights(record: Record, left: Saturated) -> Whitener:
     left : Saturated
         Of the model alone, no other group in it.
     """
-    return make_whitener(left.residual, record.weight, record.mask, record.rate, left.lost, 0)
+    return make_whitener(left.residual, record.weight, record.mask, record.rate, left.rank, 0)
 
 
 def _effective(weight: Array) -> float:

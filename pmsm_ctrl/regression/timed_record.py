@@ -18,8 +18,8 @@ from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.drive_timing import (
     LATENESS,
     SPREAD,
+    STATED_WITHIN,
     SURE,
-    TOLD,
     UNDELAYED,
     DriveTiming,
     Sampling,
@@ -68,7 +68,7 @@ def with_friction(design: Design) -> Design:
 
 
 def timed_record(design: Design, log: Log) -> Record:
-    """Condition a log, after the base model has told how it was sampled.
+    """Condition a log, after the base model has shown how it was sampled.
 
     Where the log has a speed alone the lag of that is corrected, else the filter of a drive signal that is later than
     sampling can make it, unless the design states how the log was sampled. A wider band than the default one is taken
@@ -116,7 +116,7 @@ def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
     value, stderr = fit.value(name)
     sigma, spread = found.sigma
     if record.age is not None:  # a speed that is old makes a torque early
-        known_age = TOLD * log.period if design.log.of("omega").told else FILTERED
+        known_age = STATED_WITHIN * log.period if design.log.of("omega").stated else FILTERED
         value, sigma = -(record.age + value), math.hypot(sigma, known_age)
     spread = max(spread, record.timing.lag**2 / 6.0)
     stderr = stderr if stderr > FIXED * max(late, early) else 0.0  # what is held has none
@@ -130,7 +130,7 @@ def _timed(design: Design, log: Log) -> tuple[Record, Estimated]:
     for _ in range(ROUNDS):
         if record.age is not None:
             record = make_record(design, log, same, record.age + fit.level(AGE))
-        elif record.sampling_told:
+        elif record.sampling_stated:
             break
         else:
             timing = _filter(design, record, fit)
@@ -181,7 +181,7 @@ def _with_lines(record: Record, fit: Estimated) -> Record:
 
 def _with_filter_said(record: Record) -> Record:
     """Return the record with a notice of the filter that was found and undone; one that is stated needs none."""
-    if record.sampling_told or 1e3 * record.timing.lag < SHOWN_MS:
+    if record.sampling_stated or 1e3 * record.timing.lag < SHOWN_MS:
         return record
     said = DRIVE_FILTERED(quantity=record.drive, lag=1e3 * record.timing.lag)
     return replace(record, notes=(*record.notes, said))
@@ -212,8 +212,8 @@ def _spread_out(record: Record, fit: Estimated) -> bool:
 
     By the reference as well, where there is one: noise that the controller answers makes it large for least squares.
     """
-    told = by_reference(fit.record, fit.model, float(fit.weights.sigma[0]))
-    found = [fit.value(SPREAD), *([] if told is None else [told.spread])]
+    estimates = by_reference(fit.record, fit.model, float(fit.weights.sigma[0]))
+    found = [fit.value(SPREAD), *([] if estimates is None else [estimates.spread])]
     mean = record.sampling**2 / 24.0
     return all(record.timing.spread + value - mean > SURE * stderr for value, stderr in found)
 

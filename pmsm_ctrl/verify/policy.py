@@ -12,8 +12,8 @@ COVERAGE = 0.95
 NOTHING, WRONG = 0.1, 0.15
 # Half of the interval of the gain, as a share of the expected one, above which the logs tell too little.
 VAGUE = 0.3
-# Standard error of a part's gain, as a share of the expected one, above which the motion does not tell it.
-UNTOLD = 0.15
+# Standard error of a part's gain, as a share of the expected one, up to which the gain is separable on a motion.
+SEPARABLE_WITHIN = 0.15
 # Share of the expected gain below which a part is missing, and above which it is there.
 MISSING, THERE = 0.25, 0.5
 # Periods of the log by which the delay is uncertain at least: samples do not tell less.

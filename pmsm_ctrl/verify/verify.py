@@ -164,7 +164,7 @@ def _quantile() -> float:
 class _Part:
     """What is known of the gain of one part."""
 
-    told: bool
+    separable: bool
     missing: bool
     there: bool
 
@@ -172,9 +172,9 @@ class _Part:
 def _parts(law: Law, expected: float) -> dict[str, _Part]:
     out = {}
     for name, value, stderr in zip(law.parts.names, law.parts.value, law.parts.stderr, strict=True):
-        told = bool(stderr < policy.UNTOLD * expected)
-        missing = told and abs(value) < policy.MISSING * expected
-        out[name] = _Part(told, bool(missing), bool(told and value > policy.THERE * expected))
+        separable = bool(stderr < policy.SEPARABLE_WITHIN * expected)
+        missing = separable and abs(value) < policy.MISSING * expected
+        out[name] = _Part(separable, bool(missing), bool(separable and value > policy.THERE * expected))
     return out
 
 
@@ -259,7 +259,7 @@ def _verdict(
 
 
 def _of_law(law: Law, expected: float, parts: Mapping[str, _Part], weight: Mapping[str, float]) -> list[Notice]:
-    """Return the doubts about the controller's law, and the parts that are missing or not told."""
+    """Return the doubts about the controller's law, and the parts that are missing or not separable."""
     out: list[Notice] = []
     if law.explained < policy.EXPLAINED:
         out.append(words.UNEXPLAINED(share=law.explained))
@@ -270,7 +270,7 @@ def _of_law(law: Law, expected: float, parts: Mapping[str, _Part], weight: Mappi
     some = any(one.there for one in parts.values())
     for name, value, stderr in zip(law.parts.names, law.parts.value, law.parts.stderr, strict=True):
         text = with_error(float(value), float(stderr)) if math.isfinite(stderr) else "unknown"
-        if not parts[name].told:
+        if not parts[name].separable:
             out.append(words.NOT_TOLD(effect=name, gain=text, share=weight[name]))
         elif parts[name].missing and some:
             out.append(words.PART_MISSING(effect=name, gain=text, share=weight[name]))

@@ -174,7 +174,7 @@ def test_f_test_against_scipy(rng: np.random.Generator) -> None:
     beta, rss, *_ = np.linalg.lstsq(x, y, rcond=None)
     gain = float(y @ y - rss[0])
     assert bench(flat, t, y, x.T, 0.1).significance([], [1, 2]) == pytest.approx(
-        float(f.sf(gain / 2.0, 2, n - noise.lost)), rel=1e-6
+        float(f.sf(gain / 2.0, 2, n - noise.rank)), rel=1e-6
     )
 
 

@@ -38,7 +38,7 @@ def test_noise_level_and_samples_that_do_not_count(rng: np.random.Generator) -> 
     mask = (np.arange(N) % 500) > 50
     noise = noise_of(np.where(mask, y, 1e6), [columns[:, :2], columns[:, 2:]], mask, 100.0)
     assert noise.rms == pytest.approx(1.0, rel=0.05)
-    assert noise.lost == 3  # the fourth column is a sum of two others
+    assert noise.rank == 3  # the fourth column is a sum of two others
     assert not noise.left[~mask].any()
     made = bench(noise, T, np.where(mask, y, 1e6), columns.T, 0.1)
     assert len(made.t) == int(mask.sum())

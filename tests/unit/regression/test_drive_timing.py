@@ -258,7 +258,7 @@ def test_torque_and_currents_are_stated_apart() -> None:
     design = stating(sampling="instant", sampled={"torque": {"sampling": "mean", "filter": 2e-3}})
     assert design.log.of("i_q").sampling == design.log.of("i_d").sampling == "instant"
     assert (design.log.of("torque").sampling, design.log.of("torque").filter) == ("mean", 2e-3)
-    assert not design.log.of("u_q").told
+    assert not design.log.of("u_q").stated
     assert Design.from_dict(design.to_dict()) == design
     log = made(1)
     told = make_record(design, log)
@@ -270,7 +270,7 @@ def test_torque_and_currents_are_stated_apart() -> None:
 def test_a_command_is_early_and_never_late() -> None:
     record = make_record(stating(sampling="command"), made(1))
     assert record.sampling < 0.1 * PERIOD < PERIOD < record.early
-    assert not record.sampling_told
+    assert not record.sampling_stated
 
 
 @pytest.mark.parametrize("seed", seeds(5, 6))
