@@ -2,7 +2,8 @@
 
 Benchmarks: *blind* is ``tests.benchmarks.blind`` (the package's own simulation), *plant* is
 ``tests.benchmarks.other_plant`` (a second simulator), *machines* and *sizes* are its motions of machines and its drives
-of other sizes, *clean* are logs of both without a hidden effect.
+of other sizes, *worlds* is ``tests.benchmarks.worlds`` (a third simulator, drives drawn at random), *clean* are logs
+without a hidden effect.
 """
 
 from __future__ import annotations
@@ -21,44 +22,47 @@ class Policy:
     Attributes
     ----------
     significance : float
-        Family-wise p-value of the F-test after Holm's correction. A convention; clean.
+        Family-wise p-value of the F-test after Holm's correction. A convention. Set on: clean.
     block_errors : float
-        Standard errors by which the mean cross-validation gain must be above zero. False-alarm table of
-        docs/diagnosis.md; clean.
+        The mean cross-validation gain must exceed zero by this many standard errors. Set on: clean (docs/diagnosis.md).
     first_block_errors, expected_share : float
-        The same for the first effect, which may be small: this share of the root of its whole gain is enough, and never
-        less than so many standard errors. Gains that are spread evenly over the blocks reach half the root of the
-        whole; three quarters of that must be seen. Later effects need the full number: what an accepted effect does not
-        describe exactly is left in every block, and can look like a small effect. Blind at half strength, and with
-        effects left out of the candidates.
+        The same for the first effect, which may be small. Its mean gain over its standard error must exceed
+        `expected_share` times the root of its whole gain, and `first_block_errors` at least. Gains that are spread
+        evenly over the blocks reach 0.5 times the root of the whole gain; three quarters of that are asked. Later
+        effects need the full `block_errors`: the model error of an accepted effect is in every block, and looks like a
+        small effect. Set on: blind at half strength, and with effects left out of the candidates.
     rival_errors : float
-        Standard errors by which the mean cross-validation gain of a spring or a gap must be above zero beside a smooth
-        response and waves of a turn, where it also must be significant. Third simulator; blind (servo).
+        The mean cross-validation gain beside the rivals of an effect must exceed zero by this many standard errors.
+        Rivals are late, averaged or filtered channels, and waves of a turn. Set on: worlds; blind (servo).
     size : float
-        Smallest contribution worth a name, as a share of the rms of the balance where it acts. Clean, blind.
+        Smallest contribution that is named, as a share of the rms of the balance in which it acts. Set on: clean,
+        blind.
     beside : float
-        Smallest contribution worth a name beside accepted effects, as a share of the largest of theirs: no model of an
-        effect is exact, and what it leaves looks like another one. Of 77 right second effects of pairs three are
-        smaller, of 19 false ones ten. Effects with an order of their own are known by that. Worlds.
+        Smallest contribution that is named beside accepted effects, as a share of the largest contribution of theirs.
+        Below it, the model error of the larger effect can look like another effect. Effects with an order of their own
+        are exempt. Of 77 right second effects of pairs three are smaller, of 19 false ones ten. Set on: worlds.
     small_size, explained : float
-        A smaller contribution is enough where it explains this share of the residual's sum of squares: beside a hard
-        acceleration all friction is small. Machines; currents in steps of 60 mA, where less than that is 58 % of the
-        residual.
+        A contribution from `small_size` on is named where it explains at least the share `explained` of the residual's
+        sum of squares: beside a hard acceleration all friction is small. Set on: machines; currents in steps of 60 mA,
+        where an effect below `small_size` explains 58 % of the residual.
     excess : float
-        Share that an effect must explain of what the residual has above its noise floor. What a sampling, a filter or
-        a current loop leaves is no noise, and any effect explains a little of it. A significant effect that was not
-        confirmed by cross-validation, and explains this share of the residual, is unexplained structure. Worlds.
+        Smallest share that an effect must explain of what the residual has above its noise floor. Sampling, filters
+        and the current loop leave errors that are no noise, and any effect explains a little of them. The same share
+        of the residual makes a significant effect that cross-validation did not confirm unexplained structure. Set on:
+        worlds.
     with_memory : float
-        The same for a spring, a gap, a bristle or a delay: what lies between the logged drive signal and the torque
-        has a memory as well, and no model of it is exact. Worlds.
+        The same for a spring, a gap, a bristle or a delay. What lies between the logged drive signal and the torque
+        has a memory as well, and its model is not exact. Set on: worlds.
     lowered : float
-        An accepted effect must bring the rms error of at least one balance down to this share. Plant: a speed that the
-        drive filtered, and an angle of five digits, let a delay pass without it.
+        An accepted effect must lower the rms error of at least one balance to this share of the error before. Without
+        it a delay is named in a speed that the drive filtered, and in an angle of five digits. Set on: plant.
     balance_worse, traded : float
-        Ratio by which the weighted rms error of a balance may rise with an effect, and more only where that is less
-        than this share of what another balance gains. Blind, pair 11106: a third effect raised an error fivefold.
+        The weighted rms error of a balance may not rise with an effect by more than the ratio `balance_worse`, unless
+        its rise is less than the share `traded` of what another balance gains. Set on: blind, pair 11106, where a third
+        effect raised an error fivefold.
     worse : float
-        Ratio by which an effect on the voltages may raise the rms error of a voltage. Machines: a dead time of 0.02 V.
+        An effect on the voltages may not raise the rms error of any voltage by more than this ratio. Set on: machines,
+        where a dead time of 0.02 V was named.
     unchanged : float
         Ratio of rms errors, all moving samples alike, up to which an effect on the torque leaves its error as it was.
         What is more raises an error. Worlds drawn at random.
@@ -67,61 +71,72 @@ class Policy:
         convention.
     relief, absurd : float
         Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect, or the levels of
-        several records to each other. From `relief` on that is reported, and no error has to fall; from `absurd` on (15
-        tolerances: no motor has four times the resistance of its datasheet) any cross-validation gain is enough, and a
-        winding so far off is unexplained. Blind on a slow sine, where a dead time is as well a resistance; worlds.
+        several records to each other. A return of more than `relief` is reported, and no error has to fall then. For a
+        return of more than `absurd` (15 tolerances: no motor has four times the resistance of its datasheet) any
+        cross-validation gain is enough; a winding that stays so far off is unexplained structure. Set on: blind on a
+        slow sine, where a dead time looks like a resistance; worlds.
     tied_gain, tied_share : float
-        Two explanations are equal where their sums of squares differ by less than this, in units of the noise, or by
-        less than this share of the gain. Blind.
+        Two explanations are equal where their sums of squares differ by less than `tied_gain`, in units of the noise,
+        or by less than the share `tied_share` of the gain. Set on: blind.
     most_steps : int
-        Effects that are accepted at most. LAAS: beyond eight orders of its cogging the friction becomes negative.
+        Largest number of accepted effects. Set on: LAAS, where more than eight orders of cogging make the friction
+        negative.
     rival_share, most_rivals : float, int
-        Where a single effect was accepted, so many others whose gain is at least this share of its gain are fitted in
-        its place. Plant.
+        Where a single effect was accepted, up to `most_rivals` others are fitted in its place, if their gain is at
+        least the share `rival_share` of its gain. Set on: plant.
     sure_errors : float
-        Standard errors from which on a parameter deviates: from its nominal value, its tolerance or its bounds. With
+        Standard errors beyond which a parameter deviates from its nominal value, its tolerance or its bounds. With
         four, a delay is named in one of 56 clean logs.
     tolerance : float
-        Tolerance of a parameter for which the design gives none, as a share: copper that is hot, or measured between
-        two phases, is one and a half times or twice the design's.
+        Tolerance of a parameter for which the design states none, as a share. Hot copper, or a resistance measured
+        between two phases, is one and a half times or twice the design's.
     torque_constant : float
-        Share by which the torque constant may be off, which scales every torque: less than on a datasheet.
+        Tolerance of the torque constant, as a share, which scales every torque. It is less than a datasheet's.
     sound_weight : float
-        Weight below which a sample is not searched for structure, and does not tell whether an effect raises an error:
-        edges of the torque are aliased. A speed sweep; a friction that is an offset at one speed each way.
+        Samples of less weight are not searched for structure, and do not count where the error with and without an
+        effect is compared: edges of the torque are aliased. Set on: a speed sweep; a friction that is an offset at one
+        speed each way.
     structure_share : float
-        Least share of the residual's mean square that a curve must explain to be named. Clean.
+        Smallest share of the residual's mean square that a curve over a coordinate must explain to be named. Set on:
+        clean.
     resembled_at_turns : float
-        The share of such structure where the residual sits around reversals, as no sampling leaves it: presliding
-        left out of the candidates is a Stribeck curve for 3 to 5 % of it. Blind.
+        Smallest share of the residual that makes a refused effect unexplained structure where the residual sits around
+        reversals. No sampling causes that; a presliding left out of the candidates resembles a Stribeck curve there for
+        3 to 5 %. Set on: blind.
     around_reversals : float
-        Ratio of rms residuals around reversals and elsewhere from which on the structure is said to sit there. Blind.
+        Ratio of the rms residual around reversals to that elsewhere above which the residual is said to sit there. Set
+        on: blind.
     visible_share : float
-        Share of the motion that must be slow enough for an effect's lowest usual order to pass the filter. Blind.
+        Smallest share of the motion that must be slow enough for the lowest usual order of an effect to pass the
+        filter. Set on: blind.
     own_share : float
-        Share of a column that must be its own for its friction parameter to count as excited. Blind.
+        Smallest share of a friction column that must be independent of the others for its parameter to count as
+        excited. Set on: blind.
     separated : float
         Twice the log-likelihood by which one rival must beat the other in the proposed experiment.
     explained_torque : float
-        Share of the torque's mean square that a model must explain; of what is not noise, or else log and design do
-        not belong together. Half: with less, most of the torque is something else. A residual of which more than this
-        share lies above its noise floor is not called consistent: all candidates together explain most of it. Of 50
-        clean worlds eight have such a residual, where edges are not sampled or the drive runs into its limit.
+        Smallest share of the torque's mean square that a model must explain for a verdict. Less than this share of
+        what is not noise: log and design do not belong together. Half, because with less most of the torque is
+        something else. A log is also not called consistent where more than this share of its residual lies above the
+        noise floor. Of 50 clean worlds eight have such a residual: edges that are not sampled, or a drive at its limit.
     implausible_factor : float
-        Factor by which J, R or psi_f cannot differ from the design's: another unit, another gear, another axis.
+        J, R or psi_f that differ from the design's by more than this factor contradict it: another unit, another gear
+        or another axis.
     friction_share : float
-        Share of the torque from which on a dry friction below zero contradicts the design; with less it stays at zero,
-        and something else is missing. A convention.
+        A dry friction below zero contradicts the design if it is at least this share of the torque. A smaller one is
+        held at zero: something else is missing. A convention.
     refused_share : float
-        Share of the residual that a significant effect would explain that was refused: a log is not called consistent
-        then. An effect that explains so much, and most of what the residual has above its noise floor, is worth a name
-        however small. A torque of which noise is at least this share may be noise, and contradicts no design; where it
-        is less with edges weighted as all other samples, the log is not called consistent either: one clean world in
-        ten has such edges. Worlds.
+        Share of the residual's mean square that is too large to be passed over. Four rules use it. A significant
+        effect that was refused and explains this share forbids `consistent`. An effect that explains this share, and
+        most of what the residual has above its noise floor, may be named however small it is. Where the noise floor is
+        less than this share, all samples weighted alike, the log is not called consistent; one clean world in ten has
+        such edges. Where it is less than this share as the fit weighs it, a residual of most of the torque contradicts
+        the design. Set on: worlds.
     events : Search
-        What counts as an event. Pushes, brakes and steps of 0.7 F_c in 14 worlds; one named in 160 worlds without.
+        What counts as an event. Found: pushes, brakes and steps of 0.7 F_c in 14 worlds. False: one in 160 worlds
+        without an event.
     alarms : float
-        Share of false alarms in the simulated calibration from which on the answer is doubted. A convention.
+        Share of false alarms in the simulated calibration above which the result has a warning. A convention.
     """
 
     significance: float = 0.01
@@ -166,12 +181,12 @@ class Policy:
     alarms: float = 0.05
 
     def tie(self, gain: float) -> float:
-        """Return by how much two explanations of so large a gain may differ and still be equal.
+        """Return the largest difference of the sums of squares of two explanations that are equal.
 
         Parameters
         ----------
         gain : float
-            Fall of the sum of squares, in units of the noise.
+            Fall of the sum of squares by either, in units of the noise.
         """
         return max(self.tied_gain, self.tied_share * gain)
 
