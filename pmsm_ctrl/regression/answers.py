@@ -1,11 +1,13 @@
-"""Candidates beside values that instruments told: each value was estimated without the effect that is missing.
+"""Candidates beside parameters that are held at values by instruments, as in two-stage least squares.
 
 Where noise moves the axis, the inertia, and delay and variance of the drive signal, are held at their values by the
-reference (`instruments`). A missing effect that resembles the acceleration has changed these values: friction by load
-makes the inertia 2 to 8 % too large, and what the held inertia explains of it is lost to the candidate. So candidates
-are judged as two-stage least squares judges them beside the held parameters: each column less what the held values
-answer to it. The answer stands along the parameter's column as far as the instruments tell it, for the measured one
-holds the noise for which the value was held.
+reference (`instruments`). These values were estimated without the effect that is missing. If the effect resembles the
+acceleration, it has changed them: friction by load makes the inertia 2 to 8 % too large. The held inertia then explains
+part of the effect, and the candidate loses that part.
+
+So each candidate is judged by its column less the response of the held values to that column. The response lies along
+the projection of the parameter's column on the instruments. The measured column is not used for it, because it holds
+the noise for which the value was held.
 
 Source: T. Soderstrom, P. Stoica, Instrumental Variable Methods for System Identification, Springer 1983, ch. 3.
 """
@@ -27,14 +29,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """How a value by instruments follows the torque.
+    """Response of a value by instruments to the torque.
 
     Attributes
     ----------
     column : array, shape (m,)
-        The parameter's column of the torque balance, as far as the instruments tell it.
+        The parameter's column of the torque balance, projected on the instruments.
     slope : array, shape (m,)
-        Change of the value with each sample of the torque.
+        Derivative of the value with respect to each sample of the torque.
     """
 
     column: Array
@@ -42,13 +44,13 @@ class Answer:
 
 
 def beside_held(group: Group, answers: Sequence[Answer]) -> Group:
-    """Return the group with its columns of the torque less what held values answer to them.
+    """Return the group with its torque columns less the response of the held values to them.
 
     Parameters
     ----------
     group : Group
     answers : sequence of Answer
-        Of the parameters that a model holds at values by instruments; none changes nothing.
+        Of the parameters that a model holds at values by instruments. Without any, the group is returned as it is.
     """
     columns = group.rows[0]
     if columns is None or not answers:
@@ -60,7 +62,7 @@ def beside_held(group: Group, answers: Sequence[Answer]) -> Group:
 
 
 def gram_beside_held(gram: Array, answered: Array) -> Array:
-    """Return the Gram matrix of columns less what held values answer to them.
+    """Return the Gram matrix of columns less the response of the held values to them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One log made ready for the diagnosis: measured balances on a thinned grid, and what columns are built from.
+"""One conditioned log: measured balances on a thinned grid, and the signals from which columns are built.
 
 Up to three balances: torque, u_d and u_q. Every balance and every column goes through the same zero-phase filter.
 """
@@ -106,26 +106,25 @@ class Record:
     duration : float
         Of the log, s.
     coarse : array, shape (channels,)
-        What the steps of a quantised channel may hide or feign in each balance, in its unit; 0 where noise smooths
-        them.
+        Error of each balance by the steps of a quantised channel, in its unit; 0 where noise smooths the steps.
     dry : float
         Rough level of the dry friction, N m (N); 0 when there is none.
     notes : tuple of Notice
         Reasons to doubt the balances.
     age : float or None
-        Of a logged speed that is all that is known of the motion, as far as it was undone, s: drives filter it. None
-        where the log has a position.
+        Corrected delay of the logged speed, s, where the log has no position: drives filter the speed. None where it
+        has a position.
     late : float or None
-        Delay of the currents about which its column is taken, s; None as long as the terms read measured currents.
+        Delay of the currents about which its column is linearised, s; None while the terms read measured currents.
     changes : tuple of float
         Times from which on the dry friction is another one, s.
     timing : DriveTiming
-        How the drive signal was sampled, as far as that was undone.
+        The corrected part of the drive signal's sampling.
     sampling : float
-        How much later than the position the drive signal may have been sampled, s: one period of the log, or of the
+        Largest possible delay of the drive signal after the position by sampling, s: one period of the log, or of the
         speed loop, whose steps are always sampled at the same place.
     early : float
-        How much earlier, s: a torque or current may be the command, which a current loop follows later.
+        Largest possible lead, s: a torque or current may be the command, which a current loop follows later.
     sampling_stated : bool
         Whether the design states when the drive signal was sampled.
     unseen : float
@@ -135,7 +134,7 @@ class Record:
     shifts : tuple of (float, float)
         What was added to the angle of each record, and its standard error, rad; empty where one zero serves all.
     wrong : float
-        Share of the torque that its edges and reversals were weighed by.
+        Assumed model error as a share of the torque, by which edges and reversals were weighted.
     left_out : tuple of (float, float)
         Stretches of time that take no part, because something happened there once, s.
     step : float
@@ -443,8 +442,8 @@ def _add_slopes(signals: dict[str, Array], prepared: Prepared) -> None:
 def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) -> Record:
     """Return a copy whose terms read the torque and current that the model predicts, not the measured ones.
 
-    A column made of the measured torque explains the measured torque, noise and missing effects included; and the
-    drive's voltage answers the noise of the measured current, which would be taken for a resistance.
+    A column made of the measured torque would explain the measured torque, noise and missing effects included. The
+    drive's voltage responds to the noise of the measured current, and this would look like a resistance.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The bandwidth of an evaluation: information that a wider band adds against bias by noise in the motion."""
+"""The bandwidth of an evaluation: a wider band adds information, and bias by noise of the motion."""
 
 from __future__ import annotations
 
@@ -76,12 +76,12 @@ def _has_shapes(design: Design) -> bool:
 
 
 def regression_problem(design: Design, log: Log, processing: Processing) -> Problem:
-    """Build the regression for least squares in the default band, or in a wider one that tells more.
+    """Build the regression for least squares in the default band, or in a wider one that holds more information.
 
-    A wider band is taken only where the default one identifies every parameter: the drive's answer to noise is no
-    excitation. The inertia keeps a narrower band of its own where errors in the acceleration would bias it: they shrink
-    it by the share of the column's power that is theirs (W. A. Fuller, Measurement Error Models, Wiley 1987, sec. 1.1).
-    A cutoff given in `processing` is taken.
+    A wider band is taken only where the default one identifies every parameter: the response of the drive to noise is
+    no excitation. The inertia keeps a narrower band of its own where errors in the acceleration would bias it. They
+    make it too small by their share of the column's power (W. A. Fuller, Measurement Error Models, Wiley 1987, sec.
+    1.1). A cutoff given in `processing` is taken.
     """
     usual = build_problem(design, log, processing)
     if processing.cutoff is not None:

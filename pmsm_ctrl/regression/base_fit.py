@@ -58,9 +58,9 @@ class Settled:
     rough : Solved
         By rough weights.
     notes : tuple of str
-        What of the design this log cannot evaluate.
+        Effects of the design that this log cannot evaluate.
     left : Saturated
-        What the model and curves of speed and time leave over.
+        Residual of the model with curves of speed and time.
     """
 
     record: Record
@@ -72,7 +72,7 @@ class Settled:
 
 @dataclass(frozen=True, eq=False)
 class Estimated:
-    """A settled model, solved with the noise that a saturated model leaves over.
+    """A settled model, solved with the noise of the residual of a saturated model.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ def _settled_model(design: Design, record: Record, accepted: tuple[Accepted, ...
 
 
 def estimated(record: Record, model: Model, left: Saturated) -> Estimated:
-    """Solve a model with the noise that a saturated one leaves over.
+    """Solve a model with the noise of the residual of a saturated one.
 
     Parameters
     ----------
@@ -204,11 +204,11 @@ def estimated(record: Record, model: Model, left: Saturated) -> Estimated:
 def _no_louder_than_the_base(
     record: Record, model: Model, left: Saturated, whitener: Whitener
 ) -> tuple[Whitener, Solved]:
-    """Return the prewhitener and the model solved with it, the noise no larger than what the model itself leaves.
+    """Return the prewhitener, with noise no larger than the model's own residual, and the model solved with it.
 
-    The saturated model is fitted by weights alone. Where most of the noise is slow its columns follow that, and leave
-    fast noise of their own: then the model leaves less than the saturated one, whitened, and its residual is the better
-    estimate of the noise. By less than a sum of squares scatters that says nothing.
+    The saturated model is fitted by weights alone. Where most of the noise is slow, its columns follow the slow noise
+    and add fast noise of their own. The whitened residual of the model itself is then the smaller one, and the better
+    estimate of the noise. A difference below the scatter of a sum of squares is ignored.
     """
     solved = solve_model(record, model, whitener)
     for _ in range(ROUNDS_OF_NOISE):

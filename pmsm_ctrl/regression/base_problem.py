@@ -1,7 +1,7 @@
-"""The base model of the diagnosis as a regression of the torque: parameters of the axis beside what nobody knows.
+"""The base model of the diagnosis as a regression of the torque: parameters of the axis, and nuisance parameters.
 
-So `identify` reads a log as `diagnose` and `compare` do: the same band, weights, reversals, sampling and instruments of
-the reference, with the same values.
+With it `identify` reads a log as `diagnose` and `compare` do: the same band, weights, reversals, sampling and
+instruments of the reference.
 """
 
 from __future__ import annotations

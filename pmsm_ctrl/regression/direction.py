@@ -1,4 +1,4 @@
-"""The direction of motion, with which dry friction goes: what rests, and what noise turns, has none."""
+"""The direction of motion, which the dry friction opposes; at rest, or where noise changes the sign, there is none."""
 
 from __future__ import annotations
 
@@ -112,10 +112,10 @@ def direction_of(
 
 
 def _followed(prepared: Prepared, pushed: Array, J: float) -> tuple[Array, Array]:
-    """Return speed and position in the band of the torque: those measured, and above their band what the torque makes.
+    """Return speed and position in the band of the torque: measured ones below, by the torque above their own band.
 
-    Where a reversal begins and ends the axis has a speed that the ripple of the torque gave it, and that the smoothed
-    speed has lost. A complementary filter: W. T. Higgins, IEEE Trans. Aerospace Electr. Systems 11 (1975) 321.
+    Ripple of the torque changes the speed at which a reversal begins and ends, and the smoothed speed does not show it.
+    A complementary filter: W. T. Higgins, IEEE Trans. Aerospace Electr. Systems 11 (1975) 321.
     """
     period, wide = 1.0 / prepared.rate, prefilter(prepared)
     if wide >= 0.45 * prepared.rate:

@@ -1,7 +1,7 @@
-"""How the drive signal was sampled, beside the position: late by some time, and behind a filter.
+"""How the drive signal was sampled relative to the position: with a delay, and behind a filter.
 
-A signal T(t) that passes a linear filter of mean delay m and variance v of its impulse response is, slow against that,
-``T - m dT/dt + (m^2 + v) / 2 d^2T/dt^2``. Variances add: a sample that is late has none, a mean over a period P has
+The output of a linear filter whose impulse response has mean m and variance v is, for signals T(t) that are slow
+against it, ``T - m dT/dt + (m^2 + v) / 2 d^2T/dt^2``. Variances add: a pure delay has none, a mean over a period P has
 ``P^2 / 12``, a first-order filter of time constant lag has ``lag^2``.
 """
 
@@ -112,16 +112,16 @@ UNDELAYED = DriveTiming()
 
 @dataclass(frozen=True)
 class Sampling:
-    """What is known of how the drive signal of a log was sampled: nuisances of a regression.
+    """What is known of the sampling of the drive signal: nuisance parameters of a regression.
 
     Attributes
     ----------
     timing : DriveTiming
-        What is undone in the log.
+        The part that was corrected in the log.
     late : float
-        Delay that is left, about which its column is taken, s.
+        Remaining delay about which its column is linearised, s.
     stderr : float
-        Of that delay, s; zero where the log does not tell it, and it is taken for zero.
+        Of that delay, s; zero where the log does not determine it, and zero is assumed.
     sigma : (float, float)
         How far the delay, s, and half the variance of the impulse response, s^2, may lie from zero, one sigma.
     """
@@ -163,10 +163,10 @@ def sampling_columns(torque: Array, period: float, late: float) -> dict[str, Arr
 
 
 def emf_left(design: Design, alpha: Array, period: float, stated: bool = False) -> Array | None:
-    """Torque that a current loop lets the back-emf take from its command, per second that its compensation is late.
+    """Torque error of a command by the back-emf that the current loop does not reject, per second of late compensation.
 
-    With its zero on the winding's pole the loop answers a disturbance ``u`` by ``s u / ((L s + R) (s + w))``, and the
-    compensation misses ``p psi tau s omega`` of the emf. A logged command is what the drive asked for; a measured
+    With its zero on the winding's pole the loop responds to a disturbance ``u`` by ``s u / ((L s + R) (s + w))``, and
+    the compensation misses ``p psi tau s omega`` of the emf. A logged command is what the drive asked for; a measured
     current holds nothing of this, and the parameter comes out as zero. Derived from the winding's equation
     ``L di/dt + R i = u - p psi omega`` with a PI controller. None where the winding is not known, or a sampling that
     the design states excludes a command.

@@ -1,8 +1,9 @@
-"""The error of an encoder's lines: a wave of the measured angle that every fit has to hold where a log shows it.
+"""The interpolation error of an encoder's lines. It is part of every fit where a log shows it.
 
-Encoders that interpolate the signals of their lines are wrong by up to a few per cent of a line, periodically. Twice
-differentiated, that swings the measured acceleration with the square of the speed as long as the lines pass slowly
-enough for the filters: on a smooth motion just before a stop and just after a start, where it looks like friction.
+An encoder that interpolates the signals of its lines has a periodic error of up to a few per cent of a line. After two
+derivatives it is an oscillation of the acceleration that grows with the square of the speed, as long as the lines pass
+slowly enough for the filters. On a smooth motion this is just before a stop and just after a start, where it looks like
+friction.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ PIECES = 16
 
 
 def line_swings(record: Record, lines: int) -> tuple[Array, Array]:
-    """Return the torque that the error of so many lines feigns, shape (n,): of its sine, and of its cosine.
+    """Return the apparent torque of the error of so many lines, shape (n,): of its sine, and of its cosine.
 
     Parameters
     ----------
@@ -92,10 +93,9 @@ def shown_lines(record: Record, residual: Array, matrix: Array, sigma: float) ->
 
 
 def _held_out(columns: Array, left: Array) -> tuple[float, Array]:
-    """Return what two columns take of a residual, in each half of a log by the values of the other, and their values.
+    """Return what two columns explain of each half of a residual with the values of the other half, and their values.
 
-    The lines of an encoder stand where they stand in the whole log; friction around a reversal takes another phase at
-    each.
+    The phase of an encoder's lines is the same in the whole log. Friction around a reversal has another phase at each.
     """
     pieces = [slice(*ends) for ends in itertools.pairwise(np.linspace(0, len(left), PIECES + 1).astype(int))]
     parts = [(columns[at].T @ columns[at], columns[at].T @ left[at]) for at in pieces]

@@ -1,8 +1,8 @@
-"""What the steps of an angle do to speed and acceleration, sample by sample.
+"""Errors of speed and acceleration by the steps of an angle, sample by sample.
 
-The error of a rounded angle is a wave of one period a step. Where the axis is fast the wave lies above the band, and
-little of it is left; where it is slow, around every reversal, all of it passes and is differentiated twice. Noise that
-is larger there than elsewhere, and taken for even, looks like friction that changes, a gap or a spring.
+The error of a rounded angle is a wave with one period a step. At high speed its frequency lies above the band, and
+little of it remains. At low speed, around every reversal, all of it passes the filter and is differentiated twice. If
+this noise were taken to be the same everywhere, it would look like a friction that changes, a gap or a spring.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ class StepErrors:
 
 
 def errors_by_steps(prepared: Prepared, step: float) -> StepErrors | None:
-    """Return what the steps of an angle do to speed and acceleration; None where that is nothing beside the motion.
+    """Return the errors by the steps of an angle; None where they are negligible beside the motion.
 
-    The measured motion, smoothed, is rounded again, by encoders with zeros of their own: where the zero lies is chance,
-    how fast the steps pass is not. Source: B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008, ch. 1.
+    The smoothed motion is rounded again by encoders with different zeros. Where the zero lies is chance; how fast the
+    steps pass is not. Source: B. Widrow, I. Kollar, Quantization Noise, Cambridge 2008, ch. 1.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Orders of a turn that a low-pass removes before anything is judged, looked for in the drive signal as logged."""
+"""Orders of a turn above the bandwidth, searched in the drive signal as logged, since the low-pass removes them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CLIPPED = 5.0  # median magnitudes of the fast part of the drive signal: edges a
 
 
 def orders_beyond(design: Design, log: Log, cutoff: float) -> tuple[Notice, ...]:
-    """Say which orders of a turn lie above the bandwidth of an evaluation nearly always.
+    """Return notices of orders of a turn that lie above the bandwidth at nearly all speeds.
 
     A wave over the angle is demodulated with the logged angle, at any speed at which the log resolves it.
 

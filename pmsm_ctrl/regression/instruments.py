@@ -1,10 +1,13 @@
-"""Inertia, and delay of the drive signal, from the reference alone: what noise that moves the axis cannot bias.
+"""Inertia, and delay and variance of the drive signal, by instrumental variables made of the reference.
 
-Noise of the torque that no channel holds (the current sensor's, which the current loop turns into torque) moves the
-axis, and the speed controller answers it. Slopes of the modelled torque go with it: least squares finds a delay that is
-too early by up to the loop's time constant, and a variance that is too large, the more so where the weights leave
-little else. Its share of the acceleration makes the inertia too small. The reference knows nothing of the noise:
-instruments made of it have no such bias.
+Noise of the torque that no channel holds moves the axis, and the speed controller responds to it. An example is noise
+of the current sensor, which the current loop turns into torque. Least squares is then biased:
+
+- the slope of the modelled torque is correlated with the noise, so that the delay comes out too early, by up to the
+  time constant of the loop, and the variance too large;
+- the share of noise in the acceleration makes the inertia too small.
+
+The reference is independent of the noise, so that instruments made of it have no such bias.
 
 Source: T. Soderstrom, P. Stoica, Instrumental Variable Methods for System Identification, Springer 1983, ch. 3 and 8;
 the test of least squares: J. A. Hausman, Econometrica 46 (1978) 1251.
@@ -43,7 +46,7 @@ RANK = 1e-6  # of the largest singular value
 
 @dataclass(frozen=True)
 class ReferenceEstimates:
-    """Inertia, delay and half the variance of the impulse response by instruments: values and standard errors.
+    """Inertia, delay and half the variance of the impulse response by instruments, with standard errors.
 
     Attributes
     ----------
@@ -54,10 +57,10 @@ class ReferenceEstimates:
     spread : (float, float)
         s^2.
     noise : float
-        Share of the acceleration's power, as the fit weighs it, that the reference does not explain: by so much least
-        squares may find the inertia too small.
+        Share of the acceleration's power, with the weights of the fit, that the reference does not explain. The
+        inertia by least squares may be too small by this share.
     answers : dict of name to Answer
-        How each value follows the torque.
+        Response of each value to the torque.
     """
 
     inertia: tuple[float, float]
@@ -112,7 +115,7 @@ def by_reference(record: Record, model: Model, sigma: float) -> ReferenceEstimat
 
 
 def _answer(seen: Array, inverse: Array, size: Array, weight: Array, k: int) -> Answer:
-    """Return how the value of a column follows the torque, and what the instruments tell of the column."""
+    """Return the response of a column's value to the torque, and the projection of the column on the instruments."""
     column = np.divide(seen[:, k] * size[k], weight, out=np.zeros(len(weight)), where=weight > 0.0)
     return Answer(column, (seen @ inverse[k]) * weight / size[k])
 
@@ -131,7 +134,7 @@ def _weighted_instruments(
 
 
 def _projected(columns: Array, instruments: Array) -> Array:
-    """Return what instruments tell of columns, shape (m, k)."""
+    """Return the projection of columns on the instruments, shape (m, k)."""
     _, singular, turn = np.linalg.svd(
         triangle(instruments[some] for some in in_blocks(len(columns))), full_matrices=False
     )

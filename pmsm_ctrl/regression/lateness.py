@@ -1,4 +1,4 @@
-"""What a fit must not take from noise: how late the drive signal was sampled, and, with a reference, the inertia."""
+"""The delay of the drive signal inside its bounds; values by the reference where noise biases least squares."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SURE = 3.0  # standard errors by which least squares must differ from the refere
 
 
 def lateness(model: Model, values: Array) -> float:
-    """Return how late the drive signal was sampled, s; zero where that is not fitted.
+    """Return the delay of the drive signal after the position, s; zero where it is not fitted.
 
     Parameters
     ----------
@@ -52,16 +52,16 @@ def stopped(record: Record, model: Model) -> bool:
 
 
 def _undone(record: Record) -> float:
-    """Return what of the lateness was undone, s: a sampling that is stated is the centre of what is possible."""
+    """Return the delay that was corrected before the fit, s; 0 for a stated one, around which it is possible."""
     return 0.0 if record.sampling_stated else record.timing.late
 
 
 def with_sampling_bounded(record: Record, model: Model, fit: Solved, sigma: float) -> Model:
-    """Hold the lateness of the drive signal inside what sampling can do: the rest is a delay, an effect.
+    """Hold the delay of the drive signal inside what sampling can cause. A larger delay is the effect `delay`.
 
-    Where the log does not tell it, it stays where it was taken out. Where the reference tells another one than least
-    squares does, noise that moves the axis biases the latter; delay and variance are then those by the reference, and
-    so is the inertia where that noise makes it too small. What is held stays as uncertain as it is.
+    Where the log does not determine the delay, the one that was corrected before the fit stays. Where least squares and
+    the reference differ, noise that moves the axis biases least squares: delay and variance by the reference are then
+    held, and so is the inertia where that noise makes it too small. A held parameter keeps its standard error.
 
     Parameters
     ----------
@@ -105,10 +105,11 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, estimates: Re
 
 
 def _with_inertia_held(model: Model, fit: Solved, estimates: ReferenceEstimates) -> Model:
-    """Return the model with the inertia by the reference, where that of least squares is known less well.
+    """Return the model with the inertia by the reference held, where it is the more certain one.
 
-    Noise of the motion makes the latter too small, by its share of the acceleration at most. Elsewhere it stays free,
-    and is as uncertain as the two estimates differ beyond the noise of the one by the reference.
+    Noise of the motion makes the inertia by least squares too small, at most by its share of the acceleration. Where
+    the reference is less certain than that, the inertia stays free. Its bias is then the difference of the two
+    estimates beyond the standard error of the one by the reference.
     """
     k = model.names.index("J")
     value, stderr = estimates.inertia
@@ -136,9 +137,9 @@ def _holding(model: Model, held: Mapping[int, tuple[float, float]], scale: Mappi
 
 
 def _biased(model: Model, fit: Solved, estimates: ReferenceEstimates) -> bool:
-    """Return whether least squares differs from the reference as noise makes it: earlier, and with a larger variance.
+    """Return whether least squares differs from the reference in the way of noise: earlier, with a larger variance.
 
-    Anything else is an error of the model, which instruments do not bear better.
+    Any other difference is an error of the model, against which instruments are no better.
     """
     late, spread = (float(fit.values[model.names.index(name)]) for name in (LATENESS, SPREAD))
     earlier = (estimates.late[0] - late) / max(estimates.late[1], 1e-300)

@@ -1,4 +1,4 @@
-"""Take out of a log what the design knows to be wrong with its measurements."""
+"""Correct a log for the measurement effects of its design."""
 
 from __future__ import annotations
 

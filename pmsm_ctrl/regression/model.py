@@ -69,14 +69,14 @@ class Model:
     groups : tuple of Group
     names, nominal : one each per column
     sigma : array
-        How far the value may lie from the nominal one, as a prior; infinite where nothing is known.
+        Standard deviation of the prior around the nominal value; infinite without a prior.
     matrix : array, shape (balances, m, columns)
     doubt : dict of column to float
-        Of parameters that are held at a nominal value, its standard deviation, where that is not `sigma`.
+        Standard deviation of a nominal value at which a parameter is held, where that is not `sigma`.
     bias : dict of column to float
-        By how much least squares may be off, as far as an estimate without bias from the same log tells.
+        Possible bias of least squares, by an unbiased estimate from the same log.
     answers : tuple of Answer
-        Of the parameters that are held at a value from instruments.
+        Responses of the parameters that are held at a value by instruments.
     """
 
     groups: tuple[Group, ...]
@@ -348,10 +348,10 @@ def _sampling_terms(record: Record, settled: bool) -> Iterator[_Term]:
 
 
 def with_torque_held(record: Record, model: Model, least: float = 1.0) -> Model:
-    """Hold the design's terms that read the torque, unless this share of each is its own beside the other columns.
+    """Hold the design's terms that read the torque, unless at least this share of each is independent of other columns.
 
-    A friction that is a share of the torque explains all of it where the axis is driven one way only: with a share of
-    one, and no inertia.
+    Friction proportional to the torque explains all of it where the axis is driven in one direction only: with a factor
+    of one and an inertia of zero.
     """
     sigma = model.sigma.copy()
     held = [k for k in np.flatnonzero(model.nominal).tolist() if _reads_torque(model.group_of(k).effect)]

@@ -1,10 +1,9 @@
-"""When dry friction turns: the share of its level that acts, sample by sample, through every reversal.
+"""Dry friction through a reversal: the share of its level that acts in each sample.
 
-The speed is smoothed before it is differentiated, and friction kinks it where the direction changes: the smoothed
-speed crosses zero up to a millisecond late, always late. Seen from the torque that is an actuation delay, a
-spring or a gap that nobody built in. And a shaft that is turned round slowly sticks for a while in between.
-So each reversal is run through: from the speed before it, which the kink has not reached, to the speed after it,
-driven by the measured torque.
+The speed is smoothed before it is differentiated. Dry friction puts a kink into it where the direction changes, so that
+the smoothed speed crosses zero up to a millisecond late, always late. In the torque balance this looks like a delay, a
+spring or a gap. A shaft that reverses slowly also sticks for a while. So each reversal is simulated with the measured
+torque, from the speed before it, which the kink does not affect, to the speed after it.
 """
 
 from __future__ import annotations
@@ -96,8 +95,8 @@ def _events(omega: Array, resting: NDArray[np.bool_], reach: int) -> list[tuple[
 def turned(omega: Array, theta: Array, torque: Array, J: float, period: float, share: Array) -> bool:
     """Fill `share` for one reversal; False when no dry friction turns the shaft like that.
 
-    Two things are not known: a torque that is missing, found from the speed at the end, and the level of friction at
-    low speed, found from the travel: more friction bends the path more.
+    Two unknowns are solved for: a missing torque, from the speed at the end, and the level of friction at low speed,
+    from the travel, since more friction bends the path more.
     """
     travel = theta[-1] - theta[0]
     low_level, high_level = LEVELS
@@ -126,9 +125,9 @@ def turned(omega: Array, theta: Array, torque: Array, J: float, period: float, s
 def through(
     speed: float, torque: Array, missing: float, level: float, J: float, period: float, share: Array
 ) -> tuple[float, float]:
-    """Run through a reversal; return the last speed and the travel, and in `share` the friction around every sample.
+    """Simulate a reversal; return the last speed and the travel, and in `share` the friction around every sample.
 
-    Set-valued friction in a semi-implicit step: what would carry the speed through zero stops it there.
+    Set-valued friction in a semi-implicit step: a speed that would change its sign in a step is zero after it.
     """
     h = period / SUBSTEPS
     push, most = h / J, level * h / J

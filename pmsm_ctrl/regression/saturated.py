@@ -1,4 +1,4 @@
-"""What even a saturated model leaves over: the noise of a record, and the weights of its balances."""
+"""The noise of a record: the residual of a saturated model, and the weights of the balances that follow from it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SAMPLES_PER_DIRECTION, FEWEST_DIRECTIONS = 8.0, 10
 
 @dataclass(frozen=True, eq=False)
 class Saturated:
-    """What a model with further groups, and with curves of speed and time, leaves over.
+    """Residual of a model with further groups, and with curves of speed and time.
 
     Attributes
     ----------
@@ -36,8 +36,8 @@ class Saturated:
     rank : int
         Rank of the fitted columns, in the balance where it is largest.
     grams : arrays, shape (1 + p + columns, 1 + p + columns)
-        Per balance, weighted: of the target, the model's columns and those of all groups that enter it, these less what
-        the values that the model holds answer to them.
+        Per balance, weighted: of the target, the model's columns and those of all groups that enter it, the latter less
+        the response of the held values to them.
     entering : int arrays, shape (p,)
         The model's columns in each balance.
     places : tuple of dict of balance to slice
@@ -100,13 +100,13 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
 
 
 def _answered(model: Model, groups: Sequence[Group]) -> Array:
-    """Return by how much the held values change with every column of the groups in the torque, shape (answers, k)."""
+    """Return the response of each held value to the torque columns of the groups, shape (answers, k)."""
     slopes = np.array([one.slope for one in model.answers])
     return np.hstack([slopes @ columns.T for group in groups if (columns := group.rows[0]) is not None])
 
 
 def whiteners(record: Record, residual: Array, rank: int) -> tuple[Whitener, Whitener]:
-    """Fit the noise to what a saturated model leaves over.
+    """Fit the noise model to the residual of a saturated model.
 
     Returns the prewhitener, and the same noise without its correlation: point estimates use that one, because
     whitening shifts the weight to high frequencies, where differentiation and timing errors live.
@@ -123,7 +123,7 @@ def whiteners(record: Record, residual: Array, rank: int) -> tuple[Whitener, Whi
 
 
 def rough_weights(record: Record, left: Saturated) -> Whitener:
-    """Return weights from what a saturated model leaves over.
+    """Return weights from the residual of a saturated model.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def _effective(weight: Array) -> float:
 
 
 def _smooth(record: Record) -> Array:
-    """Hat functions of speed and of time, shape (k, m): what no effect of the catalogue may explain of the torque."""
+    """Return hat functions of speed and of time, shape (k, m): structure of the torque that no effect may explain."""
     key = ("hat functions",)
     known: Array | None = record.kept.get(key)
     if known is not None:

@@ -1,8 +1,8 @@
-"""How much friction differs between records, what each record has of it, and which record disagrees with the others.
+"""Friction that differs between records: the spread, the deviation of each record, and records that disagree.
 
-The deviations of the records are drawn from a normal distribution. Its standard deviation, the spread, is estimated
-beside everything else: restricted maximum likelihood by the EM algorithm (N. M. Laird, J. H. Ware, Biometrics 38 (1982)
-963) with a weak prior. What a record cannot tell is so drawn towards the others.
+The deviations of the records have a normal distribution. Its standard deviation, the spread, is estimated together with
+all other parameters: restricted maximum likelihood by the EM algorithm (N. M. Laird, J. H. Ware, Biometrics 38 (1982)
+963) with a weak prior. A deviation that a record does not determine is drawn towards the mean of the others.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 Places = NDArray[np.intp]
 
 ROUNDS, ENOUGH = 500, 1e-4  # of the EM algorithm, and the relative change of a spread at which it ends
-# By how much inertias differ that model and sampling leave in error, before the records speak, as a share of them.
+# Assumed standard deviation of the inertia between records by errors of model and sampling, as a share of it.
 USUAL_INERTIA = 0.005
 # Share of its information that a mean must have for itself, and the significance from which on it is a load.
 KNOWN, SURE = 1e-6, 0.01
@@ -57,7 +57,7 @@ NOISIER = 1.5  # ratio of the noise of two records from which on they count diff
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """What each record has of its own.
+    """Deviations of each record from the mean of all.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ def _places(model: Model, count: int) -> dict[str, Places]:
 
 
 def with_spread(record: Record, model: Model, whitener: Whitener) -> Model:
-    """Return the model with the spread between records that the records tell as the prior of their deviations.
+    """Return the model with the estimated spread between records as the prior of their deviations.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def spreads(model: Model, count: int) -> dict[str, float]:
 
 
 def levels_of(record: Record, fit: Solved, weights: Whitener, whitener: Whitener) -> Levels:
-    """Return how the friction of each record deviates from the mean of all.
+    """Return the deviation of each record's friction from the mean of all.
 
     Parameters
     ----------

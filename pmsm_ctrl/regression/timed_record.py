@@ -1,4 +1,4 @@
-"""A log conditioned with what the base model tells of its sampling: the filter of the drive signal, and the band."""
+"""A log conditioned with what the base model shows of its sampling: the filter of the drive signal, and the band."""
 
 from __future__ import annotations
 
@@ -157,9 +157,9 @@ def of_one_axis(design: Design, record: Record) -> Record:
 
 
 def _weighed(design: Design, log: Log, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
-    """Weigh edges and reversals by the noise floor, where the model comes closer than the weights took it to.
+    """Weigh edges and reversals by the noise floor, where the model fits better than the weights assumed.
 
-    What the moment of a reversal may be wrong by is little beside a usual noise, and many times a low one.
+    The error of the moment of a reversal is small beside a usual noise level, and large beside a low one.
     """
     wrong = max(_noise(fit), CLOSEST)
     if wrong > CLOSER * WRONG_TORQUE:
@@ -190,8 +190,9 @@ def _with_filter_said(record: Record) -> Record:
 def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:
     """Return the filter of the drive signal that explains what sampling cannot do; none where none does.
 
-    A delay beyond that by less than its uncertainty is none: friction that the design lacks looks like one. A variance
-    is beyond it where a mean over a period has less: two moments do not describe a filter that reaches into the band.
+    A delay that exceeds it by less than its uncertainty is not taken for a filter: friction that the design lacks looks
+    like one. A variance exceeds it where it is larger than that of a mean over a period: two moments do not describe a
+    filter that reaches into the band.
     """
     settled = fit.level(LATENESS) <= record.sampling and not _spread_out(record, fit)
     if record.timing == UNDELAYED and settled:
@@ -210,7 +211,8 @@ def _filter(design: Design, record: Record, fit: Estimated) -> DriveTiming:
 def _spread_out(record: Record, fit: Estimated) -> bool:
     """Whether the impulse response of the drive signal has a larger variance than a mean over a period.
 
-    By the reference as well, where there is one: noise that the controller answers makes it large for least squares.
+    By the reference as well, where there is one: noise that the controller responds to makes it too large by least
+    squares.
     """
     estimates = by_reference(fit.record, fit.model, float(fit.weights.sigma[0]))
     found = [fit.value(SPREAD), *([] if estimates is None else [estimates.spread])]
@@ -219,10 +221,10 @@ def _spread_out(record: Record, fit: Estimated) -> bool:
 
 
 def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Estimated]:
-    """Narrow the band of a log as long as noise of the acceleration, of a coarse encoder mostly, is what is left.
+    """Narrow the band of a log as long as noise of the acceleration, mostly of a coarse encoder, is dominant.
 
-    Noise in the motion is noise in every column, and the drive answers it: no column can be judged against it. It
-    grows with the square of the frequency, so that the noise floor falls faster with the band than that of white noise.
+    Noise in the motion is noise in every column, and the drive responds to it, so that no column can be judged against
+    it. It grows with the square of the frequency: the noise floor falls faster with the band than that of white noise.
     """
     fit = base_fit(design, record)
     for _ in range(HALVINGS):

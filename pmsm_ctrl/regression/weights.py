@@ -1,4 +1,4 @@
-"""What each sample of a balance is worth: aliased edges, uncertain reversals and steep currents count less."""
+"""The weight of each sample of a balance: aliased edges, uncertain reversals and steep currents count less."""
 
 from __future__ import annotations
 
@@ -91,11 +91,11 @@ def reversal_weight(
     prepared: Prepared, signals: Mapping[str, Array], kink: tuple[float, float], noise: float,
     speed_error: Array | None = None,
 ) -> Array:  # fmt: skip
-    """Weight around reversals: the moment at which friction turns is known only so well.
+    """Weight around reversals by the uncertainty of the moment at which the friction changes its sign.
 
-    Friction jumps by twice its level F, the acceleration by 2 F / J, and the low-pass before differentiation rounds
-    that kink off; a tenth of a sample comes on top, and the error of the speed, shape (n,), over the acceleration. The
-    torque is off by 2 F for that long.
+    Friction changes by twice its level F, the acceleration by 2 F / J, and the low-pass before differentiation rounds
+    off that kink. To this error of the moment a tenth of a sample is added, and the error of the speed, shape (n,),
+    over the acceleration. During this time the torque is wrong by 2 F.
     """
     level, J = kink
     rate, omega = prepared.rate, signals["omega"]
