@@ -119,7 +119,7 @@ def added(
 
 
 def _best_made(case: Case, fit: Fitted, trial: Trial) -> Fitted:
-    """Fit the design with the effect, of the shape that is the best one beside parameters that stay at their bounds."""
+    """Fit the design with the effect, at the shape that is best with parameters at their bounds held there."""
     made = _made(case, refine(fit.record, fit.solved, fit.whitener, trial))
     base = {k: bound for k, bound in made.estimate.held.items() if k < len(fit.model.names)}
     if base:
@@ -132,7 +132,7 @@ def _best_made(case: Case, fit: Fitted, trial: Trial) -> Fitted:
 
 
 def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, holdout_name: str) -> Addition:
-    """Hold the fitted design against the given one, and the effect against the criteria of the diagnosis."""
+    """Compare the fitted design with the given one, and judge the effect by the criteria of the diagnosis."""
     assert case.believed is not None  # `condition` examines it
     written, said = fitted_design(case.design, made), tuple(at_bounds(made))
     remarks: tuple[Notice, ...] = ()

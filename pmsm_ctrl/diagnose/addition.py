@@ -1,4 +1,4 @@
-"""The result of `add`: the design with one effect more, what it changes, and what speaks against it."""
+"""The result of `add`: the design with one more effect, the change of the errors, and what speaks against it."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class Stepwise(Result):
 
     @property
     def notices(self) -> tuple[Notice, ...]:
-        """Reasons to doubt the logs, or what was made of them."""
+        """Reasons to doubt the logs or their conditioning."""
         believed = self._case.believed.notices if self._case.believed is not None else ()
         return tuple(dict.fromkeys((*believed, *self._case.remarks, *self._fit.record.notes)))
 
@@ -99,7 +99,7 @@ class Stepwise(Result):
         return fitted_design(self._case.design, self._fit)
 
     def rank(self) -> tuple[Ranked, ...]:
-        """Return the candidates, the one that explains most of what is left over first.
+        """Return the candidates, the one that explains most of the residual first.
 
         Returns
         -------
@@ -119,7 +119,7 @@ class Stepwise(Result):
         return (*out, *closed)
 
     def add(self, effect: str) -> Stepwise:
-        """Return the model with one more effect, everything fitted again, whether or not the log calls for it.
+        """Return the model with one more effect, everything fitted again, whether or not the log supports it.
 
         Parameters
         ----------
@@ -268,7 +268,7 @@ class Stepwise(Result):
         return traces_between(self._case.fits[0], self._fit, fitted, self.noise_floor, others, self.log_name)
 
     def preview(self, effect: str, channel: str = "torque") -> Array:
-        """Return what a candidate would take from the residual, before anything is fitted again.
+        """Return the part of the residual that a candidate explains, before a refit.
 
         Parameters
         ----------
@@ -360,7 +360,7 @@ def stepwise(
     candidates: Iterable[str] | None = None,
     policy: Policy = POLICY,
 ) -> Stepwise:
-    """Begin a diagnosis by hand: the base parameters fitted, and every candidate tried on what is left over.
+    """Begin a diagnosis step by step: fit the base parameters, and try every candidate on the residual.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Would the diagnosis raise an alarm at its own answer? The accepted model, simulated and diagnosed again.
+"""False-alarm rate at the accepted model: it is simulated through the experiment of the log, and diagnosed again.
 
 The model with everything that was accepted repeats the log's experiment with the design's sensors, and goes through the
 same sampling and processing. Whatever is then named is a false alarm, since nothing is missing.

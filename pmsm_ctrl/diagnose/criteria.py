@@ -1,4 +1,4 @@
-"""What an effect has to pass, before and after everything is fitted again with it: pure functions of numbers.
+"""The criteria for an effect, before and after the refit with it, as pure functions of numbers.
 
 Each returns a `Refusal`, or None where the effect passes.
 """
@@ -93,7 +93,7 @@ def size(
     excess : float
         The same of what the residual has above its noise floor.
     memory : bool
-        Whether the torque of the effect hangs on the motion before.
+        Whether the torque of the effect depends on earlier motion.
     policy : Policy
     """
     least = policy.small_size if explained > policy.explained else policy.size
@@ -106,14 +106,14 @@ def size(
 
 
 def beside_larger(share: float, largest: float, policy: Policy = POLICY) -> Refusal | None:
-    """Check that an effect is no part of what the models of those accepted before leave.
+    """Check that an effect is larger than the model error of those accepted before.
 
     Parameters
     ----------
     share : float
         Its contribution over the rms of the balance, where it is largest.
     largest : float
-        The same of the largest of them; 0 where there is none.
+        The same of the largest accepted effect; 0 without one.
     policy : Policy
     """
     if share >= policy.beside * largest:
@@ -165,7 +165,7 @@ def no_balance_worse(
 ) -> Refusal | None:
     """Check that no balance gets worse, unless for much less than another one gains.
 
-    A winding that was bent to stand in for the effect may have served one balance better than the truth does.
+    Before, the winding may have been fitted so as to stand in for the effect, which can suit one balance better.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def no_balance_worse(
 def no_voltage_worse(
     before: Mapping[str, float], after: Mapping[str, float], policy: Policy = POLICY
 ) -> Refusal | None:
-    """Check that an effect on the voltages makes none of them worse, all samples alike, as it acts on all of them.
+    """Check that an effect on the voltages raises the error of none of them, all samples weighted alike.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def determined(values: Mapping[str, tuple[float, float]], ran_out: bool) -> Refu
 
 
 def no_plain_error_worse(before: float, after: float, policy: Policy = POLICY) -> Refusal | None:
-    """Check that an effect on the torque does not raise its error, all samples alike that are known well.
+    """Check that an effect on the torque does not raise its error, all well-known samples weighted alike.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def no_plain_error_worse(before: float, after: float, policy: Policy = POLICY) -
 def beyond_sampling(
     value: float, stderr: float, possible: tuple[float, float], policy: Policy = POLICY
 ) -> Refusal | None:
-    """Check that a delay lies beyond what the sampling of the channels can make.
+    """Check that a delay exceeds what the sampling of the channels can cause.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Wrong parameters: estimated inside their tolerance, and flagged where a log puts them significantly outside."""
+"""Parameters of the base model that deviate from the design; flagged where they are significantly outside tolerance."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _effects(fit: Fitted) -> Iterator[Deviation]:
 
 
 def _timing(fit: Fitted) -> Iterator[Deviation]:
-    """By how much the drive signal lags the position: a nuisance, since few logs say how they were sampled."""
+    """Return the delay of the drive signal after the position, a nuisance parameter: few logs state their sampling."""
     if LATENESS in fit.model.names:
         k, undone = fit.model.names.index(LATENESS), fit.record.timing
         value, error = undone.delay + float(fit.plain.values[k]), float(fit.plain.stderr[k])
@@ -116,7 +116,7 @@ def deviation_notices(deviations: tuple[Deviation, ...], fit: Fitted, policy: Po
 
 
 def winding_substitutes(selection: Selection, policy: Policy = POLICY) -> Iterator[Notice]:
-    """Yield which parameter of the winding had imitated an accepted effect, so that a reader can choose.
+    """Yield which parameter of the winding would explain nearly as much as an accepted effect.
 
     Parameters
     ----------

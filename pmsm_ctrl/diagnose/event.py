@@ -1,4 +1,4 @@
-"""What happened once in a log."""
+"""An event: a stretch or a step that occurs once in a log."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Event"]
 
 @dataclass(frozen=True)
 class Event:
-    """A stretch of time, s, in which something acts that is no effect, or a time from which on friction is another one.
+    """A stretch of time, s, with a disturbance that no effect explains, or a time after which friction is different.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 SPEED_HATS, ACCELERATION_HATS, ORDERS = 24, 8, 24
 MOST_ROWS = 150_000  # samples of the thinned grid; several of a longer record are merged
 FEWEST = 200  # samples of the thinned grid; fewer hold no event beside a null
-# A stretch of motion in one direction, in which a brake and a push are the same: what lasts longer brakes, s.
+# s; a brake and a push are the same in motion of one direction. A longer stretch is called a brake.
 ONE_WAY, LONG = 0.95, 1.0
 
 

@@ -1,4 +1,4 @@
-"""The experiment that would separate what this log cannot: simulate one rival, ask how well the other imitates it.
+"""The motion that separates two effects which this log cannot: one is simulated, and the other fitted to it.
 
 T-optimality: of a menu of motions the one where the better rival beats the other by most. Source: A. C. Atkinson,
 V. V. Fedorov, Biometrika 62 (1975) 57.

@@ -51,7 +51,7 @@ Array = NDArray[np.float64]
 BASE = -1
 MOST_REFINED = 6  # candidates of a round
 AT_ONCE = 2e6  # bytes of whitened columns that are judged at once, of one column each
-# Two candidates that explain the same to within this share differ by nothing but their flexibility.
+# Share of the gain within which two candidates explain the same; the simpler one then comes first.
 PARSIMONY = 0.98
 
 
@@ -75,7 +75,7 @@ class Fitted:
     closed : tuple of Candidate
         The others.
     notes : tuple of str
-        What of the design this log cannot evaluate.
+        Effects of the design that this log cannot evaluate.
     accepted : tuple of Accepted
         The effects, with the nonlinear parameters that this fit holds.
     covariance : array, shape (k + f, k + f), or None
@@ -84,10 +84,10 @@ class Fitted:
     free : tuple of (int, str)
         Positions among the accepted effects, and names in their shapes.
     rough : frozenset of int
-        Positions of those whose shapes no slope describes; they have no standard errors.
+        Positions of effects whose prediction is not linear over a shape, even locally; they have no standard errors.
     profiles : dict of (int, str) to (float, float)
-        95 % intervals of the parameters for which a standard error says too little: position of the effect, `BASE` for
-        what the design has itself, and symbol.
+        95 % intervals of the parameters whose sum of squares is no parabola, by position of the effect (`BASE` for the
+        design's own) and symbol.
     """
 
     record: Record
@@ -121,10 +121,10 @@ class Fitted:
         return replace(self.light(), trials=tuple(trial.spared() for trial in self.trials))
 
     def without_last(self) -> Fitted | None:
-        """Return the fit without the last accepted effect, all nuisances held as they are beside it.
+        """Return the fit without the last accepted effect, with the same nuisance parameters held.
 
-        A fit of its own may hold others: what noise hides of the sampling shows once an effect is in the model. None
-        where the effect has no columns of its own.
+        A new fit without the effect could hold other ones: the sampling is better determined with the effect in the
+        model. None where the effect has no columns of its own.
         """
         last = self.position(len(self.accepted) - 1)
         if last is None or last != len(self.model.groups) - 1:
@@ -135,7 +135,7 @@ class Fitted:
             whole, groups=whole.groups[:last], names=whole.names[:k], nominal=whole.nominal[:k], sigma=whole.sigma[:k],
             matrix=whole.matrix[:, :, :k], doubt=doubt, bias=bias,
         )  # fmt: skip
-        model = with_mean(self.record, model, self.whitener)  # what the effect was is no mean by chance
+        model = with_mean(self.record, model, self.whitener)  # what the effect explained must not become a mean load
         solved, plain = (solve_model(self.record, model, weights) for weights in (self.whitener, self.weights))
         return replace(
             self, model=model, solved=solved, plain=plain, estimate=bounded(plain), accepted=self.accepted[:-1],

@@ -68,26 +68,26 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, CrossValidation] | 
 
 
 def gain_of_rows(solved: Solved, direction: Array) -> float:
-    """What of a gain the rows of the log bring; the rest is parameters that come back towards their nominal values."""
+    """Return the part of a gain in the rows of the log; the rest is a smaller deviation from the priors."""
     rest, part = solved.rest[: solved.rows], direction[: solved.rows]
     return max(float(part @ (2.0 * rest - part)), 0.0)
 
 
 def relief(solved: Solved, direction: Array) -> float:
-    """What of a gain the winding brings by returning to its datasheet."""
+    """Return the part of a gain in the winding's priors: the winding returns towards its datasheet."""
     rest, part = solved.rest[solved.rows :], direction[solved.rows :]
     return float(np.sum((part * (2.0 * rest - part))[_winding(solved.model)]))
 
 
 def strain(solved: Solved) -> float:
-    """How far the winding left its datasheet, as a sum of squares in its tolerances."""
+    """Return the deviation of the winding from its datasheet, as a sum of squares in its tolerances."""
     return float(np.sum(solved.rest[solved.rows :][_winding(solved.model)] ** 2))
 
 
 def apart(solved: Solved) -> float:
-    """How far friction and load of several records left each other, as a sum of squares in their spread.
+    """Return the deviation of friction and load between records, as a sum of squares in their spread.
 
-    Where each record moves one way only these stand in for a load.
+    Where each record moves in one direction only, these deviations can stand in for a load.
     """
     levels = [name.split(" ")[0] in LEVELS for name in _with_prior(solved.model)]
     return float(np.sum(solved.rest[solved.rows :][np.array(levels, dtype=bool)] ** 2))
@@ -104,7 +104,7 @@ def _with_prior(model: Model) -> list[str]:
 
 
 def contribution(fit: Fitted, trial: Trial) -> float:
-    """Size of what only this effect explains against the balance, on the tenth of the samples where it is largest.
+    """Rms of what only this effect explains over that of the balance, on the tenth of the samples where it is largest.
 
     Zero where the steps of the channel are as large.
     """
@@ -123,10 +123,10 @@ def contribution(fit: Fitted, trial: Trial) -> float:
 
 
 def judged_gain(fit: Fitted, trial: Trial) -> tuple[Solved, float]:
-    """Return the solution whose weights judged a trial, and what the trial takes from its sum of squares.
+    """Return the solution whose weights judged a trial, and the fall of its sum of squares by the trial.
 
-    A share of the residual is the ratio of two sums of squares: both have to be of the same weights. The gain of a
-    slow trial is none, but a test statistic for correlated noise.
+    A share of the residual is the ratio of two sums of squares, which must have the same weights. The `gain` of a slow
+    trial is not a sum of squares but a test statistic for correlated noise.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def squares(fit: Fitted, residual: Array, sigma: Array) -> float:
 
 
 def left_inside(before: Fitted, after: Fitted) -> float:
-    """Share of what an effect explains that is left when all parameters stay inside their bounds, 0 to 1."""
+    """Share of an effect's gain that remains with all parameters inside their bounds, 0 to 1."""
     sigma = before.weights.sigma
 
     def gain(old: Solved, new: Solved) -> float:

@@ -1,10 +1,10 @@
-"""Replacing accepted effects: one that was accepted early may only have imitated two others together.
+"""Replacing accepted effects: an effect that was accepted early may only imitate two others together.
 
-Accepted one at a time, the most flexible effect comes first: a friction that falls with speed and with time looks like
-a Stribeck curve with a wide bend, until one of the two is in. So each accepted effect is taken out again, and where
-another one now explains more, or as much with less freedom, the selection is repeated with that one in its place. A
-transmission is tried with and without a gap. And where one effect was accepted alone, those that explained nearly as
-much are fitted as well: columns tell less than everything refitted.
+Where effects are accepted one at a time, the most flexible one comes first. Friction that falls with speed and with
+time looks like a Stribeck curve with a wide bend, until one of the two is in the model. So each accepted effect is removed
+again. Where another one then explains more, or as much with fewer parameters, the selection is repeated with that one
+in its place. A transmission is tried with and without a gap. Where a single effect was accepted, those that explained
+nearly as much are fitted in its place: a full refit says more than the columns beside the base model.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["Rest", "better", "rival_ids", "swap"]
 
 @dataclass(frozen=True)
 class Rest:
-    """What a selection leaves, each with the price of its parameters (Schwarz), in units of the noise.
+    """Residual of a selection with Schwarz's penalty for its parameters, in units of the noise.
 
     Attributes
     ----------

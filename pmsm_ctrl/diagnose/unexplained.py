@@ -34,7 +34,7 @@ Mask = NDArray[np.bool_]
 FEWEST_SAMPLES = 100  # of a balance that is judged
 FEWEST = 4  # samples whose mean is drawn, and reversals that can repeat each other
 HALF = 0.5  # of the samples around a reversal have to take part
-# What a voltage acts like that a parameter of the winding takes up, and the parameter's unit.
+# What a missing voltage looks like where a parameter of the winding takes it up, and the parameter's unit.
 LIKENESS = {"R": ("a resistance", "Ohm"), "L_d": ("an inductance", "H"), "L_q": ("an inductance", "H")}
 
 
@@ -92,9 +92,8 @@ def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
 def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | None:
     """Return the structure that a refused effect explains far too much of for noise; None where there is none.
 
-    The effect itself was refused for a reason: it is not what is missing, but something like it is. What is left out
-    has to confirm that: blocks by the least that an effect must gain, or each reversal by the course of the others.
-    Else it is an open question.
+    The effect itself was refused for a reason: something like it is missing. Left-out data have to confirm that, either
+    blocks by `first_block_errors`, or each reversal by the mean course of the others. Otherwise it is an open question.
 
     Parameters
     ----------

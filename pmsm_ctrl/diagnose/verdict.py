@@ -27,11 +27,10 @@ from pmsm_ctrl.section import Notice
 
 __all__ = ["contradictions_of", "explains_most", "judged", "open_questions"]
 
-# What a motor cannot have below zero, and what is never so many times its design; friction may be.
+# Parameters that cannot be negative; those that cannot differ from the design by a large factor (friction can).
 POSITIVE, KNOWN, ELECTRICAL = ("J", "R", "psi_f", "F_c"), ("J", "R", "psi_f"), ("R", "psi_f")
-IMITATED = (
-    "R",
-)  # a dead time is as well a resistance of four times the datasheet's: that is structure, not contradiction
+# A dead time looks like a resistance of four times the datasheet's: unexplained structure, and no contradiction.
+IMITATED = ("R",)
 
 
 def explains_most(fit: Fitted, policy: Policy = POLICY) -> bool:
@@ -60,8 +59,8 @@ def judged(
     believed : Plausibility or None
         Of the log.
     asides : (Notice or None, Notice or None, Notice or None)
-        What friction the motion does not excite, what no effect of the catalogue explains, and what looks like that
-        but is not confirmed.
+        Friction that the motion does not excite, structure that no effect explains, and structure that left-out data
+        do not confirm.
     deviations : tuple of Deviation
     policy : Policy
     """
@@ -80,7 +79,7 @@ def judged(
 
 
 def contradictions_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Notice, ...]:
-    """Return what of a fit no drive of this design can have.
+    """Return the parameters of a fit that contradict the design.
 
     Parameters
     ----------
@@ -88,7 +87,7 @@ def contradictions_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Notice, ...
     policy : Policy
     """
     torque = level_of(fit, 0)
-    # where most of the torque, or of the acceleration, is noise, a fit says little of the axis
+    # a torque or an acceleration that is mostly noise says little about the axis
     told = torque.explicable >= policy.explained_torque and _sharp(fit)
     names = POSITIVE if told else ELECTRICAL
     found = [notice for name in names if (notice := _impossible(fit, name, policy)) is not None]
@@ -107,7 +106,7 @@ def _sharp(fit: Fitted) -> bool:
 def unweighted(fit: Fitted, column: int) -> float:
     """Return a parameter of the torque balance by least squares with every sample of the same weight.
 
-    Where single edges are all that accelerates an axis, what the weights leave of them says little about the inertia.
+    Where only single edges accelerate the axis, and these have small weights, the weighted fit hardly determines J.
 
     Parameters
     ----------
@@ -125,7 +124,7 @@ def unweighted(fit: Fitted, column: int) -> float:
 
 
 def _share(fit: Fitted, column: int) -> float:
-    """Return what a parameter makes of the torque: a friction of nearly nothing may come out a little below zero."""
+    """Return the share of a parameter in the torque: a very small friction may come out slightly below zero."""
     used = fit.record.mask
     part = fit.model.matrix[0][used, column] * fit.plain.values[column]
     return float(np.linalg.norm(part) / max(float(np.linalg.norm(fit.record.target[0][used])), 1e-300))
@@ -153,7 +152,7 @@ def _impossible(fit: Fitted, name: str, policy: Policy) -> Notice | None:
 def open_questions(
     selection: Selection, deviations: tuple[Deviation, ...], policy: Policy = POLICY
 ) -> Iterator[Notice]:
-    """Yield why a log without a missing effect is not called consistent all the same.
+    """Yield the reasons not to call a log without a named effect consistent.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The design that a diagnosis writes is judged itself, as `compare` will judge it, and not the fit it was made from."""
+"""Errors of the design that a diagnosis writes, evaluated as `compare` does, instead of those of its last fit."""
 
 from __future__ import annotations
 

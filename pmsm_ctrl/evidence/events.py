@@ -1,9 +1,9 @@
 """Stretches of time in which a residual departs and returns, and times at which it steps and stays.
 
-A stretch is judged by the mean of the residual in it, of constant sign or along the direction of motion. Its null is
-the scatter of such means elsewhere in the residual, which holds whatever correlation the noise has; Student's
-distribution allows for their number, and Bonferroni for the number of places looked at. It must also stand out: what a
-model lacks shows in many places, a push in one.
+A stretch is judged by the mean of the residual in it, of constant sign or along the direction of motion. Its null
+distribution is the scatter of such means in the rest of the residual, which is valid for noise of any correlation.
+Student's distribution allows for their number, and Bonferroni's correction for the number of places. The mean must also
+be several times every other one: a missing effect shows in many places, a push in one.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Mask = NDArray[np.bool_]
 
 MAD = 1.4826  # standard deviation of normal noise over the median of its magnitude
 FEWEST = 12  # means of one length, side by side, that make a null
-# Share of the samples that a stretch holds at most, and by how much the scatter of means grows, over that of white
-# noise, where their length doubles.
+# Largest share of the samples in a stretch; growth of the scatter of means, over that of white noise, as their length
+# doubles.
 LONGEST, GROWTH = 0.35, 1.3
 STRIDE = 8  # places in the length of a stretch
-ROUNDING = 1e-12  # share of a running sum that is not told from its rounding
+ROUNDING = 1e-12  # share of a running sum below which a difference is rounding
 USED = 0.5  # share of a stretch's samples that must count
 PLACES = 60  # times at which a step is looked for
 MARGIN = 0.05  # share of the samples that lie before and after an event
