@@ -1,10 +1,10 @@
 """Replacing accepted effects: an effect that was accepted early may only imitate two others together.
 
 Where effects are accepted one at a time, the most flexible one comes first. Friction that falls with speed and with
-time looks like a Stribeck curve with a wide bend, until one of the two is in the model. So each accepted effect is removed
-again. Where another one then explains more, or as much with fewer parameters, the selection is repeated with that one
-in its place. A transmission is tried with and without a gap. Where a single effect was accepted, those that explained
-nearly as much are fitted in its place: a full refit says more than the columns beside the base model.
+time looks like a Stribeck curve with a wide bend, until one of the two is in the model. So each accepted effect is
+removed again. Where another one then explains more, or as much with fewer parameters, the selection is repeated with
+that one in its place. A transmission is tried with and without a gap. Where a single effect was accepted, those that
+explained nearly as much are fitted in its place: a full refit says more than the columns beside the base model.
 """
 
 from __future__ import annotations
