@@ -189,7 +189,7 @@ class Case:
 
 
 def pooled(found: Sequence[tuple[Record, Array]]) -> dict[str, tuple[float, float]]:
-    """Return the rms of what is left over of each balance on all records, and its share of the measured balance.
+    """Return the rms residual of each balance on all records, and its share of the measured balance.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from pmsm_ctrl.diagnose.fitted_design import at_bounds, base_parameters, fitted_
 from pmsm_ctrl.diagnose.policy import Policy
 from pmsm_ctrl.diagnose.refusal import NEVER_SEEN, Reason, Refusal
 from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep, Errors, Ranked, Structure, Verdict
-from pmsm_ctrl.diagnose.search import Trial, amounts_that_gain, least_shown
+from pmsm_ctrl.diagnose.search import Trial, amounts_that_gain, detection_limits
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
@@ -201,7 +201,7 @@ def _errors(record: Record, selection: Selection) -> dict[str, Errors]:
 
 
 def noise_floor(record: Record, fit: Fitted) -> Errors:
-    """Return the error of each balance that noise alone leaves, as the whitened residual of a fit tells.
+    """Return the noise floor of each balance, from the whitened residual of a fit.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def _shown_from(fit: Fitted, trial: Trial, policy: Policy) -> dict[str, Estimate
     if not effect.structure.amounts_are_linear:
         return {}  # the size of their column is not their amount
     level = policy.significance / max(len(fit.trials), 1)
-    amounts = least_shown(fit.solved, fit.whitener, trial.group, level)
+    amounts = detection_limits(fit.solved, fit.whitener, trial.group, level)
     # without it the error is so much higher that it is worth a name
     left = sum(float(rest @ rest) for rest in (fit.plain.rest_of(row) for row, _ in trial.group.entering))
     worth = left * (policy.lowered**-2 - 1.0)

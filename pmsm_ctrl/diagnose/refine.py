@@ -61,7 +61,7 @@ def refine(
 
 
 def _searched(value: float, name: str, trial: Trial) -> float:
-    """Return a value, moved between the ends of the grid where nothing beyond them can be told."""
+    """Return a value, limited to the ends of the grid where nothing beyond them can be determined."""
     if not any(p.symbol == name and p.within_grid for p in trial.candidate.effect.parameters):
         return value
     ends = [shape[name] for shape in trial.candidate.grid]

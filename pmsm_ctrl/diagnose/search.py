@@ -1,4 +1,4 @@
-"""Every candidate tried on what a model leaves: how much it explains, and how sure that is."""
+"""Every candidate tried on the residual of a model: how much it explains, and how significantly."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
     "beyond",
     "beyond_each",
     "blocked_gain",
-    "least_shown",
+    "detection_limits",
     "offer",
     "plain_evidence",
     "tried",
@@ -75,18 +75,18 @@ class Trial:
     gain : float
         Fall of the whitened sum of squares.
     score : float
-        The same less what its parameters cost (Schwarz).
+        The same less Schwarz's penalty for its parameters.
     p_value : float
-        Of the group F-test, the searched shapes paid for; not yet corrected for the number of candidates.
+        Of the group F-test, corrected for the searched shapes, but not yet for the number of candidates.
     values, stderr : array, shape (k,)
     judge, plain_judge : (Solved, Whitener)
-        What tells `direction` and `plain_direction`.
+        Solution and weights from which `direction` and `plain_direction` follow.
     wrong_sign : bool
         Whether a parameter lies where physics does not allow it.
     singular : bool
         Whether the model has its columns already.
     slow : bool
-        Whether the estimate's own weights judged it, not the prewhitened rows.
+        Whether it was judged by the weights of the estimate instead of the prewhitened rows.
     plain_gain : float
         Fall of the sum of squares by the estimate's own weights.
     """
@@ -107,7 +107,7 @@ class Trial:
 
     @property
     def direction(self) -> Array:
-        """What it explains and nothing else does, whitened, shape (rows + priors,); worked out each time."""
+        """The part of the residual that only it explains, whitened, shape (rows + priors,); computed at each access."""
         return _direction(*self.judge, self.group)
 
     @property
@@ -173,7 +173,7 @@ def with_columns(record: Record, trial: Trial) -> Trial:
 
 
 def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tuple[Offer, Saturated]:
-    """Lay out all candidates, and return what even a model with every one of them leaves over.
+    """Lay out all candidates, and return the residual of the model with all of them.
 
     Parameters
     ----------
@@ -340,8 +340,10 @@ def _direction(solved: Solved, whitener: Whitener, group: Group) -> Array:
     return np.concatenate([own.along @ part for part in whitened_rows(solved, rows, own.back)])
 
 
-def least_shown(solved: Solved, whitener: Whitener, group: Group, level: float, along: Array | None = None) -> Array:
-    """Return the amounts from which a test that knows shape and noise finds a group in half of all logs.
+def detection_limits(
+    solved: Solved, whitener: Whitener, group: Group, level: float, along: Array | None = None
+) -> Array:
+    """Return the amounts that a test which knows shape and noise detects in half of all logs.
 
     Parameters
     ----------
@@ -349,7 +351,7 @@ def least_shown(solved: Solved, whitener: Whitener, group: Group, level: float, 
     whitener : Whitener
     group : Group
     level : float
-        Significance that is asked of the test.
+        Significance level of the test.
     along : array, shape (k,), optional
         Proportion of the parameters; each alone when left out.
 
@@ -368,7 +370,7 @@ def least_shown(solved: Solved, whitener: Whitener, group: Group, level: float, 
 
 
 def amounts_that_gain(solved: Solved, whitener: Whitener, group: Group, gain: float) -> Array:
-    """Return the amount of each parameter, alone, that makes the sum of squares larger by so much.
+    """Return the amount of each parameter, alone, that raises the sum of squares by this gain.
 
     Parameters
     ----------
@@ -388,7 +390,7 @@ def amounts_that_gain(solved: Solved, whitener: Whitener, group: Group, gain: fl
 
 
 def _seen(solved: Solved, whitener: Whitener, group: Group, along: Array | None = None) -> tuple[int, Array]:
-    """Return the rank of a group beside the model, and what a unit of it leaves there, in units of the noise."""
+    """Return the rank of a group beside the model, and the residual by one unit of it, in units of the noise."""
     _, own = beyond(solved, whitener, group)
     parts = np.eye(len(own.size)) if along is None else np.asarray(along, dtype=float)[:, None]
     if own.rank == 0:
@@ -470,15 +472,15 @@ def blocked_gain(
     full[0, 0] = solved.chi2
     full[0, 1 + solved.rank :] = full[1 + solved.rank :, 0] = own.along
     t = record.t[whitener.used]
-    told = direction[: solved.rows].reshape(balances, n) ** 2
+    explained = direction[: solved.rows].reshape(balances, n) ** 2
     gap = min(LONGEST_GAP, max(GAP_MEMORIES * memory, GAP_PERIODS / record.prepared.cutoff))
     left_out = None
     if len(record.records) < FEWEST_RECORDS:
-        edges = equal_blocks(told, t, BLOCKS)
+        edges = equal_blocks(explained, t, BLOCKS)
     else:
         half = 0.5 * record.period
         spans = [(one.start - half, one.stop + half) for one in record.records]
-        edges, left_out = record_blocks(told, t, spans, BLOCKS)
+        edges, left_out = record_blocks(explained, t, spans, BLOCKS)
     gains, _ = left_out_gains(columns, full, t, edges, gap, solved.rank, left_out=left_out)
     if len(gains) == 0:
         return 0.0, float("inf"), 0, 1.0

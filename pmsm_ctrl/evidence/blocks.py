@@ -24,12 +24,12 @@ RIDGE = 1e-10  # keeps a column solvable that shows in the left-out block alone
 
 
 def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float]]:
-    """Cut time into contiguous blocks that each hold the same share of what there is to explain.
+    """Cut time into contiguous blocks that each hold the same share of the squares to be explained.
 
     Parameters
     ----------
     weight : array, shape (n,) or (channels, n)
-        What each sample could tell.
+        Square of what is to be explained in each sample.
     t : array, shape (n,)
         Increasing, s.
     count : int
@@ -37,7 +37,7 @@ def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float
     Returns
     -------
     list of (start, stop)
-        In s; empty where no sample tells anything.
+        In s; empty where every weight is zero.
     """
     rows = np.atleast_2d(weight)
     total = np.cumsum(rows.T.ravel())
@@ -53,32 +53,32 @@ def record_blocks(
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
     """Cut each of several records into blocks that hold about equal shares, and say which record each belongs to.
 
-    Every record is left out as a whole when one of its blocks is judged, so that the fit has seen nothing of it; its
-    blocks only tell how the gain scatters. One that tells most of all is left out block by block.
+    When a block is judged, its whole record is left out, so that nothing of the record was fitted. The blocks serve
+    only to estimate the scatter of the gain. A record with more than half of the total is left out block by block.
 
     Parameters
     ----------
     weight : array, shape (n,) or (channels, n)
-        What each sample could tell.
+        Square of what is to be explained in each sample.
     t : array, shape (n,)
         Increasing, s.
     records : sequence of (start, stop)
         s.
     count : int
-        Blocks in all, about; a record has one at least if it tells anything.
+        Approximate number of blocks in all; a record with any weight has at least one.
 
     Returns
     -------
     blocks, left_out : list of (start, stop)
-        In s: what is judged, and what is left out of the fit for it.
+        Block that is judged, and the time that is left out of its fit, s.
     """
     rows = np.atleast_2d(weight)
     pieces = [slice(*np.searchsorted(t, [start, stop])) for start, stop in records]
-    told = [float(np.sum(rows[:, piece])) for piece in pieces]
-    total = sum(told)
+    sums = [float(np.sum(rows[:, piece])) for piece in pieces]
+    total = sum(sums)
     blocks: list[tuple[float, float]] = []
     left_out: list[tuple[float, float]] = []
-    for record, piece, share in zip(records, pieces, told, strict=True):
+    for record, piece, share in zip(records, pieces, sums, strict=True):
         if share <= 0.0:
             continue
         own = equal_blocks(rows[:, piece], t[piece], max(1, round(count * share / total)))
@@ -92,12 +92,12 @@ def left_out_gains(
     rows: Array, full: Array, t: Array, edges: Sequence[tuple[float, float]], gap: float, base: int,
     ridge: float = RIDGE, left_out: Sequence[tuple[float, float]] | None = None,
 ) -> tuple[Array, float]:  # fmt: skip
-    """Return by how much columns lower the sum of squares of blocks that were left out of the fit.
+    """Return the fall of the sum of squares by columns in blocks that were left out of the fit.
 
-    A block's training data are all rows less its own and those of the gap on either side: their Gram matrix is the
-    whole one less that of these few rows, and no fit touches the others. A direction of the own columns of which the
-    training data tell less than a tenth is left at zero, unless whole records are left out: its value would be an
-    extrapolation.
+    The training data of a block are all rows except its own and those of the gap on either side. Their Gram matrix is
+    the whole one less that of these few rows. A direction of the own columns that has less than a tenth of its
+    information in the training data is left at zero, because its value would be an extrapolation. This does not apply
+    where whole records are left out.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def left_out_gains(
     gains : array, shape (blocks,)
         Empty where fewer than `FEWEST_BLOCKS` could be judged.
     total : float
-        Sum of squares that there was to explain in these blocks.
+        Sum of squares to be explained in these blocks.
     """
     channels, n, columns = rows.shape
     grams, judged = [], []
@@ -142,8 +142,8 @@ def left_out_gains(
     small = _ridge_solutions(training[:, : base + 1, : base + 1], ridge) if base else np.zeros((len(grams), 0))
     big = _ridge_solutions(training, ridge)
     if left_out is None:  # else the levels of a record are held by their priors
-        for k in np.flatnonzero(_untold(training, full, base)):
-            big[k] = _told_alone(training[k], full, base, ridge)
+        for k in np.flatnonzero(_undetermined(training, full, base)):
+            big[k] = _determined_alone(training[k], full, base, ridge)
     gains, total = [], 0.0
     for block, few, all_of_them in zip(judged, small, big, strict=True):
         y = block[:, 0]
@@ -163,20 +163,20 @@ def _beyond(gram: Array, base: int) -> Array:
 
 
 def _shares(training: Array, full: Array, base: int) -> tuple[Array, Array]:
-    """Share that training data tell of directions of the own columns, (..., own), and these, (..., own, own)."""
+    """Share of information of training data on directions of the own columns, (..., own), and the directions."""
     size, turn = np.linalg.eigh(_beyond(full, base))
     whole = turn / np.sqrt(np.maximum(size, RIDGE * size[-1] + 1e-300))
     share, along = np.linalg.eigh(whole.T @ _beyond(training, base) @ whole)
     return share, whole @ along
 
 
-def _untold(training: Array, full: Array, base: int) -> NDArray[np.bool_]:
-    """Whether a block's training data lack a direction of the own columns, shape (blocks,)."""
+def _undetermined(training: Array, full: Array, base: int) -> NDArray[np.bool_]:
+    """Whether a block's training data do not determine a direction of the own columns, shape (blocks,)."""
     return np.asarray(_shares(training, full, base)[0][:, 0] < LEAST_LEFT)
 
 
-def _told_alone(gram: Array, full: Array, base: int, ridge: float) -> Array:
-    """Coefficients of one block, those of directions that its training data hardly tell left at zero."""
+def _determined_alone(gram: Array, full: Array, base: int, ridge: float) -> Array:
+    """Coefficients of one block, with undetermined directions left at zero."""
     share, along = _shares(gram, full, base)
     kept = along[:, share >= LEAST_LEFT]
     mixed = np.zeros((len(gram), 1 + base + kept.shape[1]))

@@ -20,7 +20,7 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import POLICY, diagnose
-from pmsm_ctrl.diagnose.search import least_shown
+from pmsm_ctrl.diagnose.search import detection_limits
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.regression.columns import effect_group
@@ -39,7 +39,7 @@ def bound(case: Case) -> float:
     values = MIDDLE[effect.id]
     group = effect_group(fit.record, effect, effect.structure.shape(effect, values))
     proportion = np.array([values[s] for s in group.symbols])
-    return float(least_shown(fit.solved, fit.whitener, group, POLICY.significance / len(CATALOGUE), proportion)[0])
+    return float(detection_limits(fit.solved, fit.whitener, group, POLICY.significance / len(CATALOGUE), proportion)[0])
 
 
 def found(effect: str, motion: str, seeds: int, strength: float) -> bool:

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.candidates import Candidate
-from pmsm_ctrl.diagnose.search import least_shown, plain_evidence
+from pmsm_ctrl.diagnose.search import detection_limits, plain_evidence
 from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.evidence.whitening import make_whitener
@@ -59,7 +59,7 @@ def test_amount_that_a_log_shows_is_found_half_the_time(designs, effect: str, sy
     shape = {"order": 24.0} if effect == "cogging" else {}
     group = effect_group(fit.record, CATALOGUE[effect], shape)
     level = 1e-3
-    amount = least_shown(fit.solved, fit.whitener, group, level)[0]
+    amount = detection_limits(fit.solved, fit.whitener, group, level)[0]
     rng = np.random.default_rng(seed)
     rows = fit.whitener(group.values)
     z = np.vstack([rows, np.zeros((len(fit.solved.rest) - len(rows), symbols))])
