@@ -191,3 +191,11 @@ def test_every_page_is_a_page_of_the_site_and_every_link_leads_somewhere(generat
             continue
         for target in re.findall(r"\]\(([^)#:\s]+\.(?:md|html|svg|png|toml))\)", page.read_text(encoding="utf-8")):
             assert target in printed or (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_every_file_that_the_map_of_contributing_names_exists() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = text.partition("## Where a change goes")[2].partition("\n## ")[0]
+    named = set(re.findall(r"`([\w/]+(?:\.py|/))`", table))
+    assert len(named) > 30
+    assert [name for name in named if "/" in name and not (ROOT / "pmsm_ctrl" / name).exists()] == []
