@@ -6,6 +6,7 @@ import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -213,7 +214,8 @@ class Log:
         """Time in s, shape (n,)."""
         return self.channels["t"]
 
-    @property
+    # Read dozens of times in an evaluation, and a median of all samples of a long log.
+    @cached_property
     def period(self) -> float:
         """Median sampling period in s."""
         return float(np.median(np.diff(self.t))) if len(self) > 1 else float("nan")
@@ -234,7 +236,7 @@ class Log:
         made = hashlib.blake2b(digest_size=12)
         for name in sorted(self.channels):
             made.update(name.encode())
-            made.update(np.ascontiguousarray(self.channels[name]).tobytes())
+            made.update(np.ascontiguousarray(self.channels[name]).data)
         return made.hexdigest()
 
     def unit(self, name: str) -> str:

@@ -143,7 +143,7 @@ def accelerations(prepared: Prepared, J: float) -> tuple[Array, Array]:
     slow, rate = policy.SLOW * prepared.cutoff, prepared.rate
     torque = prepared.signals["torque"]
     wide, slow_torque = low_pass(np.stack([prepared.alpha, torque]), rate, slow)
-    alpha, fast, needed, confirmed = prepared.column(
+    alpha, fast, needed, confirmed = prepared.columns(
         np.stack([prepared.alpha, prepared.alpha - wide, torque - slow_torque, wide])
     )
     fast, needed = fast[prepared.mask], needed[prepared.mask]
@@ -254,7 +254,7 @@ def _turn(
     if known is not None and known.orders == tuple(orders):
         return replace(known, tried=ways, spectrum=spectrum)
     raw = waves(prepared.signals["theta"], orders)
-    own = prepared.column(_apart(raw, direction, both).T).T
+    own = prepared.columns(_apart(raw, direction, both).T).T
 
     def draw(points: Array, sign: float) -> tuple[Array, Array]:
         along = np.full(len(points), sign)

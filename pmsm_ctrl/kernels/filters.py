@@ -1,4 +1,4 @@
-"""Compiled filters over many columns at once: zero-phase low-pass with thinning, and whitening by short filters.
+"""Compiled filters: zero-phase low-pass with thinning, and whitening by short filters.
 
 A recursive filter waits for its own last output, so that one column alone leaves most of the processor idle. Columns
 side by side in memory are filtered in the same instructions.
@@ -9,14 +9,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.kernels import kernel, uncontracted
+from pmsm_ctrl.kernels import inlined, kernel, uncontracted
 
-__all__ = ["LANES", "central_differences", "coloured_back", "followed", "reflections", "whitened", "zero_phase"]
+__all__ = [
+    "LANES",
+    "central_differences",
+    "coloured_back",
+    "followed",
+    "reflections",
+    "thinned_zero_phase",
+    "whitened",
+    "zero_phase",
+]
 
 Array = NDArray[np.float64]
 
 LANES = 16  # columns side by side: two cache lines
 AT_ONCE = 1024  # samples that stay in the cache while every lag is added
+BLOCKS = 256  # of samples, whose sums stay in the cache
 FEW = 3  # columns; fewer are filtered one by one, with the filter's state in registers
 VECTOR, TILE = 8, 64  # columns of a whole vector register; samples that are transposed in the cache
 
@@ -124,6 +134,120 @@ def zero_phase(values: Array, sections: Array, settled: Array, pad: int, step: i
             for c in range(count):
                 for j in range(first, min(first + TILE, out.shape[1])):
                     out[start + c, j] = rows[pad + j * step, c]
+
+
+@inlined
+def _mirrored(values: Array, i: int) -> float:
+    """One sample of a signal whose ends are continued by mirroring in their last value."""
+    last = values.size - 1
+    if i < 0:
+        return float(2.0 * values[0] - values[-i])
+    if i > last:
+        return float(2.0 * values[last] - values[2 * last - i])
+    return float(values[i])
+
+
+@inlined
+def _turned(state: Array, turns: Array, k: int, re: float, im: float) -> None:
+    """Let a mode decay, and add to it."""
+    x, y = state[2 * k], state[2 * k + 1]
+    state[2 * k] = turns[2 * k] * x - turns[2 * k + 1] * y + re
+    state[2 * k + 1] = turns[2 * k + 1] * x + turns[2 * k] * y + im
+
+
+@kernel
+def thinned_zero_phase(
+    values: Array, pad: int, step: int, poles: Array, leaps: Array, settled: Array, sums: Array, causal: Array,
+    anticausal: Array, ahead: Array, last: Array, own: float, shared: Array, out: Array,
+) -> None:  # fmt: skip
+    """Filter forward and backward, and work out nothing but every `step`-th sample; both ends as in `zero_phase`.
+
+    What both passes do together is a sum of modes that decay forward in time and of such that decay backward. From one
+    sample that is kept to the next every mode decays once, and a weighted sum of the samples between is added to it. A
+    mode is two numbers, real and imaginary part; there are L of them.
+
+    Parameters
+    ----------
+    values : array, shape (n,)
+    pad : int
+        Samples by which both ends are continued, at least `step` and below n.
+    step : int
+    poles, leaps : array, shape (L,)
+        Decay of the modes within a sample, and within `step` of them.
+    settled : array, shape (L,)
+        The modes of one pass after a constant one.
+    sums : array, shape (step, 2 L + 1)
+        What a block of samples adds to the modes that decay forward, to those that decay backward, and to the first
+        sample's own value.
+    causal, anticausal : array, shape (L,)
+        The modes of either kind, before a block and after it, in the first sample's value.
+    ahead : array, shape (L,)
+        What one sample adds to the modes that decay backward.
+    last : array, shape (L,)
+        The modes of the forward pass in its output.
+    own : float
+        A sample in it.
+    shared : array, shape (L, L)
+        What the modes of the backward pass have of those of the forward pass.
+    out : array, shape (ceil(n / step),)
+        Filled.
+    """
+    n, count, size = values.size, out.size, poles.size
+    modes = size // 2
+    later = np.empty((count, size))
+    total = np.empty((BLOCKS, 2 * size + 1))
+    block = np.empty((1, step))
+    state, behind = np.empty(size), np.empty(size)
+    for k in range(size):
+        state[k] = settled[k] * _mirrored(values, -pad)
+    for i in range(-pad, 0):
+        x = _mirrored(values, i)
+        for k in range(modes):
+            _turned(state, poles, k, x, 0.0)
+    for begin in range(0, count, BLOCKS):
+        stop = min(begin + BLOCKS, count)
+        whole = min(stop, n // step)
+        if whole > begin:
+            inside = values[begin * step : whole * step].reshape(whole - begin, step)
+            np.dot(inside, sums, total[: whole - begin])
+        if whole < stop:  # the last block reaches beyond the end
+            for i in range(step):
+                block[0, i] = _mirrored(values, whole * step + i)
+            np.dot(block, sums, total[whole - begin : stop - begin])
+        for b in range(begin, stop):
+            row = total[b - begin]
+            y = row[2 * size]
+            for k in range(size):
+                y += causal[k] * state[k]
+                later[b, k] = row[size + k]
+            for k in range(modes):
+                _turned(state, leaps, k, row[2 * k], row[2 * k + 1])
+            out[b] = y
+    end = n + pad - 1
+    for i in range(count * step, end):
+        x = _mirrored(values, i)
+        for k in range(modes):
+            _turned(state, poles, k, x, 0.0)
+    x = _mirrored(values, end)
+    passed = own * x
+    for k in range(size):
+        passed += last[k] * state[k]
+    for k in range(modes):
+        _turned(state, poles, k, x, 0.0)
+    for k in range(size):  # the backward pass starts settled at the last output of the forward one
+        behind[k] = settled[k] * passed
+        for j in range(size):
+            behind[k] -= shared[k, j] * state[j]
+    for i in range(end, count * step - 1, -1):
+        x = _mirrored(values, i)
+        for k in range(modes):
+            _turned(behind, poles, k, ahead[2 * k] * x, ahead[2 * k + 1] * x)
+    for b in range(count - 1, -1, -1):
+        row = later[b]
+        for k in range(size):
+            out[b] += anticausal[k] * behind[k]
+        for k in range(modes):
+            _turned(behind, leaps, k, row[2 * k], row[2 * k + 1])
 
 
 @uncontracted

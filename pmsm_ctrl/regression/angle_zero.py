@@ -97,7 +97,7 @@ def _waves(record: Record, residual: Array, whitener: Whitener) -> _Waves | None
     for start in range(0, HIGHEST, AT_ONCE):
         some = orders[start : start + AT_ONCE, None] * theta
         both = np.stack([np.cos(some), np.sin(some)], axis=1).reshape(-1, len(theta))
-        columns.append(whitener.part(0, record.prepared.column(both)))
+        columns.append(whitener.part(0, record.prepared.columns(both)))
     rows = np.concatenate(columns)
     p_values, steady = [], []
     for k, order in enumerate(orders.tolist()):

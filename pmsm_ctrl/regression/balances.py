@@ -77,7 +77,6 @@ SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
 FEWEST = 20  # samples of the thinned grid that a balance needs
-AT_ONCE = 4_000_000  # samples of columns that are filtered in one go
 # Share of a log that the default band has to leave.
 USABLE = 0.1
 # A delay below this share of a sample is met well enough to first order.
@@ -255,14 +254,8 @@ class Record:
             if not places:
                 out.append(None)
                 continue
-            pieces = []
-            # a few at a time: at the log's rate all columns of an hour would fill the memory
-            several = max(1, AT_ONCE // len(self.prepared.t))
-            for first in range(0, len(places), several):
-                now = places[first : first + several]
-                values = np.stack([np.broadcast_to(parts[k][name], self.prepared.t.shape) for k in now])
-                pieces.append(self.at_grid(values) if filtered else self.prepared.column(values))
-            columns = pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+            values = [np.broadcast_to(parts[k][name], self.prepared.t.shape) for k in places]
+            columns = np.stack([self.at_grid(one) for one in values]) if filtered else self.prepared.columns(values)
             if len(places) < len(parts):
                 some, columns = columns, np.zeros((len(parts), columns.shape[1]))
                 columns[places] = some

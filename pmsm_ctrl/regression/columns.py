@@ -25,10 +25,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-# Bytes of columns that are kept from one fit to the next, roughly, and of signals that are filtered at once.
-MOST_KEPT, AT_ONCE = 100e6, 6e6
+MOST_KEPT = 100e6  # bytes of columns that are kept from one fit to the next, roughly
 SINGLE = 150_000  # samples of the thinned grid beyond which candidates are kept in single precision
-FEWEST_AT_ONCE = 8  # columns, which are filtered in the time of four
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,69 +149,46 @@ def groups_of_candidates(
 ) -> list[list[Group]]:
     """Do what `candidate_groups` does for several effects.
 
-    The columns of all are filtered side by side, and remembered.
+    The columns are remembered.
 
     Parameters
     ----------
     record : Record
     wanted : sequence of (Effect, shapes)
     """
-    several = max(FEWEST_AT_ONCE, int(AT_ONCE / (len(record.prepared.t) * 8)))
-    lacking, waiting, held = set(), [], 0
+    lacking = set()
     for number, (effect, shapes) in enumerate(wanted):
         if effect.structure.available(record, effect):
             lacking.add(number)
             continue
         for shape in shapes:
-            key = ("seen", *_key(effect, shape))
-            if key in _memo(record, effect, key):
+            memo, key = _seen(record, effect, shape)
+            if key in memo:
                 continue
             try:
-                parts = effect.structure.columns(record, effect, shape)
+                rows = record.stack_all(
+                    effect.structure.columns(record, effect, shape), effect.structure.filtered(record)
+                )
             except UnavailableError:
                 lacking.add(number)
                 break
-            waiting.append(_Raw(effect, shape, parts))
-            held += len(parts)
-            if held >= several:
-                _remember(record, waiting)
-                waiting, held = [], 0
-    _remember(record, waiting)
+            group = Group(effect, effect.structure.symbols(effect), rows, shape)
+            memo[key] = tuple(map(_small, seen_as_candidate(record, group).rows))
     return [
         [] if number in lacking else [_remembered(record, effect, shape) for shape in shapes]
         for number, (effect, shapes) in enumerate(wanted)
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class _Raw:
-    """Columns of an effect at the log's rate: one mapping of balance to array, shape (n,), for each of its symbols."""
-
-    effect: Effect
-    shape: Mapping[str, float]
-    parts: Sequence[Mapping[str, Array]]
-
-
-def _remember(record: Record, several: Sequence[_Raw]) -> None:
-    """Filter and thin columns, and remember them as those of candidates."""
-    for filtered in (False, True):
-        some = [raw for raw in several if raw.effect.structure.filtered(record) == filtered]
-        stacked = record.stack_all([part for raw in some for part in raw.parts], filtered)
-        start = 0
-        for raw in some:
-            own = slice(start, start := start + len(raw.parts))
-            rows = tuple(
-                columns[own].copy() if columns is not None and any(name in part for part in raw.parts) else None
-                for name, columns in zip(record.channels, stacked, strict=True)
-            )
-            group = Group(raw.effect, raw.effect.structure.symbols(raw.effect), rows, raw.shape)
-            key = ("seen", *_key(raw.effect, raw.shape))
-            _memo(record, raw.effect, key)[key] = tuple(map(_small, seen_as_candidate(record, group).rows))
+def _seen(record: Record, effect: Effect, shape: Mapping[str, float]) -> tuple[Memo, tuple[object, ...]]:
+    """Where the columns of a candidate are remembered, and under which name."""
+    key = ("seen", *_key(effect, shape))
+    return _memo(record, effect, key), key
 
 
 def _remembered(record: Record, effect: Effect, shape: Mapping[str, float]) -> Group:
-    key = ("seen", *_key(effect, shape))
-    return Group(effect, effect.structure.symbols(effect), _memo(record, effect, key)[key], dict(shape))
+    memo, key = _seen(record, effect, shape)
+    return Group(effect, effect.structure.symbols(effect), memo[key], dict(shape))
 
 
 def _small(columns: Array | None) -> Array | None:

@@ -10,7 +10,7 @@ processing of A. Janot, M. Gautier, M. Brunot, Nonlinear Benchmarks Workshop 201
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -27,6 +27,7 @@ from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.masks import count_reversals, resting, slow_speed, torque_jumps, without_edges
 from pmsm_ctrl.regression.measurement_correction import undone
 from pmsm_ctrl.regression.signals import logged_torque
+from pmsm_ctrl.regression.thinning import thinned
 from pmsm_ctrl.regression.timing import between_records, own_time, uniform, unwrapped
 from pmsm_ctrl.section import Notice
 
@@ -137,13 +138,22 @@ class Prepared:
     sampling: Sampling | None = None
 
     def column(self, values: Array) -> Array:
-        """Weight columns over the log's own grid, shape (..., n), filter them, and thin them to shape (..., m)."""
-        return self.smooth(values if self.weight is None else self.weight * values)
+        """Weight a column over the log's own grid, shape (n,), filter it, and thin it to shape (m,)."""
+        return np.asarray(self.columns([values])[0])
+
+    def columns(self, several: Sequence[Array] | Array) -> Array:
+        """Do the same with several, to shape (k, m)."""
+        if self.weight is None:
+            return self._smooth(several)
+        return np.concatenate([self._smooth([self.weight * values]) for values in several])
 
     def smooth(self, values: Array) -> Array:
-        """Filter signals over the log's own grid, shape (..., n), and thin them to shape (..., m)."""
+        """Filter a signal over the log's own grid, shape (n,), and thin it to shape (m,)."""
+        return np.asarray(self._smooth([values])[0])
+
+    def _smooth(self, several: Sequence[Array] | Array) -> Array:
         step = int(self.keep[1] - self.keep[0]) if len(self.keep) > 1 else len(self.t)
-        return low_pass(values, self.rate, self.cutoff, steep=True, step=step)
+        return thinned(several, self.rate, self.cutoff, step)
 
     @property
     def mask(self) -> Mask:

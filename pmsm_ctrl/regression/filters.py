@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.errors import RequestError
 
-__all__ = ["derivative", "low_pass", "shifted"]
+__all__ = ["RIPPLE", "derivative", "low_pass", "mirrored", "shifted"]
 
 Array = NDArray[np.float64]
 
@@ -74,6 +74,21 @@ def shifted(t: Array, values: Array, by: float) -> Array:
     return out
 
 
+RIPPLE = 0.05  # dB of the Chebyshev filter
+
+
+def mirrored(n: int, rate: float, cutoff: float) -> int:
+    """Return by how many samples both ends of n are continued.
+
+    Parameters
+    ----------
+    n : int
+    rate, cutoff : float
+        Hz.
+    """
+    return min(n - 1, round(3.0 * rate / cutoff))
+
+
 def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False, step: int = 1) -> Array:
     """Filter forward and backward along the last axis, so that nothing shifts in time.
 
@@ -104,7 +119,7 @@ def low_pass(values: Array, rate: float, cutoff: float, steep: bool = False, ste
     # a writeable array, as the channels of a log are not: numba compiles the filter for each kind
     flat = np.require(values, np.float64, ["C", "W"]).reshape(-1, n)
     out = np.empty((len(flat), -(-n // step)))
-    zero_phase(flat, sections, settled, min(n - 1, round(3.0 * rate / cutoff)), step, out)
+    zero_phase(flat, sections, settled, mirrored(n, rate, cutoff), step, out)
     return out.reshape(*values.shape[:-1], out.shape[1])
 
 
@@ -113,5 +128,5 @@ def _sections(rate: float, cutoff: float, steep: bool) -> tuple[Array, Array]:
     """Second-order sections of a low-pass, and their state after a constant one, shape (sections, 2)."""
     from scipy.signal import butter, cheby1, sosfilt_zi
 
-    design = cheby1(8, 0.05, cutoff, fs=rate, output="sos") if steep else butter(4, cutoff, fs=rate, output="sos")
+    design = cheby1(8, RIPPLE, cutoff, fs=rate, output="sos") if steep else butter(4, cutoff, fs=rate, output="sos")
     return np.array(design), np.array(sosfilt_zi(design))

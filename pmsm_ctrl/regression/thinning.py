@@ -1,0 +1,110 @@
+"""The zero-phase low-pass of every column of a regression, worked out at the samples that are kept alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.regression.filters import RIPPLE, low_pass, mirrored
+
+__all__ = ["thinned"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class _Modes:
+    """The filter, run forward and backward, as modes that decay; see `thinned_zero_phase`."""
+
+    poles: Array
+    leaps: Array
+    settled: Array
+    sums: Array
+    causal: Array
+    anticausal: Array
+    ahead: Array
+    last: Array
+    own: float
+    shared: Array
+
+
+def thinned(signals: Sequence[Array] | Array, rate: float, cutoff: float, step: int) -> Array:
+    """Filter signals steeply, as `low_pass` does, and keep every so many samples: the same but for rounding.
+
+    Parameters
+    ----------
+    signals : arrays of shape (n,), or array, shape (k, n)
+    rate : float
+        Of the samples, Hz.
+    cutoff : float
+        Hz.
+    step : int
+        Every so many samples one is kept.
+
+    Returns
+    -------
+    array, shape (k, ceil(n / step))
+    """
+    from pmsm_ctrl.kernels.filters import thinned_zero_phase
+
+    n = signals[0].shape[-1]
+    pad = mirrored(n, rate, cutoff)
+    out = np.empty((len(signals), -(-n // step)))
+    if step == 1 or pad < step:
+        for values, row in zip(signals, out, strict=True):
+            row[:] = low_pass(values, rate, cutoff, steep=True, step=step)
+        return out
+    m = _modes(rate, cutoff, step)
+    for values, row in zip(signals, out, strict=True):
+        # a writeable array, as the channels of a log are not: numba compiles the filter for each kind
+        thinned_zero_phase(
+            np.require(values, np.float64, ["C", "W"]), pad, step, m.poles, m.leaps, m.settled, m.sums, m.causal,
+            m.anticausal, m.ahead, m.last, m.own, m.shared, row,
+        )  # fmt: skip
+    return out
+
+
+@lru_cache(maxsize=16)
+def _modes(rate: float, cutoff: float, step: int) -> _Modes:
+    """Expand the two passes in partial fractions.
+
+    One pass has the states ``s[n + 1] = p s[n] + x[n]`` and the output ``w[n] = c s[n] + d x[n]``. The states of the
+    backward pass are ``r[n] = q[n] + P s[n + 1]``, where q hangs on later samples alone: ``P = p P p + c`` and
+    ``q[n - 1] = p q[n] + (p P + d) x[n]``.
+    """
+    from scipy.signal import cheby1
+
+    zeros, p, d = cheby1(8, RIPPLE, cutoff, fs=rate, output="zpk")
+    c = np.array([d * np.prod(one - zeros) / np.prod(one - np.delete(p, k)) for k, one in enumerate(p)])
+    shared = c / (1.0 - np.multiply.outer(p, p))
+    ahead = p * shared.sum(axis=1) + d
+    causal = (c @ shared) * p + d * c
+    above = np.flatnonzero(p.imag > 0.0)  # of each pair one
+    below = np.array([int(np.argmin(np.abs(p - p[k].conj()))) for k in above])
+    q, early = p[above], np.arange(step)[:, None]
+    now = 2.0 * np.real(q ** np.maximum(early - 1, 0) @ (c * ahead)[above])
+    now[0] = float(np.real(c @ shared.sum(axis=1))) + d * d
+    sums = np.hstack([_parts(q ** (step - 1 - early)), _parts(q**early * ahead[above]), now[:, None]])
+    # of a pair's states a + jb and a - jb the sum of both is a real one, and so is what either adds to it
+    one, other = shared[np.ix_(above, above)], shared[np.ix_(above, below)]
+    mixed = np.stack([_parts((one + other).T), _parts(1j * (one - other).T)], axis=1).reshape(2 * len(q), -1).T
+    return _Modes(
+        _parts(q), _parts(q**step), _parts(1.0 / (1.0 - q)), np.ascontiguousarray(sums), _in_value(causal[above]),
+        _in_value(c[above] * q ** (step - 1)), _parts(ahead[above]), _in_value(c[above]), float(d),
+        np.ascontiguousarray(mixed),
+    )  # fmt: skip
+
+
+def _parts(values: Complex) -> Array:
+    """Real and imaginary parts side by side, along the last axis."""
+    return np.stack([values.real, values.imag], axis=-1).reshape(*values.shape[:-1], -1)
+
+
+def _in_value(weights: Complex) -> Array:
+    """What the real and imaginary parts of the modes of a pair count in the sum of both."""
+    return _parts(2.0 * weights.conj())
