@@ -155,7 +155,7 @@ def tune(
     keep: Annotated[bool, typer.Option("--keep", help="check the gains of the design instead of tuning them")] = False,
     robust: Annotated[bool, typer.Option("--robust", help="keep the margins at all corners of the tolerances")] = False,
     filters: Annotated[
-        bool, typer.Option("--filters/--no-filters", help="take a filter against a resonance where it pays")
+        bool, typer.Option("--filters/--no-filters", help="use a filter against a resonance if it helps")
     ] = True,
     prove: Annotated[bool, typer.Option("--prove/--no-prove", help="check the loops on the simulated drive")] = True,
     seed: SeedOption = 0,
@@ -385,7 +385,7 @@ def import_log(
             help="of a file without time; with --map t=COLUMN of a column that counts samples",
         ),
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="take a proposed mapping without a question")] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="accept a proposed mapping unasked")] = False,
     json_file: JsonOption = None,
     force: ForceOption = False,
 ) -> None:

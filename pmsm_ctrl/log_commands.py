@@ -121,7 +121,7 @@ def diagnose(
     polish: PolishOption = False,
     response: Annotated[
         Path | None,
-        typer.Option("--frf", metavar="FRF.json", help="what frf --json wrote: its resonance is searched as well"),
+        typer.Option("--frf", metavar="FRF.json", help="result of frf --json: its resonance is searched too"),
     ] = None,
     mapping: MapOption = None,
     effects: EffectsOption = None,
@@ -222,14 +222,12 @@ def frf(
     output: NewDesignOption = None,
     response: Annotated[
         str | None,
-        typer.Option("--response", metavar="plant|open|closed", help="what a measured Bode diagram is of"),
+        typer.Option("--response", metavar="plant|open|closed", help="what a measured Bode diagram describes"),
     ] = None,
     unit: Annotated[
-        str | None, typer.Option("--unit", metavar="UNIT", help="of a measured axis, such as rpm/A or (rad/s)/(N m)")
+        str | None, typer.Option("--unit", metavar="UNIT", help="unit of a plant response, such as rpm/A")
     ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="take what a Bode file does not state as it was found")
-    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="accept what was inferred from a Bode file")] = False,
     mapping: MapOption = None,
     effects: EffectsOption = None,
     json_file: JsonOption = None,

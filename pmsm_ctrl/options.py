@@ -127,7 +127,7 @@ EstimateOption = Annotated[
         "--estimate",
         metavar="NAMES",
         help="what is estimated beside F_c and F_v: T_load, J, T_load,J or none; "
-        "by default T_load where the axis reverses, and J where it accelerates; live both",
+        "by default T_load where the axis reverses, and J where it accelerates; with --live both",
     ),
 ]
 LogsOption = Annotated[
@@ -155,7 +155,7 @@ MethodOption = Annotated[
     str, typer.Option("--method", metavar="METHOD", help="regression, iv (instrumental variables) or output_error")
 ]
 PolishOption = Annotated[
-    bool, typer.Option("--polish/--no-polish", help="refine the parameters by simulation, where left-out parts gain")
+    bool, typer.Option("--polish/--no-polish", help="refine the parameters by simulation if validation improves")
 ]
 TruthOption = Annotated[Path | None, typer.Option("--truth", metavar="DESIGN", help="the true plant, if it differs")]
 SeedOption = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="seed of the simulated noise")]

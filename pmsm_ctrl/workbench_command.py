@@ -25,7 +25,9 @@ def workbench(
     host: Annotated[
         str,
         typer.Option(
-            "--host", metavar="ADDRESS", help="listen elsewhere: whoever has the address can use the page, unencrypted"
+            "--host",
+            metavar="ADDRESS",
+            help="address to listen on: all who reach it can use the page, unencrypted",
         ),
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option("--port", metavar="N", min=0, max=65535, help="0: a free one")] = 0,
