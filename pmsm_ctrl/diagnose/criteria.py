@@ -116,7 +116,7 @@ def beside_larger(share: float, largest: float, policy: Policy = POLICY) -> Refu
         The same of the largest accepted effect; 0 without one.
     policy : Policy
     """
-    if share >= policy.beside * largest:
+    if share >= policy.relative_size * largest:
         return None
     return Refusal(Reason.BESIDE_LARGER, {"percent": 100.0 * share, "largest": 100.0 * largest})
 

@@ -37,7 +37,7 @@ class Policy:
     size : float
         Smallest contribution that is named, as a share of the rms of the balance in which it acts. Set on: clean,
         blind.
-    beside : float
+    relative_size : float
         Smallest contribution that is named beside accepted effects, as a share of the largest contribution of theirs.
         Below it, the model error of the larger effect can look like another effect. Effects with an order of their own
         are exempt. Of 77 right second effects of pairs three are smaller, of 19 false ones ten. Set on: worlds.
@@ -145,7 +145,7 @@ class Policy:
     expected_share: float = 0.375
     rival_errors: float = 1.0
     size: float = 0.004
-    beside: float = 0.06
+    relative_size: float = 0.06
     small_size: float = 0.001
     explained: float = 0.012
     excess: float = 0.2

@@ -54,7 +54,7 @@ def test_what_is_most_of_the_rest_is_worth_a_name_however_small() -> None:
 
 def test_beside_a_larger_effect_a_small_one_may_be_what_that_leaves() -> None:
     assert criteria.beside_larger(0.005, 0.0) is None
-    assert criteria.beside_larger(1.01 * POLICY.beside * 0.5, 0.5) is None
+    assert criteria.beside_larger(1.01 * POLICY.relative_size * 0.5, 0.5) is None
     refusal = criteria.beside_larger(0.01, 0.5)
     assert reason(refusal) is Reason.BESIDE_LARGER
     assert str(refusal).endswith(
