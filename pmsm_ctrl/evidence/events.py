@@ -43,23 +43,23 @@ class Search:
     Attributes
     ----------
     significance : float
-        Of the whole search.
+        Family-wise significance of the search.
     durations : tuple of float
         Lengths of a stretch that are tried, s.
     shortest : float
-        Of a stretch once its ends are found, s.
+        Shortest stretch after its ends were refined, s.
     stands_out : float
-        Times by which it exceeds every other mean of its length.
+        Smallest ratio of the mean of a stretch to any other mean of the same length.
     own, own_step : float
-        Share of the shape of a stretch, and of a step, that no motion explains.
+        Smallest share of the shape of a stretch, and of a step, that is independent of what the motion explains.
     drift : float
-        Times by which a step must explain more than any drift.
+        Smallest ratio of what a step explains to what the best drift explains.
     even : float
-        Most of a step that may be the same for both directions of motion, as a share: friction opposes either.
+        Largest share of a step that has the same sign in both directions of motion: friction changes its sign.
     size : float
-        Least torque of an event, as a share of the rms of the balance.
+        Smallest torque of an event, as a share of the rms of the balance.
     most : int
-        Stretches that are looked for.
+        Largest number of stretches.
     """
 
     significance: float = 1e-3
@@ -177,7 +177,8 @@ def _judged(
 ) -> tuple[float, Burst] | None:
     """Return what a stretch explains, and the stretch with its size; None where it does not count as an event.
 
-    Its null is taken from what is left with the stretch in the model: one that holds a fifth of a log would hide in it.
+    The null distribution is that of the residual with the stretch in the model. Otherwise a stretch that holds a fifth
+    of the log would widen it.
     """
     from scipy.stats import t as student
 

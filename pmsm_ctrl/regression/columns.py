@@ -1,4 +1,4 @@
-"""What an effect adds to each balance per unit of its linear parameters: its structure's columns, remembered."""
+"""Columns of an effect in each balance, per unit of its linear parameters, with a cache."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SINGLE = 150_000  # samples of the thinned grid beyond which candidates are kept
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Columns that stand or fall together.
+    """Columns that are tested and accepted together.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Group:
 
     @property
     def misread(self) -> bool:
-        """Whether the columns are only measured, and do not act on the axis."""
+        """Whether the columns are a measurement error, and do not act on the axis."""
         return self.sampling if self.effect is None else self.effect.falsifies_current
 
     @property
@@ -105,7 +105,7 @@ def effect_group(record: Record, effect: Effect, shape: Mapping[str, float], ent
 
 
 def _memo(record: Record, effect: Effect, key: tuple[object, ...]) -> Memo:
-    """Where the columns of an effect are remembered: from one fit to the next, if they follow from the motion alone."""
+    """Return the cache for an effect's columns; it lives from fit to fit for columns of the measured motion alone."""
     if key in record.kept:
         return record.kept
     modelled = not MODELLED.isdisjoint(effect.structure.reads(effect))

@@ -1,7 +1,7 @@
-"""Several records as one log: one time axis with holes between them, the lowest rate, the channels that all have.
+"""Several records as one log: one time axis with holes between them, the lowest rate, and the channels of all records.
 
-The evaluations leave holes out, so that a joined log takes the same path as any other; its `records` say which stretch
-is which. A hole of more than `GAP` seconds in a file separates two records as well.
+The evaluations leave holes out, so that a joined log is evaluated like any other. Its `records` say which stretch
+belongs to which record. A hole of more than `GAP` seconds in a file separates two records as well.
 """
 
 from __future__ import annotations

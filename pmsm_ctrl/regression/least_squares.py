@@ -1,4 +1,4 @@
-"""Solving the inverse-dynamics regression: estimates, honest standard errors, and what cannot be identified."""
+"""Solving the inverse-dynamics regression: estimates, standard errors, and unidentifiable parameters."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Cause(Enum):
 
 @dataclass(frozen=True)
 class Combination:
-    """What is known of parameters that cannot be told apart: their weighted sum."""
+    """Weighted sum of inseparable parameters, which alone is known."""
 
     weights: Mapping[str, float]
     value: float
@@ -60,7 +60,7 @@ class Unidentifiable:
     detail : dict of str to value
         The figures behind the cause.
     known : Combination or None
-        Of it and the parameters it cannot be told from.
+        Of it and the parameters from which it is inseparable.
     held : bool
         Whether the others were estimated with the design's value in its place.
     """
@@ -154,9 +154,9 @@ def solve(
 ) -> Fit:
     """Solve by least squares, or by instrumental variables, with standard errors that allow for correlated residuals.
 
-    Columns that no data can tell apart stay in the fit as a group, so that the others are not biased by their
-    absence; only their own values are withheld. Bounds are constraints: where the free optimum leaves them, a parameter
-    is held at its bound and the others are fitted beside it. An inertia that is not possible is held at the design's.
+    Inseparable columns stay in the fit as a group, so that the other estimates are not biased; only their own values
+    are withheld. Bounds are constraints: a parameter beyond its bound is held there, and the others are fitted with it.
+    An impossible inertia is held at the design's.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def solve(
 
 
 def _centred(problem: Problem) -> Problem:
-    """Return the problem of what its parameters differ from the values at which they are expected."""
+    """Return the problem in the differences of its parameters from their expected values."""
     expected = _expected(problem)
     if not expected.any():
         return problem
@@ -328,7 +328,7 @@ def _solve_free(problem: Problem, instruments: Array | None, ratio: float | None
 
 
 def _prior_rows(columns: Sequence[Column], x: Array, y: Array) -> Array:
-    """Return rows that say that some parameters lie near zero, in units of the noise; shape (priors, columns)."""
+    """Return the rows of the priors, with mean zero and in units of the noise; shape (priors, columns)."""
     places = [k for k, column in enumerate(columns) if column.expected is not None]
     rows = np.zeros((len(places), len(columns)))
     if places:

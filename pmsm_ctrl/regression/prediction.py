@@ -1,4 +1,4 @@
-"""What a design predicts of a record: its parameters as they stand, the sampling of the log fitted beside them."""
+"""Prediction of a record by a design: its parameters as they stand, with the sampling of the log fitted."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Prediction:
 def predict(design: Design, record: Record, like: Prediction | None = None) -> Prediction:
     """Return what a design predicts of a record; nothing of the design is fitted.
 
-    What no design can know (when the channels of this log were sampled) is fitted beside it, as in every fit.
+    The sampling of the channels, which no design can state for every log, is fitted as in every fit.
 
     Parameters
     ----------
@@ -92,7 +92,8 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
 def _better_without(record: Record, model: Model, predicted: Array, at: Mapping[int, float]) -> dict[int, float]:
     """Return all columns with the nuisances at zero, where these raise the error of the torque; else none.
 
-    The weighted fit of a design that is far off bends them to serve its best known samples.
+    In the weighted fit of a design that is far off, the nuisances can take wrong values that suit the samples of the
+    largest weight.
     """
     values = np.zeros(len(model.names))
     values[list(at)] = list(at.values())

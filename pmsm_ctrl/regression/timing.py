@@ -1,4 +1,4 @@
-"""When the samples of a log were taken, and how surely: jitter, gaps, late time stamps, angles that wrap."""
+"""Time base of a log: jitter, gaps, late time stamps, edges at the ends, and angles that wrap."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ AT_END, FEWEST_AT_END, EDGE_AT_END = 0.01, 4, 6.0
 def uniform(log: Log) -> tuple[Array, dict[str, Array], Mask, tuple[Notice, ...]]:
     """Bring a log to one uniform time grid: time in s and channels of shape (n,), samples outside gaps, and notes.
 
-    Where time stamps jitter by more than a thousandth of a period, the channels are resampled with a cubic spline,
-    unless the motion is smoother with the samples taken at equal steps: then a clock took them, and only the stamps
-    are late. A hole of more than five periods is bridged and marked; each of several records is resampled by itself.
+    Where time stamps jitter by more than a thousandth of a period, the channels are resampled with a cubic spline. This
+    is not done where the motion is smoother with the samples at equal steps: a clock took them, and only the stamps
+    jitter. A hole of more than five periods is bridged and marked. Each of several records is resampled by itself.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def own_time(log: Log, t: Array) -> Array:
 def _clocked(t: Array, channels: Mapping[str, Array]) -> Array | None:
     """Return the even times at which samples were taken whose stamps alone jitter; None where the samples do as well.
 
-    A wrong time makes a moving shaft's angle rough, by speed times error: the rougher of the two readings is wrong.
+    A time error makes the angle of a moving shaft rough, by speed times error, so the rougher reading is the wrong one.
     """
     from scipy.interpolate import CubicSpline
 
@@ -250,8 +250,8 @@ def _outside(t: Array, spans: Sequence[tuple[float, float]]) -> Mask:
 def ending_steadily(log: Log) -> Log:
     """Return a log without the edge in the drive signal at which it begins or ends, where there is one.
 
-    The filters mirror a log in its last value: an edge there would be a step of twice its height, beyond what any
-    weight or cut can keep out. A drive that is switched off, or trips, ends its log like that.
+    The filters mirror a log in its last value: an edge there would be a step of twice its height, which no weight can
+    remove. The log of a drive that is switched off, or trips, ends like that.
     """
     source = next((name for name in ("torque", "i_q") if name in log), None)
     if source is None or log.records:
