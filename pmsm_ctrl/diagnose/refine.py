@@ -8,10 +8,10 @@ import numpy as np
 
 from pmsm_ctrl.diagnose.search import Trial, try_group
 from pmsm_ctrl.evidence.whitening import Whitener
-from pmsm_ctrl.regression.answers import beside_held
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.model import Solved
+from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = ["refine"]
 
@@ -77,7 +77,7 @@ def _tried(
     except UnavailableError:
         return None
     group = group if seen is None else seen(record, group)
-    return try_group(solved, whitener, trial.candidate, beside_held(group, solved.model.answers))
+    return try_group(solved, whitener, trial.candidate, beside_held(group, solved.model.responses))
 
 
 def _spacing(name: str, shape: Mapping[str, float], grid: tuple[Mapping[str, float], ...]) -> float:

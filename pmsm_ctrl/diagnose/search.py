@@ -14,12 +14,12 @@ from pmsm_ctrl.evidence.blocks import FEWEST_RECORDS, equal_blocks, left_out_gai
 from pmsm_ctrl.evidence.linalg import Added, added_each
 from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
 from pmsm_ctrl.evidence.whitening import Whitener
-from pmsm_ctrl.regression.answers import beside_held
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, candidate_groups, groups_of_candidates
 from pmsm_ctrl.regression.covariance import NoiseCovariance
 from pmsm_ctrl.regression.model import Model, Solved
 from pmsm_ctrl.regression.saturated import Saturated, saturated
+from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = [
     "Offer",
@@ -169,7 +169,7 @@ def with_columns(record: Record, trial: Trial) -> Trial:
     group = trial.group
     if not group.rows:
         group = candidate_groups(record, trial.candidate.effect, [group.shape])[0]
-    return replace(trial, group=beside_held(group, trial.judge[0].model.answers))
+    return replace(trial, group=beside_held(group, trial.judge[0].model.responses))
 
 
 def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tuple[Offer, Saturated]:
@@ -248,7 +248,7 @@ def _score(candidate: Candidate, own: Added, solved: Solved) -> float:
 def try_candidate(record: Record, solved: Solved, whitener: Whitener, candidate: Candidate) -> Trial | None:
     """Return the candidate at the best of its shapes, or None when it has no column on this log."""
     groups = candidate_groups(record, candidate.effect, candidate.grid)
-    groups = [beside_held(group, solved.model.answers) for group in groups]
+    groups = [beside_held(group, solved.model.responses) for group in groups]
     found = beyond_each(solved, whitener, groups)
     return _best_of(
         candidate, [(group, own) for group, (_, own) in zip(groups, found, strict=True)], (solved, whitener)

@@ -28,10 +28,10 @@ from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.search import Trial, try_group
 from pmsm_ctrl.evidence.tests import f_tail, holm
-from pmsm_ctrl.regression.answers import beside_held
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
 from pmsm_ctrl.regression.columns import SINGLE, effect_group
 from pmsm_ctrl.regression.model import Solved
+from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = [
     "Evidence", "Found", "Selection", "Step", "best", "equivalents", "judged_trials", "name_of",
@@ -360,7 +360,7 @@ def _with(case: Case, fit: Fitted, trial: Trial) -> tuple[Accepted, ...]:
             continue
         rest = case.without_candidates((*out[:k], *out[k + 1 :]))
         candidate = Candidate(one.effect, (*one.grid, one.shape), len(one.grid))
-        group = beside_held(effect_group(rest.record, one.effect, one.shape), rest.model.answers)
+        group = beside_held(effect_group(rest.record, one.effect, one.shape), rest.model.responses)
         trial = try_group(rest.plain, rest.weights, candidate, group)
         refined = refine(rest.record, rest.plain, rest.weights, trial)
         if not refined.wrong_sign:
@@ -415,7 +415,7 @@ def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:
         elif effect.electrical_order and rival.order and p is not None and not rival.falsifies_current:
             turn = 1 if "p" in rival.signals else p  # of the electrical angle, or of the shaft
             shape = {rival.order: float(turn * effect.electrical_order)}
-            group = beside_held(effect_group(fit.record, rival, shape), fit.model.answers)
+            group = beside_held(effect_group(fit.record, rival, shape), fit.model.responses)
             other = try_group(*trial.judge, Candidate(rival, (shape,)), group)
             found += equivalents(trial, [replace(other, plain_judge=trial.plain_judge)], case.policy)
     return tuple(found)

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.blocks import block_sums, no_smaller_than_by_blocks
 from pmsm_ctrl.evidence.linalg import in_blocks, triangle
-from pmsm_ctrl.regression.answers import Answer
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import EMF, LATENESS, SPREAD
 from pmsm_ctrl.regression.model import Model
+from pmsm_ctrl.regression.two_stage import HeldResponse
 
 __all__ = ["ReferenceEstimates", "by_reference"]
 
@@ -59,7 +59,7 @@ class ReferenceEstimates:
     noise : float
         Share of the acceleration's power, with the weights of the fit, that the reference does not explain. The
         inertia by least squares may be too small by this share.
-    answers : dict of name to Answer
+    responses : dict of name to HeldResponse
         Response of each value to the torque.
     """
 
@@ -67,7 +67,7 @@ class ReferenceEstimates:
     late: tuple[float, float]
     spread: tuple[float, float]
     noise: float
-    answers: Mapping[str, Answer]
+    responses: Mapping[str, HeldResponse]
 
 
 def by_reference(record: Record, model: Model, sigma: float) -> ReferenceEstimates | None:
@@ -110,14 +110,14 @@ def by_reference(record: Record, model: Model, sigma: float) -> ReferenceEstimat
     values, stderr = scaled / size, _errors(seen, prior, inverse, (rest, _place(record.mask))) / size
     found = {name: (float(values[names.index(name)]), float(stderr[names.index(name)])) for name in FOUND}
     noise = 1.0 - float(np.sum(seen[:, names.index("J")] ** 2))
-    answers = {name: _answer(seen, inverse, size, weight, names.index(name)) for name in FOUND}
-    return ReferenceEstimates(found["J"], found[LATENESS], found[SPREAD], noise, answers)
+    responses = {name: _response(seen, inverse, size, weight, names.index(name)) for name in FOUND}
+    return ReferenceEstimates(found["J"], found[LATENESS], found[SPREAD], noise, responses)
 
 
-def _answer(seen: Array, inverse: Array, size: Array, weight: Array, k: int) -> Answer:
+def _response(seen: Array, inverse: Array, size: Array, weight: Array, k: int) -> HeldResponse:
     """Return the response of a column's value to the torque, and the projection of the column on the instruments."""
     column = np.divide(seen[:, k] * size[k], weight, out=np.zeros(len(weight)), where=weight > 0.0)
-    return Answer(column, (seen @ inverse[k]) * weight / size[k])
+    return HeldResponse(column, (seen @ inverse[k]) * weight / size[k])
 
 
 def _weighted_instruments(

@@ -101,7 +101,7 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, estimates: Re
         if by is not None:
             held[model.names.index(SPREAD)] = by.spread
     settled = _holding(model, held, {k: record.sampling, model.names.index(SPREAD): record.sampling**2})
-    return settled if by is None else replace(settled, answers=(by.answers[LATENESS], by.answers[SPREAD]))
+    return settled if by is None else replace(settled, responses=(by.responses[LATENESS], by.responses[SPREAD]))
 
 
 def _with_inertia_held(model: Model, fit: Solved, estimates: ReferenceEstimates) -> Model:
@@ -121,9 +121,9 @@ def _with_inertia_held(model: Model, fit: Solved, estimates: ReferenceEstimates)
     tolerance = model.doubt.get(k, float(model.sigma[k]))  # of the datasheet, which counts as ever
     known = 1.0 / stderr**2 + 1.0 / tolerance**2
     value = (value / stderr**2 + float(model.nominal[k]) / tolerance**2) / known
-    share, answer = 1.0 / (stderr**2 * known), estimates.answers["J"]
-    answers = (*model.answers, replace(answer, slope=share * answer.slope))
-    return replace(_holding(model, {k: (value, 1.0 / math.sqrt(known))}, {k: value}), answers=answers)
+    share, response = 1.0 / (stderr**2 * known), estimates.responses["J"]
+    responses = (*model.responses, replace(response, slope=share * response.slope))
+    return replace(_holding(model, {k: (value, 1.0 / math.sqrt(known))}, {k: value}), responses=responses)
 
 
 def _holding(model: Model, held: Mapping[int, tuple[float, float]], scale: Mapping[int, float]) -> Model:

@@ -15,12 +15,12 @@ from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures.interface import Known
 from pmsm_ctrl.evidence.linalg import factored, own_shares
 from pmsm_ctrl.evidence.whitening import Whitener
-from pmsm_ctrl.regression.answers import Answer
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, STATED_WITHIN, emf_left
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
+from pmsm_ctrl.regression.two_stage import HeldResponse
 
 __all__ = [
     "AGE",
@@ -75,7 +75,7 @@ class Model:
         Standard deviation of a nominal value at which a parameter is held, where that is not `sigma`.
     bias : dict of column to float
         Possible bias of least squares, by an unbiased estimate from the same log.
-    answers : tuple of Answer
+    responses : tuple of HeldResponse
         Responses of the parameters that are held at a value by instruments.
     """
 
@@ -86,7 +86,7 @@ class Model:
     matrix: Array
     doubt: Mapping[int, float] = field(default_factory=dict)
     bias: Mapping[int, float] = field(default_factory=dict)
-    answers: tuple[Answer, ...] = ()
+    responses: tuple[HeldResponse, ...] = ()
 
     @classmethod
     def of(cls, groups: Sequence[Group], names: tuple[str, ...], nominal: Array, sigma: Array) -> Model:
@@ -116,7 +116,7 @@ class Model:
         names = tuple(f"{s}#{count + 1}" if count else s for s in group.symbols)
         nominal, sigma = np.concatenate([self.nominal, np.zeros(k)]), np.concatenate([self.sigma, np.full(k, prior)])
         made = Model.of((*self.groups, group), (*self.names, *names), nominal, sigma)
-        return replace(made, doubt=self.doubt, bias=self.bias, answers=self.answers)
+        return replace(made, doubt=self.doubt, bias=self.bias, responses=self.responses)
 
     # Read in every fit, some times.
     @cached_property

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.evidence.linalg import gram_of, projection_on_all
 from pmsm_ctrl.evidence.whitening import Whitener, make_whitener
-from pmsm_ctrl.regression.answers import gram_beside_held
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.model import Model
+from pmsm_ctrl.regression.two_stage import gram_beside_held
 
 __all__ = ["FEWEST_DIRECTIONS", "SAMPLES_PER_DIRECTION", "Saturated", "rough_weights", "saturated", "whiteners"]
 
@@ -76,9 +76,9 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
         if row == 0:
             blocks.append(_smooth(record))
         weight = record.weight[row] * record.mask
-        answers = model.answers if row == 0 and groups else ()
-        whole = gram_of([*blocks, *(one.column[None] for one in answers)], weight)
-        fitted = len(whole) - len(answers)
+        responses = model.responses if row == 0 and groups else ()
+        whole = gram_of([*blocks, *(one.column[None] for one in responses)], weight)
+        fitted = len(whole) - len(responses)
         gram = whole[:fitted, :fitted]
         room = max(FEWEST_DIRECTIONS, int(_effective(weight) / SAMPLES_PER_DIRECTION))
         coefficients, rank = projection_on_all(gram[1:, 1:], gram[1:, 0], room, len(inside))
@@ -89,19 +89,19 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
             start += len(block)
         residual[row][weight == 0.0] = 0.0
         most = max(most, rank)
-        if answers:
+        if responses:
             kept = np.r_[:end, fitted : len(whole)]
-            answered = np.zeros((len(answers), end))
-            answered[:, 1 + len(inside) :] = _answered(model, groups)
-            gram = gram_beside_held(whole[np.ix_(kept, kept)], answered)
+            responding = np.zeros((len(responses), end))
+            responding[:, 1 + len(inside) :] = _responses_to(model, groups)
+            gram = gram_beside_held(whole[np.ix_(kept, kept)], responding)
         grams.append(gram[:end, :end])
         entering.append(inside)
     return Saturated(residual, most, tuple(grams), tuple(entering), tuple(places))
 
 
-def _answered(model: Model, groups: Sequence[Group]) -> Array:
-    """Return the response of each held value to the torque columns of the groups, shape (answers, k)."""
-    slopes = np.array([one.slope for one in model.answers])
+def _responses_to(model: Model, groups: Sequence[Group]) -> Array:
+    """Return the response of each held value to the torque columns of the groups, shape (responses, k)."""
+    slopes = np.array([one.slope for one in model.responses])
     return np.hstack([slopes @ columns.T for group in groups if (columns := group.rows[0]) is not None])
 
 

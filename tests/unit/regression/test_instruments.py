@@ -76,9 +76,9 @@ def test_noise_that_moves_the_axis_makes_no_inertia_too_small() -> None:
         assert told.inertia[0] == pytest.approx(J, abs=3.0 * told.inertia[1])
         # instruments are linear in the torque: half of the inertia's own torque more, and friction that it cannot be
         more = 0.5 * found.model.matrix[0][:, 0]
-        assert told.answers["J"].slope @ more == pytest.approx(0.5, rel=1e-3)
+        assert told.responses["J"].slope @ more == pytest.approx(0.5, rel=1e-3)
         dry = found.model.matrix[0][:, found.model.names.index("F_c")]
-        assert told.answers["J"].slope @ dry == pytest.approx(0.0, abs=1e-3 * J / F_C)
+        assert told.responses["J"].slope @ dry == pytest.approx(0.0, abs=1e-3 * J / F_C)
         fit = base_fit(believed(), record)
         value, stderr = fit.value("J")
         assert value == pytest.approx(J, abs=3.0 * stderr)

@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.regression.columns import Group
 
-__all__ = ["Answer", "beside_held", "gram_beside_held"]
+__all__ = ["HeldResponse", "beside_held", "gram_beside_held"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class HeldResponse:
     """Response of a value by instruments to the torque.
 
     Attributes
@@ -43,34 +43,34 @@ class Answer:
     slope: Array
 
 
-def beside_held(group: Group, answers: Sequence[Answer]) -> Group:
+def beside_held(group: Group, responses: Sequence[HeldResponse]) -> Group:
     """Return the group with its torque columns less the response of the held values to them.
 
     Parameters
     ----------
     group : Group
-    answers : sequence of Answer
+    responses : sequence of HeldResponse
         Of the parameters that a model holds at values by instruments. Without any, the group is returned as it is.
     """
     columns = group.rows[0]
-    if columns is None or not answers:
+    if columns is None or not responses:
         return group
     left = columns.copy()
-    for one in answers:
+    for one in responses:
         left -= np.outer(columns @ one.slope, one.column)
     return replace(group, rows=(left, *group.rows[1:]))
 
 
-def gram_beside_held(gram: Array, answered: Array) -> Array:
+def gram_beside_held(gram: Array, responding: Array) -> Array:
     """Return the Gram matrix of columns less the response of the held values to them.
 
     Parameters
     ----------
     gram : array, shape (n + k, n + k)
-        Of n columns, and of the columns of k answers.
-    answered : array, shape (k, n)
+        Of n columns, and of the columns of k responses.
+    responding : array, shape (k, n)
         Change of each held value with each column; zero where a column stays.
     """
-    n = len(gram) - len(answered)
-    turn = np.vstack([np.eye(n), -answered])
+    n = len(gram) - len(responding)
+    turn = np.vstack([np.eye(n), -responding])
     return np.asarray(turn.T @ gram @ turn)

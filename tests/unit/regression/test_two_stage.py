@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pmsm_ctrl.regression.answers import Answer, beside_held, gram_beside_held
 from pmsm_ctrl.regression.columns import Group
+from pmsm_ctrl.regression.two_stage import HeldResponse, beside_held, gram_beside_held
 
 Array = NDArray[np.float64]
 J, AMOUNT = 2.0, 0.1
@@ -31,7 +31,7 @@ def test_a_candidate_beside_a_held_value_is_as_large_as_fitted_together_with_it(
     told = asked * float(asked @ measured) / float(asked @ asked)
     held = float(slope @ torque)
     assert held == pytest.approx(J + AMOUNT * float(slope @ effect))  # too large by what it holds of the effect
-    seen = beside_held(group(effect), (Answer(told, slope),)).rows[0]
+    seen = beside_held(group(effect), (HeldResponse(told, slope),)).rows[0]
     assert seen is not None
     left = torque - held * measured
     # the effect and the motion together by the instruments (asked, effect), Soderstrom and Stoica 1983, eq. 3.2
@@ -48,12 +48,12 @@ def test_without_held_values_a_candidate_is_what_it_was() -> None:
     made = group(columns()[2])
     assert beside_held(made, ()) is made
     only_voltage = Group(None, ("amount",), (None, np.ones((1, 5))), {})
-    assert beside_held(only_voltage, (Answer(np.ones(5), np.ones(5)),)) is only_voltage
+    assert beside_held(only_voltage, (HeldResponse(np.ones(5), np.ones(5)),)) is only_voltage
 
 
 def test_the_gram_matrix_beside_held_values_is_that_of_the_columns() -> None:
     asked, measured, effect = columns()
-    answer = Answer(asked, asked / float(asked @ measured))
+    answer = HeldResponse(asked, asked / float(asked @ measured))
     seen = beside_held(group(effect), (answer,)).rows[0]
     assert seen is not None
     every = np.array([measured, effect, asked])
