@@ -41,7 +41,7 @@ def workbench(
     ] = False,
     live: Annotated[
         str | None,
-        typer.Option("--live", metavar="SOURCE", help="show F_c and F_v of a growing file, or of ads://NETID"),
+        typer.Option("--live", metavar="SOURCE", help="show F_c and F_v of a growing file, - for stdin, or ads://NETID"),
     ] = None,
     mapping: MapOption = None,
     estimate: EstimateOption = None,
@@ -76,8 +76,6 @@ def _live(design: Path | None, source: str | None, mapping: list[str] | None, es
         return None
     if design is None:
         raise RequestError("workbench: --live needs DESIGN, whose friction it begins with")
-    if source == "-":
-        raise RequestError("--live -: the page cannot follow standard input; a file or ads://NETID was expected")
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.workbench.live import Live
 

@@ -6,9 +6,12 @@ The source is named where the server is started, never in the page: a page can n
 from __future__ import annotations
 
 import multiprocessing
+import os
+import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +27,9 @@ if TYPE_CHECKING:
 __all__ = ["Live"]
 
 EVERY = 0.2  # s of the stream between two points of the curves
+AT_ONCE = 1 << 16  # bytes of standard input that are passed on in one piece
 MOST = 1000  # points that are kept, and alarms; beyond them every second point is dropped
+STDIN = "standard input"
 ENDED = "The process that tracks has ended (killed, or out of memory). Start the workbench again."
 COLUMNS = ("t", "F_c", "stderr_F_c", "F_v", "stderr_F_v")  # of a reading
 PARAMETERS = {"F_c": "coulomb", "F_v": "viscous"}  # which effect holds it
@@ -38,7 +43,7 @@ class Live:
     design : Design
         Whose friction the tracker begins with.
     source : str
-        A growing file, or ``ads://NETID``.
+        A growing file, ``-`` for standard input of the server, or ``ads://NETID``.
     mapping : dict of str to str, optional
         Channel to column.
     estimate : tuple of {"T_load", "J"}, optional
@@ -54,7 +59,7 @@ class Live:
         self.design, self.source = design, source
         units = {name: axis_unit(UNITS[name], self.design.motion) for name in PARAMETERS}
         self._facts = {
-            "source": self.source, "design": self.design.name, "units": units,
+            "source": STDIN if source == "-" else source, "design": self.design.name, "units": units,
             "stated": {name: self.design.parameters(effect).get(name) for name, effect in PARAMETERS.items()},
         }  # fmt: skip
         self._asked = dict(mapping or {}), estimate
@@ -76,10 +81,14 @@ class Live:
         """
         context = multiprocessing.get_context("spawn")
         receiver, sender = context.Pipe(duplex=False)
-        words = (sender, self.design.to_toml(), self.source, *self._asked)
+        fed, feed = context.Pipe(duplex=False) if self.source == "-" else (None, None)
+        words = (sender, fed, self.design.to_toml(), self.source, *self._asked)
         process = context.Process(target=_tracked, args=words, daemon=True)
         process.start()
         sender.close()
+        if fed is not None and feed is not None:  # a process of its own has no standard input
+            fed.close()
+            threading.Thread(target=_passed_on, args=(feed,), daemon=True).start()
         threading.Thread(target=self._listen, args=(receiver,), daemon=True).start()
         return process
 
@@ -136,9 +145,34 @@ class Live:
             }  # fmt: skip
 
 
+def _passed_on(feed: Connection) -> None:
+    """Pass standard input on until it ends, or until nobody tracks any more.
+
+    Not through its buffer: a thread that waits in there holds it, and the server could not end.
+    """
+    with feed:
+        try:
+            while sys.stdin is not None and (piece := os.read(sys.stdin.fileno(), AT_ONCE)):
+                feed.send_bytes(piece)
+        except (OSError, ValueError):  # nobody listens; standard input was closed
+            return
+
+
+def _pieced(fed: Connection) -> Iterator[str]:
+    """Yield the lines of what is passed on."""
+    rest = b""
+    with fed, suppress(EOFError, OSError):
+        while True:
+            *whole, rest = (rest + fed.recv_bytes()).split(b"\n")
+            yield from (line.decode("utf-8", errors="replace") for line in whole if line.strip())
+    if rest.strip():
+        yield rest.decode("utf-8", errors="replace")
+
+
 def _tracked(
-    sender: Connection, design: str, source: str, mapping: dict[str, str], estimate: tuple[str, ...] | None
-) -> None:
+    sender: Connection, fed: Connection | None, design: str, source: str, mapping: dict[str, str],
+    estimate: tuple[str, ...] | None,
+) -> None:  # fmt: skip
     """Track a source until it ends, and tell every estimate: what the process does."""
     import signal
 
@@ -153,8 +187,10 @@ def _tracked(
         sender.send(("alarm", one))
 
     try:
+        lines = lines_from(source, mapping) if fed is None else _pieced(fed)
+        name = STDIN if source == "-" else source
         watch(
-            Design.from_toml(design), lines_from(source, mapping), source=source, mapping=mapping, estimate=estimate,
+            Design.from_toml(design), lines, source=name, mapping=mapping, estimate=estimate,
             every=EVERY, show=show, alarm=alarm,
         )  # fmt: skip
         end = "The source has ended."

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +15,8 @@ from pmsm_ctrl import Design
 from pmsm_ctrl.cli import main
 from pmsm_ctrl.track import Alarm, Reading
 from pmsm_ctrl.workbench.live import ENDED, MOST, Live
+from tests.unit.track.ads_server import StandIn
+from tests.unit.track.test_ads import HOST, MAPPING, SOURCE, SYMBOLS, samples
 from tests.unit.workbench.harness import DESIGN, TOKEN, Bench, Page
 
 WAIT = 60.0  # s; a fresh process imports the tracker
@@ -52,7 +57,6 @@ def test_only_a_server_with_a_source_answers(bench: Bench, page: Page) -> None:
     ("words", "said"),
     [
         (["--live", "x.csv"], "--live needs DESIGN"),
-        (["seed_motor.toml", "--live", "-"], "cannot follow standard input"),
         (["seed_motor.toml", "--map", "t=a"], "which is not given"),
         (["seed_motor.toml", "--live", "x.csv", "--estimate", "B"], "accepted: T_load, J"),
     ],
@@ -87,3 +91,46 @@ def test_a_process_that_ends_says_why(tmp_path: Path) -> None:
     process = live.start()
     process.kill()
     assert ended(live) == ENDED
+
+
+def tracked(live: Live) -> dict[str, Any]:
+    """Return what is shown when the friction of the recorded axis, F_c = 0.02 N m, is known."""
+    begin = time.monotonic()
+    while (shown := live.shown())["now"] is None or shown["now"]["t"] < 1.7:
+        assert not shown["end"], shown["end"]
+        assert time.monotonic() - begin < WAIT
+        time.sleep(0.02)
+    return shown
+
+
+@pytest.mark.parametrize("ending", ["", "0.5,0.1"])
+def test_standard_input_is_followed(ending: str, designs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Through the server, in pieces that end anywhere; the last line may lack its end."""
+    begun, given = os.pipe()
+    with open(begun, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        live = Live(Design.read(designs / "seed_motor.toml"), "-", {"omega": "speed [rpm]", "i_q": "current [A]"}, ())
+        assert live.shown()["source"] == "standard input"
+        process = live.start()
+        text = "t [s],speed [rpm],current [A]\n" + "".join(f"{t!r},{a!r},{b!r}\n" for t, (a, b) in samples(2000))
+        data = (text + ending).encode()
+        for start in range(0, len(data), 7001):
+            os.write(given, data[start : start + 7001])
+        assert tracked(live)["F_c"][-1] == pytest.approx(0.02, rel=0.05)
+        os.close(given)
+        assert ended(live) == "The source has ended."
+        process.join(WAIT)
+
+
+def test_a_plc_is_followed_and_a_lost_connection_is_opened_again(designs: Path) -> None:
+    pytest.importorskip("pyads")
+    plc = StandIn(HOST, SYMBOLS, samples(2000), cut=700)
+    plc.start()
+    live = Live(Design.read(designs / "seed_motor.toml"), SOURCE, MAPPING, ())
+    process = live.start()
+    try:
+        assert tracked(live)["F_c"][-1] == pytest.approx(0.02, rel=0.05)
+        assert live.shown()["source"] == SOURCE
+    finally:
+        process.kill()
+        plc.close()
