@@ -1,18 +1,32 @@
 """pytest plugin: ``pytest designs/`` runs every ``[[acceptance]]`` line of the designs as a test.
 
-pytest loads it wherever the package is installed. It imports heavy modules only for a design, and ignores every TOML
-file without ``[[acceptance]]`` and ``[motor]``.
+pytest loads it wherever the package is installed, and only there: ``python -m pmsm_ctrl.acceptance designs/`` is the
+same with the pytest of this environment, or says that there is none. It imports heavy modules only for a design, and
+ignores every TOML file without ``[[acceptance]]`` and ``[motor]``.
 """
 
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pytest
+try:
+    import pytest
+except ModuleNotFoundError as error:
+    if error.name != "pytest":
+        raise
+    message = (
+        f"acceptance: pytest is not installed beside pmsm-ctrl, in {sys.prefix}: {sys.executable} -m pip install "
+        "pytest; a pytest of another environment does not know the designs"
+    )
+    if __name__ == "__main__":
+        print(f"pmsm-ctrl: {message}", file=sys.stderr)
+        sys.exit(2)
+    raise ModuleNotFoundError(message, name="pytest") from None
 
 from pmsm_ctrl.errors import PmsmCtrlError
 
@@ -129,3 +143,7 @@ class AcceptanceItem(pytest.Item):
     def reportinfo(self) -> tuple[Path, None, str]:
         """Return file and name for the header of a failure."""
         return self.path, None, f"{self.path.name}: {self.name}"
+
+
+if __name__ == "__main__":
+    sys.exit(pytest.main(sys.argv[1:]))

@@ -335,7 +335,10 @@ def study(
     json_file: JsonOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Run the whole chain and write one HTML report."""
+    """Run the whole chain and write one HTML report.
+
+    tune, sweep, identify and compare, and with --log diagnose, as far as design and log allow.
+    """
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import require_distinct, require_new, unused_name
     from pmsm_ctrl.next_steps import completed_beside
@@ -382,6 +385,7 @@ def import_log(
             metavar="HZ",
             min=1e-6,
             max=1e9,
+            show_default=False,
             help="of a file without time; with --map t=COLUMN of a column that counts samples",
         ),
     ] = None,

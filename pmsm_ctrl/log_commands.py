@@ -149,7 +149,10 @@ def diagnose(
 
 
 def add(
-    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="an id of the catalogue", autocompletion=effect_ids)],
+    effect: Annotated[
+        str,
+        typer.Argument(metavar="EFFECT", help="such as stribeck; see pmsm-ctrl effects", autocompletion=effect_ids),
+    ],
     design: DesignOption,
     log: Annotated[
         list[Path], typer.Option("--log", metavar="LOG", help="log its parameters are fitted to; may be repeated")

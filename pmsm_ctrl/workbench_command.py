@@ -41,7 +41,9 @@ def workbench(
     ] = False,
     live: Annotated[
         str | None,
-        typer.Option("--live", metavar="SOURCE", help="show F_c and F_v of a growing file, - for stdin, or ads://NETID"),
+        typer.Option(
+            "--live", metavar="SOURCE", help="show F_c and F_v of a growing file, - for stdin, or ads://NETID"
+        ),
     ] = None,
     mapping: MapOption = None,
     estimate: EstimateOption = None,

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.closed_loop import closed_loop
-from pmsm_ctrl.compare.coordinates import Drive
-from pmsm_ctrl.compare.dependence import ResidualStructure, Trace, residual_structure
 from pmsm_ctrl.compare.free_run import free_run, whole_run
 from pmsm_ctrl.compare.notices import CHANGES, HOLDOUT_IS_LOG, LEFT_OUT, NOT_PREDICTED, STRUCTURE
 from pmsm_ctrl.compare.stretches import Stretch, worst_stretches
@@ -31,7 +29,9 @@ from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import parts_of
 from pmsm_ctrl.regression.prediction import Prediction, predict
 from pmsm_ctrl.regression.record_result import RecordResult
-from pmsm_ctrl.regression.timing import punctual, uniform
+from pmsm_ctrl.regression.timing import uniform
+from pmsm_ctrl.residuals.dependence import ResidualStructure, Trace
+from pmsm_ctrl.residuals.predicted import structures, traces_of
 from pmsm_ctrl.result import Result, Verdict, jsonable
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import drives
@@ -327,18 +327,7 @@ def _record(design: Design, log: Log, prediction: Prediction, progress: Callable
     balances = prediction.record
     balances.kept.clear()  # the columns of a fit that is done
     prepared = balances.prepared
-    load = balances.signals.get("T_load")
-    predicted = prediction.predicted[0] + (0.0 if load is None else balances.shaped(load))
-    traces = {
-        name: Trace(balances.t, balances.target[row], prediction.predicted[row], balances.mask, balances.unit(name))
-        for row, name in enumerate(balances.channels)
-    }
-    drive = Drive(predicted, design.J, design.K_t_assumed if "i_q" in prepared.signals else None)
-    away = replace(prepared, moving=prepared.moving & punctual(log, prepared.t, prepared.cutoff)).mask
-    structure = {
-        name: residual_structure(prepared, replace(trace, mask=trace.mask & away), drive)
-        for name, trace in traces.items()
-    }
+    traces, structure = traces_of(prediction), structures(prediction, log, design.J)
     torque = traces["torque"]
     # a simulation is driven by what was sampled with the motion
     timed = prediction.timing.undone(in_time(design, log))

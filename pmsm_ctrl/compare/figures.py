@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from pmsm_ctrl.compare.comparison import Record
-    from pmsm_ctrl.compare.dependence import Dependence, ResidualStructure
+    from pmsm_ctrl.residuals.dependence import Dependence, ResidualStructure
 
 __all__ = ["SHADE", "outline", "stretches_figure", "structure_figure", "traces_figure"]
 

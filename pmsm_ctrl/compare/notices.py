@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pmsm_ctrl.compare.dependence import Dependence, Objection, ResidualStructure
 from pmsm_ctrl.compare.motion import Kind, Motion
+from pmsm_ctrl.residuals.dependence import Dependence, Objection, ResidualStructure
 from pmsm_ctrl.section import Template
 
 __all__ = [

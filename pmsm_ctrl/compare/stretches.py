@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.compare import policy
 from pmsm_ctrl.compare.motion import Motion, motion_of
+from pmsm_ctrl.residuals.dependence import run_around
 
 __all__ = ["Stretch", "worst_stretches"]
 
@@ -59,12 +60,3 @@ def worst_stretches(t: Array, residual: Array, mask: Mask, omega: Array, count: 
         if rms >= policy.STANDS_OUT * whole:
             found.append(Stretch(float(t[first]), float(t[last]), rms, motion_of(omega[part], fast)))
     return tuple(sorted(found, key=lambda s: -s.rms))
-
-
-def run_around(true: Mask, place: int) -> tuple[int, int]:
-    """Return the first and the last sample of the run of true ones that holds a place."""
-    false = np.flatnonzero(~true)
-    after = int(np.searchsorted(false, place))
-    first = int(false[after - 1]) + 1 if after > 0 else 0
-    last = int(false[after]) - 1 if after < len(false) else len(true) - 1
-    return first, last

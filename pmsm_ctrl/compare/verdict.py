@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 
 from pmsm_ctrl.compare import notices, policy
-from pmsm_ctrl.compare.dependence import ResidualStructure
 from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
+from pmsm_ctrl.residuals import policy as of_residuals
+from pmsm_ctrl.residuals.dependence import ResidualStructure
 from pmsm_ctrl.result import Verdict
 from pmsm_ctrl.section import Notice
 
@@ -54,5 +55,7 @@ def _unlike(relative: float, ratios: Mapping[str, float]) -> Iterator[Notice]:
     if not explained >= policy.EXPLAINED:
         yield notices.LITTLE_EXPLAINED(percent=100.0 * relative, explained=100.0 * max(0.0, explained))
     for name, ratio in ratios.items():
-        if math.isfinite(ratio) and ratio > (policy.ABOVE_FLOOR if name == "torque" else policy.VOLTAGE_ABOVE_FLOOR):
+        if math.isfinite(ratio) and ratio > (
+            of_residuals.ABOVE_FLOOR if name == "torque" else of_residuals.VOLTAGE_ABOVE_FLOOR
+        ):
             yield notices.ABOVE_FLOOR(channel=name, ratio=ratio)

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.orders import strongest_orders
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.contributions import Contributions, contributions_of
@@ -39,6 +38,7 @@ from pmsm_ctrl.log import Log, Logs, as_logs
 from pmsm_ctrl.plausibility import with_inertia
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.rendering.numbers import percent
+from pmsm_ctrl.residuals.orders import strongest_orders
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice, Traces
 

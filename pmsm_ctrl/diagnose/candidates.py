@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.orders import order_spectrum
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.structures import LogView, Search
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.residuals.orders import order_spectrum
 
 __all__ = ["Candidate", "candidates_for"]
 

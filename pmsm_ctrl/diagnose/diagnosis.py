@@ -138,7 +138,10 @@ def diagnose(
     share = 1.0 / (1.0 + calibrate)
     case = condition(design, logs, holdouts, offered, policy)
     case, found = _answer(case, plan, lambda done: advance(share * done))
-    found = finished(case, with_polish(case, found) if polish else found, holdouts)
+    found = with_polish(case, found) if polish else found
+    if told is None and len(case.record.mask) > SINGLE:
+        found = replace(found, selection=found.selection.light())  # the rest of a long log is large
+    found = finished(case, found, holdouts)
     if told is not None:
         found = compared(case, found, told)
     if calibrate:
@@ -182,7 +185,9 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     case.fits.clear()
     selection = selection.with_last_candidates()
     last = with_profiles(case.design, with_shapes_fitted(case.design, selection.fit))
+    last = last.judging_itself() if len(last.record.mask) > SINGLE else last
     selection = replace(selection, fits=(*selection.fits[:-1], last))
+    del last
     structure = None
     if explains_most(selection.fit, case.policy):
         structure = unexplained(selection, case.policy)
@@ -270,6 +275,7 @@ def _select(
             progress(0.9 - 0.7 * 0.8 ** len(selection.steps))  # how many are to come is not known
         if taken is not None:
             taken(selection)
+        del found  # the model that the effect was judged by, which the selection has no use for
     if len(selection.steps) < len(start):
         return Selection(selection.fits[:1], (), found.refused)
     return selection.plus(found)

@@ -120,6 +120,14 @@ class Fitted:
         """Return the fit without bases and the candidates' columns: with what a later search asks of an earlier fit."""
         return replace(self.light(), trials=tuple(trial.spared() for trial in self.trials))
 
+    def judging_itself(self) -> Fitted:
+        """Return the fit with its candidates beside this fit, not beside the one whose shapes were not fitted yet.
+
+        On a long log that one is large.
+        """
+        solved, plain = (self.solved, self.whitener), (self.plain, self.weights)
+        return replace(self, trials=tuple(replace(one, judge=solved, plain_judge=plain) for one in self.trials))
+
     def without_last(self) -> Fitted | None:
         """Return the fit without the last accepted effect, with the same nuisance parameters held.
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import BASE, Fitted
 from pmsm_ctrl.diagnose.notices import ESTIMATE_AT_BOUND
+from pmsm_ctrl.regression.total_inertia import with_total_inertia
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -50,8 +51,7 @@ def fitted_design(design: Design, fit: Fitted) -> Design:
     out = design.replace_effects(tuple(entries))
     k = fit.model.names.index("J")
     J, J_stderr = float(fit.estimate.values[k]), float(fit.estimate.stderr[k])
-    if design.load.J / design.load.gear**2 < J:
-        out = out.with_parameters(J=J, stderr={"J": J_stderr})
+    out = with_total_inertia(out, J, J_stderr)
     for number, one in enumerate(fit.accepted):
         parameters = fitted_parameters(fit, number)
         values = {symbol: e.value for symbol, e in parameters.items()}

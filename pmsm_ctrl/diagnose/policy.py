@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pmsm_ctrl.evidence.events import Search
+from pmsm_ctrl.residuals.policy import SOUND
 
 __all__ = ["POLICY", "Policy"]
 
@@ -166,7 +167,7 @@ class Policy:
     sure_errors: float = 3.0
     tolerance: float = 0.15
     torque_constant: float = 0.02
-    sound_weight: float = 0.5
+    sound_weight: float = SOUND
     structure_share: float = 0.015
     resembled_at_turns: float = 0.025
     around_reversals: float = 1.5

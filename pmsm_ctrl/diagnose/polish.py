@@ -26,6 +26,7 @@ from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, in_time
 from pmsm_ctrl.regression.least_squares import Fit
 from pmsm_ctrl.regression.prediction import predict
+from pmsm_ctrl.regression.total_inertia import with_total_inertia
 from pmsm_ctrl.regression.worse_than_given import worse_than_given
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
@@ -98,8 +99,8 @@ def _written(design: Design, loop: OpenLoop, values: Array, fit: Fit) -> Design:
     """Return the design with these values, and the standard errors of the fit by simulation."""
     entries = list(design.effects)
     for column, value in zip(loop.columns, values.tolist(), strict=True):
-        if column.is_inertia and value > design.load.J / design.load.gear**2:
-            design = design.with_parameters(J=value, stderr={"J": fit.stderr.get(column.name, float("nan"))})
+        if column.is_inertia:
+            design = with_total_inertia(design, value, fit.stderr.get(column.name, float("nan")))
         if column.entry < 0:
             continue
         entry = entries[column.entry]

@@ -9,7 +9,7 @@ import numpy as np
 from pmsm_ctrl.diagnose.search import Trial, try_group
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
+from pmsm_ctrl.regression.columns import SINGLE, Group, UnavailableError, effect_group, forget_effects
 from pmsm_ctrl.regression.model import Solved
 from pmsm_ctrl.regression.two_stage import beside_held
 
@@ -57,6 +57,8 @@ def refine(
             halved += 1
             if halved >= rounds:
                 break
+    if len(record.mask) > SINGLE:
+        forget_effects(record)  # columns of shapes on the way, large on a long record
     return best
 
 

@@ -118,7 +118,9 @@ class Trial:
     def light(self) -> Trial:
         """Return the trial of an accepted effect without the model that it was judged by: it has no direction then."""
         solved, whitener = self.judge
-        return replace(self, judge=(replace(solved, bases=()), whitener), plain_judge=None)
+        groups = tuple(replace(group, rows=()) for group in solved.model.groups)
+        model = replace(solved.model, groups=groups, matrix=solved.model.matrix[:, :0].copy())
+        return replace(self, judge=(replace(solved.bare(), model=model), whitener), plain_judge=None)
 
     def spared(self) -> Trial:
         """Return the trial without its columns as well."""

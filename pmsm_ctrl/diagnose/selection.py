@@ -141,6 +141,10 @@ class Selection:
         steps = tuple(replace(step, trial=step.trial.light()) for step in self.steps)
         return replace(self, fits=(*(fit.light() for fit in self.fits[:-1]), self.fit), steps=steps)
 
+    def light(self) -> Selection:
+        """Return the selection with what is shown of it: no bases, and no columns of candidates."""
+        return replace(self, fits=(*(fit.light() for fit in self.fits[:-1]), self.fit.spared()))
+
 
 def name_of(trial: Trial) -> str:
     """Return the effect, with its order where an axis can have several.
@@ -185,6 +189,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
             alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
             return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)
         refused[name] = refusal
+        del after  # a fit of a long log is large: the next one takes its place
     return Found(None, None, refused)
 
 

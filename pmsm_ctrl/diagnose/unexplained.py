@@ -11,8 +11,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare.coordinates import Drive, accelerations
-from pmsm_ctrl.compare.dependence import Dependence, Relevance, Trace, residual_structure
 from pmsm_ctrl.compare.notices import coordinate_words, largest_words
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
@@ -24,6 +22,8 @@ from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.rendering.numbers import with_prefix
+from pmsm_ctrl.residuals.coordinates import Drive, accelerations
+from pmsm_ctrl.residuals.dependence import Dependence, Relevance, Trace, residual_structure
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["dependence", "impossible_winding", "resemblance", "unexplained"]

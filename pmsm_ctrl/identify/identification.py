@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design, EffectEntry
-from pmsm_ctrl.design_parts import SMALL
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.identify import policy
+from pmsm_ctrl.identify.effective import effective_only
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.open_loop_fit import by_open_loop
 from pmsm_ctrl.identify.output_error import output_error
@@ -34,6 +34,7 @@ from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
 from pmsm_ctrl.regression.least_squares import Cause, Fit, solve
 from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
 from pmsm_ctrl.regression.timed_record import sampling_of, timed_record
+from pmsm_ctrl.regression.total_inertia import with_total_inertia
 from pmsm_ctrl.regression.worse_than_given import worse_by_error, worse_than_given
 from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.result import Estimate, Result, jsonable
@@ -236,26 +237,26 @@ def identify(
     several = joint(design, log) if method != "iv" else Joint(log)
     advance(SAMPLED)
     base = based(design, whole) if as_diagnosed else None
-    if base is None:
-        solution = _solved(method, design, several.log, processing, _rounds(advance))
-    else:
-        solution = _Solution(base.problem, base.fit)
+    each = _rounds(advance)
+    solution = _Solution(base.problem, base.fit) if base else _solved(method, design, several.log, processing, each)
     advance(SOLVED)
     problem, fit = solution.problem, with_joint_errors(solution.fit, several.stderr)
     found, bounds = _identified(design, problem, fit)
+    record = base.record if base else timed_record(design, several.log)
     if base is None and method != "output_error":  # which has no columns of the given design
-        shown, unexplained = _shown(design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit)
-        worse = worse_by_error(_best_error(shown, fit.values), _best_error(shown, {}))
+        shown, unexplained, worse = _shown(
+            design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit
+        )
     else:
-        shown, unexplained = problem, fit.residual
-        worse = worse_than_given(design, found, base.record if base else timed_record(design, several.log))
+        shown, unexplained, worse = problem, fit.residual, worse_than_given(design, found, record)
     sizes = _sizes(unexplained[shown.mask], shown.torque[shown.mask])
     over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
     contradictions = (*believed.contradictions, *_contradictions(design, fit))
+    effective = None if contradictions else effective_only(found, record, several.log)
     advance(1.0)
     said = (
-        *contradictions, *record_notices(several.rows), *((worse,) if worse else ()), *_large(sizes["relative_error"]),
-        *believed.notices[len(believed.contradictions) :], *problem.notes,
+        *contradictions, *record_notices(several.rows), *(one for one in (worse, effective) if one),
+        *_large(sizes["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes,
         *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *bounds, *_doubts(design, fit),
         *moved(over, fit),
     )  # fmt: skip
@@ -314,12 +315,18 @@ def _checked(logs: tuple[Log, ...], method: str) -> tuple[Log, ...]:
     return logs
 
 
-def _shown(design: Design, log: Log, processing: Processing, problem: Problem, fit: Fit) -> tuple[Problem, Array]:
-    """Return the regression with reversals, which are part of the error, and what the design that is written leaves."""
+def _shown(
+    design: Design, log: Log, processing: Processing, problem: Problem, fit: Fit
+) -> tuple[Problem, Array, Notice | None]:
+    """Return the regression with reversals, which are part of the error, and what the design that is written leaves.
+
+    Third comes what is to be said where the given design leaves less.
+    """
     shown = build_problem(design, log, replace(processing, blank=False), problem.inertia is not None)
     # what got no number is in there with the value that it had
     found = {name: value for name, (value, _) in fit.nuisances.items()} | dict(fit.values)
-    return shown, shown.target - shown.matrix() @ [found.get(column.name, column.nominal) for column in shown.columns]
+    left = shown.target - shown.matrix() @ [found.get(column.name, column.nominal) for column in shown.columns]
+    return shown, left, worse_by_error(_best_error(shown, fit.values), _best_error(shown, {}))
 
 
 def _sampled_log(design: Design, log: Log, processing: Processing, method: Method) -> tuple[Log, Processing]:
@@ -399,8 +406,7 @@ def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tup
             continue
         value = fit.values[column.name]
         if column.entry < 0:
-            if value - design.load.J / design.load.gear**2 >= SMALL:
-                design = design.with_parameters(J=value, stderr={"J": fit.stderr.get(column.name, float("nan"))})
+            design = with_total_inertia(design, value, fit.stderr.get(column.name, float("nan")))
             continue
         entry = changed.get(column.entry, design.effects[column.entry])
         stderr = {s: e for s, e in entry.stderr.items() if s != column.symbol}

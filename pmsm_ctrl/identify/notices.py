@@ -6,7 +6,8 @@ from pmsm_ctrl.regression.least_squares import Cause, Combination, Unidentifiabl
 from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
-    "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT", "FEW_DEGREES_OF_FREEDOM",
+    "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT", "EFFECTIVE_BY_FLOOR",
+    "EFFECTIVE_VALUES", "FEW_DEGREES_OF_FREEDOM",
     "ILL_CONDITIONED", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF",
     "INERTIA_OVER_CUTOFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
     "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "OPEN_LOOP", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
@@ -31,6 +32,16 @@ LARGE_ERROR = Template(
     "large_error",
     "the residual is {percent:.0f} % of the torque: the parameters explain {explained:.0f} % of its mean square, the "
     "rest is noise or a missing effect; compare and diagnose distinguish the two",
+)
+EFFECTIVE_VALUES = Template(
+    "effective_values",
+    "effective values only: {explained:.0f} % of the residual's mean square depends on {names}, which these "
+    "parameters do not describe: diagnose this log",
+)
+EFFECTIVE_BY_FLOOR = Template(
+    "effective_values",
+    "effective values only: the residual is {ratio:.2g} times its noise floor, with no significant dependence on any "
+    "coordinate: diagnose this log",
 )
 OPEN_LOOP = Template(
     "open_loop",

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,3 +62,30 @@ def test_shares_rise_to_one_and_an_exception_ends_the_verb(verb: str, log: Log) 
     with pytest.raises(KeyboardInterrupt):
         VERBS[verb](design, log, progress=stop)
     assert seen == shares[:2]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no terminal of its own")
+@pytest.mark.parametrize("verb", ["compare", "add", "identify", "compensate"])
+def test_a_terminal_shows_progress_before_anything_is_read(verb: str, tmp_path: Path) -> None:
+    """The log is a pipe that nobody writes to: whatever the verb shows, it shows before its work begins."""
+    (tmp_path / "axis.toml").write_text(DESIGN, encoding="utf-8")
+    os.mkfifo(tmp_path / "pipe.toml")
+    words = {
+        "compare": ["log.csv", "-d", "pipe.toml"],
+        "add": ["stribeck", "--log", "log.csv", "-d", "pipe.toml", "-o", "new.toml"],
+        "identify": ["log.csv", "-d", "pipe.toml"],
+        "compensate": ["axis.toml"],
+    }[verb]
+    (tmp_path / "log.csv").write_text("t [s],omega [rad/s],torque [N m]\n0,1,2\n", encoding="utf-8")
+    ours, theirs = os.openpty()
+    command = [sys.executable, "-m", "pmsm_ctrl", verb, *words]
+    run = subprocess.Popen(command, cwd=tmp_path, stderr=theirs, stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
+    try:
+        shown = b""
+        while verb.encode() not in shown:
+            shown += os.read(ours, 4096)
+    finally:
+        run.kill()
+        run.wait()
+        os.close(ours)
+        os.close(theirs)

@@ -60,6 +60,22 @@ def test_80_columns_verdict_first_and_the_next_command_last(
     assert not any(line.startswith("--verbose") for line in whole)
 
 
+@pytest.mark.slow
+def test_a_study_is_its_verdict_three_numbers_and_the_next_command(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["study", "d.toml", "--log", "my log.csv", "-o", "a page.html"])
+    assert not left.value.code
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) < 30
+    assert all(len(line) <= 80 for line in lines[:-1])
+    assert any(line.startswith("No missing effect") for line in lines[:6])
+    assert sum("not significant" in line for line in lines) == 0
+    assert len(re.findall(r"^ *[-\d.]+ %  ", "\n".join(lines), re.MULTILINE)) == 3
+    assert lines[-1] == "next: pmsm-ctrl compensate 'a page.design.toml'"
+
+
 def test_a_study_of_a_log_writes_the_completed_design_beside_its_page(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

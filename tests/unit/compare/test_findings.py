@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pmsm_ctrl.compare.dependence import Dependence, Extent, Objection, ResidualStructure
 from pmsm_ctrl.compare.notices import OBJECTIONS, coordinate_words, largest_words, structure_words
-from pmsm_ctrl.compare.stretches import run_around
+from pmsm_ctrl.residuals.dependence import Dependence, Extent, Objection, ResidualStructure, run_around
 
 X = np.linspace(0.0, 10.0, 11)
 FLAT = np.ones(11)

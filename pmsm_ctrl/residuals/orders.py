@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare import policy
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.residuals import policy
 
 __all__ = ["order_spectrum", "strongest_orders", "waves"]
 

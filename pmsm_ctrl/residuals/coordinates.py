@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare import policy
-from pmsm_ctrl.compare.orders import strongest_orders, waves
 from pmsm_ctrl.regression.conditioning import Prepared
 from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.residuals import policy
+from pmsm_ctrl.residuals.orders import strongest_orders, waves
 from pmsm_ctrl.units import axis_unit, drives
 
 __all__ = ["Curve", "Drive", "accelerations", "curves", "grid_coordinates", "with_orders"]

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.compare import compare
-from pmsm_ctrl.compare.coordinates import Drive, _with_play
-from pmsm_ctrl.compare.dependence import ResidualStructure, Trace, residual_structure
 from pmsm_ctrl.compare.notices import coordinate_words, structure_words
 from pmsm_ctrl.compare.verdict import judged
 from pmsm_ctrl.design import Design
@@ -21,6 +19,8 @@ from pmsm_ctrl.evidence.whitening import ChannelWhitener
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared, prepare
+from pmsm_ctrl.residuals.coordinates import Drive, _with_play
+from pmsm_ctrl.residuals.dependence import ResidualStructure, Trace, residual_structure
 from pmsm_ctrl.simulate import scenario, simulate
 from tests.effort import amount, seeds
 from tests.unit.simulate.composed import simulate_composed

@@ -14,15 +14,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.compare import policy
-from pmsm_ctrl.compare.coordinates import Curve, Drive, curves, grid_coordinates, with_orders
-from pmsm_ctrl.compare.stretches import run_around
 from pmsm_ctrl.evidence.linalg import factored, in_blocks, triangle
 from pmsm_ctrl.evidence.residual import Bench, Noise, Outcome, bench, noise_of
 from pmsm_ctrl.evidence.tests import holm
 from pmsm_ctrl.regression.conditioning import Prepared
+from pmsm_ctrl.residuals import policy
+from pmsm_ctrl.residuals.coordinates import Curve, Drive, curves, grid_coordinates, with_orders
 
-__all__ = ["Dependence", "Extent", "Objection", "Relevance", "ResidualStructure", "Trace", "residual_structure"]
+__all__ = [
+    "Dependence",
+    "Extent",
+    "Objection",
+    "Relevance",
+    "ResidualStructure",
+    "Trace",
+    "residual_structure",
+    "run_around",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -413,3 +421,18 @@ def _drawn(case: _Case, curve: Curve) -> tuple[Array, Array, Array]:
             y = np.where((x >= there.min()) & (x <= there.max()), y, np.nan)
         out.append(y)
     return x, out[0], out[1]
+
+
+def run_around(true: Mask, place: int) -> tuple[int, int]:
+    """Return the first and the last sample of the run of true ones that holds a place.
+
+    Parameters
+    ----------
+    true : bool array, shape (m,)
+    place : int
+    """
+    false = np.flatnonzero(~true)
+    after = int(np.searchsorted(false, place))
+    first = int(false[after - 1]) + 1 if after > 0 else 0
+    last = int(false[after]) - 1 if after < len(false) else len(true) - 1
+    return first, last

@@ -1,0 +1,49 @@
+"""Whether identified values describe the axis, or stand for what the design lacks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmsm_ctrl import Design, Log, identify
+
+DESIGN = Design.from_toml(
+    "name = 'axis'\n[motor]\nJ = 1e-4\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 0.02\n"
+    "[[effects]]\nid = 'viscous'\nF_v = 1e-4\n"
+)
+
+
+def recorded(noise: float, stribeck: float = 0.0, cogging: float = 0.0, load: float = 0.0, seed: int = 1) -> Log:
+    """Return a log of an axis in closed form, white noise in its torque, N m rms."""
+    t = np.arange(12_000) * 1e-3
+    a, b = 2.0 * np.pi * 0.4, 2.0 * np.pi * 0.9
+    theta = 60.0 * (1.0 - np.cos(a * t)) / a + 30.0 * (1.0 - np.cos(b * t)) / b
+    omega = 60.0 * np.sin(a * t) + 30.0 * np.sin(b * t)
+    alpha = 60.0 * a * np.cos(a * t) + 30.0 * b * np.cos(b * t)
+    torque = 1e-4 * alpha + (0.02 + stribeck * np.exp(-((omega / 20.0) ** 2))) * np.sign(omega) + 1e-4 * omega + load
+    torque = torque + cogging * np.sin(4.0 * theta) + noise * np.random.default_rng(seed).standard_normal(len(t))
+    return Log({"t": t, "theta": theta, "omega": omega, "i_q": torque})
+
+
+def said(log: Log) -> list[str]:
+    return [notice.text for notice in identify(DESIGN, log).notices if notice.code == "effective_values"]
+
+
+@pytest.mark.parametrize(
+    ("hidden", "what"),
+    [({"stribeck": 0.012}, "speed"), ({"cogging": 0.0025}, "position"), ({"load": 0.003}, "constant")],
+)
+def test_values_that_stand_for_a_missing_effect_are_effective_ones(hidden: dict[str, float], what: str) -> None:
+    (text,) = said(recorded(1e-3, **hidden))
+    assert text.startswith("effective values only: ")
+    assert what in text
+    assert text.endswith("diagnose this log")
+
+
+@pytest.mark.parametrize("noise", [1e-3, 0.02])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_alone_is_none(noise: float, seed: int) -> None:
+    """Four tenths of the torque at the drive are noise in the second case, some 9 % within the band."""
+    found = identify(DESIGN, recorded(noise, seed=seed))
+    assert (found.relative_error > 0.05) == (noise > 0.01)
+    assert "effective_values" not in {notice.code for notice in found.notices}
