@@ -59,6 +59,7 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
         for _ in range(ROUNDS):
             tangent = tangent_of(design, fit, free)
             step, stderr = tangent.values[columns], tangent.stderr[columns]
+            del tangent  # with its columns, which the next one has again
             moved = _moved(design, fit, free, np.clip(step, -LONGEST, LONGEST))
             if moved is None or np.all(np.abs(step) <= SETTLED * stderr):
                 break

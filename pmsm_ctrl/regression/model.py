@@ -442,7 +442,9 @@ def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
         entering = model.entering[row]
         columns = whitener.part(row, matrix.T[entering])
         size = np.linalg.norm(columns, axis=1)
-        basis, triangle = np.linalg.qr((columns / np.where(size > 0.0, size, 1.0)[:, None]).T)
+        columns /= np.where(size > 0.0, size, 1.0)[:, None]
+        basis, triangle = np.linalg.qr(columns.T)
+        del columns  # of a long log a copy is large
         full = np.zeros((len(triangle), count))
         full[:, entering] = triangle * size
         bases.append(np.ascontiguousarray(basis.T))
