@@ -15,7 +15,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add, diagnose
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression import kept
+from pmsm_ctrl.regression import worse_than_given as rule
 from pmsm_ctrl.regression.balances import STANDSTILL, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import DriveTiming
@@ -136,7 +136,7 @@ def test_an_exact_design_is_not_made_worse(seed: int) -> None:
 
 def test_a_design_that_would_be_worse_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     design, log = scattered(3)
-    monkeypatch.setattr(kept, "WORSE", 0.5)  # as if the identified one were twice as bad
+    monkeypatch.setattr(rule, "WORSE", 0.5)  # as if the identified one were twice as bad
     result = identify(design, log)
     assert not result.improved
     assert result.design is design
@@ -154,7 +154,7 @@ def test_a_design_that_would_be_worse_is_not_written(tmp_path: Path, monkeypatch
 def test_a_diagnosis_that_would_be_worse_keeps_the_design(monkeypatch: pytest.MonkeyPatch) -> None:
     design, log = scattered(4)
     assert diagnose(design, log, plan=False).improved
-    monkeypatch.setattr(kept, "WORSE", 0.5)
+    monkeypatch.setattr(rule, "WORSE", 0.5)
     found = diagnose(design, log, plan=False)
     assert not found.improved
     assert found.design is design
@@ -166,9 +166,9 @@ def test_worse_is_what_leaves_more_of_the_torque() -> None:
     design, log = scattered(5)
     record = timed_record(design, log)
     off = design.with_effect("coulomb", {"F_c": 0.8})
-    assert kept.worse_than_given(design, design, record) is None
-    assert kept.worse_than_given(off, design, record) is None
-    worse = kept.worse_than_given(design, off, record)
+    assert rule.worse_than_given(design, design, record) is None
+    assert rule.worse_than_given(off, design, record) is None
+    worse = rule.worse_than_given(design, off, record)
     assert worse is not None
     assert worse.code == "worse_than_given"
     error = 0.4 / np.sqrt(np.mean(log["torque"] ** 2))  # 0.4 N m too much dry friction, nearly always of one sign
