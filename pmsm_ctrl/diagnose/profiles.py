@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import BASE, Fitted
 from pmsm_ctrl.diagnose.shapes import Free, moved_to, searched, shifted, tangent_of
-from pmsm_ctrl.regression.bounds import bounded, holding
+from pmsm_ctrl.regression.bounds import bounded, column_bounds, holding
 from pmsm_ctrl.regression.columns import UnavailableError
 
 __all__ = ["with_profiles"]
@@ -76,10 +76,9 @@ def with_profiles(design: Design, fit: Fitted) -> Fitted:
     if not walks.doubtful:
         return fit
     try:
-        every = [one for number in walks.doubtful for one in walks.of_effect(number)]
-        vague = [one for one in every if one.free is not None and one.stderr > KNOWN_WELL]
-        if not walks.at_bound and all(_bend(design, walks, one) <= 0.5 * PARABOLA for one in vague):
+        if not walks.at_bound and all(_bend(design, walks, one) <= 0.5 * PARABOLA for one in walks.vague()):
             return fit  # what is straight over the shapes is straight over all
+        every = [one for number in walks.doubtful for one in walks.of_effect(number)]
         found = {(one.number, one.symbol): _interval(design, walks, one) for one in (*walks.base(), *every)}
     except UnavailableError:
         return fit
@@ -127,6 +126,13 @@ class _Walks:
         for k, name in enumerate(names):
             if (name == "J" or self.fit.model.group_of(k).entry >= 0) and k not in self.fit.estimate.held:
                 yield self._parameter(BASE, name, float(self.fit.estimate.values[k]), self._unit(k), column=k)
+
+    def vague(self) -> Iterator[_Parameter]:
+        """Yield the shapes that are not known well, those of which parameters are made (a load's frequency) as well."""
+        for k, (number, name) in enumerate(self.fit.free, len(self.fit.model.names)):
+            one = self._parameter(number, name, self.fit.accepted[number].shape[name], self._unit(k), (number, name))
+            if one.stderr > KNOWN_WELL:
+                yield one
 
     def of_effect(self, number: int) -> Iterator[_Parameter]:
         """Yield the shapes of an effect, and what is proportional to the factor of a column of it."""
@@ -192,7 +198,15 @@ def _interval(design: Design, walks: _Walks, one: _Parameter) -> tuple[float, fl
     half = NORMAL * one.stderr
     below = _end(lambda step: _profile(design, walks, one, -step), half)
     above = _end(lambda step: _profile(design, walks, one, step), half)
-    return one.at(-below), one.at(above)
+    low, high = _bounds(walks.fit, one)
+    return max(one.at(-below), low), min(one.at(above), high)
+
+
+def _bounds(fit: Fitted, one: _Parameter) -> tuple[float, float]:
+    """Return where an amount may lie: a load is a part of the inertia, however little the log tells of it."""
+    if one.number == BASE or one.column < 0 or fit.model.names[one.column] != one.symbol:
+        return -math.inf, math.inf
+    return column_bounds(fit.model, fit.estimate.values)[one.column]
 
 
 def _bend(design: Design, walks: _Walks, one: _Parameter) -> float:

@@ -450,25 +450,27 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
     t = record.prepared.t
     torque = record.at_full_rate(predicted) + signals.get("T_load", np.zeros_like(t))
     signals["torque"] = torque
+    signals["torque_wide"] = torque + _beyond_band(record, "torque_meas", late)
     motor, per_ampere = record.design.motor, np.full(len(t), record.design.K_t_assumed)
     if motor.p is not None and motor.L_d is not None and motor.L_q is not None and "i_d" in signals:
         per_ampere = per_ampere + 1.5 * motor.p * (motor.L_d - motor.L_q) * signals["i_d"]
     signals["i_q"] = torque / per_ampere
     if "u_d" in record.channels:
-        signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, late)
+        signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, "i_q_meas", late)
     _add_slopes(signals, record.prepared)
     return replace(record, signals=signals, late=late, memo={})
 
 
-def _beyond_band(record: Record, late: float) -> Array:
-    """Return what the measured current holds beyond the band, at the time of the position, shape (n,).
+def _beyond_band(record: Record, name: str, late: float) -> Array:
+    """Return what a measured signal holds beyond the band, at the time of the position, shape (n,).
 
-    A modelled torque is filtered already, and the voltages hold products of current and speed: filtered after the
-    product, a fast current comes back into the band, and one that was filtered twice lacks the ripple of the passband.
+    A modelled torque is filtered already. Voltages hold products of current and speed, and friction by load the torque
+    without its sign: filtered after that, a fast signal comes back into the band, and one that was filtered twice lacks
+    the ripple of the passband.
     """
-    key = ("beyond the band",)
+    key = ("beyond the band", name)
     if key not in record.kept:
-        measured = record.signals["i_q_meas"]
+        measured = record.signals[name]
         record.kept[key] = measured - record.at_full_rate(record.shaped(measured))
     beyond: Array = record.kept[key]
     return beyond if late == 0.0 else shifted(record.prepared.t, beyond, late)

@@ -117,8 +117,9 @@ class Term(Structure):
 
 
 def readable(balances: Balances) -> dict[str, Array | float]:
-    """Return the signals as terms read them."""
+    """Return the signals as terms read them: the torque with what it holds beyond the band."""
     signals: dict[str, Array | float] = {k: v for k, v in balances.signals.items() if k != "alpha"}
+    signals["torque"] = balances.signals.get("torque_wide", balances.signals["torque"])
     if balances.design.motor.p is not None:
         signals["p"] = float(balances.design.motor.p)
     for name in ("di_d", "di_q"):
