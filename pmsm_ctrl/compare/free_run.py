@@ -6,8 +6,9 @@ a whole record is the random walk of a tiny torque bias, so the model is also re
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from pmsm_ctrl.regression.conditioning import EDGE, Prepared
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.simulate.mechanics import INPUTS, Mechanics
 
-__all__ = ["FreeRun", "WholeRun", "free_run", "whole_run"]
+__all__ = ["FreeRun", "WholeRun", "free_run", "over_parts", "whole_run"]
 
 Array = NDArray[np.float64]
 
@@ -152,6 +153,32 @@ def whole_run(design: Design, prepared: Prepared, progress: Callable[[float], No
         return None
     part = slice(first, first + length)
     return WholeRun(prepared.t[part], run[:, 0], run[:, 1], omega[part], theta[part])
+
+
+def over_parts(design: Design, prepared: Prepared, parts: Iterable[slice]) -> tuple[float, float] | None:
+    """Return rms error of the position, rad (m), and fit of records that are each run from begin to end.
+
+    Returns None where none of them can be.
+
+    Parameters
+    ----------
+    design : Design
+    prepared : Prepared
+        Without gaps inside the records.
+    parts : iterable of slice
+        The samples of each.
+    """
+    square, spread, count = 0.0, 0.0, 0
+    for part in parts:
+        signals = {name: values[part] for name, values in prepared.signals.items()}
+        run = whole_run(design, replace(prepared, t=prepared.t[part], signals=signals))
+        if run is not None:
+            square += len(run.t) * run.rms**2
+            spread += len(run.t) * float(np.var(run.theta_meas))
+            count += len(run.t)
+    if count == 0:
+        return None
+    return math.sqrt(square / count), 1.0 - math.sqrt(square / spread) if spread > 0.0 else math.nan
 
 
 def _driven(design: Design, prepared: Prepared) -> tuple[Mechanics, dict[str, Array]]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from pmsm_ctrl.compare.free_run import whole_run
+from pmsm_ctrl.compare.free_run import over_parts
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.deviations import deviation_notices, parameter_deviations, winding_substitutes
@@ -163,13 +164,17 @@ def _evidence(e: Evidence) -> dict[str, Any]:
 
 
 def _free_run(case: Case, fit: Fitted | None) -> dict[str, Any]:
-    """Return the error of the position when the whole log is simulated; of the design as given without a fit."""
+    """Return the error of the position when every record is simulated; of the design as given without a fit."""
     record = case.record
-    if record.unseen > 0.0:
+    spans, prepared = record.records, record.prepared
+    between = sum(after.start - before.stop - 1.0 / prepared.rate for before, after in pairwise(spans))
+    if record.unseen - between > 0.5 / prepared.rate:
         return {}  # what bridges a gap drives nothing
     design = case.design if fit is None else fitted_design(case.design, fit)
-    run = whole_run(design, record.prepared)
-    return {} if run is None else {"rms": run.rms, "unit": axis_unit("rad", record.prepared.motion), "fit": run.fit}
+    half = 0.5 / prepared.rate
+    parts = [slice(*np.searchsorted(prepared.t, [one.start - half, one.stop + half])) for one in spans]
+    found = over_parts(design, prepared, parts or [slice(None)])
+    return {} if found is None else {"rms": found[0], "unit": axis_unit("rad", prepared.motion), "fit": found[1]}
 
 
 def errors_table(record: Record, found: Mapping[str, tuple[float, float]]) -> Errors:

@@ -32,6 +32,10 @@ def test_friction_and_offsets_that_differ_are_no_missing_effect() -> None:
     text = found.summary(width=250)
     assert "Standard deviation between records: dry friction" in text
     assert "record_9.csv (held out)" in text
+    simulated = compare(found.design, records(OWN)).to_dict()["simulation"]
+    whole = [one["errors"]["theta"]["rms"] for one in simulated if one["method"] == "free run"]
+    assert len(whole) == 4
+    assert found.free_run["final"]["rms"] == pytest.approx(np.sqrt(np.mean(np.square(whole))), rel=0.05)
 
 
 def test_a_load_that_all_records_share_is_named_and_judged_on_records_left_out() -> None:
