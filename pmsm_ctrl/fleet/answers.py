@@ -96,6 +96,8 @@ class Change:
         Highest allowed value; NaN where none is stated.
     reached, reached_stderr : float
         Days after the last record until a trend reaches the limit; NaN where it does not.
+    beside : tuple of str
+        Effects that appear on the axis between the dates of a step: one cause, of which the parameter takes a part.
     """
 
     axis: str
@@ -111,6 +113,7 @@ class Change:
     limit: float = float("nan")
     reached: float = float("nan")
     reached_stderr: float = float("nan")
+    beside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -200,6 +203,11 @@ class FleetReport(Result):
     unlike: tuple[Unlike, ...]
     worthless: tuple[Lost, ...]
     notices: tuple[Notice, ...] = ()
+
+    @property
+    def changing(self) -> tuple[str, ...]:
+        """The axes that change over time by more than an effect that appears."""
+        return tuple(dict.fromkeys(one.axis for one in self.changes if not one.beside))
 
     @property
     def missing(self) -> tuple[AxisAnswer, ...]:
@@ -394,7 +402,11 @@ def _changes(axes: tuple[AxisAnswer, ...], limits: Mapping[str, float]) -> tuple
     """Return the changes that are discoveries, the surest first, and how many series were judged."""
     tried = [change for axis in axes for one in axis.series.values() if (change := _change(axis, one, limits))]
     q_values = _controlled([one.p_value for one in tried])
-    found = [replace(one, q_value=float(q)) for one, q in zip(tried, q_values, strict=True) if q <= FALSE_DISCOVERIES]
+    findings = {axis.name: axis.findings for axis in axes}
+    found = [
+        replace(one, q_value=float(q), beside=tuple(_appear_with(one, findings[one.axis])))
+        for one, q in zip(tried, q_values, strict=True) if q <= FALSE_DISCOVERIES
+    ]  # fmt: skip
     return tuple(sorted(found, key=lambda one: one.p_value)), len(tried)
 
 
@@ -412,6 +424,15 @@ def _change(axis: AxisAnswer, series: Series, limits: Mapping[str, float]) -> Ch
         return replace(base, step=jump, when=when, earliest=earliest, latest=latest)
     reached, own = _until(trend, limit)
     return replace(base, trend=trend, reached=reached, reached_stderr=own)
+
+
+def _appear_with(change: Change, findings: Iterable[Finding]) -> Iterator[str]:
+    """Yield the effects whose first record, or the last one without them, lies between the dates of a step."""
+    if change.earliest is None or change.latest is None:
+        return
+    for one in findings:
+        if one.before is not None and one.before <= change.latest and change.earliest <= one.since:
+            yield one.effect
 
 
 def _until(trend: Regression, limit: float) -> tuple[float, float]:

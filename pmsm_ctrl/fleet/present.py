@@ -71,7 +71,7 @@ def verdict_of(report: FleetReport) -> str:
     ----------
     report : FleetReport
     """
-    consistent, changing = sum(one.consistent for one in report.axes), len({one.axis for one in report.changes})
+    consistent, changing = sum(one.consistent for one in report.axes), len(report.changing)
     return (
         f"{len(report.axes)} axes: {len(report.missing)} lack an effect, {consistent} are consistent with their "
         f"design, {changing} change over time; at most {percent(FALSE_DISCOVERIES, 0)} of the named axes are expected "
@@ -124,7 +124,8 @@ def _in_words(series: Series) -> str:
 
 def _briefly(change: Change) -> str:
     if change.step is not None and change.when is not None:
-        return f"{change.parameter} {_sign(change.step.size)} on {change.when:%Y-%m-%d}"
+        beside = f", with {', '.join(change.beside)}" if change.beside else ""
+        return f"{change.parameter} {_sign(change.step.size)} on {change.when:%Y-%m-%d}{beside}"
     assert change.trend is not None
     return f"{change.parameter} {_sign(7.0 * change.trend.slope)} a week"
 
@@ -165,12 +166,17 @@ def _changed(report: FleetReport) -> Section | None:
         f"{len(report.changes)} of {report.judged} parameters change over time, allowing for their number. Friction "
         "scatters between records by more than the error of each, which every interval includes."
     )
+    if any(one.beside for one in report.changes):
+        said += (
+            " A step that appears with a missing effect of the same axis is counted as that effect: the parameter takes "
+            "a part of it."
+        )
     steps = tuple(_step_row(one) for one in report.changes if one.step is not None)
     trends = tuple(_trend_row(one) for one in report.changes if one.trend is not None)
     blocks: list[Block] = [said]
     header: tuple[str, ...]
     if steps:
-        header = ("axis", "parameter", "change", "unit", "date", "between (95 %)", "q")
+        header = ("axis", "parameter", "change", "unit", "date", "between (95 %)", "q", "appears with")
         blocks.append(Table(header, steps, "Steps", sortable=True))
     if trends:
         header = ("axis", "parameter", "a week", "unit", "share a week", "limit", "reached in [days]", "q")
@@ -182,7 +188,7 @@ def _step_row(change: Change) -> tuple[str, ...]:
     assert change.step is not None
     between = f"{_date(change.earliest)} and {_date(change.latest)}"
     return (change.axis, change.parameter, with_error(change.step.size, change.step.stderr), change.unit,
-            _date(change.when), between, probability(change.q_value))  # fmt: skip
+            _date(change.when), between, probability(change.q_value), ", ".join(change.beside))  # fmt: skip
 
 
 def _trend_row(change: Change) -> tuple[str, ...]:

@@ -25,6 +25,24 @@ def test_what_is_true_of_each_axis_is_found() -> None:
     assert not [one.name for one in report.axes if one.consistent and one.name in ("axis0001", "axis0021")]
 
 
+def test_a_step_at_the_day_of_an_effect_is_counted_as_the_effect() -> None:
+    """Of two axes whose F_c steps on the same day, one lacks cogging from that day on, the other one never did."""
+    rng, rows = np.random.default_rng(5), []
+    for axis in ("a", "b", "c"):
+        for day in range(16):
+            later = day >= 9
+            F_c = 0.02 * (1.0 + 0.01 * rng.standard_normal()) * (1.2 if later and axis != "c" else 1.0)
+            rows += of_record(axis, day, F_c, effects={"cogging": 1e-9} if later and axis == "a" else {})
+    report = answered("r", rows, {})
+    assert {one.axis: one.beside for one in report.changes} == {"a": ("cogging",), "b": ()}
+    assert report.changing == ("b",)
+    text = " ".join(report.summary(width=400).split())
+    assert "1 lack an effect" in text
+    assert "1 change over time" in text
+    assert "is counted as that effect" in text
+    assert {one["axis"]: one["beside"] for one in report.to_dict()["changes"]} == {"a": ["cogging"], "b": []}
+
+
 def test_a_trend_says_when_a_limit_is_reached() -> None:
     """F_c = 0.02 (1 + 0.03 day) reaches 0.03 on day 16.7, 7.7 days after the last record."""
     rows = [row for day in range(10) for row in of_record("a", day, 0.02 * (1 + 0.03 * day) + 1e-5 * (-1) ** day)]
