@@ -168,8 +168,8 @@ def _changed(report: FleetReport) -> Section | None:
     )
     if any(one.beside for one in report.changes):
         said += (
-            " A step that appears with a missing effect of the same axis is counted as that effect: the parameter takes "
-            "a part of it."
+            " A step that appears with a missing effect of the same axis is counted as that effect: the parameter "
+            "takes a part of it."
         )
     steps = tuple(_step_row(one) for one in report.changes if one.step is not None)
     trends = tuple(_trend_row(one) for one in report.changes if one.trend is not None)
