@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["init"]
 
 Text = str | None
+ANSWER = 16  # columns that an answer takes
 
 
 def _option(example: str) -> Any:
@@ -140,7 +141,7 @@ def _machine(read: Callable[[str], str]) -> str:
 
     while True:
         try:
-            kind = read("machine: motor (windings known), plain (only a torque constant) or linear [motor]: ").strip()
+            kind = read("machine: motor (windings known), plain (torque constant) or linear [motor]: ").strip()
             questions_of(kind or "motor")
         except EOFError:
             raise RequestError("init: the input ended before the last answer; nothing was written") from None
@@ -160,7 +161,8 @@ def _asking(read: Callable[[str], str]) -> Callable[[Question], str]:
         hint = f" [{question.default or 'Enter: none'}]" if question.default is not None else ""
         while True:
             try:
-                text = read(f"{question.text}, in {question.accepted}{hint}: ").strip()
+                units_told = f", in {question.accepted}" if units else ""
+                text = read(_fitted(f"{question.text}{units_told}{hint}: ")).strip()
                 if not text and question.default is not None:
                     return ""
                 if units and _bare(text):
@@ -176,6 +178,21 @@ def _asking(read: Callable[[str], str]) -> Callable[[Question], str]:
     return ask
 
 
+def _fitted(prompt: str) -> str:
+    """Return a prompt in lines of the terminal, the last of which leaves room for an answer."""
+    import re
+    import shutil
+    import textwrap
+
+    width = shutil.get_terminal_size().columns
+    if len(prompt) <= max(40, width - ANSWER):
+        return prompt
+    # a unit stays whole: a line ends behind a comma or a semicolon
+    pieces = re.sub(r"(?<![,;])\s(?!\[)", "\0", prompt.rstrip())
+    lines = textwrap.wrap(pieces, max(40, width - ANSWER) - 1, subsequent_indent="    ", break_on_hyphens=False)
+    return "\n".join(lines).replace("\0", " ") + " "
+
+
 def _bare(text: str) -> bool:
     try:
         float(text)
@@ -189,7 +206,7 @@ def _choose(units: list[str], read: Callable[[str], str]) -> str:
     if len(units) == 1:
         return units[0]
     menu = ", ".join(f"{k} {unit}" for k, unit in enumerate(units, start=1))
-    chosen = read(f"  which unit? {menu}: ").strip()
+    chosen = read(_fitted(f"  which unit? {menu}: ")).strip()
     if chosen.isdecimal() and 1 <= int(chosen) <= len(units):
         return units[int(chosen) - 1]
     return chosen

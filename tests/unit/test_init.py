@@ -277,6 +277,23 @@ def test_a_person_is_asked_again_until_the_answer_can_be_read(capsys: pytest.Cap
     assert _asking(lambda prompt: next(typed, "2"))(BY_KEY["friction"]) == "0.08 mN m"
 
 
+def test_no_question_is_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 80 columns, an answer included; units are not broken."""
+    monkeypatch.setenv("COLUMNS", "80")
+    prompts: list[str] = []
+
+    def read(prompt: str) -> str:
+        prompts.append(prompt)
+        raise EOFError
+
+    for question in {one.key: one for kind in MACHINES.values() for one in kind}.values():
+        with pytest.raises(RequestError):
+            _asking(read)(question)
+        lines = prompts[-1].splitlines()
+        assert max(map(len, lines)) <= 80 - 16, question.key
+        assert all(any(unit in line for line in lines) for unit in question.units), question.key
+
+
 def test_input_that_ends_writes_nothing() -> None:
     def ended(prompt: str) -> str:
         raise EOFError
