@@ -118,6 +118,8 @@ def simulate(
     force: ForceOption = False,
 ) -> None:
     """Simulate the sampled drive and write its log."""
+    import textwrap
+
     from pmsm_ctrl.simulate import scenario as named_scenario
     from pmsm_ctrl.simulate import simulate as run_simulation
 
@@ -126,7 +128,8 @@ def simulate(
     with progress_bar(f"simulate {scenario}") as progress:
         log = run_simulation(axis, motion, truth=design_if_given(truth, effects), seed=seed, progress=progress)
     log.write_csv(output)
-    print(f"{printable(output)}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz: {', '.join(log)}")
+    print(f"{printable(output)}: {len(log)} samples, {log.duration:.4g} s at {log.rate:.5g} Hz")
+    print(textwrap.fill(", ".join(log), initial_indent="  ", subsequent_indent="  "))
     if json_file is not None:
         run = {"scenario": scenario, "seed": seed, "output": str(output)}
         held = {"samples": len(log), "duration": log.duration, "rate": log.rate}

@@ -60,6 +60,19 @@ def test_80_columns_verdict_first_and_the_next_command_last(
     assert not any(line.startswith("--verbose") for line in whole)
 
 
+def test_a_simulation_says_in_80_columns_what_it_wrote(
+    here: Path, designs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["simulate", str(designs / "seed_motor.toml"), "-s", "reversal", "--set", "cycles=1", "-o", "l.csv"])
+    assert not left.value.code
+    lines = capsys.readouterr().out.splitlines()
+    assert all(len(line) <= 80 for line in lines[:-1])
+    assert lines[0].startswith("l.csv: ")
+    assert "u_q" in lines[1]
+    assert "theta_ref" in lines[2]
+
+
 @pytest.mark.slow
 def test_a_study_is_its_verdict_three_numbers_and_the_next_command(
     here: Path, capsys: pytest.CaptureFixture[str]
