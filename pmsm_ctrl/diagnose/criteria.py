@@ -145,19 +145,26 @@ def cross_validation(
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
 
 
-def beside_rivals(p_value: float, found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
-    """Check that an effect is significant beside what must not be taken for it, and in more than one place of the log.
+def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
+    """Check that rivals explain less than half of what an effect does, and that the rest is significant and confirmed.
+
+    A rival that explains most of it leaves a little to the effect, always: neither of them is exact.
 
     Parameters
     ----------
     p_value : float
-        Corrected for all candidates and for the shapes searched.
+        Beside the rivals, corrected for all candidates and for the shapes searched.
+    share : float
+        What is left of its gain beside them.
     found : CrossValidation
+        Beside them.
     policy : Policy
     """
-    if p_value <= policy.significance and found.gain > policy.rival_errors * found.stderr:
+    confirmed = found.gain > policy.rival_errors * found.stderr
+    if p_value <= policy.significance and share > policy.must_be_left and confirmed:
         return None
-    return Refusal(Reason.EXPLAINED_BY_RIVALS, {"gain": found.gain, "stderr": found.stderr})
+    explained = 100.0 * min(max(1.0 - share, 0.0), 1.0)
+    return Refusal(Reason.EXPLAINED_BY_RIVALS, {"percent": explained, "gain": found.gain, "stderr": found.stderr})
 
 
 def no_balance_worse(
@@ -252,7 +259,7 @@ def left_inside(share: float, p_inside: float, beyond: Refusal, policy: Policy =
         The base parameter that the fit without bounds drives beyond them.
     policy : Policy
     """
-    return None if share > policy.left_inside and p_inside <= policy.significance else beyond
+    return None if share > policy.must_be_left and p_inside <= policy.significance else beyond
 
 
 def determined(values: Mapping[str, tuple[float, float]], ran_out: bool) -> Refusal | None:

@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, blocked_gain, try_group
-from pmsm_ctrl.regression.columns import Group
+from pmsm_ctrl.regression.answers import beside_held
+from pmsm_ctrl.regression.columns import Group, effect_group
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.records import LEVELS
@@ -20,6 +22,7 @@ __all__ = [
     "contribution",
     "cross_validated",
     "excess_of",
+    "excess_of_whole",
     "judged_gain",
     "left_inside",
     "plain_errors",
@@ -50,10 +53,16 @@ def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, 
     return found, gain_of_rows(solved, direction), relief(solved, direction)
 
 
-def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, CrossValidation] | None:
-    """Return p-value and cross-validation of a trial beside what must not be taken for it; None without such rivals.
+def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidation] | None:
+    """Judge a trial beside what must not be taken for it; None without such rivals.
 
-    The p-value is corrected for the shapes searched and for the number of candidates.
+    Returns
+    -------
+    p_value : float
+        Corrected for the shapes searched and for the number of candidates.
+    share : float
+        What is left of its gain.
+    found : CrossValidation
     """
     effect, record = trial.candidate.effect, fit.record
     parts = effect.structure.rivals(effect, trial.group.shape, record)
@@ -62,9 +71,10 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, CrossValidation] | 
     symbols = tuple(f"rival {k + 1}" for k in range(len(parts)))
     model = fit.model.plus(Group(None, symbols, record.stack_all(parts), {}), 1.0)
     solved = solve_model(record, model, fit.whitener)
-    own = try_group(solved, fit.whitener, trial.candidate, trial.group)
+    alone, own = (try_group(one, fit.whitener, trial.candidate, trial.group) for one in (fit.solved, solved))
     found = blocked_gain(record, solved, fit.whitener, trial.group, own.direction, fit.whitener.memory)
-    return min(1.0, own.p_value * len(fit.trials)), CrossValidation(*found)
+    share = own.gain / max(alone.gain, 1e-300)
+    return min(1.0, own.p_value * len(fit.trials)), share, CrossValidation(*found)
 
 
 def gain_of_rows(solved: Solved, direction: Array) -> float:
@@ -153,6 +163,18 @@ def excess_of(solved: Solved, trial: Trial, gain: float) -> tuple[float, float]:
     whole = max(sum(float(rest @ rest) for rest in left), gain, 1e-300)
     above = max(whole - sum(len(rest) for rest in left), gain, 1e-300)
     return gain / whole, gain / above
+
+
+def excess_of_whole(fit: Fitted, trial: Trial) -> float:
+    """Return the share of what lies above the noise that an effect explains with all of its columns.
+
+    The significance of a load behind a spring or a gap is told by the samples alone in which it moves otherwise than
+    the shaft by more than noise. In the model it acts on all of them, and its shape is fitted to all of them.
+    """
+    group = effect_group(fit.record, trial.candidate.effect, trial.group.shape)
+    whole = try_group(fit.plain, fit.weights, trial.candidate, beside_held(group, fit.model.answers))
+    whole = refine(fit.record, fit.plain, fit.weights, whole)
+    return 0.0 if whole.wrong_sign else excess_of(fit.plain, whole, whole.gain)[1]
 
 
 def weighted_errors(fit: Fitted) -> dict[str, float]:

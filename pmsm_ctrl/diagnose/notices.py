@@ -36,6 +36,7 @@ __all__ = [
     "RESONANCE_NOT_MEASURED",
     "RESONANCE_NOT_NAMED",
     "RESONANCE_STATED",
+    "SLOW_TORQUE",
     "SPEED_LAG",
     "TOO_SHORT",
     "TORQUE_CONSTANT",
@@ -101,6 +102,11 @@ RESEMBLANCE = Template(
     "residual_resembles_effect",
     "the residual of the {balance} balance is not noise{place}: {effect} would explain {percent:.0f} % of it, but is "
     "{refusal}; no effect of the catalogue explains it",
+)
+SLOW_TORQUE = Template(
+    "slow_torque",
+    "a part of the {balance} balance, {percent:.0f} % of it, changes slowly (over more than {seconds:.2g} s) and "
+    "depends on no coordinate of the axis, as a load of the process does; no effect of the catalogue explains it",
 )
 WINDING_IMPOSSIBLE = Template(
     "winding_impossible",

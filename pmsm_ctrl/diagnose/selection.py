@@ -16,6 +16,7 @@ from pmsm_ctrl.diagnose.measures import (
     contribution,
     cross_validated,
     excess_of,
+    excess_of_whole,
     left_inside,
     plain_errors,
     prewhitened_error,
@@ -258,8 +259,10 @@ def _judge_trial(
     if not (memory or trial.slow):  # slow effects hide in coloured noise unless it is whitened, as in their test
         white = excess_of(fit.solved, trial, trial.gain)[1]
         excess = white if white > policy.with_memory else excess
+    elif excess < policy.with_memory and trial.candidate.effect.structure.splits_inertia:
+        excess = max(excess, excess_of_whole(fit, trial))
     refusal = criteria.size(share, explained, excess, memory, policy)
-    if refusal is None and not trial.candidate.effect.order:
+    if refusal is None and not _own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
     if refusal is not None:
         return refusal
@@ -268,6 +271,18 @@ def _judge_trial(
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
         refusal = criteria.beside_rivals(*beside, policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found)
+
+
+def _own_order(fit: Fitted, trial: Trial) -> bool:
+    """Whether an effect is known by an order of a turn that no accepted effect has."""
+    effect, p = trial.candidate.effect, fit.record.design.motor.p or 0
+    if not effect.order:
+        return False
+    taken = [
+        float(one.effect.electrical_order * p) if one.effect.electrical_order else one.shape.get(one.effect.order, 0.0)
+        for one in fit.accepted
+    ]
+    return all(round(trial.group.shape[effect.order]) != round(order) for order in taken)
 
 
 def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
@@ -281,7 +296,10 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     old, new = plain_errors(beside), plain_errors(after)
     noise = dict(zip(after.record.channels, after.weights.sigma.tolist(), strict=True))
     refusal = criteria.no_balance_worse(weighted_errors(beside), weighted_errors(after), noise, policy)
-    if refusal is None and trial.candidate.effect.enters == "voltage":
+    relief = strain(before.plain) - strain(after.plain) + apart(before.plain) - apart(after.plain)
+    if relief > policy.absurd:
+        refusal = None  # a winding so far off its datasheet has served some balance better than the truth does
+    elif refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
         refusal = criteria.no_voltage_worse({n: old[n] for n in voltages}, {n: new[n] for n in voltages}, policy)
     elif refusal is None and [row for row, _ in trial.group.entering] == [0]:
@@ -294,7 +312,6 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     )
     if not (trial.slow or memory):
         old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (beside, after))
-    relief = strain(before.plain) - strain(after.plain) + apart(before.plain) - apart(after.plain)
     return (
         refusal or criteria.error_lowered(old, new, relief, policy) or _judge_parameters(before, after, trial, policy)
     )

@@ -26,7 +26,7 @@ from pmsm_ctrl.residuals.coordinates import Drive, accelerations
 from pmsm_ctrl.residuals.dependence import Dependence, Relevance, Trace, residual_structure
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["dependence", "impossible_winding", "resemblance", "unexplained"]
+__all__ = ["dependence", "impossible_winding", "resemblance", "slow_torque", "unexplained"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -47,7 +47,8 @@ def unexplained(selection: Selection, policy: Policy = POLICY) -> Structure | No
     policy : Policy
     """
     fit = selection.fit
-    return dependence(fit, policy) or resemblance(selection, policy) or impossible_winding(fit, policy)
+    found = dependence(fit, policy) or resemblance(selection, policy)
+    return found or impossible_winding(fit, policy) or slow_torque(fit, policy)
 
 
 def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
@@ -163,6 +164,35 @@ def impossible_winding(fit: Fitted, policy: Policy = POLICY) -> Structure | None
     curve = _over(record.at_grid(record.signals["i_d" if name == "L_d" else "i_q"]), record, with_it)
     p = math.erfc(float(surely[best]) / math.sqrt(2.0))
     return Structure("current", "A", record.channels[row], max(share, 0.0), p, curve, notice, like)
+
+
+def slow_torque(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
+    """Return the slow part of what is left of the torque where that is large; None where it is not.
+
+    A load that changes with the time of the process depends on no coordinate of the axis, and a noise model of any
+    order takes it for noise. But noise of a sensor has forgotten itself after a period of the band.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    record, used = fit.record, fit.record.mask
+    left, whole = (values[0] * record.weight[0] for values in (fit.residual, record.target))
+    lag = max(1, round(record.prepared.thinned_rate / record.cutoff))
+    both = used[lag:] & used[:-lag]
+    if int(both.sum()) < FEWEST_SAMPLES:
+        return None
+    alike = float(np.mean((left[lag:] * left[:-lag])[both]))
+    share = alike / max(float(np.mean(whole[used] ** 2)), 1e-300)
+    correlation = alike / max(float(np.mean(left[used] ** 2)), 1e-300)
+    p = 0.5 * math.erfc(correlation * math.sqrt(0.5 * float(both.sum()) / lag))
+    if share < policy.slow_torque or p > policy.significance:
+        return None
+    notice = notices.SLOW_TORQUE(
+        balance=_balance(record, "torque"), percent=100.0 * math.sqrt(share), seconds=1.0 / record.cutoff
+    )
+    return Structure("time", "s", "torque", correlation, p, _over(record.t, record, fit.residual[0]), notice)
 
 
 def _share(fit: Fitted, trial: Trial) -> float:

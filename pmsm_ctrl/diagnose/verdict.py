@@ -22,6 +22,7 @@ from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
 from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
+from pmsm_ctrl.regression.notices import DRIVE_LATE
 from pmsm_ctrl.regression.saturated import FEWEST_DIRECTIONS, SAMPLES_PER_DIRECTION
 from pmsm_ctrl.section import Notice
 
@@ -174,6 +175,8 @@ def open_questions(
             yield notices.ABOVE_FLOOR(balance=balance, ratio=level.left)
         elif row == 0 and (ratio := _at_edges(fit)) ** 2 * policy.refused_share > 1.0:
             yield notices.EDGES_ABOVE_FLOOR(balance=balance, ratio=ratio)
+    if not fit.record.timing.sure:
+        yield DRIVE_LATE(quantity=fit.record.drive, delay=1e3 * fit.record.timing.delay)
     for deviation in deviations:
         if deviation.flagged and deviation.parameter != "K_t":  # J, psi_f: a wrong K_t alone only scales
             percent = 100.0 * (deviation.estimate / deviation.nominal - 1.0)

@@ -69,10 +69,13 @@ class DriveTiming:
         Time after the position at which it was sampled, s.
     lag : float
         Time constant of the first-order filter that it passed, s.
+    sure : bool
+        Whether the log tells that filter from a delay.
     """
 
     late: float = 0.0
     lag: float = 0.0
+    sure: bool = True
 
     @property
     def delay(self) -> float:
@@ -284,4 +287,4 @@ def filter_behind(delay: float, spread: tuple[float, float], sampling: float) ->
     if least <= 0.0 or value + SURE * stderr < 0.5 * least**2:
         return None
     lag = min(max(math.sqrt(2.0 * max(value, 0.0)), least), delay)
-    return DriveTiming(float(delay) - lag, lag)
+    return DriveTiming(float(delay) - lag, lag, sure=value > SURE * stderr)

@@ -10,6 +10,7 @@ __all__ = [
     "COARSE_ANGLE",
     "DEAD_VOLTAGES",
     "DRIVE_FILTERED",
+    "DRIVE_LATE",
     "ENCODER_LINES",
     "EQUAL_STEPS",
     "GAPS",
@@ -54,6 +55,11 @@ DRIVE_FILTERED = Template(
     "drive_signal_filtered",
     "the {quantity} was filtered before it was logged, with a time constant of about {lag:.2g} ms (corrected); "
     "if the time constant is known, state it as filter in [log]",
+)
+DRIVE_LATE = Template(
+    "drive_signal_late",
+    "the {quantity} is {delay:.2g} ms late, more than sampling can make it: this log does not tell a filter (assumed "
+    "here, and corrected) from a delay; state which it is as filter or late in [log]",
 )
 EQUAL_STEPS = Template(
     "equal_steps",

@@ -32,7 +32,7 @@ from pmsm_ctrl.regression.drive_timing import (
 from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.instruments import by_reference
 from pmsm_ctrl.regression.model import AGE, FILTERED, FIXED, MOST_NOISE, noise_share
-from pmsm_ctrl.regression.notices import DRIVE_FILTERED, ENCODER_LINES, SHOWN_MS
+from pmsm_ctrl.regression.notices import DRIVE_FILTERED, DRIVE_LATE, ENCODER_LINES, SHOWN_MS
 from pmsm_ctrl.regression.saturated import rough_weights
 from pmsm_ctrl.regression.spread import with_noise_of_records
 from pmsm_ctrl.regression.weights import WRONG_TORQUE
@@ -184,6 +184,8 @@ def _with_filter_said(record: Record) -> Record:
     if record.sampling_stated or 1e3 * record.timing.lag < SHOWN_MS:
         return record
     said = DRIVE_FILTERED(quantity=record.drive, lag=1e3 * record.timing.lag)
+    if not record.timing.sure:
+        said = DRIVE_LATE(quantity=record.drive, delay=1e3 * record.timing.delay)
     return replace(record, notes=(*record.notes, said))
 
 

@@ -135,7 +135,12 @@ class Bristle(Structure):
         return out[:, None]
 
     def search(self, effect: Effect, log: LogView) -> Search:
-        """Return deflections from those of a stiff bearing to those of a soft belt, the rest at the start values."""
+        """Return deflections from those of a stiff bearing to those of a soft belt, the rest at the start values.
+
+        None in a log without an angle: a speed that the drive has filtered or observed tells no travel of a bristle.
+        """
+        if log.balances.age is not None:
+            return Search((), why_not="it shows in the travel around reversals, and this log has no angle")
         scale = log.travel / 100.0 if log.balances.linear else 1.0
         rest = {p.symbol: p.start for p in effect.parameters}
         deflections = np.geomspace(2e-4, 0.2, 10) * scale

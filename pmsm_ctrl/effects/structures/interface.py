@@ -78,6 +78,10 @@ class Balances(Protocol):
         """Relative inverse noise level, shape (channels, m)."""
 
     @property
+    def age(self) -> float | None:
+        """How old the logged speed is, s; None where the log has an angle."""
+
+    @property
     def late(self) -> float | None:
         """Delay about which the column of a delay is taken, s; None while the terms read measured currents."""
 

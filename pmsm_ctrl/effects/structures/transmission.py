@@ -224,8 +224,8 @@ class Transmission(Structure):
 
     @property
     def refined_when_taken(self) -> bool:
-        """Whether the shape is refined as soon as the effect is in: a spring's, whose candidate left out its noise."""
-        return not self.gap
+        """Whether the shape is refined as soon as the effect is in: its candidate left out what may be noise."""
+        return True
 
     def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
         """Return the load's own frequency and damping, and the gap."""

@@ -41,7 +41,8 @@ def lines_of(fit: Any, trial: Any, p_holm: float) -> list[str]:
             f"of {whole:.0f} in all"
         )
         if (beside := beside_rivals(fit, trial)) is not None:
-            out.append(f"beside rivals: p {beside[0]:.1e}, {beside[1].gain:.1f} +- {beside[1].stderr:.1f}")
+            p, share, found = beside
+            out.append(f"beside rivals: p {p:.1e}, {share:.2f} of its gain, {found.gain:.1f} +- {found.stderr:.1f}")
     return out
 
 
