@@ -9,11 +9,11 @@ from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, blocked_gain, try_group
-from pmsm_ctrl.regression.answers import beside_held
 from pmsm_ctrl.regression.columns import Group, effect_group
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.records import LEVELS
+from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = [
     "WINDING",
@@ -172,7 +172,7 @@ def excess_of_whole(fit: Fitted, trial: Trial) -> float:
     the shaft by more than noise. In the model it acts on all of them, and its shape is fitted to all of them.
     """
     group = effect_group(fit.record, trial.candidate.effect, trial.group.shape)
-    whole = try_group(fit.plain, fit.weights, trial.candidate, beside_held(group, fit.model.answers))
+    whole = try_group(fit.plain, fit.weights, trial.candidate, beside_held(group, fit.model.responses))
     whole = refine(fit.record, fit.plain, fit.weights, whole)
     return 0.0 if whole.wrong_sign else excess_of(fit.plain, whole, whole.gain)[1]
 
