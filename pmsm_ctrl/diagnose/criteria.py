@@ -146,16 +146,16 @@ def cross_validation(
 
 
 def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
-    """Check that rivals explain less than half of what an effect does, and that the rest is significant and confirmed.
+    """Check that an effect is significant and confirmed beside its rivals, and that most of it is left.
 
-    A rival that explains most of it leaves a little to the effect, always: neither of them is exact.
+    Rivals that explain most of a gap leave a little to it, always: neither of them is exact.
 
     Parameters
     ----------
     p_value : float
         Beside the rivals, corrected for all candidates and for the shapes searched.
     share : float
-        What is left of its gain beside them.
+        What is left of its gain beside them; 1 where they resemble the effect by nature.
     found : CrossValidation
         Beside them.
     policy : Policy

@@ -61,7 +61,7 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
     p_value : float
         Corrected for the shapes searched and for the number of candidates.
     share : float
-        What is left of its gain.
+        What is left of its gain; 1 where rivals resemble the effect by nature.
     found : CrossValidation
     """
     effect, record = trial.candidate.effect, fit.record
@@ -73,7 +73,7 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
     solved = solve_model(record, model, fit.whitener)
     alone, own = (try_group(one, fit.whitener, trial.candidate, trial.group) for one in (fit.solved, solved))
     found = blocked_gain(record, solved, fit.whitener, trial.group, own.direction, fit.whitener.memory)
-    share = own.gain / max(alone.gain, 1e-300)
+    share = own.gain / max(alone.gain, 1e-300) if effect.structure.unlike_rivals else 1.0
     return min(1.0, own.p_value * len(fit.trials)), share, CrossValidation(*found)
 
 

@@ -432,6 +432,14 @@ class Structure(ABC):
         return bool(set(shape) - self.fixed(effect))
 
     @property
+    def unlike_rivals(self) -> bool:
+        """Whether no rival can resemble the effect's column: most of what it explains must be left beside them.
+
+        Not that of a spring: far below its resonance its response is as smooth in the frequency as theirs.
+        """
+        return False
+
+    @property
     def refined_when_taken(self) -> bool:
         """Whether the shape is refined as soon as the effect is in: its candidate left out what is noise."""
         return False

@@ -223,6 +223,11 @@ class Transmission(Structure):
         return overdamped or super().at_bound(effect, shape)
 
     @property
+    def unlike_rivals(self) -> bool:
+        """Whether no rival can resemble the column: that of a gap, which opens and closes."""
+        return bool(self.gap)
+
+    @property
     def refined_when_taken(self) -> bool:
         """Whether the shape is refined as soon as the effect is in: its candidate left out what may be noise."""
         return True
