@@ -168,8 +168,8 @@ def excess_of(solved: Solved, trial: Trial, gain: float) -> tuple[float, float]:
 def excess_of_whole(fit: Fitted, trial: Trial) -> float:
     """Return the share of what lies above the noise that an effect explains with all of its columns.
 
-    The significance of a load behind a spring or a gap is told by the samples alone in which it moves otherwise than
-    the shaft by more than noise. In the model it acts on all of them, and its shape is fitted to all of them.
+    The significance of a load behind a gap comes from the samples alone in which it moves otherwise than the shaft by
+    more than noise. In the model it acts on all of them, and its shape is fitted to all of them.
     """
     group = effect_group(fit.record, trial.candidate.effect, trial.group.shape)
     whole = try_group(fit.plain, fit.weights, trial.candidate, beside_held(group, fit.model.responses))

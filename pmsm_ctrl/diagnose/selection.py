@@ -259,7 +259,7 @@ def _judge_trial(
     if not (memory or trial.slow):  # slow effects hide in coloured noise unless it is whitened, as in their test
         white = excess_of(fit.solved, trial, trial.gain)[1]
         excess = white if white > policy.with_memory else excess
-    elif excess < policy.with_memory and trial.candidate.effect.structure.splits_inertia:
+    elif excess < policy.with_memory and trial.candidate.effect.structure.unlike_rivals:
         excess = max(excess, excess_of_whole(fit, trial))
     refusal = criteria.size(share, explained, excess, memory, policy)
     if refusal is None and not _own_order(fit, trial):
