@@ -69,8 +69,8 @@ class Policy:
         What is more raises an error. Worlds drawn at random.
     must_be_left : float
         Share of what an effect explains that must be left when no base parameter leaves its bounds, and of a gap beside
-        its rivals: most of it. A convention. Beside rivals three gaps that are there keep 0.88 to 0.93, two that are not
-        0.02 and 0.10. Set on: worlds.
+        its rivals: most of it. A convention. Beside rivals three gaps that are there keep 0.88 to 0.93, two that are
+        not 0.02 and 0.10. Set on: worlds.
     relief, absurd : float
         Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect, or the levels of
         several records to each other. A return of more than `relief` is reported, and no error has to fall then. For a
