@@ -146,9 +146,9 @@ def cross_validation(
 
 
 def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: Policy = POLICY) -> Refusal | None:
-    """Check that an effect is significant and confirmed beside its rivals, and that most of it is left.
+    """Check that an effect is significant and confirmed beside its rivals, and that enough of it is left.
 
-    Rivals that explain most of a gap leave a little to it, always: neither of them is exact.
+    Rivals that explain a gap leave a little to it, always: neither of them is exact.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: 
     policy : Policy
     """
     confirmed = found.gain > policy.rival_errors * found.stderr
-    if p_value <= policy.significance and share > policy.must_be_left and confirmed:
+    if p_value <= policy.significance and share > policy.excess and confirmed:
         return None
     explained = 100.0 * min(max(1.0 - share, 0.0), 1.0)
     return Refusal(Reason.EXPLAINED_BY_RIVALS, {"percent": explained, "gain": found.gain, "stderr": found.stderr})
@@ -259,7 +259,7 @@ def left_inside(share: float, p_inside: float, beyond: Refusal, policy: Policy =
         The base parameter that the fit without bounds drives beyond them.
     policy : Policy
     """
-    return None if share > policy.must_be_left and p_inside <= policy.significance else beyond
+    return None if share > policy.left_inside and p_inside <= policy.significance else beyond
 
 
 def determined(values: Mapping[str, tuple[float, float]], ran_out: bool) -> Refusal | None:

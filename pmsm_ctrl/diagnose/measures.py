@@ -18,11 +18,11 @@ from pmsm_ctrl.regression.two_stage import beside_held
 __all__ = [
     "WINDING",
     "apart",
+    "as_a_whole",
     "beside_rivals",
     "contribution",
     "cross_validated",
     "excess_of",
-    "excess_of_whole",
     "judged_gain",
     "left_inside",
     "plain_errors",
@@ -61,7 +61,7 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
     p_value : float
         Corrected for the shapes searched and for the number of candidates.
     share : float
-        What is left of its gain; 1 where rivals resemble the effect by nature.
+        What is left of its gain with all of its columns; 1 where rivals resemble the effect by nature.
     found : CrossValidation
     """
     effect, record = trial.candidate.effect, fit.record
@@ -71,9 +71,13 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
     symbols = tuple(f"rival {k + 1}" for k in range(len(parts)))
     model = fit.model.plus(Group(None, symbols, record.stack_all(parts), {}), 1.0)
     solved = solve_model(record, model, fit.whitener)
-    alone, own = (try_group(one, fit.whitener, trial.candidate, trial.group) for one in (fit.solved, solved))
+    own = try_group(solved, fit.whitener, trial.candidate, trial.group)
     found = blocked_gain(record, solved, fit.whitener, trial.group, own.direction, fit.whitener.memory)
-    share = own.gain / max(alone.gain, 1e-300) if effect.structure.unlike_rivals else 1.0
+    share = 1.0
+    if effect.structure.unlike_rivals:
+        whole, plain = as_a_whole(fit, trial), solve_model(record, model, fit.weights)
+        left = try_group(plain, fit.weights, trial.candidate, whole.group)
+        share = left.gain / max(whole.gain, 1e-300)
     return min(1.0, own.p_value * len(fit.trials)), share, CrossValidation(*found)
 
 
@@ -165,16 +169,15 @@ def excess_of(solved: Solved, trial: Trial, gain: float) -> tuple[float, float]:
     return gain / whole, gain / above
 
 
-def excess_of_whole(fit: Fitted, trial: Trial) -> float:
-    """Return the share of what lies above the noise that an effect explains with all of its columns.
+def as_a_whole(fit: Fitted, trial: Trial) -> Trial:
+    """Return a trial with all of its columns, by the estimate's weights.
 
     The significance of a load behind a gap comes from the samples alone in which it moves otherwise than the shaft by
     more than noise. In the model it acts on all of them, and its shape is fitted to all of them.
     """
     group = effect_group(fit.record, trial.candidate.effect, trial.group.shape)
     whole = try_group(fit.plain, fit.weights, trial.candidate, beside_held(group, fit.model.responses))
-    whole = refine(fit.record, fit.plain, fit.weights, whole)
-    return 0.0 if whole.wrong_sign else excess_of(fit.plain, whole, whole.gain)[1]
+    return refine(fit.record, fit.plain, fit.weights, whole)
 
 
 def weighted_errors(fit: Fitted) -> dict[str, float]:

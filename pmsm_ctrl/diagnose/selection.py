@@ -12,11 +12,11 @@ from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.measures import (
     apart,
+    as_a_whole,
     beside_rivals,
     contribution,
     cross_validated,
     excess_of,
-    excess_of_whole,
     left_inside,
     plain_errors,
     prewhitened_error,
@@ -260,7 +260,8 @@ def _judge_trial(
         white = excess_of(fit.solved, trial, trial.gain)[1]
         excess = white if white > policy.with_memory else excess
     elif excess < policy.with_memory and trial.candidate.effect.structure.unlike_rivals:
-        excess = max(excess, excess_of_whole(fit, trial))
+        full = as_a_whole(fit, trial)
+        excess = excess if full.wrong_sign else max(excess, excess_of(fit.plain, full, full.gain)[1])
     refusal = criteria.size(share, explained, excess, memory, policy)
     if refusal is None and not _own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
