@@ -187,7 +187,7 @@ def slow_torque(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
     share = alike / max(float(np.mean(whole[used] ** 2)), 1e-300)
     correlation = alike / max(float(np.mean(left[used] ** 2)), 1e-300)
     p = 0.5 * math.erfc(correlation * math.sqrt(0.5 * float(both.sum()) / lag))
-    if share < policy.slow_torque or p > policy.significance:
+    if share < policy.excess**2 or p > policy.significance:
         return None
     notice = notices.SLOW_TORQUE(
         balance=_balance(record, "torque"), percent=100.0 * math.sqrt(share), seconds=1.0 / record.cutoff

@@ -29,6 +29,7 @@ effect = Effect(
         Parameter("g_s", "1", 0.0, -0.5, 0.5, "mismatch at 45 degrees electrical", linear=True),
     ),
     term=term,
+    electrical_order=2,  # of the mismatch; the common scale has none
     common_scale=("g",),
     example={"g": 0.0, "g_c": 0.02, "g_s": 0.01},
     needs="slow turns at clearly different torques",

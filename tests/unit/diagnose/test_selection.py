@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import selection as rounds
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.selection import Found, Selection, best, equivalents
 from pmsm_ctrl.diagnose.swap import Rest, better, rival_ids
 from pmsm_ctrl.diagnose.unexplained import impossible_winding
+from pmsm_ctrl.effects.catalogue import catalogue_of
 
 
 def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> Any:
@@ -194,3 +196,23 @@ def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float
         x, forward, backward = structure.curve
         assert np.polyfit(x, forward, 1)[0] == pytest.approx(R - 1.0, rel=0.01)
         assert np.isnan(backward).all()
+
+
+# ---- orders that an accepted effect has --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("order", "own"), [(12.0, True), (38.0, False), (24.0, False)])
+def test_a_wave_of_the_order_of_an_accepted_effect_is_what_that_effect_leaves(order: float, own: bool) -> None:
+    catalogue = catalogue_of(Design.example("seed_motor"))
+    accepted = tuple(
+        SimpleNamespace(effect=catalogue[name], shape=shape)
+        for name, shape in (("current_gain", {}), ("cogging", {"order": 24.0}))
+    )
+    record = SimpleNamespace(design=SimpleNamespace(motor=SimpleNamespace(p=19)))
+    fit: Any = SimpleNamespace(record=record, accepted=accepted)
+    wave: Any = SimpleNamespace(
+        candidate=SimpleNamespace(effect=catalogue["cogging"]), group=SimpleNamespace(shape={"order": order})
+    )
+    assert rounds._own_order(fit, wave) is own
+    load: Any = SimpleNamespace(candidate=SimpleNamespace(effect=catalogue["constant_load"]), group=wave.group)
+    assert not rounds._own_order(fit, load)

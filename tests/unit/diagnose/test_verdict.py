@@ -17,6 +17,7 @@ from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import Plausibility
+from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.section import Notice
 from tests.effort import seeds
 from tests.unit.regression.test_drive_timing import believed, made
@@ -34,7 +35,7 @@ def fit_of(
     row = np.resize([1.0, -1.0], (1, samples))
     record = SimpleNamespace(
         mask=np.ones(samples, dtype=bool), weight=np.ones((1, samples)), target=measured * row, channels=("torque",),
-        cutoff=40.0, rate=200.0, drive="torque", noise_of=lambda values: 0.0,
+        cutoff=40.0, rate=200.0, drive="torque", noise_of=lambda values: 0.0, timing=DriveTiming(),
     )  # fmt: skip
     nominal = np.array(list(NOMINAL.values()))
     matrix = np.zeros((1, samples, len(nominal)))
@@ -138,6 +139,25 @@ def test_a_residual_of_edges_that_are_weighted_lightly_is_not_consistent(height:
     fit.residual[0, edges] *= height
     verdict, codes = verdict_of(fit)
     assert (verdict, codes) == (expected, ["edges_above_noise_floor"] if expected == "inconclusive" else [])
+
+
+def test_a_drive_signal_that_may_be_filtered_or_late_leaves_the_question_open() -> None:
+    fit = fit_of()
+    fit.record.timing = DriveTiming(late=2e-4, lag=8e-4, sure=False)
+    assert verdict_of(fit) == ("inconclusive", ["drive_signal_late"])
+    fit.record.timing = DriveTiming(late=2e-4, lag=8e-4)
+    assert verdict_of(fit)[0] == "consistent"
+
+
+@pytest.mark.parametrize("seed", seeds(3))
+def test_a_slow_load_of_the_process_is_structure_and_not_noise(seed: int) -> None:
+    log = made(seed)
+    t = log.t
+    # of no period that the motion has: half of the axis's torque, which a coloured noise of any order would explain
+    load = 0.5 * np.std(log["i_q"]) * np.sqrt(2.0) * np.sin(1.76 * t + seed)
+    found = diagnose(believed(), Log({**log.channels, "i_q": log["i_q"] + load}), plan=False)
+    assert not found.steps
+    assert (str(found.verdict), found.to_dict()["reason_codes"]) == ("unexplained", ["slow_torque"])
 
 
 def test_a_record_that_is_too_short_decides_nothing() -> None:

@@ -121,6 +121,13 @@ def test_a_filter_is_told_from_a_delay_by_its_spread(
         assert found.delay == pytest.approx(delay)
 
 
+@pytest.mark.parametrize(("stderr", "sure"), [(0.3e-6, True), (2.5e-6, True), (2.7e-6, False)])
+def test_a_filter_whose_spread_is_not_significant_may_be_a_delay(stderr: float, sure: bool) -> None:
+    found = filter_behind(5e-3, (8.0e-6, stderr), SAMPLING)
+    assert found is not None
+    assert found.sure is sure
+
+
 @pytest.mark.parametrize(("stderr", "lag"), [(1e-5, 1.2e-3), (0.4e-3, 0.0)])
 def test_a_delay_within_its_uncertainty_is_no_filter(
     monkeypatch: pytest.MonkeyPatch, stderr: float, lag: float
