@@ -382,10 +382,15 @@ def test_a_delay_is_met_whole_and_nothing_is_named_after_it(blind: ModuleType, s
 
 
 @pytest.mark.parametrize("seed", seeds(31, 32))
-def test_a_delay_that_sampling_and_a_filter_explain_is_reported_as_their_timing(blind: ModuleType, seed: int) -> None:
-    # 2 ms at 1 kHz: one period, and a filter of the other one
+def test_a_delay_that_sampling_and_a_filter_may_explain_is_an_open_question(blind: ModuleType, seed: int) -> None:
+    # 2 ms at 1 kHz: one period, and a delay of the other one, or a filter
     result = blind.run(blind.Case(("delay",), 0.8, "mixed", seed))
-    assert (result.verdict, result.steps) == ("consistent", ())
+    codes, named = [reason.code for reason in result.reasons], [step.effect for step in result.steps]
+    assert (str(result.verdict), codes, named) in (
+        ("inconclusive", ["drive_signal_late"], []), ("effects_missing", [], ["delay"]),
+    ), "a delay that is there, or the two readings; never consistent"  # fmt: skip
+    if named:
+        return
     assert result.timing.delay == pytest.approx(2e-3, rel=0.04)
 
 
