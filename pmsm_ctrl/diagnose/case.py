@@ -69,7 +69,7 @@ class Case:
     events: tuple[Event, ...] = ()
     name: str = "the given log"
     given: Design | None = None
-    conditioned_with: Callable[[Design], Case] | None = field(default=None, repr=False)
+    conditioned_with: Callable[[Design, Case], Case] | None = field(default=None, repr=False)
     fits: list[Fitted] = field(default_factory=list, repr=False)
 
     @property

@@ -52,6 +52,7 @@ from pmsm_ctrl.regression.columns import SINGLE, forget_effects
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import name_of
+from pmsm_ctrl.regression.made import Made, for_design
 from pmsm_ctrl.regression.timed_record import timed_record, with_friction
 
 if TYPE_CHECKING:
@@ -217,7 +218,7 @@ def conditioned_again(case: Case, found: Selection, select: Callable[[Case], Sel
     first = found.accepted[0].effect if found.steps else None
     if first is None or len(found.steps) < 2 or first.enters == "measurement" or case.conditioned_with is None:
         return case, found
-    other = case.conditioned_with(fitted_design(case.design, found.fits[1]))
+    other = case.conditioned_with(fitted_design(case.design, found.fits[1]), case)
     now, then = other.record, case.record
     if now.timing == then.timing and now.cutoff == then.cutoff and np.allclose(now.weight, then.weight):
         return case, found
@@ -283,7 +284,7 @@ def _select(
 
 def condition(
     design: Design, log: Logs, holdouts: tuple[Log, ...], offered: Mapping[str, Effect], policy: Policy,
-    shown: Design | None = None,
+    made: Made | None = None, shown: Design | None = None, first: Case | None = None,
 ) -> Case:  # fmt: skip
     """Condition the log, and the held-out ones in the same way.
 
@@ -295,18 +296,27 @@ def condition(
     offered : dict of id to Effect
         The candidates.
     policy : Policy
+    made : Made, optional
+        What was made of the log before.
     shown : Design, optional
         The same with effects that the log has shown, which say more of how it was sampled.
+    first : Case, optional
+        The same log conditioned without these.
 
     Returns
     -------
     Case
     """
-    believed = doubts_about(design, log)
+    believed = (first and first.believed) or doubts_about(design, log)
+    made = made or Made.kept(believed.log)
     whole = with_friction(design)
-    record = timed_record(shown or whole, believed.log)
+    record = timed_record(shown or whole, believed.log, made)
     if shown is not None:
-        record = replace(record, design=whole, memo={}, kept={})
+        record = for_design(record, whole)
+        if first is not None and (record.cutoff, record.timing, record.age) == (
+            first.record.cutoff, first.record.timing, first.record.age,
+        ):  # fmt: skip
+            return replace(first, record=record, conditioned_with=None, events=(), fits=[])
     fast = orders_beyond(design, believed.log, record.cutoff)
     others: list[Record] = []
     remarks = list(fast)
@@ -317,7 +327,7 @@ def condition(
         others.append(replace(other, records=()))  # whatever it is made of, nothing is fitted to it
         remarks += map(of_holdout, held_out.notices)
     names = tuple(name_of(one, number) for number, one in enumerate(holdouts, start=1))
-    again = partial(condition, design, log, holdouts, offered, policy)
+    again = partial(condition, design, log, holdouts, offered, policy, made)
     return Case(
         whole, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
         name=names_of(as_logs(log), "the given log"), given=design,

@@ -161,19 +161,16 @@ def groups_of_candidates(
         if effect.structure.available(record, effect):
             lacking.add(number)
             continue
-        for shape in shapes:
-            memo, key = _seen(record, effect, shape)
-            if key in memo:
-                continue
-            try:
-                rows = record.stack_all(
-                    effect.structure.columns(record, effect, shape), effect.structure.filtered(record)
-                )
-            except UnavailableError:
-                lacking.add(number)
-                break
-            group = Group(effect, effect.structure.symbols(effect), rows, shape)
-            memo[key] = tuple(map(_small, seen_as_candidate(record, group).rows))
+        new = [shape for shape in shapes if (found := _seen(record, effect, shape))[1] not in found[0]]
+        structure = effect.structure
+        try:
+            for shape, parts in zip(new, structure.columns_each(record, effect, new), strict=True):
+                rows = record.stack_all(parts, structure.filtered(record))
+                seen = seen_as_candidate(record, Group(effect, structure.symbols(effect), rows, shape))
+                memo, key = _seen(record, effect, shape)
+                memo[key] = tuple(map(_small, seen.rows))
+        except UnavailableError:
+            lacking.add(number)
     return [
         [] if number in lacking else [_remembered(record, effect, shape) for shape in shapes]
         for number, (effect, shapes) in enumerate(wanted)

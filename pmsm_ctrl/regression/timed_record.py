@@ -11,7 +11,7 @@ from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.angle_zero import with_common_zero
-from pmsm_ctrl.regression.balances import STANDSTILL, USABLE, Record, make_record
+from pmsm_ctrl.regression.balances import STANDSTILL, USABLE, Record
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
@@ -31,6 +31,7 @@ from pmsm_ctrl.regression.drive_timing import (
 )
 from pmsm_ctrl.regression.encoder_lines import shown_lines
 from pmsm_ctrl.regression.instruments import by_reference
+from pmsm_ctrl.regression.made import Made
 from pmsm_ctrl.regression.model import AGE, FILTERED, FIXED, MOST_NOISE, noise_share
 from pmsm_ctrl.regression.notices import DRIVE_FILTERED, DRIVE_LATE, ENCODER_LINES, SHOWN_MS
 from pmsm_ctrl.regression.saturated import rough_weights
@@ -67,7 +68,7 @@ def with_friction(design: Design) -> Design:
     return design.replace_effects((*added, *design.effects))
 
 
-def timed_record(design: Design, log: Log) -> Record:
+def timed_record(design: Design, log: Log, made: Made | None = None) -> Record:
     """Condition a log, after the base model has shown how it was sampled.
 
     Where the log has a speed alone the lag of that is corrected, else the filter of a drive signal that is later than
@@ -79,15 +80,18 @@ def timed_record(design: Design, log: Log) -> Record:
     ----------
     design : Design
     log : Log
+    made : Made, optional
+        What was made of the log before.
 
     Returns
     -------
     Record
     """
     design = with_friction(design)
-    timed, fit = _timed(design, log)
-    record = _widened(design, log, timed, fit)
-    record, fit = _weighed(design, log, record, fit if record is timed else base_fit(design, record))
+    made = made or Made(log)
+    timed, fit = _timed(design, made)
+    record = _widened(design, made, timed, fit)
+    record, fit = _weighed(design, made, record, fit if record is timed else base_fit(design, record))
     if record.records:
         record = of_one_axis(design, record)
         fit = base_fit(design, record)
@@ -109,7 +113,7 @@ def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
     known = stated_timing(drive_sampling(design, log), log.period)
     found = Sampling(known, sigma=((late + early) / math.sqrt(12.0), late**2 / 6.0))
     try:
-        record, fit = _timed(design, log)
+        record, fit = _timed(design, Made(log))
     except LogError:
         return known.undone(young), found
     name = LATENESS if record.age is None else AGE
@@ -123,20 +127,20 @@ def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
     return record.timing.undone(young), Sampling(record.timing, value, stderr, (sigma, spread))
 
 
-def _timed(design: Design, log: Log) -> tuple[Record, Estimated]:
+def _timed(design: Design, made: Made) -> tuple[Record, Estimated]:
     """Return a log in its default band, or a narrower one, with the filter of the drive signal undone."""
-    record, fit = _sharpened(design, log, make_record(design, log))
+    record, fit = _sharpened(design, made, made.record(design))
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     for _ in range(ROUNDS):
         if record.age is not None:
-            record = make_record(design, log, same, record.age + fit.level(AGE))
+            record = made.record(design, same, record.age + fit.level(AGE))
         elif record.sampling_stated:
             break
         else:
             timing = _filter(design, record, fit)
             if timing == record.timing:
                 break
-            record = make_record(design, log, same, 0.0, timing)
+            record = made.record(design, same, 0.0, timing)
         fit = base_fit(design, record)
     return record, fit
 
@@ -156,7 +160,7 @@ def of_one_axis(design: Design, record: Record) -> Record:
     return with_common_zero(weighed, weighed.target[0] - fit.weighted.predicted()[0], fit.whitener)
 
 
-def _weighed(design: Design, log: Log, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
+def _weighed(design: Design, made: Made, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
     """Weigh edges and reversals by the noise floor, where the model fits better than the weights assumed.
 
     The error of the moment of a reversal is small beside a usual noise level, and large beside a low one.
@@ -165,7 +169,7 @@ def _weighed(design: Design, log: Log, record: Record, fit: Estimated) -> tuple[
     if wrong > CLOSER * WRONG_TORQUE:
         return record, fit
     processing = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
-    again = make_record(design, log, processing, record.age or 0.0, record.timing, wrong)
+    again = made.record(design, processing, record.age or 0.0, record.timing, wrong)
     return again, base_fit(design, again)
 
 
@@ -222,7 +226,7 @@ def _spread_out(record: Record, fit: Estimated) -> bool:
     return all(record.timing.spread + value - mean > SURE * stderr for value, stderr in found)
 
 
-def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Estimated]:
+def _sharpened(design: Design, made: Made, record: Record) -> tuple[Record, Estimated]:
     """Narrow the band of a log as long as noise of the acceleration, mostly of a coarse encoder, is dominant.
 
     Noise in the motion is noise in every column, and the drive responds to it, so that no column can be judged against
@@ -234,7 +238,7 @@ def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Estima
         if design.J * record.shaft_noise() < floor * size:
             break
         try:
-            narrow = make_record(design, log, Processing(standstill=STANDSTILL, cutoff=0.5 * record.cutoff))
+            narrow = made.record(design, Processing(standstill=STANDSTILL, cutoff=0.5 * record.cutoff))
         except LogError:
             break
         if narrow.shaft_noise() > BLUE * record.shaft_noise():  # what lies above the band is the motion itself
@@ -245,8 +249,8 @@ def _sharpened(design: Design, log: Log, record: Record) -> tuple[Record, Estima
     return record, fit
 
 
-def _widened(design: Design, log: Log, record: Record, fit: Estimated) -> Record:
-    wanted = min(signal_band(log), record.prepared.rate / 8.0)  # a fast log was thinned to a lower rate
+def _widened(design: Design, made: Made, record: Record, fit: Estimated) -> Record:
+    wanted = min(signal_band(made.log), record.prepared.rate / 8.0)  # a fast log was thinned to a lower rate
     if record.age is None:
         # of a lateness alone the slope is taken over all of it, which is exact
         spread, stderr = fit.value(SPREAD)
@@ -255,7 +259,7 @@ def _widened(design: Design, log: Log, record: Record, fit: Estimated) -> Record
     if wanted < WIDER * record.cutoff or record.cutoff < default_cutoff(record.prepared.rate):
         return record
     processing = Processing(standstill=STANDSTILL, cutoff=wanted)
-    wide = make_record(design, log, processing, record.age or 0.0, record.timing)
+    wide = made.record(design, processing, record.age or 0.0, record.timing)
     usual, share = (noise_share(one, one.acceleration()) for one in (record, wide))
     if share >= max(MOST_NOISE, usual):
         return record

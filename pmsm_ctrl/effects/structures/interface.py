@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -348,6 +348,12 @@ class Structure(ABC):
         UnavailableError
             When the log or the design lacks what the effect needs.
         """
+
+    def columns_each(
+        self, balances: Balances, effect: Effect, shapes: Sequence[Mapping[str, float]]
+    ) -> Iterator[list[dict[str, Array]]]:
+        """Yield the columns of several shapes, one after the other."""
+        return (self.columns(balances, effect, shape) for shape in shapes)
 
     def filtered(self, balances: Balances) -> bool:
         """Whether the columns follow from signals that are filtered already, and need not be filtered again."""

@@ -47,6 +47,7 @@ ABOVE_NOISE = 4.0
 LEAST_LOAD = 0.02  # a load is a share of the inertia that is worth the name
 # Lowest and highest frequency of a load on its spring, Hz, and the dampings of those that ring.
 LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
+AT_ONCE, FEWEST_LANES = 16e6, 8  # bytes of columns that are made side by side, and the fewest of them
 # Times in which the mean acceleration of a log carries the shaft across a gap, s, and how many gaps are searched: one
 # that is crossed faster looks like an error of the moment of reversal, one that is crossed slower like a free load.
 SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
@@ -142,8 +143,20 @@ class Transmission(Structure):
 
     def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
         """T = J alpha + J_load (alpha_load - alpha): the load's acceleration against the rotor's."""
-        follow = self._behind_gap if self.gap else self._behind_spring
-        return [{"torque": follow(balances, effect, shape)}]
+        return next(self.columns_each(balances, effect, [shape]))
+
+    def columns_each(
+        self, balances: Balances, effect: Effect, shapes: Sequence[Mapping[str, float]]
+    ) -> Iterator[list[dict[str, Array]]]:
+        """Yield the columns of several shapes; gaps are followed side by side, as many as the memory allows."""
+        if not self.gap:
+            for shape in shapes:
+                yield [{"torque": self._behind_spring(balances, effect, shape)}]
+            return
+        lanes = max(FEWEST_LANES, int(AT_ONCE / (8 * len(balances.signals["theta"]))))
+        for start in range(0, len(shapes), lanes):
+            for column in self._behind_gap(balances, effect, shapes[start : start + lanes]):
+                yield [{"torque": column}]
 
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns where the load would accelerate otherwise than the shaft by more than noise.
@@ -289,20 +302,24 @@ class Transmission(Structure):
         a = np.array([first, 2.0 * (w - fast**2), fast**2 - damped + w]) / first
         return np.asarray(lfilter(b, a, balances.signals["alpha"]))
 
-    def _behind_gap(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> Array:
-        """Acceleration of a load behind a gap less that of the rotor, shape (n,).
+    def _behind_gap(self, balances: Balances, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> Iterator[Array]:
+        """Yield the acceleration of a load behind each of several gaps less that of the rotor, shape (n,).
 
         The effect's own contact law is used with stiffness and damping per inertia.
         """
         loop, symbols = compiled_loop(effect, "load", _loop)
-        w, zeta = shape[FREQUENCY], shape[DAMPING]
-        contact = {self.gap: shape[self.gap], self.stiffness: w * w, self.damping: 2.0 * zeta * w}
-        values = {p.symbol: p.start for p in effect.parameters} | contact
         s = balances.signals
-        substeps = max(4, int(np.ceil(balances.period * w * 4.0)))
-        out = np.empty(len(s["theta"]))
-        loop(out, s["theta"], s["omega"], balances.period, substeps, *(values[symbol] for symbol in symbols))
-        return out - s["alpha"]
+        values = {p.symbol: np.full(len(shapes), p.start) for p in effect.parameters}
+        w, zeta = (np.array([shape[name] for shape in shapes]) for name in (FREQUENCY, DAMPING))
+        values[self.gap] = np.array([shape[self.gap] for shape in shapes])
+        values[self.stiffness], values[self.damping] = w * w, 2.0 * zeta * w
+        steps = np.maximum(4, np.ceil(balances.period * w * 4.0).astype(int))
+        out = np.empty((len(shapes), len(s["theta"])))
+        for substeps in np.unique(steps).tolist():
+            lanes = np.flatnonzero(steps == substeps)
+            own = (np.ascontiguousarray(values[symbol][lanes]) for symbol in symbols)
+            loop(out, lanes, s["theta"], s["omega"], balances.period, substeps, *own)
+        return (row - s["alpha"] for row in out)
 
 
 def _of(effect: Effect) -> Transmission:
@@ -381,21 +398,28 @@ def _ringing(log: LogView) -> Iterator[tuple[float, float, float]]:
 
 
 def _loop(effect: Effect) -> tuple[str, tuple[str, ...]]:
-    """Source of the loop that follows the load along the motion, and the parameters it takes."""
+    """Source of the loop that follows loads along the motion, side by side, and the parameters it takes."""
     symbols = tuple(p.symbol for p in effect.parameters)
-    call = called(effect, twist="_position - _load", twist_rate="_rate - _speed")
+    own = {symbol: f"{symbol}[_c]" for symbol in symbols}
+    call = called(effect, twist="_position - _load[_c]", twist_rate="_rate - _speed[_c]", **own)
     return (
-        f"def loop(_out, _theta, _omega, _period, _substeps, {', '.join(symbols)}):\n"
-        "    _h = _period / _substeps\n"
-        "    _load, _speed = _theta[0], _omega[0]\n"
+        "import numpy as np\n\n\n"
+        f"def loop(_out, _rows, _theta, _omega, _period, _substeps, {', '.join(symbols)}):\n"
+        "    _h, _lanes = _period / _substeps, len(_rows)\n"
+        "    _load, _speed, _before = np.empty(_lanes), np.empty(_lanes), np.empty(_lanes)\n"
+        "    for _c in range(_lanes):\n"
+        "        _load[_c], _speed[_c] = _theta[0], _omega[0]\n"
         "    for _n in range(len(_theta)):\n"
         "        _last = min(_n + 1, len(_theta) - 1)\n"
-        "        _before = _speed\n"
+        "        for _c in range(_lanes):\n"
+        "            _before[_c] = _speed[_c]\n"
         "        for _m in range(_substeps):\n"
         "            _x = _m / _substeps\n"
         "            _position = (1.0 - _x) * _theta[_n] + _x * _theta[_last]\n"
         "            _rate = (1.0 - _x) * _omega[_n] + _x * _omega[_last]\n"
-        f"            _speed += _h * {call}\n"
-        "            _load += _h * _speed\n"
-        "        _out[_n] = (_speed - _before) / _period\n"
+        "            for _c in range(_lanes):\n"
+        f"                _speed[_c] += _h * {call}\n"
+        "                _load[_c] += _h * _speed[_c]\n"
+        "        for _c in range(_lanes):\n"
+        "            _out[_rows[_c], _n] = (_speed[_c] - _before[_c]) / _period\n"
     ), symbols

@@ -1,0 +1,80 @@
+"""Records that were made of one log, each of them once: a search that begins again asks for the same ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.importers.timebase import growing_steps
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import Memo, Record, make_record
+from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.drive_timing import DriveTiming
+from pmsm_ctrl.regression.weights import WRONG_TORQUE
+
+__all__ = ["Made", "for_design"]
+
+MOST_KEPT = 200_000  # samples of a log whose records are kept: about 150 bytes each
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What was made of a log, for designs that differ in nothing but their effects and their inertia.
+
+    Attributes
+    ----------
+    log : Log
+    records : dict or None
+        By how they were made; None where none is kept.
+    """
+
+    log: Log
+    records: Memo | None = field(default=None, repr=False)
+
+    @classmethod
+    def kept(cls, log: Log) -> Made:
+        """Return one for a search that may begin again: it keeps the records.
+
+        Not those of a long log, and of one of whose angle the inertia decides whether its digits suffice.
+
+        Parameters
+        ----------
+        log : Log
+        """
+        coarse = "theta" in log and growing_steps(log["theta"]) > 0.0
+        return cls(log, None if coarse or len(log) > MOST_KEPT else {})
+
+    def record(
+        self, design: Design, processing: Processing | None = None, age: float = 0.0,
+        timing: DriveTiming | None = None, wrong: float = WRONG_TORQUE,
+    ) -> Record:  # fmt: skip
+        """Do what `make_record` does, once.
+
+        Columns of the measured motion alone are the same for all of these designs, and stay remembered.
+
+        Parameters
+        ----------
+        design : Design
+        processing, age, timing, wrong
+            As there.
+        """
+        key = (processing, age, timing, wrong)
+        if self.records is None or key not in self.records:
+            record = make_record(design, self.log, processing, age, timing, wrong)
+            if self.records is not None:
+                self.records[key] = record
+            return record
+        found: Record = self.records[key]
+        return for_design(found, design)
+
+
+def for_design(record: Record, design: Design) -> Record:
+    """Return a record for a design that differs in nothing but its effects and its inertia.
+
+    Parameters
+    ----------
+    record : Record
+    design : Design
+    """
+    columns = {key: value for key, value in record.kept.items() if key[0] != "settled model"}
+    return replace(record, design=design, memo={}, kept=columns)
