@@ -62,6 +62,7 @@ def outcome(
         verdict, reasons = Verdict.EFFECTS_MISSING, ()
     if verdict is Verdict.IMPLAUSIBLE:  # no name and no parameter would mean anything
         selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.as_given, None, None
+    base_run = _free_run(case, selection.fits[0])
     warned = (
         *reasons,
         *(case.believed.notices if case.believed else ()),
@@ -92,8 +93,8 @@ def outcome(
         events=case.events,
         free_run={
             "nominal": _free_run(case, None),
-            "base": _free_run(case, selection.fits[0]),
-            "final": _free_run(case, selection.fit),
+            "base": base_run,
+            "final": steps[-1].free_run if steps else base_run,
         },
         base=base_parameters(case.as_given, selection.fits[0]),
         records=records,

@@ -29,6 +29,7 @@ __all__ = [
     "gram_of",
     "in_blocks",
     "orthonormal",
+    "orthonormal_rows",
     "own_shares",
     "projection_on_all",
     "triangle",
@@ -44,6 +45,9 @@ GRAM_RANK_TOLERANCE = 1e-9
 OWN_SHARE = 1e-2
 CHUNK = 1024  # samples that are weighted and multiplied at once: a few hundred columns of them fit into a cache
 ROWS = 1 << 15  # that are factored at once: a few MB
+# Share of a scaled column that the earlier ones must leave for Cholesky's factor of the Gram matrix to serve: twice in
+# turn, it makes columns orthonormal to the last digit then, and else reflections do.
+APART = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +86,51 @@ def factored(columns: Array) -> Factored:
     kept = s > RANK_TOLERANCE * s[0] if s.size else np.zeros(0, dtype=bool)
     condition = float(s[0] / s[-1]) if s.size and s[-1] > 0.0 else float("inf")
     return Factored(u[:, kept], vt[kept].T / s[kept] / scale[:, None], condition)
+
+
+def orthonormal_rows(columns: Array) -> tuple[Array, Array]:
+    """Return orthonormal rows that span columns, one a row, and the columns in them.
+
+    Source: Y. Yamamoto, Y. Nakatsukasa, Y. Yanagisawa, T. Fukaya, Electr. Trans. Numer. Anal. 44 (2015) 306.
+
+    Parameters
+    ----------
+    columns : array, shape (k, n)
+        Overwritten: of a long log a copy is large.
+
+    Returns
+    -------
+    basis : array, shape (min(k, n), n)
+    triangle : array, shape (min(k, n), k)
+    """
+    gram = columns @ columns.T
+    size = np.sqrt(np.diag(gram))
+    if size.all() and len(columns) < columns.shape[1]:
+        first = _lower(gram / np.outer(size, size))
+        if first is not None and np.diag(first).min() > APART:
+            _mix(np.linalg.inv(first) / size, columns)
+            second = np.linalg.cholesky(columns @ columns.T)
+            _mix(np.linalg.inv(second), columns)
+            return columns, (first @ second).T * size
+    columns /= np.where(size > 0.0, size, 1.0)[:, None]
+    tall, triangle = np.linalg.qr(columns.T)
+    del columns
+    return np.ascontiguousarray(tall.T), triangle * size
+
+
+def _mix(weights: Array, columns: Array) -> None:
+    """Replace columns, one a row, by weighted sums of them."""
+    for start in range(0, columns.shape[1], CHUNK):
+        part = columns[:, start : start + CHUNK]
+        part[:] = weights @ part
+
+
+def _lower(gram: Array) -> Array | None:
+    """Cholesky's factor; None where rounding makes the matrix indefinite."""
+    try:
+        return np.asarray(np.linalg.cholesky(gram))
+    except np.linalg.LinAlgError:
+        return None
 
 
 def triangle(blocks: Iterable[Array]) -> Array:

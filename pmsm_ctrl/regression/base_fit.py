@@ -25,7 +25,8 @@ from pmsm_ctrl.regression.spread import with_spread
 
 __all__ = [
     "Accepted", "Estimated", "Settled", "assembled", "base_fit", "delay_of", "estimated", "false_torque",
-    "settled_model", "true_torque", "with_bristles",
+    "settled_model", "true_torque", "weighted",
+    "with_bristles",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -195,10 +196,26 @@ def estimated(record: Record, model: Model, left: Saturated) -> Estimated:
     model : Model
     left : Saturated
     """
-    whitener, weights = whiteners(record, left.residual, left.rank)
-    model = with_spread(record, model, whitener)
+    model, whitener, weights = _with_noise(record, model, left)
     whitener, solved = _no_louder_than_the_base(record, model, left, whitener)
     return Estimated(record, model, whitener, weights, solved, solve_model(record, model, weights))
+
+
+def weighted(found: Settled) -> Solved:
+    """Solve a settled model by the weights alone, without bounds: where no prewhitened fit is asked for.
+
+    Parameters
+    ----------
+    found : Settled
+    """
+    model, _, weights = _with_noise(found.record, found.model, found.left)
+    return solve_model(found.record, model, weights)
+
+
+def _with_noise(record: Record, model: Model, left: Saturated) -> tuple[Model, Whitener, Whitener]:
+    """Return the model with the spread that its noise hides, the prewhitener, and the weights."""
+    whitener, weights = whiteners(record, left.residual, left.rank)
+    return with_spread(record, model, whitener), whitener, weights
 
 
 def _no_louder_than_the_base(

@@ -13,7 +13,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures.interface import Known
-from pmsm_ctrl.evidence.linalg import factored, own_shares
+from pmsm_ctrl.evidence.linalg import factored, orthonormal_rows, own_shares
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record, Rows
 from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
@@ -440,14 +440,10 @@ def solve_model(record: Record, model: Model, whitener: Whitener) -> Solved:
     bases, triangles, along, rest = [], [], [], []
     for row, matrix in enumerate(model.matrix):
         entering = model.entering[row]
-        columns = whitener.part(row, matrix.T[entering])
-        size = np.linalg.norm(columns, axis=1)
-        columns /= np.where(size > 0.0, size, 1.0)[:, None]
-        basis, triangle = np.linalg.qr(columns.T)
-        del columns  # of a long log a copy is large
+        basis, triangle = orthonormal_rows(whitener.part(row, matrix.T[entering]))
         full = np.zeros((len(triangle), count))
-        full[:, entering] = triangle * size
-        bases.append(np.ascontiguousarray(basis.T))
+        full[:, entering] = triangle
+        bases.append(basis)
         triangles.append(full)
         target = whitener.part(row, record.target[row])
         along.append(bases[-1] @ target)

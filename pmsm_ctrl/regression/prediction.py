@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.regression.balances import Record, with_modelled_torque
-from pmsm_ctrl.regression.base_fit import assembled, delay_of, estimated, false_torque, settled_model, with_bristles
+from pmsm_ctrl.regression.base_fit import (
+    assembled,
+    delay_of,
+    false_torque,
+    settled_model,
+    weighted,
+    with_bristles,
+)
 from pmsm_ctrl.regression.bounds import holding
 from pmsm_ctrl.regression.drive_timing import LATENESS, DriveTiming
 from pmsm_ctrl.regression.lateness import stopped
@@ -74,7 +81,7 @@ def predict(design: Design, record: Record, like: Prediction | None = None) -> P
     if like is not None:
         return _alike(design, record, like)
     found = settled_model(design, record)
-    fit = estimated(found.record, found.model, found.left).weighted
+    fit = weighted(found)
     held = physical_columns(found.model)
     at = {k: float(found.model.nominal[k]) for k in held}
     if LATENESS in found.model.names and stopped(found.record, found.model):

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pmsm_ctrl.evidence.linalg import OWN_SHARE, added, factored, gram_of, own_shares, projection_on_all
+from pmsm_ctrl.evidence.linalg import (
+    OWN_SHARE,
+    added,
+    factored,
+    gram_of,
+    orthonormal_rows,
+    own_shares,
+    projection_on_all,
+)
 
 
 @pytest.fixture
@@ -115,3 +123,21 @@ def test_projection_on_all_holds_the_first_columns_however_small_the_room(rng: n
     assert np.sqrt(np.mean(left**2)) < 1.1e-3
     assert base @ left == pytest.approx([0.0, 0.0], abs=1e-8)
     assert np.std(y - projection_on_all(columns @ columns.T, columns @ y, room=5)[0] @ columns) > 1.0
+
+
+@pytest.mark.parametrize("apart", [1.0, 1e-2, 1e-6, 0.0])
+def test_orthonormal_rows_span_the_columns(rng: np.random.Generator, apart: float) -> None:
+    columns = rng.standard_normal((7, 3000)) * np.geomspace(1e-6, 1e3, 7)[:, None]
+    columns[4] = 1e3 * columns[2] + apart * columns[4]
+    basis, triangle = orthonormal_rows(columns.copy())
+    np.testing.assert_allclose(basis @ basis.T, np.eye(7), atol=1e-13)
+    scale = np.linalg.norm(columns, axis=1)[:, None]
+    np.testing.assert_allclose(triangle.T @ basis / scale, columns / scale, atol=1e-14)
+    assert np.all(np.abs(np.tril(triangle / scale.T, -1)) < 1e-15)
+
+
+def test_orthonormal_rows_of_a_column_of_zeros(rng: np.random.Generator) -> None:
+    columns = rng.standard_normal((3, 50))
+    columns[1] = 0.0
+    basis, triangle = orthonormal_rows(columns.copy())
+    np.testing.assert_allclose(triangle.T @ basis, columns, atol=1e-13)
