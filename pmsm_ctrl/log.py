@@ -23,8 +23,7 @@ __all__ = ["CHANNELS", "Log", "Logs", "Provenance", "Segment", "Span", "as_logs"
 
 Array = NDArray[np.float64]
 
-# Limits of what can be evaluated, in SI units and s. No real axis exceeds them, and powers and products of larger
-# numbers overflow a double.
+# Limits of what can be evaluated, in SI units and s: powers and products of larger numbers overflow a double.
 LARGEST = 1e12
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-9, 1e5
 
@@ -214,7 +213,6 @@ class Log:
         """Time in s, shape (n,)."""
         return self.channels["t"]
 
-    # Read dozens of times in an evaluation, and a median of all samples of a long log.
     @cached_property
     def period(self) -> float:
         """Median sampling period in s."""

@@ -62,7 +62,6 @@ def outcome(
         verdict, reasons = Verdict.EFFECTS_MISSING, ()
     if verdict is Verdict.IMPLAUSIBLE:  # no name and no parameter would mean anything
         selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.as_given, None, None
-    base_run = _free_run(case, selection.fits[0])
     warned = (
         *reasons,
         *(case.believed.notices if case.believed else ()),
@@ -93,7 +92,7 @@ def outcome(
         events=case.events,
         free_run={
             "nominal": _free_run(case, None),
-            "base": base_run,
+            "base": (base_run := _free_run(case, selection.fits[0])),
             "final": steps[-1].free_run if steps else base_run,
         },
         base=base_parameters(case.as_given, selection.fits[0]),

@@ -27,10 +27,8 @@ __all__ += ["kernel_call"]
 
 Array = NDArray[np.float64]
 Lines = dict[str, list[str]]
-# A parameter is searched over these multiples of its start value where its effect does not say more.
-MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)
-# Fewest lines of an encoder whose signals are interpolated, and the error of that at most, in lines.
-FEWEST_LINES, LINE_ERROR = 32.0, 0.02
+MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the start value, at which a parameter is searched unless told otherwise
+FEWEST_LINES, LINE_ERROR = 32.0, 0.02  # of an encoder that interpolates, and the error of that at most, in lines
 HIGHEST_SLOPE = 4  # derivatives of the acceleration: with two a filter over several periods still looks like a spring
 
 
@@ -343,10 +341,7 @@ class Structure(ABC):
     def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
         """Return what the effect adds to each balance per unit of each of its `symbols`, shape (n,), at the log's rate.
 
-        Raises
-        ------
-        UnavailableError
-            When the log or the design lacks what the effect needs.
+        `UnavailableError` where the log or the design lacks what the effect needs.
         """
 
     def columns_each(

@@ -47,7 +47,7 @@ ABOVE_NOISE = 4.0
 LEAST_LOAD = 0.02  # a load is a share of the inertia that is worth the name
 # Lowest and highest frequency of a load on its spring, Hz, and the dampings of those that ring.
 LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
-AT_ONCE, FEWEST_LANES = 16e6, 8  # bytes of columns that are made side by side, and the fewest of them
+AT_ONCE, FEWEST_LANES = 4e6, 8  # bytes of columns that are made side by side, and the fewest of them
 # Times in which the mean acceleration of a log carries the shaft across a gap, s, and how many gaps are searched: one
 # that is crossed faster looks like an error of the moment of reversal, one that is crossed slower like a free load.
 SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
