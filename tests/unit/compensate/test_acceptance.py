@@ -111,3 +111,14 @@ def test_change_needs_a_compensation(seed_text: str) -> None:
         accept(design, Acceptance(scenario="push", metric="rms_change", limit=-0.5))
     with pytest.raises(RequestError, match="unknown metric"):
         accept(design, Acceptance(scenario="push", metric="cycle_amplitude_change", limit=-0.5))
+
+
+def test_an_environment_without_pytest_is_told_what_to_install(tmp_path: Path) -> None:
+    code = (
+        "import runpy, sys\nsys.modules['pytest'] = None\n"
+        "runpy.run_module('pmsm_ctrl.acceptance', run_name='__main__')\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert run.returncode == 2
+    assert "-m pip install pytest" in run.stderr
+    assert "Traceback" not in run.stderr

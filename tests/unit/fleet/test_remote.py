@@ -157,3 +157,32 @@ def test_a_missing_fsspec_is_said_in_one_line(
     assert left.value.code == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "fsspec not installed: pip install 'pmsm-ctrl[remote]'" in line
+
+
+def test_the_same_over_the_protocol_of_s3(
+    remote: Manifest, two_axes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server of this machine speaks it; `pip install s3fs 'moto[server]'`."""
+    s3fs = pytest.importorskip("s3fs", reason="S3FS ABSENT: pip install s3fs 'moto[server]'")
+    server = pytest.importorskip("moto.server", reason="MOTO ABSENT: pip install 'moto[server]'")
+    running = server.ThreadedMotoServer("127.0.0.1", port=0, verbose=False)
+    running.start()
+    try:
+        host, port = running.get_host_and_port()
+        for name, value in (("ACCESS_KEY_ID", "t"), ("SECRET_ACCESS_KEY", "t"), ("DEFAULT_REGION", "us-east-1")):
+            monkeypatch.setenv(f"AWS_{name}", value)
+        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://{host}:{port}")
+        system = s3fs.S3FileSystem(skip_instance_cache=True)
+        system.mkdir("plant")
+        for name in ("a1/2026-03-01", "a2/2026-03-03"):
+            system.put(str(two_axes / "logs" / f"{name}.csv"), f"plant/logs/{name}.csv")
+        there = replace(remote, logs=("s3://plant/logs/*/*.csv",), results="s3://plant/results")
+        found = fleet(there, engine=ALONE)
+        assert [one.record for one in found.lost] == ["s3://plant/logs/a2/2026-03-03.csv"]
+        fleet(remote, engine=ALONE)
+        assert estimates(there.results) == estimates(remote.results)
+        assert fleet(there, engine=ALONE).evaluated == 0
+        assert [one.name for one in fleet_report(there.results).axes] == ["a1", "a2"]
+        assert len(system.ls("plant/results/rows")) == 1
+    finally:
+        running.stop()
