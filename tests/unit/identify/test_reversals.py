@@ -15,7 +15,6 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.bandwidth import _shrinkage, regression_problem
 from pmsm_ctrl.regression.conditioning import prepare
 from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS
-from pmsm_ctrl.regression.filters import low_pass
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.regression.least_squares import solve
 from pmsm_ctrl.simulate import scenario, simulate
@@ -72,7 +71,7 @@ def test_both_sides_are_blanked_alike() -> None:
     assert set(np.unique(prepared.weight)) == {0.0, 1.0}
     assert np.all(np.abs(prepared.signals["omega"][~resting]) > 0.0)
     torque = prepared.signals["torque"]
-    expected = low_pass(np.where(resting, 0.0, torque), prepared.rate, prepared.cutoff, steep=True)[prepared.keep]
+    expected = prepared.smooth(np.where(resting, 0.0, torque))
     np.testing.assert_allclose(build_problem(PLAIN, prepared).target, expected, rtol=1e-12, atol=1e-15)
     # 18 rests of 12 ms and of what the 250 Hz before them round off
     assert 0.010 * 18 < resting.mean() * 12.0 < 0.030 * 20
