@@ -185,16 +185,15 @@ def _found(d: Diagnosis) -> Table:
 def _resonance(both: Agreement) -> Iterator[Block]:
     """Yield whether the frequency response agrees, in words and in numbers."""
     against = f"the frequency response of {Path(both.log_name).name}"
-    if not both.effect:
-        if both.agrees:
-            yield f"No second mass, as in {against}."
-        return  # a notice says what that has shown
+    if not both.effect and not both.frf:
+        yield f"No second mass, as in {against}."
+        return
     words = {
         True: f"agrees with {against}",
         False: f"does not agree with {against}",
-        None: f"stands beside {against} without a verdict: this log gives it no standard errors",
+        None: f"stands beside {against} without a verdict: this log is not sure enough",
     }
-    yield f"{both.effect} {words[both.agrees]}."
+    yield f"{both.effect or 'A log without a named spring'} {words[both.agrees]}."
     rows = tuple(
         (
             name.replace("_", " "),

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import BASE, Fitted
-from pmsm_ctrl.diagnose.shapes import Free, moved_to, searched, shifted, tangent_of
+from pmsm_ctrl.diagnose.shapes import LONGEST, Free, moved_to, searched, shifted, straight_over, tangent_of
 from pmsm_ctrl.regression.bounds import bounded, column_bounds, holding
 from pmsm_ctrl.regression.columns import UnavailableError
 
@@ -28,10 +28,11 @@ Array = NDArray[np.float64]
 Shape = Mapping[str, float]
 
 NORMAL = 1.959964  # half of a 95 % interval, in standard errors
-# Standard error of a shape's logarithm below which every smooth prediction is a straight line over the interval.
-KNOWN_WELL = 0.03
+# Standard error of a shape's logarithm, in the step over which the prediction is a straight line, below which it is one
+# over the interval.
+KNOWN_WELL = 1.5
 PARABOLA = 0.1  # part of the half-width by which a profile may differ from a parabola's
-ROUNDS, HALVINGS, LONGEST, SETTLED = 6, 3, 0.4, 1e-3  # of the other shapes beside what is held
+ROUNDS, HALVINGS, SETTLED = 6, 3, 1e-3  # of the other shapes beside what is held
 TRIALS, CLOSE, FURTHEST, FASTEST = 12, 0.02, 6.0, 3.0  # of the search for an end, in half-widths
 SMALL, ALIKE = 1e-4, 1e-9  # step for a slope; what is rounding
 
@@ -113,7 +114,7 @@ class _Walks:
         alone = np.diag(np.nan_to_num(fit.estimate.stderr) ** 2)
         covariance = alone if fit.covariance is None else fit.covariance
         spread: Array = np.sqrt(np.maximum(np.diag(covariance)[count:], 0.0))
-        vague = {n for (n, _), size in zip(fit.free, spread.tolist(), strict=True) if size > KNOWN_WELL}
+        vague = {free[0] for free, size in zip(fit.free, spread.tolist(), strict=True) if _is_vague(fit, free, size)}
         doubtful = tuple(sorted(vague | {n for n, _ in set(shapes) - set(fit.free)}))
         white = fit.plain.inverse
         if doubtful and fit.free:
@@ -131,7 +132,7 @@ class _Walks:
         """Yield the shapes that are not known well, those of which parameters are made (a load's frequency) as well."""
         for k, (number, name) in enumerate(self.fit.free, len(self.fit.model.names)):
             one = self._parameter(number, name, self.fit.accepted[number].shape[name], self._unit(k), (number, name))
-            if one.stderr > KNOWN_WELL:
+            if _is_vague(self.fit, (number, name), one.stderr):
                 yield one
 
     def of_effect(self, number: int) -> Iterator[_Parameter]:
@@ -168,6 +169,11 @@ class _Walks:
         stderr = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
         scale = (stderr / max(float(np.linalg.norm(slope @ self.white)), 1e-300)) ** 2
         return _Parameter(number, symbol, value, slope, stderr, scale, free, column, per_factor)
+
+
+def _is_vague(fit: Fitted, free: Free, stderr: float) -> bool:
+    """Whether a shape with this standard error of its logarithm is not known well."""
+    return stderr > KNOWN_WELL * float(straight_over(fit.accepted, (free,))[0])
 
 
 def _proportional(
@@ -252,7 +258,8 @@ def _least(design: Design, walks: _Walks, one: _Parameter, step: float) -> float
     tried = [_placed(design, start, one, others, by, step) for by in (guess, 0.0 * guess)[: 1 + bool(others)]]
     best = min(tried, key=lambda there: there.estimate.chi2)
     for _ in range(ROUNDS if others else 0):
-        move = np.clip(_downhill(design, best, one, others), -LONGEST, LONGEST)
+        longest = LONGEST * straight_over(best.accepted, others)
+        move = np.clip(_downhill(design, best, one, others), -longest, longest)
         steps = (_placed(design, best, one, others, move / 2.0**k, step) for k in range(HALVINGS))
         better = next((there for there in steps if there.estimate.chi2 < best.estimate.chi2), None)
         if better is None:

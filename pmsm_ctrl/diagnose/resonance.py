@@ -2,6 +2,7 @@
 
 `frf` and `diagnose` fit the same two masses in other ways, one in the frequency domain around a constant speed, the
 other in time with friction and the drive's sampling in the model. What both find within their joint errors is sure.
+A log that names no spring still tells the load's inertia behind the measured one: it may be that inertia, or none.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ __all__ = ["Measured", "compared", "measured", "read_measured", "started"]
 SCHEMA = "pmsm-ctrl/frf/1"
 # What is compared: nearly independent in either fit, where stiffness and inertia are not.
 COMPARED = ("antiresonance", "load_inertia", "damping_ratio")
+_MEANS = {True: "both agree", False: "they differ", None: "this log tells neither it nor its absence"}
 
 
 @dataclass(frozen=True)
@@ -160,9 +162,9 @@ def compared(case: Case, found: Diagnosis, told: Measured) -> Diagnosis:
 
 
 def _unnamed(case: Case, fit: Fitted, told: Measured) -> Agreement:
-    """Compare the load's inertia that this log has behind the measured spring with the measured one."""
+    """Compare the load's inertia that this log has behind the measured spring with the measured one, and with none."""
     assert told.mass is not None
-    agreement = Agreement(told.log_name, "", False, frf=told.estimates)
+    agreement = Agreement(told.log_name, "", None, frf=told.estimates)
     for effect in case.effects.values():
         structure = effect.structure
         values = structure.values_of(told.mass)
@@ -174,7 +176,11 @@ def _unnamed(case: Case, fit: Fitted, told: Measured) -> Agreement:
         if trial.singular:
             return agreement
         own = Estimate(float(trial.values[0]), told.estimates["load_inertia"].unit, float(trial.stderr[0]))
-        return replace(agreement, diagnosed={"load_inertia": own})
+        agreement = replace(agreement, diagnosed={"load_inertia": own})
+        limit = NormalDist().inv_cdf(1.0 - 0.5 * case.policy.significance)
+        if not agreement.apart["load_inertia"] <= limit:
+            return replace(agreement, agrees=False)
+        return replace(agreement, agrees=True if own.value > limit * own.stderr else None)
     return agreement
 
 
@@ -201,22 +207,22 @@ def _beside(case: Case, fit: Fitted, number: int, told: Measured) -> Agreement:
 
 
 def _notice(case: Case, found: Diagnosis, agreement: Agreement, told: Measured) -> Notice | None:
-    """Return what does not fit together; None where nothing does."""
-    if agreement.agrees is not False:
-        return None
-    if not agreement.effect:
+    """Return what does not fit together, or is not told by this log; None where both say the same."""
+    if not agreement.effect and told.mass is not None:
         at = with_error(told.estimates["antiresonance"].value, told.estimates["antiresonance"].stderr)
         why = "; ".join(
             f"{row.effect} is {row.why_not}"
             for row in found.ranking
             if row.refusal is not None and case.effects[row.effect].structure.splits_inertia
         )
-        behind = "no spring is a candidate"
+        behind = "not told by this log"
         if agreement.diagnosed:
             own, other = agreement.diagnosed["load_inertia"], told.estimates["load_inertia"]
             behind = f"{with_error(own.value, own.stderr)} {own.unit} behind such a spring, against "
-            behind += with_error(other.value, other.stderr)
+            behind += f"{with_error(other.value, other.stderr)} ({_MEANS[agreement.agrees]})"
         return words.RESONANCE_NOT_NAMED(antiresonance=at, log=told.log_name, why=why, load=behind)
+    if agreement.agrees is not False:
+        return None
     ours = agreement.diagnosed["antiresonance"]
     if told.mass is None:
         return words.RESONANCE_NOT_MEASURED(

@@ -206,9 +206,10 @@ class Agreement:
     effect : str
         The id; empty where none was named.
     agrees : bool or None
-        Within the joint errors; None where these are not known.
+        Within the joint errors; None where these are not known, or allow either answer.
     diagnosed, frf : dict of name to Estimate
-        Antiresonance, load inertia and damping ratio; empty where there is none.
+        Antiresonance, load inertia and damping ratio; empty where there is none. Of a log that names no spring the
+        load inertia behind that of the response.
     """
 
     log_name: str

@@ -23,17 +23,18 @@ from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.covariance import noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 
-__all__ = ["Free", "moved_to", "searched", "shifted", "tangent_of", "with_shapes_fitted"]
+__all__ = ["LONGEST", "Free", "moved_to", "searched", "shifted", "straight_over", "tangent_of", "with_shapes_fitted"]
 
 Array = NDArray[np.float64]
 Free = tuple[int, str]  # position among the accepted effects, and the name in its shape
 
 ROUNDS = 8
-# Difference of a shape's logarithm for its column; longest step of it; and the part of a standard error that ends it.
-DIFFERENCE, LONGEST, SETTLED = 1e-3, 0.4, 0.02
+# Difference of a shape's logarithm for its column, and longest step of it, in the step over which its structure calls
+# the prediction a straight line; and the part of a standard error that ends the steps.
+DIFFERENCE, LONGEST, SETTLED = 0.05, 20.0, 0.02
 HALVINGS = 4
-# A step of a shape's logarithm over which the prediction must be a straight line, to within a share of its change.
-FURTHER, STRAIGHT = 0.02, 0.5
+# How straight the prediction must be over that step: left of it, as a share of its change.
+STRAIGHT = 0.5
 
 
 def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
@@ -60,7 +61,8 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
             tangent = tangent_of(design, fit, free)
             step, stderr = tangent.values[columns], tangent.stderr[columns]
             del tangent  # with its columns, which the next one has again
-            moved = _moved(design, fit, free, np.clip(step, -LONGEST, LONGEST))
+            longest = LONGEST * straight_over(fit.accepted, free)
+            moved = _moved(design, fit, free, np.clip(step, -longest, longest))
             if moved is None or np.all(np.abs(step) <= SETTLED * stderr):
                 break
             fit = moved
@@ -87,15 +89,27 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
 def _free(one: Accepted) -> list[str]:
     """Return the names of a shape that are fitted: those that were searched and are at no bound."""
     structure, shape = one.effect.structure, one.shape
+
+    def near(name: str, sign: float) -> float:
+        return shape[name] * float(np.exp(sign * DIFFERENCE * structure.straight_over(shape, name)))
+
     return [
         name
         for name in searched(one)
-        if all(
-            structure.inside(one.effect, shape, name, shape[name] * np.exp(sign * DIFFERENCE))
-            == shape[name] * np.exp(sign * DIFFERENCE)
-            for sign in (1.0, -1.0)
-        )
+        if all(structure.inside(one.effect, shape, name, near(name, sign)) == near(name, sign) for sign in (1.0, -1.0))
     ]
+
+
+def straight_over(accepted: Sequence[Accepted], free: Sequence[Free]) -> Array:
+    """Return the steps of shapes' logarithms over which the prediction is a straight line, shape (len(free),).
+
+    Parameters
+    ----------
+    accepted : sequence of Accepted
+    free : sequence of (int, str)
+        Positions among them, and names in their shapes.
+    """
+    return np.array([accepted[k].effect.structure.straight_over(accepted[k].shape, name) for k, name in free])
 
 
 def searched(one: Accepted) -> list[str]:
@@ -140,9 +154,11 @@ def _is_rough(design: Design, fit: Fitted, one: Free) -> bool:
     def change(step: float) -> Array:
         return _change(design, fit, shifted(fit.accepted, (one,), np.array([step])))
 
-    slope = (change(DIFFERENCE) - change(-DIFFERENCE)) / (2.0 * DIFFERENCE)
-    left = [np.linalg.norm(change(step) - step * slope) for step in (FURTHER, -FURTHER)]
-    return bool(max(left) > STRAIGHT * FURTHER * np.linalg.norm(slope))
+    far = float(straight_over(fit.accepted, (one,))[0])
+    near = DIFFERENCE * far
+    slope = (change(near) - change(-near)) / (2.0 * near)
+    left = [np.linalg.norm(change(step) - step * slope) for step in (far, -far)]
+    return bool(max(left) > STRAIGHT * far * np.linalg.norm(slope))
 
 
 def _model(design: Design, fit: Fitted, accepted: tuple[Accepted, ...]) -> tuple[Record, Model]:
@@ -213,7 +229,7 @@ def tangent_of(design: Design, fit: Fitted, free: Sequence[Free]) -> Solved:
         For a shape that does nothing, or that the log cannot evaluate.
     """
     slopes = []
-    for unit, (k, name) in zip(np.eye(len(free)) * DIFFERENCE, free, strict=True):
+    for unit, (k, name) in zip(np.diag(DIFFERENCE * straight_over(fit.accepted, free)), free, strict=True):
         ahead, back = (shifted(fit.accepted, free, sign * unit) for sign in (1.0, -1.0))
         width = float(np.log(ahead[k].shape[name] / back[k].shape[name]))  # half of it at a bound
         slopes.append((_change(design, fit, ahead) - _change(design, fit, back)) / max(width, 1e-300))

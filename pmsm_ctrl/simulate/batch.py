@@ -39,7 +39,8 @@ def simulate_batch(
 ) -> list[Any]:
     """Simulate many drives; drive k equals ``simulate(designs[k], scenario, seed=seed + k)``.
 
-    Drives with the same effects and timing run side by side in vector instructions when there are enough of them.
+    Drives with the same effects and timing run side by side in vector instructions when there are enough of them;
+    those whose effects or speed controllers have a memory (two masses, filters, an observer) run alone.
     They differ from their single runs by rounding: 1e-11 of the largest value, until rounding moves an angle across
     the edge of an encoder count.
 

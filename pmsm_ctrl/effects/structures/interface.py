@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 Lines = dict[str, list[str]]
 MULTIPLES = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the start value, at which a parameter is searched unless told otherwise
 FEWEST_LINES, LINE_ERROR = 32.0, 0.02  # of an encoder that interpolates, and the error of that at most, in lines
+STRAIGHT_OVER = 0.02  # step of a shape's logarithm, over which a smooth prediction is a straight line
 HIGHEST_SLOPE = 4  # derivatives of the acceleration: with two a filter over several periods still looks like a spring
 
 
@@ -413,6 +414,10 @@ class Structure(ABC):
     def halvings(self, free: Iterable[str]) -> int:
         """How often the steps of the refinement are halved."""
         return 3
+
+    def straight_over(self, shape: Mapping[str, float], name: str) -> float:
+        """Step of a shape's logarithm over which a smooth prediction is a straight line."""
+        return STRAIGHT_OVER
 
     def inside(self, effect: Effect, shape: Mapping[str, float], name: str, value: float) -> float:
         """Return a value of the refinement, moved to where this name may lie; `shape` is where it comes from."""

@@ -43,8 +43,10 @@ LEAST_DAMPED = 1e-3
 # How often the steps of the refinement are halved: the frequency of a spring that is hardly damped is as sharp as its
 # damping.
 SHARP = 7
+PART_OF_WIDTH = 0.1  # of half the width of a resonance, which is its damping: straight enough for a slope
 ABOVE_NOISE = 4.0
 LEAST_LOAD = 0.02  # a load is a share of the inertia that is worth the name
+SWUNG_OUT = 7.0  # time constants of a swing: a thousandth of it is left
 # Lowest and highest frequency of a load on its spring, Hz, and the dampings of those that ring.
 LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
 AT_ONCE, FEWEST_LANES = 4e6, 8  # bytes of columns that are made side by side, and the fewest of them
@@ -224,6 +226,14 @@ class Transmission(Structure):
         """How often the steps of the refinement are halved."""
         return SHARP if FREQUENCY in free and not self.gap else super().halvings(free)
 
+    def straight_over(self, shape: Mapping[str, float], name: str) -> float:
+        """Step of a shape's logarithm over which the prediction is a straight line: of a resonance, part of its width.
+
+        A gap's has no such step: the load bounces between the flanks.
+        """
+        plain = super().straight_over(shape, name)
+        return min(plain, PART_OF_WIDTH * shape[DAMPING]) if name == FREQUENCY and not self.gap else plain
+
     def inside(self, effect: Effect, shape: Mapping[str, float], name: str, value: float) -> float:
         """Return the value inside the bounds; the damping's are those of a spring, or of a contact."""
         if name == DAMPING:
@@ -289,18 +299,19 @@ class Transmission(Structure):
     def _behind_spring(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> Array:
         """Acceleration of a load on a spring less that of the rotor, shape (n,).
 
-        Discretised bilinearly: exact at the load's own frequency, or where that lies above the band, at the end of the
-        band.
+        By the spectrum, of a signal that is limited to the band: exact at every frequency, where a sampled filter has
+        the load's own one right or the band. The load is at rest against the rotor at first; zeros behind the log let
+        its swings die away, for at most as long as the log is.
         """
-        from scipy.signal import lfilter
+        from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-        exact = min(shape[FREQUENCY], 2.0 * np.pi * balances.cutoff)
-        fast = exact / np.tan(0.5 * exact * balances.period)  # s is fast (z - 1) / (z + 1)
-        w, damped = shape[FREQUENCY] ** 2, 2.0 * shape[DAMPING] * shape[FREQUENCY] * fast
-        first = fast**2 + damped + w
-        b = np.array([-1.0, 2.0, -1.0]) * fast**2 / first
-        a = np.array([first, 2.0 * (w - fast**2), fast**2 - damped + w]) / first
-        return np.asarray(lfilter(b, a, balances.signals["alpha"]))
+        alpha, period = balances.signals["alpha"], balances.period
+        w, zeta = shape[FREQUENCY], shape[DAMPING]
+        count = len(alpha)
+        length = next_fast_len(count + min(count, int(SWUNG_OUT / (zeta * w * period))), real=True)
+        s = 2j * np.pi / w * rfftfreq(length, period)
+        follow = -(s**2) / (s**2 + 2.0 * zeta * s + 1.0)
+        return np.asarray(irfft(rfft(alpha, length) * follow, length)[:count])
 
     def _behind_gap(self, balances: Balances, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> Iterator[Array]:
         """Yield the acceleration of a load behind each of several gaps less that of the rotor, shape (n,).

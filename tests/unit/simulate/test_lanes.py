@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pmsm_ctrl.design import Design
+from pmsm_ctrl.design import Design, Filter
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.errors import SimulationError
-from pmsm_ctrl.simulate import scenario, simulate_batch
+from pmsm_ctrl.simulate import scenario, simulate, simulate_batch
 from pmsm_ctrl.simulate.lanes import LANES, WORTH, groups
 from pmsm_ctrl.simulate.run import prepare
 
@@ -106,6 +106,24 @@ def test_mixed_batches(seed_motor):
     drives[1:1] = with_every_term(seed_motor, 1)
     motion = scenario("triangle", period=0.2, cycles=1)
     assert_alike(simulate_batch(drives, motion, lanes=True), simulate_batch(drives, motion, lanes=False))
+
+
+def test_drives_with_filters_in_a_batch_are_what_they_are_alone(seed_motor):
+    """They are simulated one by one, bit for bit, between drives that run side by side."""
+    motion = scenario("triangle", period=0.1, cycles=1)
+    drives = varied(seed_motor, 4)
+    speed = seed_motor.loops.speed.model_copy(update={"filters": (Filter(kind="notch", frequency=300.0, width=120.0),)})
+    for k in (1, 2):
+        drives[k] = drives[k].model_copy(update={"loops": seed_motor.loops.model_copy(update={"speed": speed})})
+    together = groups({k: prepare(drive, motion) for k, drive in enumerate(drives)}, always=True)
+    assert [group.numbers for group in together] == [(0, 3)]
+    logs = simulate_batch(drives, motion, lanes=True, seed=11)
+    for k in (1, 2):
+        alone = simulate(drives[k], motion, seed=11 + k)
+        plain = simulate(drives[k].model_copy(update={"loops": seed_motor.loops}), motion, seed=11 + k)
+        assert all(np.array_equal(logs[k][name], alone[name]) for name in alone)
+        assert not np.array_equal(alone["omega"], plain["omega"])
+    assert_alike([logs[0], logs[3]], [simulate(drives[k], motion, seed=11 + k) for k in (0, 3)])
 
 
 def test_which_drives_go_side_by_side(seed_motor):
