@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 REVERSAL_WINDOW = 0.1  # s around a change of the reference speed's sign
 SETTLE = 0.8  # s of rest in which the axis still settles
 SHORTEST = 0.5  # s of rest in which a limit cycle can be detected
+SINE = 2.0**0.5  # amplitude of a sine over its rms value
 CYCLE_SWINGS = 4  # swings over most of the width, in either direction, that make a limit cycle
 
 UNITS = {
@@ -56,7 +57,7 @@ class Metrics:
     noise: float
 
 
-def measure(log: Log, skip: float = 0.0) -> Metrics:
+def measure(log: Log, skip: float = 0.0, dither: float = 0.0) -> Metrics:
     """Return the metrics of a run under position control.
 
     Parameters
@@ -64,6 +65,8 @@ def measure(log: Log, skip: float = 0.0) -> Metrics:
     log : Log
     skip : float
         Left out at the start, s.
+    dither : float
+        Amplitude below which the motion at rest is no limit cycle, rad (m).
 
     Returns
     -------
@@ -78,10 +81,10 @@ def measure(log: Log, skip: float = 0.0) -> Metrics:
     used = log.t >= log.t[0] + skip
     error = (log["theta_ref"] - log["theta_true"])[used]
     reference, turned = log["omega_ref"][used], turning_samples(log["omega_ref"][used])
-    return _metrics(log, used, error, reference, turned)
+    return _metrics(log, used, error, (reference, turned), dither)
 
 
-def measure_contour(x: Log, y: Log, radius: float) -> Metrics:
+def measure_contour(x: Log, y: Log, radius: float, dither: float = 0.0) -> Metrics:
     """Return the metrics of a circle that starts at (radius, 0), from the logs of its two axes.
 
     Errors are the distance from the circle, in the unit of the axes; the reversal peak follows a reversal of either
@@ -92,6 +95,8 @@ def measure_contour(x: Log, y: Log, radius: float) -> Metrics:
     x, y : Log
     radius : float
         In the unit of the axes.
+    dither : float
+        As in `measure`.
 
     Returns
     -------
@@ -107,7 +112,7 @@ def measure_contour(x: Log, y: Log, radius: float) -> Metrics:
     every = np.ones(len(x), dtype=bool)
     error = np.hypot(x["theta_true"] + radius, y["theta_true"]) - radius
     turned = np.unique(np.concatenate([turning_samples(log["omega_ref"]) for log in (x, y)]))
-    axes = [_metrics(log, every, error, log["omega_ref"], turned) for log in (x, y)]
+    axes = [_metrics(log, every, error, (log["omega_ref"], turned), dither) for log in (x, y)]
     return Metrics(**{name: max(getattr(axis, name) for axis in axes) for name in UNITS})
 
 
@@ -118,8 +123,10 @@ def _require(log: Log) -> None:
 
 
 def _metrics(
-    log: Log, used: NDArray[np.bool_], error: Array, reference: Array, turned: NDArray[np.intp]
+    log: Log, used: NDArray[np.bool_], error: Array, motion: tuple[Array, NDArray[np.intp]], dither: float
 ) -> Metrics:  # fmt: skip
+    """Return the metrics of an error, of the reference speed and of the samples at which it turns."""
+    reference, turned = motion
     omega, current, period = log["omega_true"][used], log["i_q_ref"][used], log.period
     commanded = reference != 0.0
     window = np.zeros(error.size, dtype=bool)
@@ -128,7 +135,7 @@ def _metrics(
     quiet = np.ones(error.size - 1, dtype=bool)
     quiet[np.minimum(turned, error.size - 2)] = False
     quiet[np.maximum(turned - 1, 0)] = False
-    amplitude, frequency = limit_cycle(log["theta_true"][used], commanded, period)
+    amplitude, frequency = limit_cycle(log["theta_true"][used], commanded, period, dither)
     return Metrics(
         rms=float(np.sqrt(np.mean(error**2))),
         peak=float(np.max(np.abs(error))),
@@ -158,11 +165,14 @@ def turning_samples(reference: Array) -> NDArray[np.intp]:
     return np.concatenate([moving[:1], moving[change]])
 
 
-def limit_cycle(theta: Array, commanded: NDArray[np.bool_], period: float) -> tuple[float, float]:
+def limit_cycle(
+    theta: Array, commanded: NDArray[np.bool_], period: float, dither: float = 0.0
+) -> tuple[float, float]:  # fmt: skip
     """Return amplitude and frequency (Hz) of the largest limit cycle while the reference rests; zeros without one.
 
     It lasts to the end of the rest: it is searched in all of the rest (slow hunting), in its last half and in its
-    last quarter (a fast cycle after a last slip).
+    last quarter (a fast cycle after a last slip). Noise shakes an axis on an elastic contact: the longer one looks, the
+    larger its largest swing. So a motion is dither as well where a sine of the same rms value is.
 
     Parameters
     ----------
@@ -172,6 +182,8 @@ def limit_cycle(theta: Array, commanded: NDArray[np.bool_], period: float) -> tu
         Where the reference moves.
     period : float
         Of the samples, s.
+    dither : float
+        Amplitude of a sine below which a motion is no limit cycle, in the unit of the position.
 
     Returns
     -------
@@ -186,7 +198,8 @@ def limit_cycle(theta: Array, commanded: NDArray[np.bool_], period: float) -> tu
         for share in (1, 2, 4):
             seen = theta[stop - length // share : stop]
             swings, amplitude = _swings(seen), 0.5 * float(np.ptp(seen))
-            if swings.size >= CYCLE_SWINGS and amplitude > worst[0]:
+            cycles = swings.size >= CYCLE_SWINGS and min(amplitude, SINE * float(np.std(seen))) >= dither
+            if cycles and amplitude > worst[0]:
                 worst = amplitude, float((swings.size - 1) / (2.0 * (swings[-1] - swings[0]) * period))
     return worst
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
 
 from pmsm_ctrl.compensate.adaptive import simulate_adaptive
 from pmsm_ctrl.compensate.metrics import Metrics, measure, measure_contour
@@ -159,7 +158,7 @@ def judge(trial: Trial, logs: tuple[Log, ...], dither: float = 0.0) -> Metrics:
     -------
     Metrics
     """
-    found = measure_contour(logs[0], logs[1], trial.radius) if trial.radius > 0.0 else measure(logs[0])
-    if found.cycle_amplitude < max(dither, FINEST):
-        found = replace(found, cycle_amplitude=0.0, cycle_frequency=0.0)
-    return found
+    dither = max(dither, FINEST)
+    if trial.radius > 0.0:
+        return measure_contour(logs[0], logs[1], trial.radius, dither=dither)
+    return measure(logs[0], dither=dither)

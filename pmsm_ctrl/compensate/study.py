@@ -38,7 +38,7 @@ class _Runs:
     def metrics(self, believed: Design, name: str, plant: Design | None = None) -> Metrics:
         """Return the metrics of a trial, on another plant where one is given."""
         truth = self.plant if plant is None else plant
-        key = (name, believed.to_toml(), truth.to_toml())
+        key = (name, believed.model_dump_json(), truth.model_dump_json())
         if key not in self.known:
             logs = run_trial(believed, self.trials[name], truth=truth, seed=self.seed)
             self.known[key] = judge(self.trials[name], logs, count_angle(truth))

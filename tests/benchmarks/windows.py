@@ -1,4 +1,4 @@
-"""Nothing cycles inside a window reported as safe: ``python -m tests.benchmarks.windows [drives] [source] [step]``.
+"""Nothing cycles inside a window reported as safe: ``python -m tests.benchmarks.windows --count 300 --first 100``.
 
 Each random drive gets its windows as `compensate` finds them, by the same sweep with steps of 25 % instead of 10 %, on
 the drive and on the drive with presliding.
@@ -8,7 +8,7 @@ is a window that was wrong. Drives run side by side, which is what makes 300 of 
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -32,7 +32,6 @@ from tests.unit.compensate.random_drives import random_drive
 ROOT = Path(__file__).resolve().parents[2]
 STEP = 0.25  # coarser than `compensate`'s own: more room to hide between
 STAGES = (2, 4, 7)  # gains done after each stage, 0 among them; who is not safe then is not swept further
-FIRST = 100  # seed of the first drive
 EFFECTS = ("coulomb", "viscous", "stribeck")
 PROBES = 4  # gains drawn inside each window
 PROBED = ("reversal 2 rad/s", "positioning", "push", "positioning, with presliding", "push, with presliding")
@@ -179,10 +178,14 @@ def check(
 
 def main() -> None:
     """Print how many windows were wrong."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
-    sources = tuple(sys.argv[2].split(",")) if len(sys.argv) > 2 else SOURCES
-    step = float(sys.argv[3]) if len(sys.argv) > 3 else STEP
-    check(range(FIRST, FIRST + count), sources, step, report=lambda text: print(text, flush=True))
+    asked = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    asked.add_argument("--count", type=int, default=300)
+    asked.add_argument("--first", type=int, default=100, help="seed of the first drive")
+    asked.add_argument("--sources", nargs="+", choices=SOURCES, default=SOURCES)
+    asked.add_argument("--step", type=float, default=STEP, help="of the sweep's gains")
+    chosen = asked.parse_args()
+    seeds = range(chosen.first, chosen.first + chosen.count)
+    check(seeds, chosen.sources, chosen.step, report=lambda text: print(text, flush=True))
 
 
 if __name__ == "__main__":

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, judge, measure, run_trial, study_trials
-from pmsm_ctrl.compensate.metrics import Metrics
+from pmsm_ctrl.compensate.metrics import Metrics, limit_cycle
 from pmsm_ctrl.compensate.plants import SWEEP_TRIALS, judged, with_bristle
 from pmsm_ctrl.compensate.result import CompensationStudy, own_change
 from pmsm_ctrl.compensate.runs import count_angle
@@ -388,6 +389,19 @@ def test_nothing_cycles_inside_the_safe_window_of_300_drives() -> None:
     assert check(range(100, 400)) == []
 
 
+def test_noise_on_an_elastic_contact_is_no_limit_cycle() -> None:
+    """Its largest swing grows with the time one looks; a sine of a little more than a count is a limit cycle."""
+    period, rng = 1e-3, np.random.default_rng(4)
+    t = period * np.arange(6000)
+    commanded = t < 0.1
+    shaken = gaussian_filter1d(rng.normal(size=t.size), 8.0)
+    shaken *= 0.35 / shaken.std()
+    assert 0.5 * np.ptp(shaken) > 1.1
+    assert limit_cycle(shaken, commanded, period)[0] > 1.1
+    assert limit_cycle(shaken, commanded, period, dither=1.0) == (0.0, 0.0)
+    assert limit_cycle(1.05 * np.sin(2.0 * np.pi * 7.0 * t) + shaken, commanded, period, dither=1.0)[0] > 1.05
+
+
 def test_errors_below_a_count_do_not_end_a_window() -> None:
     """Friction damps noise: without it the error of an axis grows by tenths of a count, which no drive can see."""
 
@@ -401,7 +415,10 @@ def test_errors_below_a_count_do_not_end_a_window() -> None:
 
 
 def test_a_window_holds_with_presliding_too(design: Design) -> None:
-    """By commanded speed at full gain a bristle cycles by two counts, where the rigid contact stands still."""
+    """By commanded speed at 120 % a bristle cycles by some counts, where the rigid contact stands still.
+
+    At full gain the bristle cycles by 0.7 counts without noise, which the encoder does not see, and noise adds to it.
+    """
     base, trials, motions = baseline(design), study_trials(design), judged(design)
     assert set(motions) > {"positioning", "positioning, with presliding"}
 
@@ -414,12 +431,12 @@ def test_a_window_holds_with_presliding_too(design: Design) -> None:
     found = {}
     for kind, names in (("rigid", ["reversal 2 rad/s", "positioning"]), ("both", ["reversal 2 rad/s", *motions])):
         found[kind] = gain_window(
-            run, names, "commanded", gains=(0.5, 1.0), at_rest=[name for name in motions if motions[name].at_rest],
+            run, names, "commanded", gains=(1.0, 1.2), at_rest=[name for name in motions if motions[name].at_rest],
             resolution=count_angle(design),
         )  # fmt: skip
-    assert found["rigid"].safe == 1.0
-    assert found["both"].safe == 0.5
-    assert found["both"].limited_by == "positioning, with presliding"
+    assert found["rigid"].safe == 1.2
+    assert found["both"].safe == 1.0
+    assert found["both"].limited_by.endswith(", with presliding")
     assert 1.0 < found["both"].cycle_counts[-1] < 4.0
     assert found["rigid"].limited_by == ""
 
