@@ -18,6 +18,7 @@ from pmsm_ctrl.design import Design, Filter
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, simulate
+from pmsm_ctrl.tune.linearise import operating_point
 from pmsm_ctrl.tune.sampled import FAINT
 from pmsm_ctrl.tune.steps import Step
 
@@ -254,7 +255,19 @@ class Bench:
 
     def _run(self, scenario: Scenario, *, keep_truth: bool = False, **sensor: float) -> Log:
         design, plant = self.design.replace(sensor=sensor), self.plant.replace(sensor=sensor)
+        if scenario.control != "current":
+            scenario = replace(scenario, references=self._carried(scenario.references))
         return simulate(design, scenario, truth=plant, seed=self.seed, keep_truth=keep_truth)
+
+    def _carried(self, references: Callable[[Array], Mapping[str, Array]]) -> Callable[[Array], dict[str, Array]]:
+        """Return references with the current that holds the speed: on a slow loop friction would stop the shaft."""
+        held = operating_point(self.plant, self.speed).i_q
+
+        def carried(t: Array) -> dict[str, Array]:
+            given = references(t)
+            return {**given, "i_q_add": held + given.get("i_q_add", np.zeros_like(t))}
+
+        return carried
 
     def current_step(self, i_0: float, size: float, duration: float) -> Step:
         """Step i_q by `size` from i_0 (A), outer loops open, for a duration (s)."""

@@ -22,7 +22,7 @@ from pmsm_ctrl.simulate.motions import Limits
 from pmsm_ctrl.tune.reach import RESERVE, largest, reachable
 from pmsm_ctrl.tune.sampled import Cascade
 
-__all__ = ["PEAK_TOLERANCE", "Move", "MovePair", "friction_load", "move_limits", "moves"]
+__all__ = ["PEAK_TOLERANCE", "Move", "MovePair", "friction_load", "move_limits", "moves", "stable_speed"]
 
 Array = NDArray[np.float64]
 
@@ -118,12 +118,19 @@ def move_limits(cascade: Cascade, profile: str) -> Limits:
     profile : {"trapezoid", "s_curve"}
     """
     limits = Limits.of(cascade.design)
-    limits = replace(limits, speed=_stable_speed(cascade, min(limits.speed, LONGEST_RAMP * limits.acceleration)))
+    limits = replace(limits, speed=stable_speed(cascade, min(limits.speed, LONGEST_RAMP * limits.acceleration)))
     return reachable(cascade.design, cascade.current, limits, jumps=profile == "trapezoid")
 
 
-def _stable_speed(cascade: Cascade, wanted: float) -> float:
-    """Return the speed, at most the one that is wanted, that keeps a reserve to where the loops become unstable."""
+def stable_speed(cascade: Cascade, wanted: float) -> float:
+    """Return the speed, at most the one that is wanted, that keeps a reserve to where the loops become unstable.
+
+    Parameters
+    ----------
+    cascade : Cascade
+    wanted : float
+        rad/s.
+    """
 
     def stable(speed: float) -> bool:
         poles = cascade.moving(speed, 0.0).system(("angle_noise",), ("i_q_ref",)).poles()

@@ -18,7 +18,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune import position
 from pmsm_ctrl.tune.bench import LOOPS, Bench, LoopName, Multisine, StepName, multisine
 from pmsm_ctrl.tune.margins import Margins, margins, response
-from pmsm_ctrl.tune.moves import MovePair, moves
+from pmsm_ctrl.tune.moves import MovePair, moves, stable_speed
 from pmsm_ctrl.tune.noise import noise
 from pmsm_ctrl.tune.sampled import Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
@@ -35,6 +35,7 @@ Complex = NDArray[np.complex128]
 BANDWIDTH_TOLERANCE = 0.05  # share of the predicted crossover
 PHASE_TOLERANCE = 3.0  # deg of phase margin
 RIPPLE_SPEEDS = (0.71, 0.83, 0.97, 1.09, 1.23)  # shares of the speed, over which the encoder's ripple is averaged
+SWAY = 0.3  # part of the speed by which a test signal may change it
 
 
 class Outcome(StrEnum):
@@ -191,7 +192,7 @@ def prove(
         When the signal would reach a limit of the drive.
     """
     loops = design.require_loops()
-    speed = speed if speed is not None else default_speed(design)
+    speed = speed if speed is not None else _sound_speed(design)
     cascade = Cascade.of(design, loops.current, loops.speed, loops.position, at=speed)
     experiment = _Experiment(Bench(design, truth or design, speed, seed), cascade)
     names = LOOPS if cascade.position else LOOPS[:2]
@@ -224,6 +225,13 @@ def durations(found: Mapping[str, Margins]) -> dict[str, float]:
     outer = 5.0 / found["speed"].crossover
     out = {"current": 8.0 / found["current"].crossover, "speed": outer, "load": outer}
     return out | ({"position": 3.0 / found["position"].crossover} if "position" in found else {})
+
+
+def _sound_speed(design: Design) -> float:
+    """Return the usual speed, or a lower one at which the tests keep a reserve to where the loops become unstable."""
+    loops, usual = design.require_loops(), default_speed(design)
+    cascade = Cascade.of(design, loops.current, loops.speed, loops.position, at=usual)
+    return stable_speed(cascade, (1.0 + SWAY) * usual) / (1.0 + SWAY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +300,7 @@ class _Experiment:
             spectrum = np.zeros(len(signal.samples) // 2 + 1, dtype=np.complex128)
             spectrum[signal.lines] = response(cascade.system((source,), (output,)), omega) * signal.spectrum
             peaks.append(float(np.abs(np.fft.irfft(spectrum, len(signal.samples))).max()) * len(signal.samples))
-        return min(0.3 * self.bench.speed / peaks[0], self.room / peaks[1])
+        return min(SWAY * self.bench.speed / peaks[0], self.room / peaks[1])
 
     def loop(self, name: LoopName) -> MeasuredLoop:
         model = self.predicted(name)
@@ -376,13 +384,13 @@ def _steps(experiment: _Experiment, found: Mapping[str, Margins]) -> tuple[dict[
     inner = cascade.with_gains(position=None)
     peak = np.abs(linear_step(inner, "omega_ref", "i_q_ref", lengths["speed"])[1]).max()
     sizes: dict[StepName, float] = {
-        "load": min(bench.design.K_t * room, 0.3 * bench.speed / predicted["load"].overshoot),
-        "speed": min(0.3 * bench.speed, room / float(peak)),
+        "load": min(bench.design.K_t * room, SWAY * bench.speed / predicted["load"].overshoot),
+        "speed": min(SWAY * bench.speed, room / float(peak)),
     }
     if "position" in lengths:
         peak = np.abs(linear_step(cascade, "theta_ref", "i_q_ref", lengths["speed"])[1]).max()
         swing = float(np.abs(np.diff(predicted["position"].y)).max()) / cascade.period
-        sizes["position"] = min(0.3 * bench.speed / swing, room / float(peak))
+        sizes["position"] = min(SWAY * bench.speed / swing, room / float(peak))
     wait = 2.0 * max(lengths[name] for name in sizes)
     steps = {"current": bench.current_step(cascade.model.point.i_q, room, lengths["current"])}
     for name, size in sizes.items():
