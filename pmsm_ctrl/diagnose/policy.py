@@ -68,7 +68,7 @@ class Policy:
         where a dead time of 0.02 V was named.
     unchanged : float
         Ratio of rms errors, all moving samples alike, up to which an effect on the torque leaves its error as it was.
-        What is more raises an error. Worlds drawn at random.
+        What is more raises an error, over the samples that are known well or over all of them. Worlds drawn at random.
     left_inside : float
         Share of what an effect explains that must be left when no base parameter leaves its bounds: most of it. A
         convention.

@@ -259,7 +259,7 @@ def _judge_trial(
     if not (memory or trial.slow):  # slow effects hide in coloured noise unless it is whitened, as in their test
         white = excess_of(fit.solved, trial, trial.gain)[1]
         excess = white if white > policy.with_memory else excess
-    elif excess < policy.with_memory and trial.candidate.effect.structure.unlike_rivals:
+    elif policy.excess < excess < policy.with_memory and trial.candidate.effect.structure.unlike_rivals:
         full = as_a_whole(fit, trial)
         excess = excess if full.wrong_sign else max(excess, excess_of(fit.plain, full, full.gain)[1])
     refusal = criteria.size(share, explained, excess, memory, policy)
@@ -298,7 +298,8 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     noise = dict(zip(after.record.channels, after.weights.sigma.tolist(), strict=True))
     refusal = criteria.no_balance_worse(weighted_errors(beside), weighted_errors(after), noise, policy)
     relief = strain(before.plain) - strain(after.plain) + apart(before.plain) - apart(after.plain)
-    if relief > policy.absurd:
+    explained = excess_of(before.plain, trial, trial.plain_gain)[0]
+    if relief > policy.absurd and explained > policy.explained_torque:
         refusal = None  # a winding so far off its datasheet has served some balance better than the truth does
     elif refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
@@ -307,6 +308,8 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
         # what shows in a voltage as well may change the torque's error by chance: its balances were judged together
         was, now = (sound_error(fit, policy.sound_weight) for fit in (beside, after))
         refusal = criteria.no_plain_error_worse(was, now, policy)
+        shown = (plain_errors(fit)["torque"] for fit in (before, after))  # the error that is reported, edges included
+        refusal = refusal or criteria.no_plain_error_worse(*shown, policy)
     old, new = (
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
         for fit, plain in ((beside, old), (after, new))
