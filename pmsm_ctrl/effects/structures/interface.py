@@ -10,14 +10,14 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.signals import INTERNAL
 from pmsm_ctrl.effects.structures.second_mass import SecondMass
+from pmsm_ctrl.effects.structures.views import Balances, Machine
 
 if TYPE_CHECKING:
     from pmsm_ctrl.effects.base import Effect
@@ -35,97 +35,6 @@ HIGHEST_SLOPE = 4  # derivatives of the acceleration: with two a filter over sev
 
 class UnavailableError(Exception):
     """This log or design cannot tell anything about an effect; the message says why."""
-
-
-class Machine(Protocol):
-    """What a structure has to know of the simulated plant."""
-
-    @property
-    def J(self) -> float:
-        """Total inertia, kg m^2."""
-
-    @property
-    def period(self) -> float:
-        """Control period, s."""
-
-    @property
-    def steps(self) -> int:
-        """Integration steps in a control period."""
-
-
-class Balances(Protocol):
-    """The balances of one log as columns need them; `pmsm_ctrl.regression.balances.Record` is one."""
-
-    @property
-    def design(self) -> Design:
-        """What is believed about the axis."""
-
-    @property
-    def signals(self) -> Mapping[str, Array]:
-        """What terms read and ``alpha``, shape (n,), at the log's rate."""
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """The balances this log has: torque, u_d, u_q."""
-
-    @property
-    def mask(self) -> NDArray[np.bool_]:
-        """Samples of the thinned grid that take part, shape (m,)."""
-
-    @property
-    def weight(self) -> Array:
-        """Relative inverse noise level, shape (channels, m)."""
-
-    @property
-    def age(self) -> float | None:
-        """How old the logged speed is, s; None where the log has an angle."""
-
-    @property
-    def late(self) -> float | None:
-        """Delay about which the column of a delay is taken, s; None while the terms read measured currents."""
-
-    @property
-    def period(self) -> float:
-        """Sampling period of the log, s."""
-
-    @property
-    def rate(self) -> float:
-        """Rate of the thinned grid, Hz."""
-
-    @property
-    def cutoff(self) -> float:
-        """Cutoff of the low-pass that balances and columns go through, Hz."""
-
-    @property
-    def duration(self) -> float:
-        """Length of the log, s."""
-
-    @property
-    def unseen(self) -> float:
-        """Time in gaps of the log, s."""
-
-    @property
-    def linear(self) -> bool:
-        """Whether the axis is linear (m, N)."""
-
-    @property
-    def step(self) -> float:
-        """Step of the logged angle, rad (m): of a coarse encoder, and next to nothing of any other."""
-
-    def rate_of(self, values: Array) -> Array:
-        """Time derivative at the log's rate."""
-
-    def slope_behind(self, values: Array) -> Array:
-        """Slope over the time from `late` ago until now."""
-
-    def acceleration(self) -> Array:
-        """Filtered and thinned acceleration, shape (m,)."""
-
-    def noise_of(self, values: Array) -> float:
-        """Noise of a thinned signal, rms."""
-
-    def shaft_noise(self) -> float:
-        """Noise of the acceleration, rms."""
 
 
 def drive_path(balances: Balances) -> list[dict[str, Array]]:
