@@ -308,8 +308,8 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
         # what shows in a voltage as well may change the torque's error by chance: its balances were judged together
         was, now = (sound_error(fit, policy.sound_weight) for fit in (beside, after))
         refusal = criteria.no_plain_error_worse(was, now, policy)
-        shown = (plain_errors(fit)["torque"] for fit in (before, after))  # the error that is reported, edges included
-        refusal = refusal or criteria.no_plain_error_worse(*shown, policy)
+        was, now = (plain_errors(fit)["torque"] for fit in (before, after))  # what is reported, edges included
+        refusal = refusal or criteria.no_plain_error_worse(was, now, policy)
     old, new = (
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
         for fit, plain in ((beside, old), (after, new))
