@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.benchmarks.fourth.axis import gcc, simulate
-from tests.benchmarks.fourth.cases import build, group_of, name_of, seed_of
-from tests.benchmarks.fourth.effects import EFFECTS
+from tests.benchmarks.fourth.cases import build, group_of, name_of, seed_of, stable
+from tests.benchmarks.fourth.effects import EFFECTS, hide, wishes
 from tests.benchmarks.fourth.regression import regress
 from tests.benchmarks.fourth.world import draw
 
@@ -40,6 +40,14 @@ def test_a_current_below_breakaway_moves_nothing() -> None:
     for speed, moves in ((1.9, False), (2.1, True)):  # A by K_p; 2 A carry F_c
         reference = (np.zeros(n), np.full(n, speed), np.zeros(n))
         assert bool(simulate(axis | loop, reference, quiet)["omega"].any()) is moves
+
+
+@needs_gcc
+def test_a_spring_that_makes_the_loop_ring_is_no_world_of_its_seed() -> None:
+    world, *_ = draw(209_000, wishes("compliance"))
+    spring = hide("compliance", world, np.random.default_rng([209_000, 7])).terms
+    assert stable(world, {})
+    assert not stable(world, spring)
 
 
 def test_a_seed_says_what_is_hidden() -> None:

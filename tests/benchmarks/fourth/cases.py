@@ -1,8 +1,8 @@
 """One log of a seed: clean, with one hidden effect, with one outside the catalogue, or spoiled.
 
-A seed has up to twelve worlds, its sub-seeds; the first that fits is taken. One does not fit where the axis runs away,
-does not follow its reference, or stands at the limit of its current for half of the log; nor where the hidden effect
-has less than 0.8 times the rms of the residual or 1.5 % of the torque.
+A seed has up to twelve worlds, its sub-seeds; the first that fits is taken. One does not fit where the axis runs away
+or does not follow its reference, where its loop is unstable, nor where the hidden effect has less than 0.8 times the
+rms of the residual or 1.5 % of the torque.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ CLEAN, HIDDEN, FOREIGN, BROKEN = 1, 2, 3, 4
 SUB_SEEDS = 12
 LEAST_RATIO = 0.8  # rms of a hidden effect over that of the residual
 LEAST_SHARE = 0.015  # the same over the torque
-SATURATED = 0.5  # of the log, from which the loop is a limit cycle
+RINGING = 0.3  # rms of the current over its limit at constant speed; 0.7 and more in limit cycles, below 0.1 otherwise
+ROTOR_AND_LOAD = ("load_inertia", "stiffness", "damping")  # what changes the loop
 LAG = 0.2  # rms of the position error over the motion's, from which an axis does not follow
 
 
@@ -107,7 +108,7 @@ def _attempt(seed: int, sub_seed: int) -> Case | None:
         if spoiled is None:
             return None
         log = spoiled
-    if not _follows(world, run, reference[0]) or (name != "limit_cycle" and _saturated(world, run)):
+    if not _follows(world, run, reference[0]) or (name != "limit_cycle" and not stable(world, terms)):
         return None
     return Case(seed, sub_seed, name, world, log, run, noise, terms, size)
 
@@ -143,5 +144,14 @@ def _follows(world: World, run: Channels, angle: Array) -> bool:
     return bool(world.parameters["speed_only"]) or np.std(error - error.mean()) <= LAG * np.std(angle)
 
 
-def _saturated(world: World, run: Channels) -> bool:
-    return bool(np.mean(np.abs(run["i_q command"]) > 0.999 * world.parameters["i_max"]) > SATURATED)
+def stable(world: World, terms: dict[str, float]) -> bool:
+    """Does the current come to rest at a tenth of the top speed, without noise, dry friction, gap and other effects?"""
+    p = world.parameters | {name: terms[name] for name in ROTOR_AND_LOAD if name in terms} | {"F_c": 0.0}
+    n, ramp = int(1.5 * world.rate), 0.3  # s
+    speed = 0.1 * world.top * np.minimum(1, np.arange(n) / world.rate / ramp)
+    reference = (np.cumsum(speed) / world.rate, speed, np.gradient(speed) * world.rate)
+    try:
+        current = simulate(p, reference, (np.zeros((2, n)), np.zeros(n), np.zeros(n)))["i_q command"]
+    except RunawayError:
+        return False
+    return bool(np.std(current[-n // 4 :]) < RINGING * p["i_max"])
