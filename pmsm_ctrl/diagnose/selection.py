@@ -12,7 +12,6 @@ from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.measures import (
     apart,
-    as_a_whole,
     beside_rivals,
     contribution,
     cross_validated,
@@ -259,9 +258,6 @@ def _judge_trial(
     if not (memory or trial.slow):  # slow effects hide in coloured noise unless it is whitened, as in their test
         white = excess_of(fit.solved, trial, trial.gain)[1]
         excess = white if white > policy.with_memory else excess
-    elif policy.excess < excess < policy.with_memory and trial.candidate.effect.structure.unlike_rivals:
-        full = as_a_whole(fit, trial)
-        excess = excess if full.wrong_sign else max(excess, excess_of(fit.plain, full, full.gain)[1])
     refusal = criteria.size(share, explained, excess, memory, policy)
     if refusal is None and not _own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
