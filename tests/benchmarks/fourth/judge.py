@@ -1,6 +1,6 @@
 r"""The fourth simulator's judgement of the diagnosis.
 
-    python -m tests.benchmarks.fourth.judge --clean 100 --hidden 100                           half an hour on two cores
+    python -m tests.benchmarks.fourth.judge --clean 100 --hidden 100                           some minutes
     python -m tests.benchmarks.fourth.judge --clean 100 --hidden 100 --first 300 --outside 32 --spoiled 30
 
 Log number N has seed 1000+N where it is clean, 2000+N with one hidden effect, 3000+N with an effect outside the
