@@ -342,10 +342,12 @@ def solve(request: Request) -> dict[str, Any]:
                                  axis_unit(catalogue[entry.id].parameter(symbol).unit, design.motion))
                     for symbol, value in entry.parameters.items()
                 ],
+                "meanings": [catalogue[entry.id].parameter(symbol).description for symbol in entry.parameters],
             }
             for k, entry in enumerate(design.effects)
         ],
         "verdict": _verdict(diagnosis),
+        "alike": _alike(diagnosis, catalogue),
     })  # fmt: skip
     while len(_shown) > KEPT:
         _shown.popitem(last=False)
@@ -361,6 +363,27 @@ def _candidate(one: Any, catalogue: Mapping[str, Any]) -> dict[str, Any]:
         "needs": effect.needs if effect else "", "look_alikes": list(effect.look_alikes) if effect else [],
         "possible": one.refusal is None or one.refusal.reason.value not in ("unavailable", "not_independent"),
     }  # fmt: skip
+
+
+def _alike(diagnosis: Diagnosis | None, catalogue: Mapping[str, Any]) -> list[dict[str, list[str]]]:
+    """Return for every effect that a search found what this log cannot tell from it, and which look-alikes it can."""
+    if diagnosis is None:
+        return []
+    judged = {
+        one.effect.split(" ")[0]
+        for one in diagnosis.ranking
+        if one.refusal is not None and one.refusal.reason.value not in NOT_JUDGED
+    }
+    return [
+        {
+            "same": list(step.equivalents),
+            "apart": [one for one in catalogue[step.effect].look_alikes if one in judged - {*step.equivalents}],
+        }
+        for step in diagnosis.steps
+    ]
+
+
+NOT_JUDGED = ("unavailable", "not_independent", "not_excited")  # reasons for which a look-alike was not compared
 
 
 def _verdict(diagnosis: Diagnosis | None) -> dict[str, Any] | None:

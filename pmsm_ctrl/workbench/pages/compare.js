@@ -94,6 +94,12 @@ function step(word, record) {
 
 const error = (errors, balance) => errors[balance]?.relative ?? errors.torque?.relative ?? NaN;
 
+// The logs of a role, in words.
+function called(app, role) {
+  const names = app.state.logs.filter((one) => one.role === role).map((one) => one.name);
+  return names.length > 1 ? `${names.length} logs` : names.join("");
+}
+
 function errorsByModel(app, record) {
   const { model, job } = app.state;
   const balance = view.balance;
@@ -109,18 +115,20 @@ function errorsByModel(app, record) {
   const models = shown.map((one) => h("li", { class: searching ? "live" : null }, h("span", { class: "name" }, words(model, one.name)), bar("fitted", error(one.errors, balance)), held ? bar("held", error(one.holdout, balance)) : null));
   const busy = !!job;
   const last = shown.at(-1);
-  const left = model.candidates.some((one) => one.advised); // else the next thing is to take the design away
+  const said = (fitted, other) => `error ${percent(fitted)} on the fitted ${called(app, "fit")}${other ? `, ${percent(other)} on the held-out ${called(app, "holdout")}` : ""}`;
+  const left = !model.verdict && model.candidates.some((one) => one.advised); // else the next thing is to take the design away
   return [
     h("h2", {}, "Error of each model"),
-    h("p", { class: "soft legend", id: "models-note" }, h("span", { class: "key fitted" }), "fitted", held ? [h("span", { class: "key held" }), "held out"] : " (no held-out log)", floor < most ? [h("span", { class: "key floor" }), `noise floor of the fitted ${model.records.filter((one) => !one.held_out).length > 1 ? "logs" : "log"} ${percent(floor)}`] : null, `. Rms of measured − predicted, relative to measured: ${balance}${model.cutoff ? `, all records low-passed at ${number(model.cutoff, 3)} Hz, which the fitted log allows` : ""}.`),
+    h("p", { class: "soft legend", id: "models-note" }, h("span", { class: "key fitted" }), `fitted: ${called(app, "fit")}`, held ? [h("span", { class: "key held" }), `held out: ${called(app, "holdout")}`] : " (no held-out log)", floor < most ? [h("span", { class: "key floor" }), `noise floor of the fitted ${model.records.filter((one) => !one.held_out).length > 1 ? "logs" : "log"} ${percent(floor)}`] : null, `. Rms of measured − predicted, relative to measured: ${balance}${model.cutoff ? `, all records low-passed at ${number(model.cutoff, 3)} Hz, which the fitted log allows` : ""}.`),
     model.verdict && !searching ? h("p", { class: "verdict", id: "verdict" }, model.verdict.text, model.verdict.reasons.map((text) => `: ${text}`), ".") : null,
     h("ol", { class: "models", id: "models" }, models, apart),
     h("p", { class: "row" },
-      h("button", { type: "button", id: "find", class: left ? "main" : "", disabled: busy, onclick: () => app.act("steps", { find: true }) }, "Find all"),
+      h("button", { type: "button", id: "find", class: left ? "main" : "", disabled: busy, "aria-describedby": "find-note", onclick: () => app.act("steps", { find: true }) }, "Find all"),
       h("button", { type: "button", id: "undo", disabled: busy || !app.state.steps.length, onclick: () => app.act("steps", { undo: true }) }, "Undo"),
       h("button", { type: "button", class: left ? "" : "main", disabled: busy, onclick: () => app.go("take"), id: "to-take" }, "Take away")),
+    h("p", { class: "soft", id: "find-note" }, "Find all: the whole diagnosis from the base parameters on, one effect after the other, each tested."),
     model.names.length ? switches(app, record, busy) : null,
-    h("p", { class: "hidden", role: "status" }, apart ? `Without ${off.map((name) => titled(model, name)).join(", ")}: error ${percent(own)}${held && others ? `, held out ${percent(others)}` : ""}` : `Error ${percent(error(last.errors, balance))}`),
+    h("p", { class: "hidden", role: "status" }, apart ? `Without ${off.map((name) => titled(model, name)).join(", ")}: ${said(own, held && others)}` : `${[words(model, last.name)].flat()[0]}: ${said(error(last.errors, balance), held && error(last.holdout, balance))}`),
   ];
 }
 
@@ -156,7 +164,7 @@ function switches(app, record, busy) {
       h("label", {}, h("input", { type: "checkbox", id: `switch-${k}`, checked: !view.off.has(name), disabled: !balance.parts.includes(name), onchange: flip(name) }), " ", h("span", {}, titled(app.state.model, name))),
       k > 0 ? h("button", { type: "button", class: "plain", disabled: busy, "aria-label": `Add ${titled(app.state.model, name)} earlier`, title: "Add earlier", onclick: () => moved(k, -1) }, "↑") : null,
       h("button", { type: "button", class: "plain", disabled: busy, id: `remove-${k}`, "aria-label": `Remove ${titled(app.state.model, name)}`, title: "Remove", onclick: () => app.act("steps", { remove: name }) }, "×"),
-      h("span", { class: "soft" }, parameters(app, name))))),
+      parameters(app, name), alike(app.state.model, k)))),
     h("p", { class: "soft" }, "Switch one off to see in the traces, fitted or held out, what it explains; the error without it stands below the models."));
 }
 
@@ -175,10 +183,28 @@ function parameters(app, name) {
   const id = name.split(" ")[0];
   const entries = app.state.model.effects.filter((one) => one.id === id && !one.given);
   const same = app.state.model.names.filter((one) => one.split(" ")[0] === id);
-  return entries[same.indexOf(name)]?.parameters.join(", ") || "";
+  const entry = entries[same.indexOf(name)];
+  return entry ? explained(entry, "soft") : null;
+}
+
+// The parameters of an effect, each with what it means.
+export function explained(entry, look = "") {
+  return h("ul", { class: `plain meanings ${look}` }, entry.parameters.map((text, k) => h("li", {}, text, entry.meanings?.[k] ? h("span", { class: "soft" }, `, ${entry.meanings[k]}`) : null)));
+}
+
+// What a search says of the look-alikes of an effect that it found.
+function alike(model, k) {
+  const found = model.alike?.[k];
+  const named = (ids) => ids.map((id) => model.titles?.[id] || id).join(", ");
+  return found ? [
+    found.same.length ? h("span", { class: "soft same" }, `This log cannot tell it from: ${named(found.same)}.`) : null,
+    found.apart.length ? h("span", { class: "soft apart" }, `Told apart on this log from: ${named(found.apart)}.`) : null,
+  ] : null;
 }
 
 // -- the candidates --------------------------------------------------------------------------------------------
+
+const SHARE = "Share of the mean square of the residual: low-passed, all balances, weighted as in the fit, before everything is fitted again. The errors of the models are rms: half the rms is a quarter of the mean square.";
 
 function candidates(app) {
   const { model, job } = app.state;
@@ -194,16 +220,16 @@ function candidates(app) {
       h("td", {}, h("button", { type: "button", id: `add-${group}-${k}`, disabled: busy, class: one.advised ? "main" : "", "aria-label": `Add ${one.title} (${one.name})`, onclick: () => add(app, one) }, "Add")));
   };
   const table = (list, group) => h("table", { class: "candidates" },
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "effect"), h("th", { scope: "col" }, "share of the residual that it explains"), h("th", { scope: "col" }, h("span", { class: "hidden" }, "add")))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "effect"), h("th", { scope: "col", title: SHARE }, "share of the residual that it explains"), h("th", { scope: "col" }, h("span", { class: "hidden" }, "add")))),
     h("tbody", {}, list.map((one, k) => row(one, k, group))));
   return [
     h("h2", {}, "What is missing?"),
     advised.length
-      ? [h("p", { class: "soft" }, "Significant on this log. Move over one, or reach it with the Tab key: the orange curve over the residual is what it would take away."), table(advised, "a")]
+      ? [h("p", { class: "soft" }, "Significant on this log. Move over one, or reach it with the Tab key: the orange curve over the residual is what it would take away."), h("p", { class: "soft", id: "share-note" }, SHARE), table(advised, "a")]
       : h("p", {}, "No candidate passes the tests: nothing of the catalogue is missing, as far as these logs show."),
     h("details", { id: "refused" }, h("summary", {}, `${others.length} candidates that the log does not call for`), table(others, "b")),
     app.about.template ? ownEffect(app) : null,
-    closed.length ? h("details", { id: "closed" }, h("summary", {}, `${closed.length} that this log cannot evaluate`), h("ul", {}, closed.map((one) => h("li", {}, h("b", {}, one.title), `: ${one.why_not}`)))) : null,
+    closed.length ? h("details", { id: "closed" }, h("summary", {}, `${closed.length} that this log cannot evaluate: ${closed.map((one) => one.title).join(", ")}`), h("ul", {}, closed.map((one) => h("li", {}, h("b", {}, one.title), `: ${one.why_not}`)))) : null,
   ];
 }
 
@@ -233,7 +259,7 @@ function detail(one, titles) {
   const named = (id) => titles?.[id] || id;
   const lines = [
     one.why_not ? `${one.why_not[0].toUpperCase()}${one.why_not.slice(1)}.` : `p ${one.p < 1e-12 ? "< 1e-12" : `= ${number(one.p, 2)}`}.`,
-    one.look_alikes.length ? `Can be confused with: ${one.look_alikes.map(named).join(", ")}.` : "",
+    one.look_alikes.length ? `Look-alikes in general: ${one.look_alikes.map(named).join(", ")}.` : "",
   ].filter(Boolean);
   return h("span", { class: "soft detail" }, lines.join(" "));
 }

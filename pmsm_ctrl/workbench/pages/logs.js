@@ -11,6 +11,7 @@ export function showLogs(section, app) {
   fill(section, [state.logs, [...editing], app.uploading], () => [
     h("h2", {}, "Logs of this axis"),
     h("p", { class: "lead" }, "Any motion that reverses and changes speed. Parameters and effects are fitted to the logs marked Fit; a log marked Held out is only predicted, and shows whether an effect is real."),
+    h("p", { class: "soft", id: "roles-note" }, "The first log is taken as Fit, the second as Held out, any further one as Fit; change it at each log."),
     drop(app),
     state.logs.map((entry) => card(app, entry)),
     state.logs.length ? blocked(state) : null,

@@ -1,5 +1,5 @@
 // Step 4: what can be taken away.
-import { titled } from "./compare.js";
+import { explained, titled } from "./compare.js";
 import { fill, h } from "./dom.js";
 
 const FILES = [
@@ -20,7 +20,7 @@ export function showTakeaway(section, app) {
     h("h2", {}, "Effects of the new design"),
     h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Effects of the new design" }, h("table", {},
       h("thead", {}, h("tr", {}, ["effect", "parameters", ""].map((text) => h("th", { scope: "col" }, text)))),
-      h("tbody", {}, model.effects.map((one) => h("tr", {}, h("td", {}, one.title), h("td", {}, one.parameters.join(", ")), h("td", {}, one.given ? "given" : "added")))))),
+      h("tbody", {}, model.effects.map((one) => h("tr", {}, h("td", {}, one.title), h("td", {}, explained(one)), h("td", {}, one.given ? "given" : "added")))))),
   ]);
 }
 

@@ -41,6 +41,7 @@ def through(person: Person, folder: Path, address: str) -> None:
     assert person.do("return document.querySelectorAll('img, main script').length") == 0
     assert "<img src=x onerror=alert(1)>.csv" in person.text("logs")
     assert NAME in person.text("subject")
+    assert "the second as Held out" in person.text("roles-note")
     person.press("to-compare")
     person.until(lambda: person.models() == 1, "the base parameters")
     person.until(lambda: person.do("return !!document.querySelector('[data-part=traces]').dataset.drawn"), "traces")
@@ -59,9 +60,16 @@ def test_a_stranger_finds_the_missing_effect(person: Person, server: Server, fol
     drawn = "return Number(document.querySelector('[data-part=traces]').dataset.drawn)"
     before = person.do(drawn)
     words = person.do("return [...document.querySelectorAll('.detail')].map((e) => e.textContent).join(' ')")
-    assert "Can be confused with: " in words
+    assert "Look-alikes in general: " in words
     assert "_" not in re.sub(r"\b\w_\w+", "", words), "a look-alike by its id"  # symbols such as a_s stay
     assert "low-passed at" in person.text("models-note"), "why one log has two errors"
+    assert "held out: b.csv" in person.text("models-note"), "of which log an error is"
+    said = person.do("return document.querySelector('[data-part=models] [role=status]').textContent")
+    assert re.search(r"drag: error [\d.]+ % on the fitted <img .*, [\d.]+ % on the held-out b\.csv$", said)
+    assert "quadratic drag coefficient" in person.do("return document.querySelector('.added').textContent")
+    closed = person.do("return [...document.querySelectorAll('#closed li b')].map((e) => e.textContent)")
+    assert closed
+    assert all(title in person.do("return document.querySelector('#closed summary').textContent") for title in closed)
     person.do("document.querySelector('.zoom button').click()")
     person.until(lambda: person.do(drawn) > before, "the zoom")
     assert violations(person.driver) == []
@@ -143,9 +151,15 @@ def test_the_steps_by_keyboard(person: Person, server: Server, folder: Path) -> 
     tab_to("undo").send_keys(Keys.ENTER)
     person.until(lambda: person.models() == 1, "the effect undone")
     person.idle()
+    assert "mean square" in person.text("share-note"), "that the share is none of the rms error"
+    assert person.element("find").get_attribute("class") == "main"
     tab_to("find").send_keys(Keys.ENTER)
     person.until(lambda: person.models() == 2, "the search")
     person.idle()
+    assert person.element("find").get_attribute("class") == "", "nothing is left to find"
+    alike = person.do("return [...document.querySelectorAll('.added .same, .added .apart')].map((e) => e.textContent)")
+    assert alike
+    assert all(re.match("This log cannot tell it from: |Told apart on this log from: ", text) for text in alike)
     tab_to("to-take").send_keys(Keys.ENTER)
     assert "drag" in person.text("take")
     assert person.errors() == []

@@ -60,6 +60,9 @@ def test_the_steps_from_the_design_to_the_files(page: Page, bench: Bench, files:
     assert model["candidates"][0]["id"] in ("quadratic_drag", "viscous_power")
     page.post("steps", {"add": "quadratic_drag"})
     state = page.idle()
+    effect = state["model"]["effects"][-1]
+    assert effect["meanings"] == ["quadratic drag coefficient"]
+    assert state["model"]["alike"] == [], "only a search compares an effect with its look-alikes"
     before, after = (one["holdout"]["torque"]["relative"] for one in state["model"]["models"])
     assert after < 0.8 * before
     design = page.get("take/design").text
@@ -147,6 +150,11 @@ def test_the_search_reports_and_can_be_stopped(page: Page, files: dict[str, byte
     page.post("steps", {"find": True})
     found = page.idle()["model"]
     assert found["names"] == ["quadratic_drag"]
+    (alike,) = found["alike"]
+    assert set(alike["same"]) | set(alike["apart"])
+    assert not set(alike["same"]) & set(alike["apart"])
+    assert set(alike["apart"]) <= {"viscous_power", "viscous"}  # of the catalogue's look-alikes
+    assert "viscous" not in alike["apart"], "it is part of the design, and no candidate"
     assert found["verdict"]["text"] == "1 missing effect: Quadratic drag"
 
 
