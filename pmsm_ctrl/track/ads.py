@@ -112,6 +112,8 @@ def ads_lines(source: str, mapping: Mapping[str, str], *, poll: float = POLL, re
         except (pyads.ADSError, RequestError) as error:
             if not opened:
                 raise RequestError(f"{source}: {error}") from None
+        while (line := rows.next(0.0)) is not None:  # what had arrived whole is not lost with the connection
+            yield line
         rows.clear()
         yield IDLE
         time.sleep(retry)

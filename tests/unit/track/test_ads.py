@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -27,6 +28,9 @@ MAPPING = {"omega": "MAIN.axis[1].speed [rpm]", "i_q": "GVL.current [A]"}
 RPM = np.pi / 30.0
 
 Samples = Sequence[tuple[float, Sequence[float]]]
+
+
+PATIENCE = 60.0  # s, in which a stand-in has sent what a test waits for
 
 
 @pytest.fixture
@@ -56,8 +60,10 @@ def samples(count: int) -> list[tuple[float, tuple[float, float]]]:
 def collected(lines: Iterator[str], count: int) -> list[str]:
     """Return so many lines that are samples, with what stands between them but idleness."""
     out: list[str] = []
+    begun = time.monotonic()
     while sum(line != REOPENED for line in out) < count:
         out += [line for line in islice(lines, 1) if line != IDLE]
+        assert time.monotonic() - begun < PATIENCE, f"{len(out)} of {count} lines in {PATIENCE:g} s"
     return out
 
 
