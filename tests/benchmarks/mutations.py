@@ -81,7 +81,7 @@ MUTATIONS = (
     Mutation("order of acceptance: the worst candidate first", "diagnose/fit.py",
              "t.at_bound, -t.plain_gain)", "t.at_bound, t.plain_gain)", "system/test_hidden_effects.py -k stribeck"),
     Mutation("order: cogging at the order next to it", "residuals/orders.py",
-             "places = orders - 1", "places = orders % highest", "unit/compare/test_dependence.py -k orders"),
+             "places = orders - 1", "places = orders % highest", "unit/residuals/test_dependence.py -k orders"),
     Mutation("blocks: the gap is used to fit", "evidence/blocks.py",
              "[first - gap, last + gap]", "[first, last]", "unit/evidence/test_blocks.py"),
     Mutation("whitening: the level is that of the noise before it is whitened", "evidence/whitening.py",
