@@ -64,7 +64,8 @@ class StandIn(threading.Thread):
             target, source = packet[:8], packet[8:16]
             command, invoke = struct.unpack("<H", packet[16:18])[0], packet[28:32]
             client.sendall(frame(source, target, command, 5, invoke, self.answer(command, packet[32:])))
-            if command == ADD and len(self.handles) == len(self.symbols):
+            # a client knows a handle only after the answer: what comes at once it may drop. Here it has asked again
+            if command == READ_STATE and len(self.handles) == len(self.symbols):
                 self.send(client, source, target)
                 if self.cut:
                     self.cut = 0

@@ -84,7 +84,6 @@ def test_what_is_no_address_is_refused(text: str) -> None:
         parse_address(text)
 
 
-@pytest.mark.slow  # on a busy machine the lost connection is not always noticed within a minute: not understood yet
 def test_every_sample_arrives_with_its_time_stamp_and_a_lost_connection_is_opened_again(
     serve: Callable[..., StandIn],
 ) -> None:
