@@ -44,6 +44,7 @@ from pmsm_ctrl.options import (
     confirmed_import,
     design_if_given,
     effect_ids,
+    known_rate,
     logs_if_given,
     output_option,
     read_design,
@@ -199,7 +200,7 @@ def tune(
 def sweep(
     design: DesignArgument,
     truth: TruthOption = None,
-    repeats: Annotated[int, typer.Option("--repeats", metavar="N", min=1, help="records to average")] = 3,
+    repeats: Annotated[int, typer.Option("--repeats", metavar="N", min=1, max=1000, help="records to average")] = 3,
     paper: Annotated[bool, typer.Option("--paper", help="compare with the table of the reference paper")] = False,
     output: NewDesignOption = None,
     seed: SeedOption = 0,
@@ -386,9 +387,7 @@ def import_log(
         typer.Option(
             "--rate",
             metavar="HZ",
-            min=1e-6,
-            max=1e9,
-            show_default=False,
+            callback=known_rate,
             help="of a file without time; with --map t=COLUMN of a column that counts samples",
         ),
     ] = None,

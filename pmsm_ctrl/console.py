@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import json
 import os
@@ -28,6 +29,7 @@ __all__ = [
     "STDOUT",
     "finish",
     "json_to_stdout",
+    "keep_mapping",
     "parse_map",
     "parse_values",
     "progress_bar",
@@ -46,8 +48,9 @@ TERMINATED = 128 + signal.SIGTERM
 BROKEN_PIPE = 128 + getattr(signal, "SIGPIPE", 13)
 STDOUT = Path("-")  # of --json
 ANYWHERE = ("--debug", "--verbose")  # global options that may stand anywhere
-_shown: dict[str, Any] = {"brief": True, "verdict": ""}  # of the command that runs
+_shown: dict[str, Any] = {"brief": True, "verdict": "", "mapping": {}}  # of the command that runs
 _answers: list[TextIO] = []  # the standard output that `json_to_stdout` keeps
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # files that are written name themselves
 ISSUES = "the project's issue tracker"
 
 
@@ -58,7 +61,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
-    _shown["brief"] = "--verbose" not in words
+    _shown.update(brief="--verbose" not in words, verdict="", mapping={})
     if not debug:
         # Warnings for users are notices of a result; warnings of libraries are for developers.
         warnings.simplefilter("ignore")
@@ -67,8 +70,10 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     # `kill` unwinds the stack, so that temporary files are removed.
     with contextlib.suppress(ValueError):  # only the main thread may set a handler
         signal.signal(signal.SIGTERM, _terminate)
-    if sys.stdout is None:  # closed by the caller (`>&-`)
-        sys.stdout = io.TextIOWrapper(open(os.devnull, "wb"), encoding="utf-8")  # noqa: SIM115
+    os.environ["MPLBACKEND"] = "agg"  # no command opens a window, and an unknown name would end one
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller (`>&-`); what is printed to None goes to stdout
+            setattr(sys, name, io.TextIOWrapper(open(os.devnull, "wb"), encoding="utf-8"))  # noqa: SIM115
     if isinstance(sys.stdout, io.TextIOWrapper):  # a Greek letter must not raise on a pipe without UTF-8
         sys.stdout.reconfigure(errors="replace")
     try:
@@ -82,6 +87,9 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return BROKEN_PIPE
         status, message = _explain(error)
+        if isinstance(error, OSError) and error.filename is None and error.errno in FULL:
+            status, message = BAD_INPUT, f"standard output: cannot be written ({error.strerror})"
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the rest fails at the end
         if isinstance(error, PmsmCtrlError) and error.next_command is not None:
             message += f"; next: {error.next_command.value}"
         if debug:
@@ -91,7 +99,8 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
         if message:
             # control characters from a file must not reach the terminal
             shown = "".join(c if c.isprintable() else " " for c in message)
-            print(f"pmsm-ctrl: {' '.join(shown.split())}", file=sys.stderr)
+            with contextlib.suppress(OSError):  # a full disk behind it; the status says that it failed
+                print(f"pmsm-ctrl: {' '.join(shown.split())}", file=sys.stderr, flush=True)
         return status
     return outcome if isinstance(outcome, int) else DONE
 
@@ -121,6 +130,8 @@ def _explain(error: BaseException) -> tuple[int, str]:
         return BAD_INPUT, f"{error.format_message().rstrip('.')}{hint}"
     if isinstance(error, OSError) and error.filename is not None:
         return BAD_INPUT, f"{error.filename}: {error.strerror or error}"
+    if isinstance(error, FileNotFoundError):  # of no file: of the current folder
+        return BAD_INPUT, "the current folder does not exist any more; change to another one"
     if isinstance(error, MemoryError):
         return BAD_INPUT, "not enough memory for this input; use a shorter log"
     place = f"{type(error).__name__}: {error}"
@@ -215,11 +226,18 @@ def say(result: Result, *, whole: bool = False) -> None:
     _shown["verdict"] = str(getattr(result, "verdict", ""))
 
 
-def say_next(verb: str, given: Mapping[str, Any]) -> None:
-    """Print the command that usually follows, where another one is known."""
+def keep_mapping(mapping: Mapping[str, str]) -> None:
+    """Keep the mapping by which a log was read, for the command that follows."""
+    _shown["mapping"] = dict(mapping)
+
+
+def say_next(verb: str, given: Mapping[str, Any], typed: Sequence[str] = ()) -> None:
+    """Print the command that usually follows, where another one is known; `typed` runs this one again."""
     from pmsm_ctrl.next_steps import next_step
 
-    line = next_step(verb, given, _shown["verdict"])
+    if _shown["mapping"]:  # confirmed while the command ran
+        given = {**given, "mapping": [f"{channel}={column}" for channel, column in _shown["mapping"].items()]}
+    line = next_step(verb, given, _shown["verdict"], typed)
     if line:  # source code on standard output stays as it is
         print(
             printable(f"next: {line}"),

@@ -47,7 +47,7 @@ __all__ = [
 
 MAX_FILE = 1 << 24  # bytes of a design
 DEEPEST = 32  # parts of a dotted key
-_DEEP = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
+DEEP = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{DEEPEST}}}""")
 
 
 class Design(Part):
@@ -456,7 +456,7 @@ class Design(Part):
             When it is not TOML, or has a field that is wrong.
         """
         where = f"{source}: " if source else ""
-        if _DEEP.search(text):  # tomllib takes memory with the square of the depth
+        if DEEP.search(text):  # tomllib takes memory with the square of the depth
             raise DesignError(f"{where}a key of more than {DEEPEST} parts; a design in TOML was expected")
         try:
             data = tomllib.loads(text)

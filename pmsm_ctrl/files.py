@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import shutil
@@ -16,12 +17,13 @@ from pathlib import Path
 from pmsm_ctrl.errors import RequestError, nearest
 
 __all__ = [
-    "atomic_path", "example_design", "example_designs", "printable", "require_distinct", "require_new",
+    "atomic_path", "example_design", "example_designs", "printable", "read_text", "require_distinct", "require_new",
     "require_writable", "sha256", "unused_name", "write_text",
 ]  # fmt: skip
 
 # A killed process leaves its temporary file. No command writes for a day, so that older ones can be deleted.
 STALE = 86400.0
+LARGEST_TEXT = 64 << 20  # bytes, of what is read whole
 # Unicode's categories of controls, marks of direction and other formats, halves of pairs, line and paragraph ends.
 COMMANDS = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 
@@ -240,8 +242,36 @@ def _sweep(folder: Path, prefix: str, suffix: str) -> None:
                     left.unlink()
 
 
+def read_text(path: str | os.PathLike[str]) -> str:
+    """Return the text of a file that is read whole, UTF-8; a pipe would be waited for, and a device has no end.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    OSError
+        When the file cannot be read, is a device or a pipe, or is larger than `LARGEST_TEXT`.
+    UnicodeDecodeError
+        When it is not text.
+    """
+    target = Path(path)
+    if target.exists() and not (target.is_file() or target.is_dir()):
+        raise OSError(errno.EINVAL, "a device or a pipe, not a file")
+    if target.stat().st_size > LARGEST_TEXT:
+        raise OSError(errno.EFBIG, f"larger than {LARGEST_TEXT >> 20} MB")
+    return target.read_text(encoding="utf-8")
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Write `text` to `path` as UTF-8, atomically, and return the path.
+
+    Bytes of a file's name that are no UTF-8 are written as JSON escapes them.
 
     Parameters
     ----------
@@ -254,7 +284,7 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
         The same path.
     """
     with atomic_path(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     return Path(path)
 
 

@@ -37,7 +37,7 @@ def fleet(
         str | None, typer.Option("--output", "-o", metavar="PATH", help="folder of results, or page of the report")
     ] = None,
     jobs: Annotated[
-        int, typer.Option("--jobs", "-j", metavar="N", min=0, help="worker processes; 0: one per core; 1: none")
+        int, typer.Option("--jobs", "-j", metavar="N", min=0, max=999, help="worker processes; 0: one a core; 1: none")
     ] = 0,
     scheduler: Annotated[
         str, typer.Option("--scheduler", metavar="ADDRESS", help="a running dask scheduler: tcp://HOST:8786")

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from pmsm_ctrl.result import Verdict
 
 __all__ = [
-    "FailOn", "FailOnOption", "FailOnOutcome", "MaxErrorOption", "OutcomeOption", "require_accepted", "require_applied",
+    "ComparedOption", "FailOn", "FailOnOption", "FailOnOutcome", "MaxErrorOption", "OutcomeOption", "require_accepted",
+    "require_applied",
 ]  # fmt: skip
 
 
@@ -69,6 +70,15 @@ def _share(text: str) -> float:
 FailOnOption = Annotated[
     list[FailOn] | None,
     typer.Option("--fail-on", metavar="VERDICT", help=f"exit status 1 for {', '.join(FailOn)}; may be repeated"),
+]
+ComparedOption = Annotated[
+    list[FailOn] | None,
+    typer.Option(
+        "--fail-on",
+        metavar="VERDICT",
+        help="exit status 1 for unexplained, implausible, inconclusive, any; may be repeated; missing is a verdict of "
+        "diagnose alone",
+    ),
 ]
 OutcomeOption = Annotated[
     list[FailOnOutcome] | None,

@@ -102,7 +102,7 @@ def _write(
     if os.sep in name or not name.strip():
         raise RequestError(f"init '{name}': a name without {os.sep} was expected; --output names the file")
     require_new(() if force else [target])
-    ask = _asking(input) if sys.stdin.isatty() else None
+    ask = _asking(input) if sys.stdin is not None and sys.stdin.isatty() else None
     if machine is None:
         machine = "motor" if ask is None else _machine(input)
     answers = answers_from(given, ask, machine)

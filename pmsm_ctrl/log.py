@@ -188,7 +188,7 @@ class Log:
         return list(self.channels)
 
     def __array__(self, *_: Any, **__: Any) -> Array:
-        raise RequestError("a log is a table of channels: log['omega'], dict(log) or log.to_pandas()")
+        raise RequestError("a log is a table of channels: log['omega'], log.to_pandas() or pandas.DataFrame(dict(log))")
 
     def __repr__(self) -> str:
         said = f"{len(self)} samples, {self.duration:.4g} s at {self.rate:.5g} Hz: {', '.join(self.channels)}"

@@ -11,7 +11,14 @@ import typer
 from pmsm_ctrl.console import NEGATIVE, finish, progress_bar
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import printable
-from pmsm_ctrl.gates import FailOnOption, MaxErrorOption, OutcomeOption, require_accepted, require_applied
+from pmsm_ctrl.gates import (
+    ComparedOption,
+    FailOnOption,
+    MaxErrorOption,
+    OutcomeOption,
+    require_accepted,
+    require_applied,
+)
 from pmsm_ctrl.options import (
     DesignOption,
     EffectsOption,
@@ -83,7 +90,7 @@ def compare(
     log: LogArgument,
     design: DesignOption,
     holdout: HoldoutOption = None,
-    fail_on: FailOnOption = None,
+    fail_on: ComparedOption = None,
     max_error: MaxErrorOption = None,
     mapping: MapOption = None,
     effects: EffectsOption = None,
@@ -113,6 +120,8 @@ def diagnose(
         typer.Option(
             "--calibrate",
             metavar="COUNT",
+            min=0,
+            max=10_000,
             help="simulations to estimate the false-alarm rate",
         ),
     ] = 0,

@@ -23,7 +23,7 @@ def completed_beside(page: Path) -> Path:
     return page.with_suffix(".design.toml")
 
 
-def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
+def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Sequence[str] = ()) -> str:
     """Return the command that usually follows, fit to be pasted into a shell; empty where there is none.
 
     Parameters
@@ -33,42 +33,43 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
         The arguments and options of the command.
     verdict : str
         That of a comparison or a diagnosis.
+    typed : sequence of str
+        The verb with its arguments and options, without what it writes: to run it again.
     """
     design = given.get("output") if verb in WRITING and given.get("output") else given.get("design")
     logs = given.get("log") or ["LOG"]
     logs = [logs] if isinstance(logs, str | Path) else logs
+    evaluated = (*logs, "--design", design, *_mapped(given))
     words: Sequence[Any] = ()
     match verb:
+        case "tune" | "sweep" | "frf" if not given.get("output") and not given.get("keep") and not given.get("paper"):
+            words = (*typed, "--output", _new())  # what was found is in no file yet
+        case "diagnose" if verdict in ("effects_missing", "consistent") and not given.get("output"):
+            words = (*typed, "--output", _new())
+        case "identify" | "compare" | "diagnose" if verdict == "implausible":
+            words = ("import", logs[0], "--design", given.get("design"), *_mapped(given))
         case "simulate":
-            words = ("identify", given["output"], "--design", design)
+            words = ("identify", given["output"], "--design", design, "--output", _new())
         case "tune":
-            words = ("study", design) if given.get("output") else ("tune", design, "--output", _new())
+            words = ("study", design)
         case "sweep":
-            words = ("compensate", design) if given.get("output") else ("sweep", design, "--output", _new())
-        case "import":
-            log = given.get("output") or given["file"]
-            words = ("compare", log, "--design", design) if design else ("init", "axis")
-        case "identify":
-            words = ("diagnose", *logs, "--design", design)
-        case "compare":
-            following = ("compensate", design) if verdict == "consistent" else ("diagnose", *logs, "--design", design)
-            words = following
-        case "diagnose" if verdict == "effects_missing":
-            log = (given.get("holdout") or logs)[0]
-            written = given.get("output")
-            words = (
-                ("compare", log, "--design", design)
-                if written
-                else ("diagnose", *logs, "--design", design, *_holdout(given), "-o", _new())
-            )
-        case "diagnose" if verdict == "consistent":
             words = ("compensate", design)
+        case "import":
+            words = _after_import(given)
+        case "compare" | "diagnose" if verdict == "consistent":
+            words = ("compensate", design)
+        case "identify" | "compare":
+            words = ("diagnose", *evaluated, *_holdout(given), "--output", _new())
+        case "diagnose" if verdict == "effects_missing":
+            words = ("compare", (given.get("holdout") or logs)[0], "--design", design, *_mapped(given))
         case "diagnose":  # the log decides nothing: another motion may
             words = ("effects",)
         case "add":
-            words = ("compare", (given.get("holdout") or logs)[0], "--design", design)
-        case "track" | "frf":
-            words = ("compensate", design)
+            words = ("compare", (given.get("holdout") or logs)[0], "--design", design, *_mapped(given))
+        case "track":  # it writes no design
+            words = ("identify", *evaluated, "--output", _new())
+        case "frf":
+            words = ("tune", design, "--output", _new())
         case "fleet" if verdict == "set_aside":
             words = _again(given)
         case "fleet" if given["words"][:1] == ["example"]:
@@ -82,25 +83,39 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "") -> str:
         case "quadrants":
             words = ("compensate", design)
         case "verify":
-            words = (
-                ("compensate", design) if verdict == "limit_cycle" else ("track", given["after"], "--design", design)
-            )
+            after = ("track", given["after"], "--design", design, *_mapped(given))
+            words = ("compensate", design) if verdict == "limit_cycle" else after
         case "study":
             words = _after_study(given)
         case "effects" if not given.get("identifier"):
             words = ("effects", "stribeck", "--design", "DESIGN")
         case "effects":
             words = ("add", given["identifier"], "--design", design or "DESIGN", "--log", "LOG", "--output", _new())
+    own = given.get("effects") or given.get("own")
+    if own and words and words[0] not in WITHOUT_EFFECTS and "--effects" not in words:
+        words = (*words, "--effects", own.path)
     return " ".join(["pmsm-ctrl", *(_shown(str(word)) for word in words)]) if words else ""
+
+
+def _mapped(given: Mapping[str, Any]) -> list[str]:
+    """Return the words that state the mapping of the logs again."""
+    return [word for pair in given.get("mapping") or () for word in ("--map", pair)]
+
+
+def _after_import(given: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return the words that compare the log as it was imported: as it was written, or by the same mapping."""
+    if not given.get("design"):
+        return ("init", "axis")
+    log, mapped = (given["output"], []) if given.get("output") else (given["file"], _mapped(given))
+    return ("compare", log, "--design", given["design"], *mapped)
 
 
 def _again(given: Mapping[str, Any]) -> tuple[Any, ...]:
     """Return the words of a fleet's command that tries again what was set aside."""
     values = {name: value for name in ("design", "output", "scheduler") if (value := given.get(name))}
-    values |= {"effects": given["effects"].path} if given.get("effects") else {}
+    values |= {"effects": given["effects"]} if given.get("effects") else {}
     stated = [word for name, value in values.items() for word in (f"--{name}", value)]
-    mapped = [word for pair in given.get("mapping") or () for word in ("--map", pair)]
-    return ("fleet", *given["words"], *stated, *mapped, *(["--joint"] if given.get("joint") else []), "--retry")
+    return ("fleet", *given["words"], *stated, *_mapped(given), *(["--joint"] if given.get("joint") else []), "--retry")
 
 
 def _holdout(given: Mapping[str, Any]) -> list[Any]:
@@ -116,11 +131,12 @@ def _after_study(given: Mapping[str, Any]) -> tuple[Any, ...]:
     beside = completed_beside(given["output"]) if given.get("output") else None
     if beside is not None and beside.exists():
         return ("compensate", beside)
-    return ("diagnose", *logs, "--design", design, *_holdout(given), "-o", _new())
+    return ("diagnose", *logs, "--design", design, *_mapped(given), *_holdout(given), "--output", _new())
 
 
 # Commands whose output is a design, with which one goes on.
 WRITING = ("tune", "sweep", "identify", "diagnose", "add", "frf")
+WITHOUT_EFFECTS = ("import", "init", "fleet")
 
 
 def _results(given: Mapping[str, Any]) -> Any:

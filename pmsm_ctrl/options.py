@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
@@ -11,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import typer.core
 
-from pmsm_ctrl.console import STDOUT, json_to_stdout, parse_map, say_next, writable, write_json
+from pmsm_ctrl.console import STDOUT, json_to_stdout, keep_mapping, parse_map, say_next, writable, write_json
+from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import printable, require_distinct, require_new
 
 if TYPE_CHECKING:
@@ -25,8 +27,8 @@ __all__ = [
     "DesignArgument", "DesignOption", "EffectsOption", "EstimateOption", "ForceOption", "HoldoutOption", "JsonOption",
     "LiveOption", "LogArgument", "LogsOption", "MapOption", "MethodOption", "NewDesignOption", "PolishOption",
     "ReportOption", "SeedOption", "TrackedArgument", "TruthOption", "Verb", "confirmed_import", "design_if_given",
-    "effect_ids", "estimated_names", "load_logs", "logs_if_given", "measured_bode", "output_option", "read_design",
-    "scenario_names", "write_design",
+    "effect_ids", "estimated_names", "known_rate", "load_logs", "logs_if_given", "measured_bode", "output_option",
+    "read_design", "scenario_names", "write_design",
 ]  # fmt: skip
 
 
@@ -48,7 +50,17 @@ class Verb(typer.core.TyperCommand):
     EXTENDED = ("history",)  # is added to
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command after a look at the files that it names."""
+        """Run the command after a look at its numbers and at the files that it names.
+
+        Raises
+        ------
+        RequestError
+            For a number that is not finite, and an output that is an input or exists.
+        """
+        for one in self.params:
+            value = ctx.params.get(str(one.name))
+            if isinstance(value, float) and not math.isfinite(value):  # nan passes every bound
+                raise RequestError(f"{one.opts[0]} {value}: a finite number was expected")
         named = [path for name in self.OUTPUTS if (path := ctx.params.get(name)) is not None and path != STDOUT]
         outputs = [Path(path) for path in named if "://" not in str(path)]  # what is remote is no file
         inputs = [one for name, value in ctx.params.items() if name not in self.OUTPUTS for one in _paths(value)]
@@ -56,11 +68,29 @@ class Verb(typer.core.TyperCommand):
             require_distinct(outputs, inputs)
         if not ctx.params.get("force"):
             require_new(path for path in outputs if path not in [ctx.params.get(name) for name in self.EXTENDED])
-        given = dict(ctx.params)
+        given, typed = dict(ctx.params), self._typed(ctx)
         with json_to_stdout() if ctx.params.get("json_file") == STDOUT else nullcontext():
             done = super().invoke(ctx)
-            say_next(str(self.name), given)
+            say_next(str(self.name), given, typed)
         return done
+
+    def _typed(self, ctx: Any) -> list[str]:
+        """Return the words that run the command again: all that was typed but what it writes."""
+        words = [str(self.name)]
+        for one in self.params:
+            value = ctx.params.get(str(one.name))
+            source = ctx.get_parameter_source(one.name)
+            if one.name in (*self.OUTPUTS, "force") or source is None or source.name != "COMMANDLINE":
+                continue
+            if isinstance(value, bool):
+                words.append(one.opts[0] if value else one.secondary_opts[0])
+                continue
+            named = [] if one.param_type_name == "argument" else one.opts[:1]
+            if isinstance(value, OwnEffects):
+                value = value.path
+            for each in value if isinstance(value, (list, tuple)) else [value]:
+                words += [*named, str(each)]
+        return words
 
 
 def _plain_argument(argument: Any) -> None:
@@ -100,9 +130,7 @@ def _own_effects(path: str) -> OwnEffects:
     return own
 
 
-DesignArgument = Annotated[
-    Path, typer.Argument(metavar="DESIGN", help="design in TOML, such as designs/seed_motor.toml")
-]
+DesignArgument = Annotated[Path, typer.Argument(metavar="DESIGN", help="design in TOML; pmsm-ctrl init writes one")]
 DesignOption = Annotated[Path, typer.Option("--design", "-d", metavar="DESIGN", help="design in TOML")]
 EffectsOption = Annotated[
     Any,
@@ -206,13 +234,14 @@ def confirmed_import(
     LogError
         When the file cannot be read, or a stated mapping does not fit it.
     """
-    from pmsm_ctrl.errors import LogError, RequestError
+    from pmsm_ctrl.errors import LogError
     from pmsm_ctrl.importers import describe, open_table, propose
     from pmsm_ctrl.importers.clock import timed_by
 
     axis, known = design_if_given(design), parse_map(mapping)
     if rate is not None:
         known["t"] = timed_by(rate, known.get("t", ""))
+        keep_mapping(known)
     try:
         report = describe(file, axis, known)
         if not report.assumed:
@@ -229,15 +258,23 @@ def confirmed_import(
     said = proposal.summary()
     print(said.rstrip().removesuffix(proposal.table.rstrip()).rstrip() + "\n" if taken else said)
     if taken or (proposal.complete and _agreed()):
+        keep_mapping(proposal.mapping)
         return describe(file, axis, proposal.mapping)
     if json_file is not None:
         write_json(json_file, "proposal", proposal.to_dict())
     raise RequestError(_to_confirm(file, design, proposal))
 
 
+def known_rate(rate: float | None) -> float | None:
+    """Callback of ``--rate``: what no recorder has is refused; a bound of the option would be printed in the help."""
+    if rate is not None and not 1e-6 <= rate <= 1e9:
+        raise typer.BadParameter(f"{rate:g}: samples a second, between 1e-6 and 1e9, were expected")
+    return rate
+
+
 def _agreed() -> bool:
     """Return whether a proposal is taken, asked on a terminal; nobody can be asked elsewhere."""
-    if not sys.stdin.isatty():
+    if sys.stdin is None or not sys.stdin.isatty():
         return False
     try:
         return input("Read the file like this? [y/N] ").strip().lower() in (
@@ -266,7 +303,6 @@ def measured_bode(
     """
     import shlex
 
-    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.frf import is_bode_file, read_response
 
     stated = kind is not None or unit is not None

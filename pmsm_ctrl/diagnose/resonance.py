@@ -26,6 +26,7 @@ from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.files import read_text
 from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate
@@ -102,10 +103,10 @@ def read_measured(file: Path) -> Mapping[str, Any]:
         When the file is not one of these.
     """
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
+        data = json.loads(read_text(file))
     except OSError as error:
         raise RequestError(f"{file}: {error.strerror or error}") from error
-    except ValueError:
+    except (ValueError, RecursionError):
         data = None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise RequestError(f"{file}: found no frequency response; the file that frf --json writes was expected")

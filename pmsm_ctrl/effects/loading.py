@@ -36,7 +36,7 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
     file = Path(path).resolve()
     if not file.is_file():
         raise RequestError(f"{path}: no such file; a Python file that defines effects was expected")
-    spec = importlib.util.spec_from_file_location(file.stem, file)
+    spec = importlib.util.spec_from_file_location(_module_name(file), file)
     if spec is None or spec.loader is None:
         raise RequestError(f"{path}: its name does not end in .py; a Python file that defines effects was expected")
     module = importlib.util.module_from_spec(spec)
@@ -63,6 +63,15 @@ def load_effects(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
     if not found:
         raise RequestError(f"{path}: defines no effect; a module-level pmsm_ctrl.effects.Effect was expected")
     return tuple(found.values())
+
+
+def _module_name(file: Path) -> str:
+    """Return the name of the file as a module, or another one where a module that is no part of it has that name."""
+    try:
+        other = importlib.util.find_spec(file.stem)
+    except (ImportError, ValueError):
+        return file.stem
+    return file.stem if other is None or other.origin == str(file) else f"own_{file.stem}"
 
 
 def _line(error: BaseException, file: Path) -> str:

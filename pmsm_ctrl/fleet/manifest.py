@@ -12,7 +12,9 @@ from datetime import UTC, datetime
 from pathlib import Path, PurePath
 from typing import Any
 
+from pmsm_ctrl.design import DEEP, DEEPEST
 from pmsm_ctrl.errors import LogError, RequestError, nearest
+from pmsm_ctrl.files import read_text
 from pmsm_ctrl.fleet.paths import Place, compiled, guessed
 from pmsm_ctrl.fleet.remote import changed, is_file, is_remote, listed, plain
 from pmsm_ctrl.importers import log_files
@@ -137,8 +139,11 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
         When the file cannot be read, or holds an unknown key or a value of the wrong type.
     """
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        text = read_text(path)
+        if DEEP.search(text):  # tomllib takes memory with the square of the depth
+            raise ValueError(f"a key of more than {DEEPEST} parts")
+        content = tomllib.loads(text)
+    except (OSError, ValueError, RecursionError) as error:
         raise RequestError(
             f"{path}: cannot be read as a manifest ({getattr(error, 'strerror', None) or error})"
         ) from None

@@ -163,6 +163,8 @@ def read_bode(path: str | os.PathLike[str]) -> BodeFile:
 def _table(path: Path, file: str, *, rows: bool = True) -> tuple[Sequence[str], Sequence[str], Array]:
     """Return header, units and numbers; text below the numbers is left out."""
     try:
+        if path.exists() and not path.is_file():
+            raise LogError(f"{file}: is no file; a measured frequency response was expected")
         if path.stat().st_size > LARGEST:
             raise LogError(f"{file}: larger than {LARGEST >> 20} MB; a measured frequency response was expected")
         lines, encoding, separator = opening(path, file)

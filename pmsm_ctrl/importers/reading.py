@@ -157,7 +157,8 @@ def open_table(path: str | os.PathLike[str], design: Design | None = None, file:
     target, file = _existing(path, file)
     try:
         with open(target, "rb") as stream:
-            head = stream.read(1024)
+            # what the kernel makes up, such as /proc/kmsg, has no size, and reading it may wait for ever
+            head = stream.read(1024) if target.stat().st_size else b""
     except OSError as error:
         raise LogError(f"{file}: cannot be read ({error.strerror})") from None
     if not head:

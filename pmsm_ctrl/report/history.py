@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.files import read_text
 from pmsm_ctrl.result import Estimate, jsonable
 
 __all__ = ["Entry", "add_entry", "extended", "read_history"]
@@ -56,7 +57,7 @@ def read_history(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
         When the file cannot be read or is no history.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_text(path)
     except FileNotFoundError:
         return ()
     except (OSError, UnicodeDecodeError) as error:
@@ -144,6 +145,6 @@ def _append(path: str | os.PathLike[str], line: str) -> None:
     try:
         unfinished = os.fstat(handle).st_size > 0 and not Path(path).read_bytes().endswith(b"\n")
         start = "\n" if unfinished else ""
-        os.write(handle, f"{start}{line}\n".encode())
+        os.write(handle, f"{start}{line}\n".encode(errors="backslashreplace"))
     finally:
         os.close(handle)

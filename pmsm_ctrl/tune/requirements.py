@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from pmsm_ctrl.errors import RequestError
+
 if TYPE_CHECKING:
     from pmsm_ctrl.tune.margins import Margins
 
@@ -136,3 +138,9 @@ class Specification:
     filters: bool = True
     at: float | None = None
     requirements: Requirements = field(default_factory=Requirements)
+
+    def __post_init__(self) -> None:
+        for name in ("current_bandwidth", "speed_bandwidth", "phase_margin"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise RequestError(f"{name}: {value:g}; a number above 0 was expected")

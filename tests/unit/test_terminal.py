@@ -128,10 +128,14 @@ GIVEN: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("verdict", ["consistent", "effects_missing", "inconclusive"])
+TYPED = {"tune": ["tune", "a.toml"], "frf": ["frf", "l.csv", "--design", "a.toml"]}
+TYPED |= {"diagnose": ["diagnose", "l.csv", "--design", "a.toml"]}
+
+
+@pytest.mark.parametrize("verdict", ["consistent", "effects_missing", "inconclusive", "implausible"])
 @pytest.mark.parametrize("verb", GIVEN)
 def test_the_next_command_exists(verb: str, verdict: str) -> None:
-    words = shlex.split(next_step(verb, GIVEN[verb], verdict))
+    words = shlex.split(next_step(verb, GIVEN[verb], verdict, TYPED.get(verb, [verb])))
     assert words[0] == "pmsm-ctrl"
     command = COMMANDS[words[1]]
     known = {name for option in command.params for name in option.opts}
@@ -143,10 +147,68 @@ def test_the_next_command_exists(verb: str, verdict: str) -> None:
 
 def test_the_next_command_keeps_the_held_out_logs() -> None:
     logs = {"design": Path("a.toml"), "log": [Path("l.csv")], "holdout": [Path("h.csv")]}
-    for verb in "diagnose", "study":
+    for verb in "compare", "study":
         words = shlex.split(next_step(verb, logs, "effects_missing"))
         assert words[1:3] == ["diagnose", "l.csv"]
         assert words[words.index("--holdout") + 1] == "h.csv"
+
+
+@pytest.mark.parametrize("verb", ["identify", "compare", "diagnose", "add", "track", "study"])
+def test_the_next_command_keeps_the_mapping_and_own_effects(verb: str) -> None:
+    """Without them it would refuse the log, or the design."""
+    more = {"mapping": ["omega=n [rpm]"], "effects": SimpleNamespace(path="own.py"), "log": [Path("l.csv")]}
+    words = shlex.split(next_step(verb, GIVEN[verb] | more | {"output": Path("b.toml")}, "effects_missing"))
+    assert words[words.index("--map") + 1] == "omega=n [rpm]"
+    assert words[words.index("--effects") + 1] == "own.py"
+
+
+@pytest.mark.parametrize("verdict", ["consistent", "effects_missing"])
+def test_what_a_diagnosis_fitted_is_written_before_it_is_used(verdict: str) -> None:
+    """Not a compensation by the design as it was given: its parameters are others."""
+    given = GIVEN["diagnose"]
+    typed = ["diagnose", "l.csv", "--design", "a.toml", "--holdout", "h.csv"]
+    assert next_step("diagnose", given, verdict, typed) == f"pmsm-ctrl {shlex.join(typed)} --output new.toml"
+    after = next_step("diagnose", given | {"output": Path("b.toml")}, "consistent")
+    assert after == "pmsm-ctrl compensate b.toml"
+
+
+def test_a_command_that_is_to_be_repeated_keeps_its_options(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What a tuning by other options would write is not what was shown."""
+    (here / "m.toml").write_text("[motor]\nJ = 9e-5\np = 4\npsi_f = 0.172\nR = 19.0\nL_d = 0.049\nL_q = 0.049\n")
+    line = ["tune", "m.toml", "--no-prove", "--phase-margin", "55", "--speed", "pole_placement"]
+    with pytest.raises(SystemExit):
+        main([*line, "--json", "r.json", "--no-filters"])
+    said = capsys.readouterr().out.splitlines()[-1]
+    found = shlex.split(said)
+    assert found[:4] == ["next:", "pmsm-ctrl", "tune", "m.toml"]
+    assert sorted(found[4:]) == sorted(["--no-prove", "--no-filters", "--phase-margin", "55.0", "--speed",
+                                        "pole_placement", "--output", "new.toml"])  # fmt: skip
+
+
+def test_after_a_confirmed_proposal_the_log_is_read_in_the_same_way(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = Path("my log.csv").read_text(encoding="utf-8").splitlines()
+    Path("foreign.csv").write_text("\n".join(["n;speed act [rpm];M", *(
+        f"{k};{float(line.split(',')[1]) * 30 / np.pi:.9g};{line.split(',')[2]}" for k, line in enumerate(lines[1:])
+    )]), encoding="utf-8")  # fmt: skip
+    line = ["import", "foreign.csv", "-d", "d.toml", "--rate", "1000", "-m", "omega=speed act [rpm]", "-m",
+            "torque=M [N m]"]  # fmt: skip
+    with pytest.raises(SystemExit) as left:
+        main(line)
+    assert not left.value.code
+    words = shlex.split(capsys.readouterr().out.splitlines()[-1])
+    assert words[:5] == ["next:", "pmsm-ctrl", "compare", "foreign.csv", "--design"]
+    with pytest.raises(SystemExit) as left:
+        main(words[2:])
+    assert not left.value.code
+
+
+def test_no_bound_is_a_number_to_be_counted_out() -> None:
+    """``[1e-06<=x<=1000000000.0]`` stood in the help of ``import``."""
+    for name, command in COMMANDS.items():
+        text = command.get_help(command.context_class(command, info_name=name))
+        assert not re.search(r"\d{7}", text), name
 
 
 def test_an_import_without_a_design_leads_to_one() -> None:
