@@ -341,7 +341,8 @@ def study(
 ) -> None:
     """Run the whole chain and write one HTML report.
 
-    tune, sweep, identify and compare, and with --log diagnose, as far as design and log allow.
+    tune, sweep, identify and compare, and with --log diagnose, as far as design and log allow; with --complete also
+    compensate, track and export.
     """
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import require_distinct, require_new, unused_name

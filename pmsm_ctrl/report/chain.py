@@ -111,7 +111,7 @@ def study(
         results |= more
         left_out += missing
     doubts = (*left_out, *_of_input(design, records, holdouts))
-    outcome = Study(identification.design, path, headline, results, doubts, entries)
+    outcome = Study(identification.design, path, headline, results, doubts, entries, complete)
     raised = (*doubts, *results["diagnose"].notices) if "diagnose" in results else doubts  # before the numbers
     text = render(
         f"Study of {design.name}",

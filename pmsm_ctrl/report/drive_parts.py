@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from pmsm_ctrl.compensate import compensate, sweep_gains
 from pmsm_ctrl.design import Design
@@ -53,8 +54,9 @@ class ExportedFiles(Result):
 @present.register
 def _(result: ExportedFiles) -> Section:
     rows = tuple((f"{result.folder.name}/{name}", str(lines)) for name, lines in sorted(result.lines.items()))
+    links = {path: quote(path) for path, _ in rows}
     said = f"C and Structured Text of {result.name} stand in the folder {result.folder.name} beside this page."
-    return Section(f"Export of {result.name}", (said, Table(("file", "lines"), rows, "Exported files")))
+    return Section(f"Export of {result.name}", (said, Table(("file", "lines"), rows, "Exported files", links=links)))
 
 
 def drive_parts(

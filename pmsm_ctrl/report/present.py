@@ -32,6 +32,7 @@ INTRODUCTIONS = {
 # The subject of the headline comes first, the loops last.
 MEASURED_ORDER = ("diagnose", "compare", "identify", "tune")
 SIMULATED_ORDER = ("sweep", "paper", "identify", "compare", "tune")
+NOT_COMPLETE = "Left out: compensate, track and export; --complete runs them as well."
 # LaTeX commands of the equations as plain text.
 SPOKEN = {
     r"\mathrm{sgn}": "sgn", r"\mathrm{dz}": "dz", r"\omega": "ω", r"\theta": "θ", r"\varphi": "φ", r"\delta": "δ",
@@ -68,7 +69,8 @@ def _(study: Study) -> Section:
     numbers = Table(("value", "what it is"), headline.numbers)
     blocks: tuple[Block, ...] = (headline.done, headline.verdict, *study.doubts_of_input, numbers, *parts(study))
     where = f"report: {study.path}"
-    return Section(f"Study of {study.design.name}", (*blocks, where), essential=(where,))
+    last = (where,) if study.complete else (NOT_COMPLETE, where)
+    return Section(f"Study of {study.design.name}", (*blocks, *last), essential=last)
 
 
 @present.register

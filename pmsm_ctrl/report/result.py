@@ -65,6 +65,8 @@ class Study(Result):
         What could not be done, and what is doubtful in the logs.
     history : tuple of Entry
         What this and earlier studies of the axis identified; empty without a history file.
+    complete : bool
+        Whether compensation, tracking and export were asked for.
     """
 
     design: Design
@@ -73,6 +75,7 @@ class Study(Result):
     results: Mapping[str, Result]
     doubts_of_input: tuple[Notice, ...] = ()
     history: tuple[Entry, ...] = field(default=(), repr=False)
+    complete: bool = False
 
     @property
     def notices(self) -> tuple[Notice, ...]:

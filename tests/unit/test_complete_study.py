@@ -34,11 +34,13 @@ def test_parts_of_the_drive_are_told_or_done(designs: Path, tmp_path: Path, monk
     assert {"low_speed_compensation.c", "low_speed_compensation.h", "FB_low_speed_compensation.st"} <= files
     assert set(results["export"].to_dict()["files"]) == files
     assert "page/low_speed_compensation.c" in results["export"].summary(width=120)
+    assert '<a href="page/low_speed_compensation.c">' in results["export"]._repr_html_()
 
 
 @pytest.mark.slow
 def test_a_complete_study_runs_every_verb(designs: Path, tmp_path: Path) -> None:
     done = study(Design.read(designs / "servo_2kw.toml"), output=tmp_path / "all.html", complete=True)
     assert set(done.results) | {"export"} >= VERBS
+    assert "--complete" not in done.summary()
     page = (tmp_path / "all.html").read_text(encoding="utf-8")
     assert "Friction compensation of servo_2kw" in page
