@@ -200,18 +200,19 @@ def test_every_variable_of_the_compensator_says_what_it_is_and_is_used(design: D
     assert c.count('extern "C"') == 1
 
 
-def test_a_header_compiles_as_cpp(design: Design, tmp_path: Path) -> None:
+def test_headers_compile_as_cpp_and_link_to_the_c(design: Design, tmp_path: Path) -> None:
     if shutil.which("g++") is None:
         pytest.skip("g++ not found")
     files = export_files(design, "c")
-    (tmp_path / "axis.h").write_text(files["seed_motor_compensation.h"], encoding="utf-8")
-    (tmp_path / "use.cpp").write_text(
-        '#include "axis.h"\n'
-        "void f(seed_motor_compensation_t *s) { seed_motor_compensation_update(s, 1, 0, 0, 0, 1); }\n"
-    )
-    subprocess.run(["g++", "-c", str(tmp_path / "use.cpp"), "-o", str(tmp_path / "use.o")], check=True)
-    symbols = subprocess.run(["nm", str(tmp_path / "use.o")], check=True, capture_output=True, text=True).stdout
-    assert " U seed_motor_compensation_update" in symbols
+    headers = [name for name in files if name.endswith(".h")]
+    assert headers == ["seed_motor_compensation.h", "seed_motor_tracker.h"]
+    for name in headers:
+        block = name.removesuffix(".h")
+        (tmp_path / name).write_text(files[name], encoding="utf-8")
+        (tmp_path / "use.cpp").write_text(f'#include "{name}"\nvoid f({block}_t *s) {{ {block}_init(s); }}\n')
+        subprocess.run(["g++", "-c", str(tmp_path / "use.cpp"), "-o", str(tmp_path / "use.o")], check=True)
+        symbols = subprocess.run(["nm", str(tmp_path / "use.o")], check=True, capture_output=True, text=True).stdout
+        assert f" U {block}_init" in symbols  # the name of C, not one that C++ has decorated
 
 
 def test_linear_friction_gets_evenly_spread_speeds() -> None:

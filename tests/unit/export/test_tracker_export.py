@@ -22,7 +22,7 @@ from pmsm_ctrl.track import Settings, model
 from pmsm_ctrl.track.inputs import samples_of
 from pmsm_ctrl.track.settings import numbers
 from pmsm_ctrl.track.tracking import Filtered, filter_samples
-from tests.effort import slow
+from tests.effort import amount, slow
 from tests.unit.export.structured_text import FunctionBlock, parsed, parsed_library, parsed_tcpou
 from tests.unit.track.tracking_axes import step_of_F_c
 
@@ -294,6 +294,36 @@ def test_single_precision_after_a_day_of_motion(tmp_path: Path, request: pytest.
         exact, rounded = found["double"][name], found["single"][name]
         assert np.abs(rounded / exact - 1.0)[shown].max() < 1e-3, name
         assert (np.abs(rounded - exact) / found["double"][f"sd_{name}"]).max() < 0.05, name
+
+
+@pytest.mark.slow
+def test_a_day_that_is_run_in_single_precision_is_that_in_double(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """86,400,000 samples in either precision: at two speeds, with rests, while the friction falls by 40 %."""
+    axis = Design.read(request.config.rootpath / "designs" / "seed_motor.toml")
+    n, every = amount(3_600_000, 86_400_000), 5000
+    numbers_of_axis = np.array([axis.J, axis.K_t, 0.0213, 0.000168, 2.0 * np.pi / 131072, 0.004])
+    found = {}
+    for precision, kind in (("double", "double"), ("single", "float")):
+        folder = tmp_path / precision
+        folder.mkdir()
+        CTracker(axis, Settings(), folder, precision)
+        sources = [str(Path(__file__).with_name("day.c")), str(folder / "seed_motor_tracker.c")]
+        names = ['-DAXIS="seed_motor_tracker.h"', f"-DNUMBER={kind}", f"-I{folder}"]
+        library = folder / "day.so"
+        subprocess.run(
+            ["gcc", "-std=c99", "-O2", "-shared", "-fPIC", *names, *sources, "-o", library, "-lm"], check=True
+        )
+        rows = np.zeros((n // every, 6))
+        pointers = [ctypes.c_void_p(array.ctypes.data) for array in (numbers_of_axis, rows)]
+        ctypes.CDLL(str(library)).day(ctypes.c_long(n), ctypes.c_long(every), *pointers)
+        found[precision] = rows
+    exact, rounded = found["double"], found["single"]
+    assert np.abs(rounded[:, :2] / exact[:, :2] - 1.0).max() < 1e-3
+    for name, value in (("double", exact), ("single", rounded)):
+        off = (value[:, :2] - value[:, 4:]) / value[:, 2:4]
+        assert np.sqrt(np.mean(off[24:] ** 2)) < 1.3, name  # both follow the warm axis
 
 
 def test_an_angle_within_a_turn_is_as_good_as_one_that_is_counted_on(design: Design, log: Any, tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from pmsm_ctrl import Design, Log, identify
+from pmsm_ctrl import Design, Log, identify, simulate
 
 DESIGN = Design.from_toml(
     "name = 'axis'\n[motor]\nJ = 1e-4\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 0.02\n"
@@ -47,3 +49,14 @@ def test_noise_alone_is_none(noise: float, seed: int) -> None:
     found = identify(DESIGN, recorded(noise, seed=seed))
     assert (found.relative_error > 0.05) == (noise > 0.01)
     assert "effective_values" not in {notice.code for notice in found.notices}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stribeck_friction_and_presliding_leave_doubt(designs: Path, seed: int) -> None:
+    """F_c was 10 % too large, 9 standard errors, without a word of doubt."""
+    axis = Design.read(designs / "seed_motor.toml")
+    truth = axis.with_effect("stribeck", {"dF_s": 0.01, "w_s": 2.0, "delta": 2.0})
+    truth = truth.with_effect("presliding", {"z_s": 5e-4, "z_b": 0.5, "tau_z": 1e-3})
+    found = identify(axis, simulate(axis, "identification", truth=truth, seed=seed))
+    assert "effective_values" in {notice.code for notice in found.notices}
