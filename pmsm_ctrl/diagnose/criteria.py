@@ -79,9 +79,7 @@ def significance(p_holm: float, policy: Policy = POLICY) -> Refusal | None:
     return Refusal(Reason.NOT_SIGNIFICANT, {"p": p_holm}) if p_holm > policy.significance else None
 
 
-def size(
-    share: float, explained: float, excess: float, memory: bool = False, policy: Policy = POLICY
-) -> Refusal | None:
+def size(share: float, explained: float, excess: float, policy: Policy = POLICY) -> Refusal | None:
     """Check that an effect is worth a name.
 
     Parameters
@@ -91,16 +89,14 @@ def size(
     explained : float
         Share of the residual's sum of squares that it explains.
     excess : float
-        The same of what the residual has above its noise floor.
-    memory : bool
-        Whether the torque of the effect depends on earlier motion.
+        The same of what the residual has above its noise floor, where the effect acts.
     policy : Policy
     """
     least = policy.small_size if explained > policy.explained else policy.size
-    telling = explained > policy.refused_share and excess > policy.with_memory  # most of what is wrong, however small
+    telling = explained > policy.refused_share and excess > policy.above_floor  # most of what is wrong, however small
     if share < least and not (telling and share > 0.0):
         return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share})
-    if excess < (policy.with_memory if memory else policy.excess):
+    if excess < policy.above_floor:
         return Refusal(Reason.MINOR, {"percent": 100.0 * min(excess, 1.0)})
     return None
 
@@ -204,7 +200,7 @@ def no_voltage_worse(
         Rms error, V.
     policy : Policy
     """
-    worse = [name for name in after if after[name] > policy.worse * before[name]]
+    worse = [name for name in after if after[name] > policy.unchanged * before[name]]
     return Refusal(Reason.BALANCE_WORSE, {"balance": worse[0]}) if worse else None
 
 
@@ -280,15 +276,24 @@ def determined(values: Mapping[str, tuple[float, float]], ran_out: bool) -> Refu
     return None
 
 
-def no_plain_error_worse(before: float, after: float, policy: Policy = POLICY) -> Refusal | None:
-    """Check that an effect on the torque does not raise its error, all well-known samples weighted alike.
+def no_plain_error_worse(
+    before: float, after: float, typical: float = 1.0, policy: Policy = POLICY
+) -> Refusal | None:  # fmt: skip
+    """Check that an effect on the torque does not raise its error, all samples weighted alike.
+
+    Where the typical error falls, only samples with an error of another order have a larger one: edges of the torque
+    that the log did not sample, whose error is the same with any model.
 
     Parameters
     ----------
     before, after : float
         Rms error, N m (N).
+    typical : float
+        Median absolute error after, over that before.
     policy : Policy
     """
+    if typical <= policy.lowered:
+        return None
     return Refusal(Reason.BALANCE_WORSE, {"balance": "torque"}) if after > policy.unchanged * before else None
 
 

@@ -23,6 +23,7 @@ __all__ = [
     "contribution",
     "cross_validated",
     "excess_of",
+    "in_band",
     "judged_gain",
     "left_inside",
     "plain_errors",
@@ -31,6 +32,7 @@ __all__ = [
     "sound_error",
     "squares",
     "strain",
+    "typical_error",
     "weighted_errors",
 ]
 
@@ -169,6 +171,21 @@ def excess_of(solved: Solved, trial: Trial, gain: float) -> tuple[float, float]:
     return gain / whole, gain / above
 
 
+def in_band(fit: Fitted, trial: Trial) -> float:
+    """Return the share of the residual that an effect explains at the frequencies at which it acts, by plain weights.
+
+    Both are filtered by the spectrum of what the effect explains, as by a matched filter: whatever the residual holds
+    elsewhere, such as the noise of an encoder beside a drag, does not count. 1 is all of it; below 0 it gets worse.
+    """
+    left = whole = 0.0
+    for row, _ in trial.group.entering:
+        part = np.fft.rfft(trial.plain_direction[: fit.plain.rows][fit.whitener.channel == row])
+        rest, power = np.fft.rfft(fit.plain.rest_of(row)), np.abs(part) ** 2
+        left += float(power @ np.abs(rest - part) ** 2)
+        whole += float(power @ np.abs(rest) ** 2)
+    return 1.0 - left / whole if whole > 0.0 else 0.0
+
+
 def as_a_whole(fit: Fitted, trial: Trial) -> Trial:
     """Return a trial with all of its columns, by the estimate's weights.
 
@@ -196,6 +213,11 @@ def sound_error(fit: Fitted, least: float) -> float:
     """Rms residual of the torque balance, all moving samples of at least this weight alike."""
     used = fit.record.mask & (fit.record.weight[0] >= least)
     return float(np.sqrt(np.mean(fit.residual[0][used] ** 2))) if used.any() else 0.0
+
+
+def typical_error(fit: Fitted) -> float:
+    """Median absolute residual of the torque balance, all moving samples alike: single edges do not change it."""
+    return float(np.median(np.abs(fit.residual[0][fit.record.mask])))
 
 
 def plain_errors(fit: Fitted) -> dict[str, float]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
@@ -16,11 +18,13 @@ from pmsm_ctrl.diagnose.measures import (
     contribution,
     cross_validated,
     excess_of,
+    in_band,
     left_inside,
     plain_errors,
     prewhitened_error,
     sound_error,
     strain,
+    typical_error,
     weighted_errors,
 )
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
@@ -255,10 +259,10 @@ def _judge_trial(
     share = contribution(fit, trial)
     explained, excess = excess_of(fit.plain, trial, trial.plain_gain)
     memory = trial.candidate.effect.structure.has_memory
-    if not (memory or trial.slow):  # slow effects hide in coloured noise unless it is whitened, as in their test
-        white = excess_of(fit.solved, trial, trial.gain)[1]
-        excess = white if white > policy.with_memory else excess
-    refusal = criteria.size(share, explained, excess, memory, policy)
+    if not memory:  # in coloured noise, or beside a rest at other frequencies, its share of everything says little
+        white = 0.0 if trial.slow else excess_of(fit.solved, trial, trial.gain)[1]
+        excess = max(excess, white, in_band(fit, trial))
+    refusal = criteria.size(share, explained, excess, policy)
     if refusal is None and not _own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
     if refusal is not None:
@@ -303,15 +307,18 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     elif refusal is None and [row for row, _ in trial.group.entering] == [0]:
         # what shows in a voltage as well may change the torque's error by chance: its balances were judged together
         was, now = (sound_error(fit, policy.sound_weight) for fit in (beside, after))
-        refusal = criteria.no_plain_error_worse(was, now, policy)
+        refusal = criteria.no_plain_error_worse(was, now, policy=policy)
         was, now = (plain_errors(fit)["torque"] for fit in (before, after))  # what is reported, edges included
-        refusal = refusal or criteria.no_plain_error_worse(was, now, policy)
+        typical = typical_error(after) / max(typical_error(before), 1e-300)
+        refusal = refusal or criteria.no_plain_error_worse(was, now, typical, policy)
     old, new = (
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
         for fit, plain in ((beside, old), (after, new))
     )
     if not (trial.slow or memory):
         old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (beside, after))
+    if not memory and (found := in_band(before, trial)) > policy.above_floor:
+        old["where it acts"], new["where it acts"] = 1.0, float(np.sqrt(max(1.0 - found, 0.0)))
     return (
         refusal or criteria.error_lowered(old, new, relief, policy) or _judge_parameters(before, after, trial, policy)
     )

@@ -113,6 +113,9 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     share, best, refusal = max(glaring, key=lambda one: one[0])
     name, record = name_of(best), fit.record
     row = _where_it_enters(fit, best.plain_direction)
+    rest, whole = (values[row] * record.weight[row] * record.mask for values in (fit.residual, record.target))
+    if float(rest @ rest) < policy.small_size**2 * float(whole @ whole):
+        return None  # whatever it is, nobody needs to know
     ratio, curve = _around_reversals(fit, row)
     if share <= policy.excess and ratio <= policy.around_reversals:
         return None

@@ -46,7 +46,7 @@ def test_size_is_that_of_the_balance_or_what_is_explained(share: float, explaine
 
 
 def test_what_is_most_of_the_rest_is_worth_a_name_however_small() -> None:
-    least, most = POLICY.refused_share, POLICY.with_memory
+    least, most = POLICY.refused_share, POLICY.above_floor
     assert criteria.size(0.0005, 1.01 * least, 1.01 * most) is None
     for share, explained, excess in ((0.0005, 0.99 * least, 1.0), (0.0005, 1.0, 0.99 * most), (0.0, 1.0, 1.0)):
         assert reason(criteria.size(share, explained, excess)) is Reason.TOO_SMALL
@@ -62,21 +62,15 @@ def test_beside_a_larger_effect_a_small_one_may_be_what_that_leaves() -> None:
     )
 
 
-def test_size_is_a_share_of_what_is_above_the_noise() -> None:
-    least = POLICY.excess
+def test_an_effect_explains_half_of_what_is_above_the_noise() -> None:
+    least = POLICY.above_floor
+    assert least == 0.5
     assert criteria.size(0.5, 0.5, 1.01 * least) is None
     refusal = criteria.size(0.5, 0.5, 0.99 * least)
     assert reason(refusal) is Reason.MINOR
     assert str(refusal) == f"significant but minor: {99.0 * least:.2g} % of the residual above the noise floor"
     # what is too small for a name is called so first
     assert reason(criteria.size(0.0, 0.0, 0.0)) is Reason.TOO_SMALL
-
-
-def test_an_effect_with_a_memory_explains_half_of_what_is_above_the_noise() -> None:
-    assert reason(criteria.size(0.5, 0.5, 0.49, memory=True)) is Reason.MINOR
-    assert criteria.size(0.5, 0.5, 0.51, memory=True) is None
-    assert criteria.size(0.5, 0.5, 0.49) is None
-    assert reason(criteria.size(0.5, 0.5, 0.19)) is Reason.MINOR
 
 
 def confirmed(gain: float, whole: float = 1e4, relief: float = 0.0, first: bool = True, p_rank: float = 0.5) -> bool:
@@ -133,8 +127,8 @@ def test_no_balance_may_get_worse_unless_another_one_gains_much_more() -> None:
 
 
 def test_the_voltages_may_not_get_worse_all_samples_alike() -> None:
-    assert criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.09, "u_q": 1.0}) is None
-    assert reason(criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.11, "u_q": 1.0})) is (
+    assert criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.0009, "u_q": 1.0}) is None
+    assert reason(criteria.no_voltage_worse({"u_d": 1.0, "u_q": 1.0}, {"u_d": 1.0011, "u_q": 0.4})) is (
         Reason.BALANCE_WORSE
     )
 
@@ -175,6 +169,12 @@ def test_the_log_has_to_determine_how_large_an_effect_is() -> None:
 def test_an_effect_on_the_torque_raises_no_error() -> None:
     assert criteria.no_plain_error_worse(1.0, 1.0) is None
     assert reason(criteria.no_plain_error_worse(1.0, 1.01)) is Reason.BALANCE_WORSE
+
+
+def test_only_edges_may_have_a_larger_error_where_the_typical_one_falls() -> None:
+    falls, stays = 0.99 * POLICY.lowered, 1.01 * POLICY.lowered
+    assert criteria.no_plain_error_worse(1.0, 1.15, falls) is None
+    assert reason(criteria.no_plain_error_worse(1.0, 1.01, stays)) is Reason.BALANCE_WORSE
 
 
 def test_held_out_record() -> None:

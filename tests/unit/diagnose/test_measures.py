@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.diagnose.case import Case
-from pmsm_ctrl.diagnose.measures import apart, contribution, gain_of_rows, plain_errors, relief, strain, weighted_errors
+from pmsm_ctrl.diagnose.measures import (
+    apart,
+    contribution,
+    gain_of_rows,
+    in_band,
+    plain_errors,
+    relief,
+    strain,
+    typical_error,
+    weighted_errors,
+)
 
 REST = np.array([3.0, -1.0, 2.0, 4.0, 5.0, 6.0])  # three rows of the log, then the priors of J, R and psi_f
 PART = np.array([1.0, 0.5, 0.0, 2.0, 1.0, 4.0])  # what an effect explains of them
@@ -55,6 +65,32 @@ def test_contribution_is_judged_where_it_is_largest() -> None:
     assert contribution(fit(), trial) == pytest.approx(0.1, rel=0.01)  # type: ignore[arg-type]
     assert contribution(fit(coarse=0.99), trial) == pytest.approx(0.1, rel=0.01)  # type: ignore[arg-type]
     assert contribution(fit(coarse=1.01), trial) == 0.0  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_slow_effect_is_judged_at_the_frequencies_at_which_it_acts(seed: int) -> None:
+    t = np.arange(1000) / 100.0
+    slow, fast = np.sin(2.0 * np.pi * 0.5 * t), 3.0 * np.sin(2.0 * np.pi * 20.0 * t)
+    noise = 0.1 * np.random.default_rng(seed).normal(size=1000)
+    whitener, group = SimpleNamespace(channel=np.zeros(1000, int)), SimpleNamespace(entering=((0, None),))
+
+    def found(rest: Any, part: Any) -> float:
+        plain = SimpleNamespace(rows=1000, rest_of=lambda row: rest)
+        judged = SimpleNamespace(whitener=whitener, plain=plain)
+        return in_band(judged, SimpleNamespace(plain_direction=part, group=group))  # type: ignore[arg-type]
+
+    rest = slow + fast + noise
+    assert found(rest, slow) > 0.99, "it is a tenth of the residual, and all of what is slow"
+    assert found(rest, fast) > 0.99
+    assert found(fast + noise, 0.1 * slow) < 0.5, "what is not there"
+    assert found(rest, 0.5 * slow) == pytest.approx(0.75, abs=0.02), "half of an amplitude is 3/4 of its square"
+
+
+def test_the_typical_error_does_not_see_single_edges() -> None:
+    residual = np.concatenate([np.full(90, 0.2), np.full(5, 50.0), np.full(5, 99.0)])
+    record = SimpleNamespace(mask=np.arange(100) < 95)
+    judged = SimpleNamespace(record=record, residual=residual[None])
+    assert typical_error(judged) == pytest.approx(0.2)  # type: ignore[arg-type]
 
 
 def test_errors_of_moving_samples_weighted_and_not() -> None:
