@@ -31,6 +31,7 @@ __all__ = ["dependence", "impossible_winding", "resemblance", "slow_torque", "un
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+RESEMBLING = (Reason.NOT_CONFIRMED, Reason.MINOR)  # refusals of an effect that something missing can resemble
 FEWEST_SAMPLES = 100  # of a balance that is judged
 FEWEST = 4  # samples whose mean is drawn, and reversals that can repeat each other
 HALF = 0.5  # of the samples around a reversal have to take part
@@ -94,7 +95,8 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     """Return the structure that a refused effect explains far too much of for noise; None where there is none.
 
     The effect itself was refused for a reason: something like it is missing. Left-out data have to confirm that, either
-    blocks by `first_block_errors`, or each reversal by the mean course of the others. Otherwise it is an open question.
+    blocks by `first_block_errors`, or each reversal by the mean course of the others. Otherwise it is an open question;
+    a minor effect is none.
 
     Parameters
     ----------
@@ -106,7 +108,7 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
         (share, trial, refusal)
         for trial in fit.trials
         if (share := _share(fit, trial)) > policy.resembled_at_turns and trial.p_value < policy.significance
-        and (refusal := selection.refused.get(name_of(trial))) and refusal.reason is Reason.NOT_CONFIRMED
+        and (refusal := selection.refused.get(name_of(trial))) and refusal.reason in RESEMBLING
     ]  # fmt: skip
     if not glaring:
         return None
@@ -117,10 +119,13 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     if float(rest @ rest) < policy.small_size**2 * float(whole @ whole):
         return None  # whatever it is, nobody needs to know
     ratio, curve = _around_reversals(fit, row)
-    if share <= policy.excess and ratio <= policy.around_reversals:
+    minor, around = refusal.reason is Reason.MINOR, ratio > policy.around_reversals
+    repeated = around and _repeated(fit, row) > policy.block_errors
+    told = repeated if minor else around or share > policy.excess
+    if not told:
         return None
     place, coordinate, unit = "", "time since the reversal", "s"
-    if ratio > policy.around_reversals:
+    if around:
         place = f" and {ratio:.2g} times as large around reversals as elsewhere"
     else:
         coordinate, unit = "acceleration", axis_unit("rad/s^2", record.prepared.motion)
@@ -129,8 +134,8 @@ def resemblance(selection: Selection, policy: Policy = POLICY) -> Structure | No
     notice = notices.RESEMBLANCE(
         balance=_balance(record, channel), place=place, effect=name, percent=100.0 * share, refusal=refusal
     )
-    gained = share > policy.excess and refusal.detail["gain"] > policy.first_block_errors * refusal.detail["stderr"]
-    confirmed = gained or (ratio > policy.around_reversals and _repeated(fit, row) > policy.block_errors)
+    gained = not minor and refusal.detail["gain"] > policy.first_block_errors * refusal.detail["stderr"]
+    confirmed = repeated or (share > policy.excess and gained)
     return Structure(coordinate, unit, channel, share, best.p_value, curve, notice, name, confirmed)
 
 

@@ -120,12 +120,13 @@ def test_false_alarms_in_words(alarms: int, warned: bool) -> None:
 
 
 def resembling(
-    gain: float, reason: Reason, p_value: float = 1e-20, plain_gain: float | None = None, left_out: float = 1.0
-) -> Any:
+    gain: float, reason: Reason, p_value: float = 1e-20, plain_gain: float | None = None, left_out: float = 1.0,
+    size: float = 10.0,
+) -> Any:  # fmt: skip
     """A spring that would explain `gain` of 100, in the second of two balances; four samples a balance.
 
     With `plain_gain` it is judged by the estimate's weights, of whose sum of 1000 it takes that much. Blocks that were
-    left out gain `left_out` +- 2.
+    left out gain `left_out` +- 2. The balances have this size; the residual of the second one has an amplitude of 1.
     """
     t = np.linspace(0.0, 1.0, 200)
     trial = SimpleNamespace(
@@ -137,7 +138,7 @@ def resembling(
     record = SimpleNamespace(
         channels=("torque", "u_d"), drive="torque", t=t, mask=np.ones(200, dtype=bool), weight=np.ones((2, 200)),
         signals={"omega": np.ones(200), "alpha": np.sin(20.0 * t)}, at_grid=lambda x: x, cutoff=40.0,
-        prepared=SimpleNamespace(t=t, motion="rotary", cutoff=40.0),
+        prepared=SimpleNamespace(t=t, motion="rotary", cutoff=40.0), target=np.full((2, 200), size),
     )  # fmt: skip
     fit = SimpleNamespace(
         trials=(trial,), solved=SimpleNamespace(chi2=100.0), plain=SimpleNamespace(rows=4, chi2=1000.0), record=record,
@@ -188,4 +189,6 @@ def test_the_share_of_an_effect_judged_by_plain_weights_is_of_their_sum() -> Non
 def test_other_refusals_and_small_shares_are_no_structure() -> None:
     assert resembling(100.0 * POLICY.excess - 0.1, Reason.NOT_CONFIRMED) is None
     assert resembling(50.0, Reason.BALANCE_WORSE) is None
+    assert resembling(50.0, Reason.MINOR) is None, "it does not sit around reversals"
+    assert resembling(50.0, Reason.NOT_CONFIRMED, size=1e4) is None, "a ten thousandth of the balance"
     assert resembling(50.0, Reason.NOT_CONFIRMED, p_value=0.02) is None
