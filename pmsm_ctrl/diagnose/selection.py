@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
@@ -317,8 +315,6 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     )
     if not (trial.slow or memory):
         old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (beside, after))
-    if not memory and (found := in_band(before, trial)) > policy.above_floor:
-        old["where it acts"], new["where it acts"] = 1.0, float(np.sqrt(max(1.0 - found, 0.0)))
     return (
         refusal or criteria.error_lowered(old, new, relief, policy) or _judge_parameters(before, after, trial, policy)
     )
