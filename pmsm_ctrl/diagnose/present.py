@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -39,7 +40,8 @@ def verdict_text(d: Diagnosis) -> str:
     """
     if d.verdict is not Verdict.EFFECTS_MISSING:
         return VERDICTS[d.verdict]
-    titles = ", ".join(step.title for step in d.steps)
+    counts = Counter(step.title for step in d.steps)  # only an effect with an order is found more than once
+    titles = ", ".join(title if count == 1 else f"{title} ({count} orders)" for title, count in counts.items())
     return f"{len(d.steps)} missing effect{'' if len(d.steps) == 1 else 's'}: {titles}"
 
 

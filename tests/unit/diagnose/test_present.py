@@ -62,6 +62,9 @@ def test_the_verdict_names_the_effects(found: Diagnosis) -> None:
     assert verdict_text(found) == "1 missing effect: Stribeck friction"
     two = replace(found, steps=(STRIBECK, replace(STRIBECK, title="Delay between channels")))
     assert verdict_text(two) == "2 missing effects: Stribeck friction, Delay between channels"
+    cogging = replace(STRIBECK, title="Cogging torque")
+    several = replace(found, steps=(cogging, STRIBECK, cogging, cogging))
+    assert verdict_text(several) == "4 missing effects: Cogging torque (3 orders), Stribeck friction"
 
 
 @pytest.mark.parametrize("verdict", [v for v in Verdict if v is not Verdict.EFFECTS_MISSING])
