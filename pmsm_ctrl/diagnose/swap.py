@@ -23,7 +23,7 @@ from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection
 
-__all__ = ["Rest", "better", "rival_ids", "swap"]
+__all__ = ["Rest", "better", "equals", "rival_ids", "swap"]
 
 
 @dataclass(frozen=True)
@@ -119,6 +119,8 @@ def _starts(case: Case, found: Selection) -> Iterator[tuple[str, ...]]:
     ]
     if len(found.accepted) == 1:
         yield from _rivals(found, case.policy)
+    else:
+        yield from equals(case, found)
     alone = {trial.candidate.effect.id: trial.plain_gain for trial in found.fits[0].trials}
     for k, one in enumerate(found.accepted):
         if one.effect.structure.splits_inertia:
@@ -135,6 +137,23 @@ def _starts(case: Case, found: Selection) -> Iterator[tuple[str, ...]]:
             continue
         ids = [other.effect.id for other in others] + [instead]
         yield tuple(sorted(ids, key=lambda name: -alone.get(name, 0.0)))
+
+
+def equals(case: Case, found: Selection) -> Iterator[tuple[str, ...]]:
+    """Ids of the effects up to an accepted one, with an equivalent in its place: alone it may do for two.
+
+    A drag with the exponent 1.7 is nearly a quadratic one, and a Stribeck curve takes the small rest.
+
+    Parameters
+    ----------
+    case : Case
+    found : Selection
+    """
+    ids = tuple(step.trial.candidate.effect.id for step in found.steps)
+    for k, step in enumerate(found.steps):
+        for rival in step.equivalents:
+            if rival in case.effects and rival not in ids and not case.effects[rival].repeated:
+                yield (*ids[:k], rival)
 
 
 def _rivals(found: Selection, policy: Policy) -> Iterator[tuple[str, ...]]:

@@ -14,7 +14,7 @@ from pmsm_ctrl.diagnose import selection as rounds
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.selection import Found, Selection, best, equivalents
-from pmsm_ctrl.diagnose.swap import Rest, better, rival_ids
+from pmsm_ctrl.diagnose.swap import Rest, better, equals, rival_ids
 from pmsm_ctrl.diagnose.unexplained import impossible_winding
 from pmsm_ctrl.effects.catalogue import catalogue_of
 
@@ -166,6 +166,24 @@ def test_one_effect_in_the_place_of_another_is_equivalent_when_both_leave_the_sa
     assert rival_ids(found, rest(1000.0, effects="cd")) is None
     assert rival_ids(found, rest(1000.0, effects="abc")) is None
     assert rival_ids(found, found) is None
+
+
+def test_an_equivalent_is_tried_alone_for_two_effects() -> None:
+    """A drag of exponent 1.7 was called a quadratic one beside a Stribeck curve, on two of five axes (2488, 2528)."""
+    effects = {name: SimpleNamespace(repeated=name == "r") for name in "abcr"}
+
+    def step(name: str, *alike: str) -> Any:
+        candidate = SimpleNamespace(effect=SimpleNamespace(id=name))
+        return SimpleNamespace(trial=SimpleNamespace(candidate=candidate), equivalents=alike)
+
+    steps = [step("a", "c", "r"), step("b", "a", "gone")]
+    starts = equals(SimpleNamespace(effects=effects), SimpleNamespace(steps=steps))  # type: ignore[arg-type]
+    assert list(starts) == [("c",)], (
+        "neither an effect that is there, nor one with orders, nor one that is no candidate"
+    )
+    steps[1].equivalents = ("c",)
+    starts = equals(SimpleNamespace(effects=effects), SimpleNamespace(steps=steps))  # type: ignore[arg-type]
+    assert list(starts) == [("c",), ("a", "c")]
 
 
 # ---- friction -----------------------------------------------------------------------------------------------------
