@@ -108,7 +108,7 @@ def is_bode_file(path: str | os.PathLike[str]) -> bool:
     path : path
     """
     try:
-        header, units, _ = _table(Path(path), str(path), rows=False)
+        header, units, _, _ = _table(Path(path), str(path), rows=False)
     except (LogError, OSError):
         return False
     found = [one.role for one in _named(header, units)]
@@ -137,9 +137,8 @@ def read_bode(path: str | os.PathLike[str]) -> BodeFile:
         When it is no such table.
     """
     file = os.fspath(path)
-    header, units, rows = _table(Path(path), file)
+    header, units, rows, doubts = _table(Path(path), file)
     columns: list[_Column] = [] if _timed(header) else _named(header, units)
-    doubts: list[str] = []
     if not any(one.role == "frequency" for one in columns):
         columns = [] if header else _unnamed(rows)
         if not columns:
@@ -160,8 +159,11 @@ def read_bode(path: str | os.PathLike[str]) -> BodeFile:
     return BodeFile(file, tuple(sets), tuple(dict.fromkeys(used)), tuple(dict.fromkeys(doubts)))
 
 
-def _table(path: Path, file: str, *, rows: bool = True) -> tuple[Sequence[str], Sequence[str], Array]:
-    """Return header, units and numbers; text below the numbers is left out."""
+def _table(path: Path, file: str, *, rows: bool = True) -> tuple[Sequence[str], Sequence[str], Array, list[str]]:
+    """Return header, units, numbers, and what is left out: text below the numbers, and any numbers below that.
+
+    An empty cell is NaN: sets beside each other may have different lengths.
+    """
     try:
         if path.exists() and not path.is_file():
             raise LogError(f"{file}: is no file; a measured frequency response was expected")
@@ -173,15 +175,30 @@ def _table(path: Path, file: str, *, rows: bool = True) -> tuple[Sequence[str], 
     layout = place_header(lines, separator, encoding, file)
     header = () if all(cell.startswith("#") for cell in layout.header) else layout.header
     if not rows:
-        return header, layout.units, np.empty((0, 0))
+        return header, layout.units, np.empty((0, 0)), []
     every = path.read_text(encoding=encoding, errors="replace").splitlines()
-    found = []
-    for line in every[layout.first_line - 1 :]:
+    found: list[list[float]] = []
+    stopped = below = 0
+    for number, line in enumerate(every[layout.first_line - 1 :], start=layout.first_line):
         cells = split_line(line, separator)[: layout.width]
-        if len(cells) < layout.width or not all(is_number(cell) for cell in cells):
-            break
-        found.append([float(cell.replace(",", ".") if layout.decimal == "," else cell) for cell in cells])
-    return header, layout.units, np.array(found, dtype=np.float64).reshape(-1, layout.width)
+        values = _numbers(cells, layout.decimal)
+        if not any(cell.strip() for cell in cells):
+            continue
+        if values is None or stopped:
+            stopped = stopped or number
+            below += values is not None
+            continue
+        found.append(values + [math.nan] * (layout.width - len(values)))
+    left_out = [f"line {stopped} is no row of numbers; {below} rows below it are left out"] if below else []
+    return header, layout.units, np.array(found, dtype=np.float64).reshape(-1, layout.width), left_out
+
+
+def _numbers(cells: Sequence[str], decimal: str) -> list[float] | None:
+    """Return the cells of a row as numbers, empty ones as NaN; None where one is a text or fewer than two are given."""
+    given = [cell.strip() for cell in cells]
+    if sum(map(bool, given)) < 2 or not all(is_number(cell) for cell in given if cell):
+        return None
+    return [float(cell.replace(",", ".") if decimal == "," else cell) if cell else math.nan for cell in given]
 
 
 def _split(cell: str) -> tuple[str, str]:
@@ -243,6 +260,8 @@ def _set(group: dict[str, _Column], rows: Array, file: str) -> tuple[BodeSet, li
     """Return one response, its columns in words, and what is doubtful."""
     doubts: list[str] = []
     shown = {role: f"{one.label}: {role}" for role, one in group.items()}
+    indices = [one.index for role, one in group.items() if role != "coherence"]
+    rows = rows[~np.isnan(rows[:, indices]).any(axis=1)]
     column = {role: rows[:, one.index] for role, one in group.items()}
     frequency = column["frequency"]
     if group["frequency"].unit in ("rad/s", "rad_s", "1/s") or group["frequency"].label.lower() in ("w", "omega"):
@@ -281,7 +300,7 @@ def _magnitudes(values: Array, column: _Column) -> tuple[dict[str, Array], bool]
     in_db, linear = {"dB": 10.0 ** (np.clip(values, -600.0, 600.0) / 20.0)}, {"linear": values}
     if stated or np.any(values < 0.0):
         return in_db, False
-    if column.unit not in ("", "-") or values.max() > 300.0:  # 300 dB is no response
+    if column.unit not in ("", "-") or np.max(values, initial=0.0) > 300.0:  # 300 dB is no response
         return linear, False
     return {**in_db, **linear}, True
 

@@ -185,6 +185,42 @@ def test_of_several_sets_the_axis_is_taken_first(seed, axis, tmp_path):
     assert read_response(path, seed, kind="open").kind == "open"
 
 
+def test_sets_of_different_lengths_are_read_to_their_ends(seed, axis, tmp_path):
+    """Beside each other, each with its own frequencies: the shorter one leaves cells empty."""
+    long = lines([], FREQUENCY, db(axis), wrapped(axis), separator=";").splitlines()
+    short = lines([], FREQUENCY[:100], db(0.1 * axis[:100]), wrapped(axis[:100]), separator=";").splitlines()
+    head = ";".join(
+        f"{name} {part}"
+        for name in ("Process", "Open Loop")
+        for part in ("Frequency [Hz]", "Magnitude [dB]", "Phase [deg]")
+    )
+    for missing in (";;", ""):  # with the separators of the empty cells, and without
+        rows = [f"{row};{other}" for row, other in zip(long, short + [missing] * 60, strict=True)]
+        path = tmp_path / "sets.csv"
+        path.write_text("\n".join([head, *rows, ""]), encoding="utf-8")
+        given = read_response(path, seed)
+        assert given.kind == "plant"
+        np.testing.assert_allclose(given.plant.value, axis, rtol=2e-5)
+        assert len(read_response(path, seed, kind="open").measured) == 100
+
+
+def test_separators_at_the_end_and_blank_lines_are_no_data(seed, axis, tmp_path):
+    path = tmp_path / "bode.csv"
+    rows = lines(["Frequency [Hz];Magnitude [dB];Phase [deg]"], FREQUENCY, db(axis), deg(axis), separator=";")
+    first, last = rows.splitlines()[:50], rows.splitlines()[50:]
+    path.write_text("\n".join([*(f"{row};" for row in first), "", *(f"{row};" for row in last), ""]))
+    np.testing.assert_allclose(read_response(path, seed, unit="(rad/s)/(N m)").plant.value, axis, rtol=2e-5)
+
+
+def test_rows_below_a_text_are_left_out_and_said(seed, axis, tmp_path):
+    path = tmp_path / "bode.csv"
+    rows = lines(["Frequency [Hz],Magnitude [dB],Phase [deg]"], FREQUENCY, db(axis), deg(axis))
+    path.write_text(f"{rows}second recording\n{rows}")
+    given = read_response(path, seed)
+    assert len(given.plant) == len(FREQUENCY)
+    assert "line 162 is no row of numbers; 160 rows below it are left out" in given.doubts
+
+
 def test_the_command_asks_before_it_takes_a_doubt(seed, axis, designs, tmp_path, capsys):
     path, design = tmp_path / "bode.csv", designs / "seed_motor.toml"
     path.write_text(files(axis, seed.K_t)["comma, dB, deg"][0], encoding="utf-8")
