@@ -55,6 +55,7 @@ from pmsm_ctrl.workbench_command import WORKBENCH_COMMANDS
 
 if TYPE_CHECKING:
     from pmsm_ctrl.design import Design
+    from pmsm_ctrl.log import Log
 
 __all__ = ["app", "main"]
 
@@ -274,26 +275,34 @@ def export_code(
         Path | None,
         typer.Option("--output", "-o", metavar="PATH", help="a file, or without suffix a folder for all parts"),
     ] = None,
+    log: LogsOption = None,
+    mapping: MapOption = None,
     force: Annotated[
         bool, typer.Option("--force", help="overwrite existing files, and export a gain that is not safe")
     ] = False,
     effects: EffectsOption = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Write gains, compensator, filters and tracker as source code. A folder also gets the tables of the drives."""
-    from pmsm_ctrl.errors import UnsafeGainError
+    """Write gains, compensator, filters and tracker as source code. A folder also gets the tables of the drives.
+
+    With --log the tables say what simulators miss on it; a log with theta_load gives the backlash.
+    """
+    from pmsm_ctrl.errors import RequestError, UnsafeGainError
     from pmsm_ctrl.files import require_new, write_text
 
     axis = read_design(design, effects)
     folder = output if output is not None and not output.suffix else None
     name = None if folder is not None else output.name if output else ""
+    if log is not None and folder is None:
+        raise RequestError("--log: the tables need a folder; --output with a name without suffix was expected")
+    measured = logs_if_given(log, axis, mapping) or []
     try:
-        files = _sources(axis, language, flavour, part, name, precision)
+        files = _sources(axis, language, flavour, part, name, precision, measured)
     except UnsafeGainError as error:
         if not force:
             raise
         print(f"pmsm-ctrl: warning: {error}", file=sys.stderr)
-        files = _sources(axis, language, flavour, part, name, precision, unsafe=True)
+        files = _sources(axis, language, flavour, part, name, precision, measured, unsafe=True)
     if folder is not None:
         require_new(() if force else (folder / name for name in files))
         folder.mkdir(parents=True, exist_ok=True)
@@ -310,13 +319,21 @@ def export_code(
 
 
 def _sources(
-    design: Design, language: str, flavour: str, part: str, name: str | None, precision: str, *, unsafe: bool = False
+    design: Design,
+    language: str,
+    flavour: str,
+    part: str,
+    name: str | None,
+    precision: str,
+    logs: list[Log],
+    *,
+    unsafe: bool = False,
 ) -> dict[str, str]:
     """Return the texts to export by file name: of one part under this name, or of all."""
     from pmsm_ctrl.export import export, export_files
 
     if name is None:
-        return export_files(design, language, flavour=flavour, force=unsafe, precision=precision)
+        return export_files(design, language, flavour=flavour, force=unsafe, precision=precision, logs=logs)
     return {name: export(design, language, part=part, flavour=flavour, force=unsafe, precision=precision)}
 
 

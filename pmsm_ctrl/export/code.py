@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from pmsm_ctrl.export.blocks import Block, identifier
 from pmsm_ctrl.export.compensator import compensator, exported_gain
 from pmsm_ctrl.export.files import br_library, c_header, c_source, st_block, tcpou
 from pmsm_ctrl.export.filters import filters, has_filters
+from pmsm_ctrl.log import Log
 
 if TYPE_CHECKING:
     from pmsm_ctrl.track.settings import Settings
@@ -73,7 +75,7 @@ def export(
 
 def export_files(
     design: Design, language: str, *, flavour: str = "iec", settings: Settings | None = None, force: bool = False,
-    precision: str = "double",
+    precision: str = "double", logs: Sequence[Log] = (),
 ) -> dict[str, str]:  # fmt: skip
     """Return every file of the export: compensator, filters, tracker, and the tables that drives accept.
 
@@ -90,6 +92,8 @@ def export_files(
         Export a compensation whatever its gain, which is then not judged; the text says so.
     precision : {"double", "single"}
         Of all numbers in the program: double and LREAL, or float and REAL.
+    logs : sequence of Log
+        Of this axis, for what the tables take from a log: the errors of simulators' joints, and the backlash.
 
     Returns
     -------
@@ -101,6 +105,8 @@ def export_files(
     RequestError
         For another language, flavour or precision, an effect that a drive cannot evaluate, a gain that is not safe, or
         settings for a tracker that cannot work.
+    LogError
+        When a log cannot be evaluated.
     """
     from pmsm_ctrl.export.tables import table_files
 
@@ -125,7 +131,7 @@ def export_files(
         files = {f"FB_{b.name}.st": st_block(b) for b in blocks}
     if missing:
         files[f"{blocks[0].axis}_tracker_not_exported.txt"] = f"{missing}\n"
-    return files | table_files(design)
+    return files | table_files(design, logs)
 
 
 def _block(design: Design, part: str, settings: Settings | None, force: bool) -> Block:

@@ -6,7 +6,9 @@ over speed by least squares, and the file says what that line misses.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +18,18 @@ from pmsm_ctrl.effects import Effect, bound_effects
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.export.blocks import identifier
 from pmsm_ctrl.export.drives import friction_of, line_through
+from pmsm_ctrl.export.on_log import LogErrors
 from pmsm_ctrl.export.writers import plain
 
 __all__ = ["JointFriction", "joint_friction", "simulator_files"]
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-9  # share below which a line misses nothing but rounding
+# Of MuJoCo, s. Its friction loss is a soft constraint that brings the speed to zero within `solreffriction`, for which
+# two steps are the least: with the default of 20 ms the friction of an axis that brakes turns long before its speed.
+STEP = 5e-4
+IMPEDANCE = "0.99 0.999 0.001 0.5 2"  # at the default of 0.9 a joint at rest creeps ten times as fast
 TINY = 1e-9  # kg and kg m^2: the body of a rotor whose inertia is the joint's armature; simulators refuse 0
 
 
@@ -36,7 +44,7 @@ class JointFriction:
     slope : float
         N m s/rad (N s/m).
     breakaway : float
-        Of the full model, N m (N).
+        Of the full model, N m (N): the mean of both directions, since a constant load is no friction.
     missed : float
         Rms error of the line, as a share of the rms friction, evenly over the speeds.
     lost : tuple of str
@@ -69,14 +77,14 @@ def joint_friction(design: Design, table: Array) -> JointFriction:
     full = friction_of(design, both)
     error = full - (level * np.sign(both) + slope * both)
     size = float(np.sqrt(np.mean(full**2)))
-    slowest = np.array([-1e-9, 1e-9])
+    back, forth = friction_of(design, np.array([-1e-9, 1e-9])).tolist()
     lost = tuple(
         effect.id
         for effect, values in bound_effects(design)
         if effect.active(values) and effect.enters == "torque" and not _held(effect, values, both)
     )
     missed = float(np.sqrt(np.mean(error**2))) / size if size > 0.0 else 0.0
-    return JointFriction(level, slope, float(np.abs(friction_of(design, slowest)).max()), missed, lost)
+    return JointFriction(level, slope, 0.5 * (forth - back), missed if missed > ROUNDING else 0.0, lost)
 
 
 def _held(effect: Effect, values: dict[str, float], speed: Array) -> bool:
@@ -89,52 +97,69 @@ def _held(effect: Effect, values: dict[str, float], speed: Array) -> bool:
     return bool(np.linalg.norm(rest) < 1e-6 * np.linalg.norm(torque))
 
 
-def simulator_files(design: Design, table: Array) -> dict[str, str]:
+def simulator_files(design: Design, found: JointFriction, errors: LogErrors | None = None) -> dict[str, str]:
     """Return the axis as files of simulators.
 
     Parameters
     ----------
     design : Design
-    table : array, shape (n, 3)
+    found : JointFriction
+    errors : LogErrors, optional
+        What the joint misses on a log.
 
     Returns
     -------
     dict of str to str
         File names to texts.
     """
-    axis, found = identifier(design.name), joint_friction(design, table)
+    axis, remarks = identifier(design.name), _remarks(design, found, errors)
     return {
-        f"{axis}_mujoco.xml": _mjcf(design, axis, found),
-        f"{axis}.urdf": _urdf(design, axis, found),
-        f"{axis}_isaaclab.toml": _isaac(design, axis, found),
+        f"{axis}_mujoco.xml": _mjcf(design, axis, found, remarks),
+        f"{axis}.urdf": _urdf(design, axis, found, remarks),
+        f"{axis}_isaaclab.toml": _isaac(design, axis, found, remarks),
     }
 
 
-def _remarks(design: Design, found: JointFriction) -> list[str]:
+def _remarks(design: Design, found: JointFriction, errors: LogErrors | None) -> list[str]:
     lost = ", ".join(found.lost) or "none"
-    return [
+    lines = [
         f"Friction of {plain(design.name)} by pmsm_ctrl; SI units, at the motor's shaft.",
         f"Not held by this format: {lost}.",
         f"The line of Coulomb and viscous friction misses {100.0 * found.missed:.2g} % of the friction (rms, evenly "
         "over the speeds); the full model breaks away at "
         f"{found.breakaway:.6g}, this one at {found.level:.6g}.",
-    ]  # fmt: skip
+    ]
+    if errors is not None:
+        shares = [f"{100.0 * one:.3g} %" for one in (errors.joint, errors.full, errors.apart)]
+        lines.append(
+            f"On {plain(Path(errors.log).name)} the drive torque of this joint errs by {shares[0]} (rms, moving "
+            f"samples), that of the full model by {shares[1]}; they differ by {shares[2]}."
+        )
+    return lines
 
 
-def _mjcf(design: Design, axis: str, found: JointFriction) -> str:
+def _comments(lines: list[str]) -> str:
+    """Return lines as comments of XML, which hold no two hyphens in a row."""
+    return "\n".join(f"  <!-- {re.sub('-(?=-)', '- ', line)} -->" for line in lines)
+
+
+def _mjcf(design: Design, axis: str, found: JointFriction, lines: list[str]) -> str:
     linear = design.motion == "linear"
     load = max(design.load.J / design.load.gear**2, TINY)
-    remarks = "\n".join(f"  <!-- {line} -->" for line in _remarks(design, found))
+    remarks = _comments(lines)
     top = design.K_t_assumed * design.drive.i_max
     limits = f' ctrllimited="true" ctrlrange="{-top:.9g} {top:.9g}"' if np.isfinite(top) else ""
     mass, inertia = (max(load, TINY), TINY) if linear else (max(load, 1e-3), load)
     return f"""<mujoco model="{axis}">
 {remarks}
-  <option timestep="0.0005" gravity="0 0 0" integrator="implicitfast"/>
+  <!-- MuJoCo's friction is a soft constraint. solreffriction is two time steps, its least: keep it so with another
+       time step. With the defaults the friction of an axis that brakes turns early, and a joint at rest creeps. -->
+  <option timestep="{STEP:g}" gravity="0 0 0" integrator="implicitfast"/>
   <worldbody>
     <body name="{axis}_rotor">
       <joint name="{axis}" type="{"slide" if linear else "hinge"}" axis="0 0 1" armature="{design.motor.J or TINY:.9g}"
-             damping="{found.slope:.9g}" frictionloss="{found.level:.9g}"/>
+             damping="{found.slope:.9g}" frictionloss="{found.level:.9g}"
+             solreffriction="{2.0 * STEP:g} 1" solimpfriction="{IMPEDANCE}"/>
       <inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="{inertia:.9g} {inertia:.9g} {inertia:.9g}"/>
     </body>
   </worldbody>
@@ -145,9 +170,9 @@ def _mjcf(design: Design, axis: str, found: JointFriction) -> str:
 """
 
 
-def _urdf(design: Design, axis: str, found: JointFriction) -> str:
+def _urdf(design: Design, axis: str, found: JointFriction, remarked: list[str]) -> str:
     linear = design.motion == "linear"
-    remarks = "\n".join(f"  <!-- {line} -->" for line in _remarks(design, found))
+    remarks = _comments(remarked)
     whole = design.J if design.motor.J else TINY
     mass, inertia = (whole, TINY) if linear else (1e-3, whole)
     tensor = f'ixx="{inertia:.9g}" iyy="{inertia:.9g}" izz="{inertia:.9g}" ixy="0" ixz="0" iyz="0"'
@@ -173,8 +198,8 @@ def _urdf(design: Design, axis: str, found: JointFriction) -> str:
 """
 
 
-def _isaac(design: Design, axis: str, found: JointFriction) -> str:
-    lines = [f"# {line}" for line in _remarks(design, found)]
+def _isaac(design: Design, axis: str, found: JointFriction, remarks: list[str]) -> str:
+    lines = [f"# {line}" for line in remarks]
     lines += [
         "# Fields of isaaclab.actuators.ActuatorBaseCfg. Friction is an effort from PhysX 5.6 on (static and dynamic",
         "# friction effort, viscous coefficient); in older releases `friction` was a coefficient without unit.",

@@ -6,7 +6,7 @@ Every torque here is the one that opposes the motion: a drive adds it to what it
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.effects.evaluate import column
+from pmsm_ctrl.export.backlash import backlash_files
 from pmsm_ctrl.export.blocks import identifier
 from pmsm_ctrl.export.drives import ax8000_friction, compensation_list, sinumerik_friction
-from pmsm_ctrl.export.simulators import simulator_files
+from pmsm_ctrl.export.on_log import errors_on_log
+from pmsm_ctrl.export.simulators import joint_friction, simulator_files
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.conditioning import prepare
 from pmsm_ctrl.units import axis_unit
 
 __all__ = ["angle_table", "cogging_table", "friction_points", "friction_table", "table_files"]
@@ -28,7 +32,8 @@ POINTS = 20  # default size of a table of TwinCAT CNC (P-COMP-00062)
 ANGLES = 4096  # values of a turn in a SINAMICS table (p5260)
 HARMONICS = 10  # coefficients of an AX8000 (object 32CB)
 ROUNDING = 1e-9  # share of the largest torque below which a straight line misses nothing but rounding
-SPEED_MAX = 300.0  # rad/s or m/s, where no limit follows from the design
+SPEED_MAX = {"rotary": 300.0, "linear": 3.0}  # rad/s, m/s: where no limit follows from the design
+BEYOND = 1.5  # times the fastest motion of a log, where no limit follows from the design
 
 
 def friction_table(design: Design, speeds: Iterable[float]) -> Array:
@@ -125,12 +130,15 @@ def angle_table(design: Design, points: int = ANGLES) -> Array:
     return np.column_stack([theta, *sides])
 
 
-def table_files(design: Design) -> dict[str, str]:
+def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
     """Return the tables as files.
 
     Parameters
     ----------
     design : Design
+    logs : sequence of Log
+        Of this axis. They show what simulators miss; with ``theta_load`` the backlash; and how fast the axis runs,
+        where the design does not tell.
 
     Returns
     -------
@@ -139,15 +147,17 @@ def table_files(design: Design) -> dict[str, str]:
     """
     axis = identifier(design.name)
     rotary = design.motion == "rotary"
-    table, error = friction_points(design)
-    files = {}
+    table, error = friction_points(design, speed_max=_fastest(design, logs))
+    files = backlash_files(design, logs)
     if np.any(table[:, 1:]):
         files[f"{axis}_friction.csv"] = _friction_csv(design, table)
         files[f"{axis}_frict_comp.lis"] = compensation_list(design, table)
         files[f"{axis}_friction_ax8000.csv"] = ax8000_friction(design, table)
         if design.loops is not None and design.loops.speed.K_p > 0.0:
             files[f"{axis}_friction_sinumerik.csv"] = sinumerik_friction(design)
-        files |= simulator_files(design, table)
+        joint = joint_friction(design, table)
+        errors = errors_on_log(design, logs, joint.level, joint.slope) if logs else None
+        files |= simulator_files(design, joint, errors)
     rows, angles = cogging_table(design), angle_table(design)
     if rows:
         lines = ["order,amplitude [N m],phase [rad],phase [deg]"]
@@ -157,6 +167,10 @@ def table_files(design: Design) -> dict[str, str]:
     if rotary and np.any(angles[:, 1:]):
         lines = ["index,angle [rad],torque forwards [N m],torque backwards [N m]"]
         lines += [f"{k},{a:.9g},{f:.9g},{b:.9g}" for k, (a, f, b) in enumerate(angles.tolist())]
+        lines.append(
+            "# For SINAMICS p5260 one table per direction. Not confirmed with a manual: the parameter of the second "
+            "table; the angle and the sign from which the drive counts"
+        )
         files[f"{axis}_torque_over_angle.csv"] = "\n".join([*lines, ""])
     if files:
         files[f"{axis}_tables.toml"] = _toml(design, table, error, rows)
@@ -190,6 +204,10 @@ def _ax8000(rows: list[tuple[float, float, float]]) -> str:
             f"32CB:{first + 1:02X},Coef {k} phi,{_degrees(phase):.6g},deg",
             f"32CB:{first + 2:02X},Coef {k} r,{amplitude:.6g},N m",
         ]
+    lines.append(
+        "# Written as r sin(n theta + phi) of the torque that opposes the motion. Not confirmed with a manual: the "
+        "sign; the angle from which phi counts; sine or cosine: compare one harmonic on the axis before you use ten"
+    )
     return "\n".join([*lines, ""])
 
 
@@ -225,10 +243,18 @@ def _sum(design: Design, signals: dict[str, Array], reads: str) -> Array:
 
 def _speed_max(design: Design) -> float:
     """Return the speed at which the back-EMF reaches the inverter's voltage."""
-    motor = design.motor
+    motor, motion = design.motor, design.motion
     if motor.p is None or design.drive.u_dc <= 0.0:
-        return SPEED_MAX
+        return SPEED_MAX[motion]
     return design.drive.u_dc / math.sqrt(3.0) / (design.K_t_assumed / 1.5)
+
+
+def _fastest(design: Design, logs: Sequence[Log]) -> float | None:
+    """Return the last speed of the tables by the logs, where the design has no voltage limit; else None."""
+    if not logs or (design.motor.p is not None and design.drive.u_dc > 0.0):
+        return None
+    speeds = (prepare(design, log).signals["omega"] for log in logs)
+    return BEYOND * max(float(np.quantile(np.abs(omega), 0.999)) for omega in speeds) or None
 
 
 def _widest(speeds: Array, chosen: list[int]) -> int:

@@ -152,7 +152,8 @@ def read_torque_over_angle(text: str, design: Design) -> Reading:
     -------
     function of reference position, reference speed and time
     """
-    rows = np.array([[float(x) for x in row] for row in list(csv.reader(text.splitlines()))[1:]])
+    lines = [line for line in text.splitlines()[1:] if not line.startswith("#")]
+    rows = np.array([[float(x) for x in row] for row in csv.reader(lines)])
     turn = 2.0 * math.pi
 
     def read(position: Array, omega: Array, t: Array) -> Array:

@@ -9,8 +9,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.export.drives import characteristic, pulses
+from pmsm_ctrl.export.drives import characteristic, line_through, pulses
+from pmsm_ctrl.export.on_log import errors_on_log
 from pmsm_ctrl.export.simulators import joint_friction
 from pmsm_ctrl.export.tables import friction_points, table_files
 from pmsm_ctrl.simulate import scenario, simulate
@@ -135,6 +137,51 @@ def test_what_a_simulator_loses_is_named(design: Design, files: dict[str, str]) 
     assert 0.001 < found.missed < 0.05
     for name in ("low_speed_mujoco.xml", "low_speed.urdf", "low_speed_isaaclab.toml"):
         assert "Not held by this format: stribeck, cogging." in files[name]
+
+
+def test_a_name_with_two_hyphens_stays_a_comment(designs: Path) -> None:
+    """XML ends a comment at two hyphens, and a parser refuses them anywhere else in it."""
+    files = table_files(Design.read(designs / "seed_motor.toml").replace(name="axis--1-"))
+    for name in [name for name in files if name.endswith((".xml", ".urdf"))]:
+        assert ElementTree.fromstring(files[name]).tag in ("mujoco", "robot")
+        assert "axis- -1-" in files[name]
+
+
+def test_a_constant_load_is_no_breakaway(designs: Path) -> None:
+    """EMPS pulls with -3.16 N: its friction breaks away at 20.39 N in both directions."""
+    emps = Design.read(designs / "emps.toml")
+    table, _ = friction_points(emps)
+    found = joint_friction(emps, table)
+    assert found.breakaway == pytest.approx(20.39, rel=1e-6)
+    assert found.lost == ("constant_load",)
+    assert tomllib.loads(table_files(emps)["emps_isaaclab.toml"])["friction"] == pytest.approx(20.39, rel=1e-6)
+    assert table[-1, 0] == 3.0  # m/s: nothing in the design limits its speed
+
+
+def test_what_no_manual_has_confirmed_stands_in_the_file(files: dict[str, str]) -> None:
+    for ending in ("frict_comp.lis", "friction_ax8000.csv", "cogging_ax8000.csv", "torque_over_angle.csv"):
+        assert "Not confirmed with a manual" in files[f"low_speed_{ending}"].replace("\n# ", " ")
+    assert "are not confirmed with a manual" in files["low_speed_friction_sinumerik.csv"].replace("\n# ", " ")
+
+
+def test_a_simulators_joint_says_what_it_misses_on_a_log(design: Design) -> None:
+    """Inverse dynamics of a log: the Stribeck effect and the cogging are in the error of the joint alone."""
+    log = simulate(design, scenario("reversal", design, speed=10.0, cycles=4.0), seed=3)
+    table, _ = friction_points(design)
+    joint = joint_friction(design, table)
+    found = errors_on_log(design, log, joint.level, joint.slope)
+    assert found.full < 0.1
+    assert found.joint == pytest.approx(np.hypot(found.full, found.apart), rel=0.05)
+    own = compare(design, log).log.errors["torque"].relative
+    assert found.full == pytest.approx(own, rel=1e-6)
+    for name, text in table_files(design, [log]).items():
+        if name.endswith(("_mujoco.xml", ".urdf", "_isaaclab.toml")):
+            assert f"this joint errs by {100.0 * found.joint:.3g} %" in text
+            assert f"that of the full model by {100.0 * found.full:.3g} %" in text
+    plain = design.without_effect("stribeck").without_effect("cogging")
+    same = errors_on_log(plain, log, *line_through(friction_points(plain)[0]))
+    assert same.apart < 1e-4
+    assert same.joint == pytest.approx(same.full, rel=1e-3)
 
 
 def test_a_linear_axis_slides(designs: Path) -> None:
