@@ -52,13 +52,13 @@ class Policy:
         effect without a memory the share of the prewhitened residual, or of the residual at the frequencies at which it
         acts, is enough. Of 128 right names in 144 worlds three have less, of nine false ones two. Set on: worlds.
     excess : float
-        Smallest share that is worth an answer. So much of the residual at the frequencies at which an effect without a
-        memory acts it must explain in any case: one of 128 right names in 144 worlds does not, and three torque
-        saturations that were named in 450 clean logs. The same share of the residual makes a significant effect that
-        cross-validation did not confirm unexplained structure. So much of what a gap explains must be left beside its
-        rivals: 27 gaps that are there keep 0.22 to 1, two that are not 0.01 and 0.09. And a slow rest of the torque is
-        structure from this share of its rms on: 110 logs of two simulators without a hidden effect have 0.13 at most,
-        with a load of the process 0.14 to 0.60. Set on: worlds.
+        Smallest share that is worth an answer. Where an effect explains less than that of the residual at the
+        frequencies at which it acts, its share of the prewhitened residual does not count: three torque saturations
+        were named so in 450 clean logs, and one effect of 128 in 144 worlds that was there. The same share of the
+        residual makes a significant effect that cross-validation did not confirm unexplained structure. So much of what
+        a gap explains must be left beside its rivals: 27 gaps that are there keep 0.22 to 1, two that are not 0.01 and
+        0.09. And a slow rest of the torque is structure from this share of its rms on: 110 logs of two simulators
+        without a hidden effect have 0.13 at most, with a load of the process 0.14 to 0.60. Set on: worlds.
     lowered : float
         An accepted effect must lower the rms error of at least one balance to this share of the error before. Without
         it a delay is named in a speed that the drive filtered, and in an angle of five digits. Set on: plant.

@@ -258,8 +258,9 @@ def _judge_trial(
     explained, excess = excess_of(fit.plain, trial, trial.plain_gain)
     memory = trial.candidate.effect.structure.has_memory
     if not memory:  # in coloured noise, or beside a rest at other frequencies, its share of everything says little
-        white, band = 0.0 if trial.slow else excess_of(fit.solved, trial, trial.gain)[1], in_band(fit, trial)
-        excess = max(excess, white, band) if band > policy.excess else band
+        band = in_band(fit, trial)
+        told = band > policy.excess and not trial.slow
+        excess = max(excess, band, excess_of(fit.solved, trial, trial.gain)[1] if told else 0.0)
     refusal = criteria.size(share, explained, excess, policy)
     if refusal is None and not _own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
