@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import control as ct
 import numpy as np
 import pytest
+from scipy.signal import max_len_seq
 
 from pmsm_ctrl import Design, Log, frf, simulate
 from pmsm_ctrl.effects.structures import SecondMass
@@ -19,6 +22,7 @@ from pmsm_ctrl.frf.fit import fit_axis
 from pmsm_ctrl.frf.measured import _beside, _passive, _ratio
 from pmsm_ctrl.frf.notices import NOISE_ANSWERED
 from pmsm_ctrl.frf.recorder import recorded
+from pmsm_ctrl.simulate import Scenario
 from pmsm_ctrl.simulate.scenarios import chirp, multisine
 from pmsm_ctrl.tune.linearise import linearise, mobility
 
@@ -235,6 +239,32 @@ def test_samples_of_the_current_hold_the_images_of_its_staircase(
 
 def test_a_log_of_another_period_is_taken_as_it_is(seed: Design) -> None:
     assert np.all(recorded(seed, np.array([10.0, 100.0]), [1e-3, 2e-3], 9e-5, 50.0) == 1.0)
+
+
+def binary(design: Design, clock: float) -> Scenario:
+    """Return a multisine's motion with a binary sequence in its place, in A, clocked in the speed loop's ticks."""
+    motion, T = multisine(design=design, periods=3.0), design.drive.speed_period
+    start = motion.segments[0][2]
+    levels = 0.06 * (2.0 * max_len_seq(12)[0] - 1.0)
+
+    def references(t: np.ndarray) -> Mapping[str, np.ndarray]:
+        chip = np.floor((t - start) / clock * (1.0 + 1e-9) + 1e-6).astype(int)
+        return {**motion.references(t), "i_q_add": np.where(t >= start, levels[chip % len(levels)], 0.0)}
+
+    assert clock % T < 1e-12 or T - clock % T < 1e-12
+    return replace(motion, references=references)
+
+
+def test_a_binary_sequence_is_measured_at_the_rate_of_the_speed_loop(seed: Design) -> None:
+    """Logged more slowly, the steps of the current fold onto the response (docs/frf.md, limits)."""
+    fast = seed.replace(sensor={"log_divider": seed.drive.speed_divider})
+    spring = fast.with_effect("compliance", SPRING)
+    result = frf(fast, simulate(fast, binary(seed, 2e-3), truth=spring, seed=11))
+    values = {name: one.value for name, one in result.estimates.items()}
+    assert values["J"] == pytest.approx(9e-5, rel=0.01)
+    assert values["resonance"] == pytest.approx(RESONANCE, rel=0.005)
+    assert values["damping"] == pytest.approx(0.002, rel=0.2)
+    assert abs(values["delay"]) < 20e-6
 
 
 def test_a_log_without_excitation_is_refused(seed: Design) -> None:
