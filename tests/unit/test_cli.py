@@ -650,3 +650,53 @@ def test_several_logs_by_name_pattern_and_folder(
     assert "given twice" in refused(capsys, "diagnose", files[0], files[0], "--design", design)
     (folder / "empty.csv").touch()
     assert "empty.csv: empty" in refused(capsys, "identify", folder, "--design", design)
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "said"),
+    [
+        ("t [s],theta [m],torque [N m]", 1.0, 'unit [m] does not fit \'theta\' in rad'),
+        ("t [s],theta [rad],torque [N]", 1.0, "unit [N] does not fit 'torque' in N m"),
+        ("t [s],theta [furlong],torque [N m]", 1.0, "unknown unit [furlong]"),
+        ("t [s],theta [rad],torque [N m]", 1e3, "times the design's J"),
+        ("t [s],theta [rad],torque [N m]", 0.0, "no row of numbers"),
+        ("", 0.0, "empty"),
+    ],
+    ids=["linear axis", "force", "unknown unit", "unit not said", "no rows", "empty"],
+)  # fmt: skip
+@pytest.mark.parametrize("verb", ["identify", "study"])
+def test_one_bad_record_among_good_ones_is_named_in_one_line(
+    verb: str, header: str, factor: float, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from tests.unit.several import DESIGN, record
+
+    axis, good, bad = tmp_path / "axis.toml", tmp_path / "good.csv", tmp_path / "bad.csv"
+    axis.write_text(DESIGN.to_toml(), encoding="utf-8")
+    record(1, 2.0).write_csv(good)
+    log = record(2, 2.0)
+    rows = [f"{t:.4f},{th:.9g},{factor * u:.9g}" for t, th, u in zip(log.t, log["theta"], log["torque"], strict=True)]
+    bad.write_text("\n".join([header, *(rows if factor else [])] if header else []), encoding="utf-8")
+    page = tmp_path / "page.html"
+    given = (
+        [good, bad, "--design", axis] if verb == "identify" else [axis, "--log", good, "--log", bad, "--output", page]
+    )
+    line = refused(capsys, verb, *given)
+    assert "bad.csv: " in line
+    assert said in line
+    assert not page.exists()
+
+
+def test_a_study_of_two_logs_has_both(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from tests.unit.several import DESIGN, record
+
+    axis, page = tmp_path / "axis.toml", tmp_path / "page.html"
+    axis.write_text(DESIGN.to_toml(), encoding="utf-8")
+    files = [tmp_path / f"run_{k}.csv" for k in (1, 2)]
+    for k, path in enumerate(files, start=1):
+        record(k, 2.0).write_csv(path)
+    given = [item for path in files for item in ("--log", path)]
+    assert call("study", axis, *given, "--output", page, "--json", tmp_path / "page.json") == 0
+    assert "diagnosed from 2 records" in capsys.readouterr().out
+    found = json.loads((tmp_path / "page.json").read_text("utf-8"))
+    assert [row["name"] for row in found["identify"]["records"]] == [str(path) for path in files]
+    assert all(path.name in page.read_text("utf-8") for path in files)
