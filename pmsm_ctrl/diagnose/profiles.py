@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.fit import BASE, Fitted
+from pmsm_ctrl.diagnose.shape_grid import over_all_shapes
 from pmsm_ctrl.diagnose.shapes import LONGEST, Free, moved_to, searched, shifted, straight_over, tangent_of
 from pmsm_ctrl.regression.bounds import bounded, column_bounds, holding
 from pmsm_ctrl.regression.columns import UnavailableError
@@ -74,16 +75,18 @@ def with_profiles(design: Design, fit: Fitted) -> Fitted:
         With its shapes fitted.
     """
     walks = _Walks.over(design, fit)
-    if not walks.doubtful:
-        return fit
-    try:
-        if not walks.at_bound and all(_bend(design, walks, one) <= 0.5 * PARABOLA for one in walks.vague()):
-            return fit  # what is straight over the shapes is straight over all
-        every = [one for number in walks.doubtful for one in walks.of_effect(number)]
-        found = {(one.number, one.symbol): _interval(design, walks, one) for one in (*walks.base(), *every)}
+    try:  # what is straight over the shapes is straight over all
+        bent = walks.at_bound or any(_bend(design, walks, one) > 0.5 * PARABOLA for one in walks.vague())
+        doubtful = walks.doubtful if bent else ()
+        seen = {n: over_all_shapes(fit, n, walks.scale_of(n), NORMAL) for n in {*doubtful, *fit.rough}}
+        every = [one for number in doubtful if not seen[number] for one in walks.of_effect(number)]
+        every += walks.base() if bent else ()
+        found = {(one.number, one.symbol): _interval(design, walks, one) for one in every}
     except UnavailableError:
         return fit
-    return replace(fit, profiles={which: ends for which, ends in found.items() if ends is not None})
+    told = {which: ends for which, ends in found.items() if ends is not None}
+    told |= {(number, symbol): ends for number, one in seen.items() for symbol, ends in one.items()}
+    return replace(fit, profiles=told) if told else fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +123,15 @@ class _Walks:
         if doubtful and fit.free:
             white = tangent_of(design, fit, fit.free).inverse
         return cls(fit, covariance, white, shapes, doubtful)
+
+    def scale_of(self, number: int) -> float:
+        """The variance of an effect's first column over what it would be in white noise; one without a column."""
+        if (position := self.fit.position(number)) is None:
+            return 1.0
+        column = self.fit.model.columns_of(position).start
+        unit = self._unit(column)
+        variance = float(unit @ self.covariance @ unit) or float(self.fit.plain.stderr[column]) ** 2  # at its bound
+        return variance / max(float(np.linalg.norm(unit @ self.white)), 1e-300) ** 2
 
     def base(self) -> Iterator[_Parameter]:
         """Yield inertia and the linear parameters of the design's effects."""

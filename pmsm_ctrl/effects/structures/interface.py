@@ -324,6 +324,10 @@ class Structure(ABC):
         """How often the steps of the refinement are halved."""
         return 3
 
+    def ranges(self, effect: Effect) -> dict[str, tuple[float, float]]:
+        """Ends of the names of a shape between which all shapes can be looked at; none where they are too many."""
+        return {}
+
     def straight_over(self, shape: Mapping[str, float], name: str) -> float:
         """Step of a shape's logarithm over which a smooth prediction is a straight line."""
         return STRAIGHT_OVER

@@ -226,6 +226,12 @@ class Transmission(Structure):
         """How often the steps of the refinement are halved."""
         return SHARP if FREQUENCY in free and not self.gap else super().halvings(free)
 
+    def ranges(self, effect: Effect) -> dict[str, tuple[float, float]]:
+        """Return the frequencies and dampings of springs; behind a gap the sum of squares is rough over both."""
+        if self.gap:
+            return {}
+        return {FREQUENCY: (2.0 * np.pi * LOWEST, 4.0 * np.pi * HIGHEST), DAMPING: (LEAST_DAMPED, OVERDAMPED)}
+
     def straight_over(self, shape: Mapping[str, float], name: str) -> float:
         """Step of a shape's logarithm over which the prediction is a straight line: of a resonance, part of its width.
 
