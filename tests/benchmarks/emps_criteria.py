@@ -56,10 +56,11 @@ PARAMETERS = {
     "T_0": (-3.2, 3.0, -20.0, 20.0), "dF_v": (0.0, 30.0, -200.0, 200.0), "dF_r": (0.0, 10.0, -20.0, 40.0),
     "w_r": (0.006, 0.006, 1e-3, 0.08), "mu": (0.0, 0.03, -0.3, 0.3), "k_s": (0.0, 3e-4, -2e-3, 2e-3),
     "k_2": (0.0, 200.0, -2000.0, 2000.0), "dF_s": (0.0, 5.0, -20.0, 20.0), "w_s": (0.01, 0.01, 1e-3, 0.1),
-    "late": (-0.81e-3, 1e-3, -2e-3, 2e-3), "lag": (0.0, 1e-3, 0.0, 5e-3),
+    "late": (-0.81e-3, 1e-3, -2e-3, 2e-3), "lag": (0.0, 1e-3, 0.0, 5e-3), "g_a": (0.0, 0.02, -0.2, 0.2),
+    "z_s": (0.0, 1e-4, 1e-5, 5e-3),
 }  # fmt: skip
 NAMES = tuple(PARAMETERS)
-FROM = {"dF_v": 20.0, "dF_r": 5.0, "dF_s": 0.5, "lag": 3e-4}  # where a fit starts that has them
+FROM = {"dF_v": 20.0, "dF_r": 5.0, "dF_s": 0.5, "lag": 3e-4, "z_s": 1e-4}  # where a fit starts that has them
 WAVES = (0, 2, 4, 6)  # cosines along the stroke for each direction, 1 N (one standard deviation) each
 PRIOR = 3.0  # weight of that
 LOW, HIGH, CELL = -0.003, 0.25, 1e-3  # m
@@ -68,6 +69,7 @@ DECAYS = (0.003, 0.03, 0.3, 3.0)  # s
 STARTS, ABOUT, SEED = 20, 0.05, 1
 ALIKE = (1.05, 1.15)  # errors on DATA_EMPS, over the least, of fits that are averaged
 SETTLED = 300  # samples of the filter
+BRISTLE_DAMPING = 0.6  # of a bristle, in the root of stiffness times mass: 0.3 of critical
 
 
 @numba.njit
@@ -86,13 +88,32 @@ def step(q, v, force, p, beside):  # type: ignore[no-untyped-def]
 
 
 @numba.njit
+def step_bristle(q, v, z, force, p, beside):  # type: ignore[no-untyped-def]
+    """Return position, speed and deflection, in its limits, after a millisecond; dry friction is LuGre's bristle."""
+    J, F_c, F_v, T_0, dF_v, dF_r, w_r, mu, k_s, k_2, dF_s, w_s = p[:12]
+    z_s, acting, a = p[15], force * (1.0 - k_s * abs(force)), abs(v)
+    dry = max(F_c + mu * abs(force) + dF_s * np.exp(-a / w_s), 0.0)
+    smooth = dF_v * a + k_2 * v * a + T_0 + beside + dF_r * np.tanh(v / w_r)
+    towards = (1.0 if v > 0.0 else -1.0) * (1.0 - np.exp(-a * H / z_s))
+    bent = z + towards - z * abs(towards)
+    damped = BRISTLE_DAMPING * np.sqrt(J * dry / z_s) * z_s * (bent - z) / H
+    half = 0.5 * H * F_v / J
+    now = (v * (1.0 - half) + H * (acting - smooth - dry * bent - damped) / J) / (1.0 + half)
+    return q + 0.5 * H * (v + now), now, bent
+
+
+@numba.njit
 def run(p, along, force, q, v, n, start):  # type: ignore[no-untyped-def]
     """Return the position, n samples from a sample of the record on."""
-    out = np.empty(n)
+    out, z = np.empty(n), 1.0 if v > 0.0 else -1.0
     out[0] = q
     for k in range(1, n):
         place = min(max(int((q - LOW) / CELL), 0), along.shape[1] - 1)
-        q, v = step(q, v, force[start + k - 1], p, along[0 if v > 0.0 else 1, place])
+        beside = along[0 if v > 0.0 else 1, place]
+        if p[15] > 0.0:
+            q, v, z = step_bristle(q, v, z, force[start + k - 1], p, beside)
+        else:
+            q, v = step(q, v, force[start + k - 1], p, beside)
         out[k] = q
     return out
 
@@ -124,13 +145,13 @@ class Record:
 
     def driving(self, p: Array) -> Array:
         """Return the force in the middle of every step, lateness and lag of the drive signal as given."""
-        late, lag = p[12:14]
+        late, lag, by_sign = p[12:15]
         t = np.arange(len(self.y)) * H
         made = np.interp(t + 0.5 * H + late, t, self.force)
         if lag > 0.0:
             share = 1.0 - np.exp(-H / lag)
             made = lfilter([share], [1.0, share - 1.0], made - made[0]) + made[0]
-        out: Array = made
+        out: Array = made + by_sign * np.abs(made)
         return out
 
 
@@ -232,7 +253,7 @@ def force_fit(model: Model, record: Record) -> Array:
 
     def residual(x: Array) -> Array:
         p, _ = model.read(x)
-        J, F_c, F_v, T_0, dF_v, dF_r, w_r, mu, k_s, k_2, dF_s, w_s, late, _ = p
+        J, F_c, F_v, T_0, dF_v, dF_r, w_r, mu, k_s, k_2, dF_s, w_s, late = p[:13]
         acting = np.interp(t + late, t, record.force)
         dry = F_c + mu * np.abs(record.force) + dF_s * np.exp(-np.abs(v) / w_s)
         rest = F_v * v + dF_v * np.abs(v) + k_2 * v * np.abs(v) + T_0 + dF_r * np.tanh(v / w_r) + np.sign(v) * dry
