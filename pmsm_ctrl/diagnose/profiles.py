@@ -75,6 +75,8 @@ def with_profiles(design: Design, fit: Fitted) -> Fitted:
         With its shapes fitted.
     """
     walks = _Walks.over(design, fit)
+    if not walks.doubtful and not fit.rough:
+        return fit
     try:  # what is straight over the shapes is straight over all
         bent = walks.at_bound or any(_bend(design, walks, one) > 0.5 * PARABOLA for one in walks.vague())
         doubtful = walks.doubtful if bent else ()
@@ -120,7 +122,7 @@ class _Walks:
         vague = {free[0] for free, size in zip(fit.free, spread.tolist(), strict=True) if _is_vague(fit, free, size)}
         doubtful = tuple(sorted(vague | {n for n, _ in set(shapes) - set(fit.free)}))
         white = fit.plain.inverse
-        if doubtful and fit.free:
+        if (doubtful or fit.rough) and fit.free:
             white = tangent_of(design, fit, fit.free).inverse
         return cls(fit, covariance, white, shapes, doubtful)
 

@@ -31,6 +31,7 @@ from tests.benchmarks.emps import CYCLE, DATA, FIRST, ROOT, stretches
 from tests.benchmarks.emps_criteria import (
     ASYMMETRIC,
     PARAMETERS,
+    PRIOR,
     RISING,
     SETTLED,
     STRUCTURES,
@@ -170,7 +171,12 @@ def plain(model: Model, record: Record, length: int, loss: str = "linear",
 
     def fit(cycles: Sequence[int], x: Array) -> Array:
         starts = stretches(cycles, length)
-        return solved(model, lambda z: np.concatenate([of(e) for e in model.apart(z, record, starts, length)]), x, loss)
+
+        def residual(z: Array) -> Array:
+            errors = [of(e) for e in model.apart(z, record, starts, length)]
+            return np.concatenate([*errors, PRIOR * z[len(model.names) :]])
+
+        return solved(model, residual, x, loss)
 
     return fit
 
@@ -320,7 +326,7 @@ def averaged(record: Record) -> Iterator[Way]:
         start = force_fit(model, record)
 
         def kept(cycles: Sequence[int], x: Array, start: Array = start) -> Array:
-            return start  # the fit to the force, of all cycles
+            return start  # the fit to the force, of all cycles: the one left out as well
 
         fit = plain(model, record, length) if length else kept
         for size in (0.01, 0.025, DRIFT):
@@ -344,24 +350,24 @@ def averaged(record: Record) -> Iterator[Way]:
 
 
 def stacked(record: Record) -> Iterator[Way]:
-    """Yield the mean of the positions of all structures, fitted over stretches."""
-    models = [Model((*names, "late")) for names in STRUCTURES.values()]
-    ends = np.cumsum([0, *(len(model.names) for model in models)])
+    """Yield the mean of the positions of all structures, fitted over stretches, forces along the stroke or none."""
+    for waves, length in ((0, 3090), (6, CYCLE)):
+        models = [Model((*names, "late"), waves) for names in STRUCTURES.values()]
+        starts = [model.start for model in models]
+        cuts = np.cumsum([len(start) for start in starts])[:-1]
 
-    def parts(x: Array) -> list[tuple[Model, Array]]:
-        return [(model, x[a:b]) for model, a, b in zip(models, ends[:-1], ends[1:], strict=True)]
+        def fit(cycles: Sequence[int], x: Array, models: list[Model] = models, length: int = length,
+                cuts: Array = cuts) -> Array:  # fmt: skip
+            parts = zip(models, np.split(x, cuts), strict=True)
+            return np.concatenate([plain(model, record, length)(cycles, z) for model, z in parts])
 
-    for length in (3090,):
+        def predict(x: Array, record: Record, begin: int | None, models: list[Model] = models,
+                    cuts: Array = cuts) -> Array:  # fmt: skip
+            parts = zip(models, np.split(x, cuts), strict=True)
+            return np.asarray(np.mean([simulated(model)(z, record, begin) for model, z in parts], axis=0))
 
-        def fit(cycles: Sequence[int], x: Array, length: int = length) -> Array:
-            return np.concatenate([plain(model, record, length)(cycles, z) for model, z in parts(x)])
-
-        def predict(x: Array, record: Record, begin: int | None) -> Array:
-            return np.asarray(np.mean([simulated(model)(z, record, begin) for model, z in parts(x)], axis=0))
-
-        yield Way(
-            f"{len(models)} structures, {H * length:g} s", np.concatenate([m.start for m in models]), fit, predict
-        )
+        along = f", {2 * waves} waves along the stroke" if waves else ""
+        yield Way(f"{len(models)} structures{along}, {H * length:g} s", np.concatenate(starts), fit, predict)
 
 
 IDEAS: dict[str, Callable[[Record], Iterator[Way]]] = {
