@@ -72,13 +72,14 @@ def test_a_load_whose_resonance_lies_beyond_the_band_has_the_intervals_of_all_it
     design = Design.read(DESIGNS / "hand_tuned.toml")
     truth = {"J_load": 4e-05, "k": 15.0, "d": 0.002}
     log = simulate(design, "identification", truth=design.with_effect("compliance", truth), seed=seed)
-    found = added(design, log, "compliance").parameters
+    made = added(design, log, "compliance")
+    found = made.parameters
     for symbol, true in truth.items():
         ends = found[symbol].ends
         assert ends is not None, symbol
         assert ends[0] <= true <= ends[1], symbol
         assert ends[0] <= found[symbol].value <= ends[1], symbol
-    assert found["J_load"].interval()[1] <= 1.001 * design.J
+    assert found["J_load"].interval()[1] <= made.base["J"].value * (1.0 + 1e-9)  # no larger than what was found in all
 
 
 @pytest.mark.slow
