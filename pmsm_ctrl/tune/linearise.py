@@ -22,6 +22,7 @@ from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.kernels import balance
 from pmsm_ctrl.simulate.parameters import Plant
+from pmsm_ctrl.units import axis_unit
 
 __all__ = [
     "INPUTS", "STATES", "Linearisation", "OperatingPoint", "drive_system", "friction_slope", "linearise", "mobility",
@@ -176,15 +177,15 @@ def operating_point(design: Design, speed: float = 0.0, load: float = 0.0) -> Op
     i_q = _holding_current(design, opposing, speed, load)
     u_d = _voltage_d(m.R, m.L_d, m.L_q, m.p, 0.0, i_q, 0.0, speed)
     u_q = _voltage_q(m.R, m.L_d, m.L_q, m.p, m.psi_f, 0.0, i_q, 0.0, speed)
+    where = axis_unit(f"operating point {speed:g} rad/s, {load:g} N m", design.motion)
     if abs(i_q) > design.drive.i_max:
         raise RequestError(
-            f"operating point {speed:g} rad/s, {load:g} N m: needs {abs(i_q):.3g} A, but the drive's limit i_max is "
-            f"{design.drive.i_max:.3g} A"
+            f"{where}: needs {abs(i_q):.3g} A, but the drive's limit i_max is {design.drive.i_max:.3g} A"
         )
     limit = m.u_dc / math.sqrt(3.0)
     if math.hypot(u_d, u_q) > limit:
         raise RequestError(
-            f"operating point {speed:g} rad/s, {load:g} N m: needs {math.hypot(u_d, u_q):.4g} V, but a dc link of "
+            f"{where}: needs {math.hypot(u_d, u_q):.4g} V, but a dc link of "
             f"{m.u_dc:g} V gives at most {limit:.4g} V (peak, phase)"
         )
     slope = 0.0 if stuck else _slope(opposing, speed, i_q)

@@ -159,6 +159,9 @@ def test_points_beyond_the_drive_are_refused(seed_motor):
         operating_point(seed_motor, 10.0, 5.0)
     with pytest.raises(RequestError, match=r"a dc link of 560 V gives at most 323\.3 V"):
         operating_point(seed_motor, 600.0)
+    slide = seed_motor.replace_effects(()).model_copy(update={"motion": "linear"})
+    with pytest.raises(RequestError, match=r"operating point 600 m/s, 0 N: needs"):
+        operating_point(slide, 600.0)
 
 
 def test_a_plain_axis_has_no_electrical_model(designs):
