@@ -118,7 +118,7 @@ def beside_larger(share: float, largest: float, policy: Policy = POLICY) -> Refu
 
 
 def cross_validation(
-    found: CrossValidation, whole: float, relief: float, first: bool, policy: Policy = POLICY
+    found: CrossValidation, whole: float, returned: float, first: bool, policy: Policy = POLICY
 ) -> Refusal | None:
     """Check that the gain is confirmed on blocks that were left out.
 
@@ -127,7 +127,7 @@ def cross_validation(
     found : CrossValidation
     whole : float
         Gain of the whole log that the log's own rows bring, in units of the noise.
-    relief : float
+    returned : float
         Gain that the winding brings by returning to its datasheet, in squares of its tolerances.
     first : bool
         Whether this is the first effect.
@@ -135,7 +135,7 @@ def cross_validation(
     """
     expected = policy.expected_share * float(np.sqrt(max(whole, 0.0)))
     asked = min(max(expected, policy.first_block_errors), policy.block_errors) if first else policy.block_errors
-    sure = found.gain > asked * found.stderr or found.p_rank < 0.5 * policy.significance or relief > policy.absurd
+    sure = found.gain > asked * found.stderr or found.p_rank < 0.5 * policy.significance or returned > policy.impossible
     if sure and found.gain > 0.0:
         return None
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})
@@ -205,7 +205,7 @@ def no_voltage_worse(
 
 
 def error_lowered(
-    before: Mapping[str, float], after: Mapping[str, float], relief: float, policy: Policy = POLICY
+    before: Mapping[str, float], after: Mapping[str, float], returned: float, policy: Policy = POLICY
 ) -> Refusal | None:
     """Check that some error falls, or that the winding returns to its datasheet.
 
@@ -213,11 +213,11 @@ def error_lowered(
     ----------
     before, after : dict of name to float
         Rms errors.
-    relief : float
+    returned : float
         Fall of the winding's distance from its datasheet, in squares of its tolerances.
     policy : Policy
     """
-    if relief > policy.relief or any(after[name] <= policy.lowered * before[name] for name in after):
+    if returned > policy.returned or any(after[name] <= policy.lowered * before[name] for name in after):
         return None
     return Refusal(Reason.ERROR_NOT_LOWERED)
 

@@ -9,7 +9,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
-from pmsm_ctrl.diagnose.measures import WINDING, relief, strain
+from pmsm_ctrl.diagnose.measures import WINDING, winding_deviation, winding_return
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
@@ -89,7 +89,8 @@ def _restored_by(fit: Fitted, policy: Policy) -> str:
     ids = [
         trial.candidate.effect.id
         for trial in fit.trials
-        if not (trial.wrong_sign or trial.singular) and relief(fit.plain, trial.plain_direction) > policy.relief
+        if not (trial.wrong_sign or trial.singular)
+        and winding_return(fit.plain, trial.plain_direction) > policy.returned
     ]
     return f"; {' or '.join(ids)} would bring it back" if ids else ""
 
@@ -124,7 +125,7 @@ def winding_substitutes(selection: Selection, policy: Policy = POLICY) -> Iterat
     policy : Policy
     """
     for step, before, after in zip(selection.steps, selection.fits[:-1], selection.fits[1:], strict=True):
-        if strain(before.plain) - strain(after.plain) <= policy.relief:
+        if winding_deviation(before.plain) - winding_deviation(after.plain) <= policy.returned:
             continue
         model, values = before.model, before.plain.values
         places = [k for k, name in enumerate(model.names) if name in WINDING]

@@ -306,12 +306,12 @@ def _judged(
     sure = tried(trial.candidate, trial.group, own, fit)
     slow_gain, slow_p = plain_evidence(covariance, trial.candidate, trial.group, plain)
     fast_p = 1.0 if sure.wrong_sign else sure.p_value
-    slow = slow_p < fast_p
-    gain = slow_gain if slow else sure.gain
+    by_weights = slow_p < fast_p
+    gain = slow_gain if by_weights else sure.gain
     return replace(
         trial, plain_gain=trial.gain, plain_judge=trial.judge,
         gain=gain, score=sure.score + gain - sure.gain, p_value=min(1.0, 2.0 * min(slow_p, fast_p)),
-        judge=fit, singular=trial.singular or sure.singular, slow=slow,
+        judge=fit, singular=trial.singular or sure.singular, by_weights=by_weights,
     )  # fmt: skip
 
 

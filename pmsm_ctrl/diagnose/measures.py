@@ -17,7 +17,6 @@ from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = [
     "WINDING",
-    "apart",
     "as_a_whole",
     "beside_rivals",
     "contribution",
@@ -28,12 +27,13 @@ __all__ = [
     "left_inside",
     "plain_errors",
     "prewhitened_error",
-    "relief",
+    "record_deviation",
     "sound_error",
     "squares",
-    "strain",
     "typical_error",
     "weighted_errors",
+    "winding_deviation",
+    "winding_return",
 ]
 
 Array = NDArray[np.float64]
@@ -42,17 +42,17 @@ WINDING = ("R", "L_d", "L_q", "psi_f")
 
 
 def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, float]:
-    """Return the cross-validation of a trial, its gain on the log's rows, and the relief of the winding.
+    """Return the cross-validation of a trial, its gain on the log's rows, and the return of the winding.
 
     All with the weights of the estimate or prewhitened, whichever was judged the more significant.
     """
-    solved, whitener = (fit.plain, fit.weights) if trial.slow else (fit.solved, fit.whitener)
-    direction = trial.plain_direction if trial.slow else trial.direction
+    solved, whitener = (fit.plain, fit.weights) if trial.by_weights else (fit.solved, fit.whitener)
+    direction = trial.plain_direction if trial.by_weights else trial.direction
     gain, stderr, blocks, p_rank = blocked_gain(
         fit.record, solved, whitener, trial.group, direction, fit.whitener.memory
     )
     found = CrossValidation(gain, stderr, blocks, p_rank)
-    return found, gain_of_rows(solved, direction), relief(solved, direction)
+    return found, gain_of_rows(solved, direction), winding_return(solved, direction)
 
 
 def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidation] | None:
@@ -89,18 +89,18 @@ def gain_of_rows(solved: Solved, direction: Array) -> float:
     return max(float(part @ (2.0 * rest - part)), 0.0)
 
 
-def relief(solved: Solved, direction: Array) -> float:
+def winding_return(solved: Solved, direction: Array) -> float:
     """Return the part of a gain in the winding's priors: the winding returns towards its datasheet."""
     rest, part = solved.rest[solved.rows :], direction[solved.rows :]
     return float(np.sum((part * (2.0 * rest - part))[_winding(solved.model)]))
 
 
-def strain(solved: Solved) -> float:
+def winding_deviation(solved: Solved) -> float:
     """Return the deviation of the winding from its datasheet, as a sum of squares in its tolerances."""
     return float(np.sum(solved.rest[solved.rows :][_winding(solved.model)] ** 2))
 
 
-def apart(solved: Solved) -> float:
+def record_deviation(solved: Solved) -> float:
     """Return the deviation of friction and load between records, as a sum of squares in their spread.
 
     Where each record moves in one direction only, these deviations can stand in for a load.
@@ -157,7 +157,7 @@ def judged_gain(fit: Fitted, trial: Trial) -> tuple[Solved, float]:
     float
         Fall of its sum of squares.
     """
-    return (fit.plain, trial.plain_gain) if trial.slow else (fit.solved, trial.gain)
+    return (fit.plain, trial.plain_gain) if trial.by_weights else (fit.solved, trial.gain)
 
 
 def excess_of(solved: Solved, trial: Trial, gain: float) -> tuple[float, float]:

@@ -73,10 +73,10 @@ class Policy:
     left_inside : float
         Share of what an effect explains that must be left when no base parameter leaves its bounds: most of it. A
         convention.
-    relief, absurd : float
+    returned, impossible : float
         Sum of squares, in tolerances, by which the winding returns to its datasheet with an effect, or the levels of
-        several records to each other. A return of more than `relief` is reported, and no error has to fall then. For a
-        return of more than `absurd` (15 tolerances: no motor has four times the resistance of its datasheet) any
+        several records to each other. A return of more than `returned` is reported, and no error has to fall then. For
+        one of more than `impossible` (15 tolerances: no motor has four times the resistance of its datasheet) any
         cross-validation gain is enough; a winding that stays so far off is unexplained structure. Set on: blind on a
         slow sine, where a dead time looks like a resistance; worlds.
     tied_gain, tied_share : float
@@ -159,8 +159,8 @@ class Policy:
     traded: float = 0.2
     unchanged: float = 1.001
     left_inside: float = 0.5
-    relief: float = 25.0
-    absurd: float = 225.0
+    returned: float = 25.0
+    impossible: float = 225.0
     tied_gain: float = 20.0
     tied_share: float = 0.01
     most_steps: int = 8

@@ -85,7 +85,7 @@ class Trial:
         Whether a parameter lies where physics does not allow it.
     singular : bool
         Whether the model has its columns already.
-    slow : bool
+    by_weights : bool
         Whether it was judged by the weights of the estimate instead of the prewhitened rows.
     plain_gain : float
         Fall of the sum of squares by the estimate's own weights.
@@ -101,7 +101,7 @@ class Trial:
     judge: tuple[Solved, Whitener]
     wrong_sign: bool = False
     singular: bool = False
-    slow: bool = False
+    by_weights: bool = False
     plain_gain: float = 0.0
     plain_judge: tuple[Solved, Whitener] | None = None
 

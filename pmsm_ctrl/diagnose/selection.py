@@ -11,7 +11,6 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.measures import (
-    apart,
     beside_rivals,
     contribution,
     cross_validated,
@@ -20,10 +19,11 @@ from pmsm_ctrl.diagnose.measures import (
     left_inside,
     plain_errors,
     prewhitened_error,
+    record_deviation,
     sound_error,
-    strain,
     typical_error,
     weighted_errors,
+    winding_deviation,
 )
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refine import refine
@@ -259,15 +259,15 @@ def _judge_trial(
     memory = trial.candidate.effect.structure.has_memory
     if not memory:  # in coloured noise, or beside a rest at other frequencies, its share of everything says little
         band = in_band(fit, trial)
-        told = band > policy.excess and not trial.slow
+        told = band > policy.excess and not trial.by_weights
         excess = max(excess, band, excess_of(fit.solved, trial, trial.gain)[1] if told else 0.0)
     refusal = criteria.size(share, explained, excess, policy)
     if refusal is None and not _own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
     if refusal is not None:
         return refusal
-    found, whole, relief = cross_validated(fit, trial)
-    refusal = criteria.cross_validation(found, whole, relief, not fit.accepted, policy)
+    found, whole, returned = cross_validated(fit, trial)
+    refusal = criteria.cross_validation(found, whole, returned, not fit.accepted, policy)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
         refusal = criteria.beside_rivals(*beside, policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found)
@@ -296,9 +296,14 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     old, new = plain_errors(beside), plain_errors(after)
     noise = dict(zip(after.record.channels, after.weights.sigma.tolist(), strict=True))
     refusal = criteria.no_balance_worse(weighted_errors(beside), weighted_errors(after), noise, policy)
-    relief = strain(before.plain) - strain(after.plain) + apart(before.plain) - apart(after.plain)
+    returned = (
+        winding_deviation(before.plain)
+        - winding_deviation(after.plain)
+        + record_deviation(before.plain)
+        - record_deviation(after.plain)
+    )
     explained = excess_of(before.plain, trial, trial.plain_gain)[0]
-    if relief > policy.absurd and explained > policy.explained_torque:
+    if returned > policy.impossible and explained > policy.explained_torque:
         refusal = None  # a winding so far off its datasheet has served some balance better than the truth does
     elif refusal is None and trial.candidate.effect.enters == "voltage":
         voltages = [name for name in new if name != "torque"]
@@ -314,10 +319,10 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}
         for fit, plain in ((beside, old), (after, new))
     )
-    if not (trial.slow or memory):
+    if not (trial.by_weights or memory):
         old["all, prewhitened"], new["all, prewhitened"] = (prewhitened_error(before, fit) for fit in (beside, after))
     return (
-        refusal or criteria.error_lowered(old, new, relief, policy) or _judge_parameters(before, after, trial, policy)
+        refusal or criteria.error_lowered(old, new, returned, policy) or _judge_parameters(before, after, trial, policy)
     )
 
 

@@ -158,7 +158,7 @@ def impossible_winding(fit: Fitted, policy: Policy = POLICY) -> Structure | None
     far = (off / tolerance) ** 2
     surely = np.abs(off) / plain.stderr[places]
     far[surely < policy.sure_errors] = 0.0
-    if not np.any(far > policy.absurd):
+    if not np.any(far > policy.impossible):
         return None
     best = int(np.argmax(far))
     name, k = names[best], int(places[best])

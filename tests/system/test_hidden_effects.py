@@ -351,8 +351,8 @@ def test_friction_by_load_is_held_where_it_would_explain_the_torque_by_itself(bl
 def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
     blind: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called absurd
-    policy = replace(POLICY, absurd=np.inf, excess=0.03, small_size=1e-4)
+    # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called impossible
+    policy = replace(POLICY, impossible=np.inf, excess=0.03, small_size=1e-4)
     refused = Refusal(Reason.NOT_CONFIRMED, {"gain": 0.0, "stderr": 1.0})
     monkeypatch.setattr("pmsm_ctrl.diagnose.criteria.cross_validation", lambda *args: refused)
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80), policy)

@@ -73,9 +73,9 @@ def test_an_effect_explains_half_of_what_is_above_the_noise() -> None:
     assert reason(criteria.size(0.0, 0.0, 0.0)) is Reason.TOO_SMALL
 
 
-def confirmed(gain: float, whole: float = 1e4, relief: float = 0.0, first: bool = True, p_rank: float = 0.5) -> bool:
+def confirmed(gain: float, whole: float = 1e4, returned: float = 0.0, first: bool = True, p_rank: float = 0.5) -> bool:
     found = CrossValidation(gain, 1.0, 16, p_rank)
-    return criteria.cross_validation(found, whole, relief, first) is None
+    return criteria.cross_validation(found, whole, returned, first) is None
 
 
 def test_cross_validation_asks_for_so_many_standard_errors() -> None:
@@ -112,9 +112,9 @@ def test_a_small_first_effect_needs_three_quarters_of_what_it_leads_to_expect(wh
 def test_cross_validation_by_ranks_and_by_the_winding() -> None:
     assert confirmed(0.1, p_rank=0.0049)
     assert not confirmed(0.1, p_rank=0.0051)
-    assert confirmed(0.1, relief=226.0)
-    assert not confirmed(0.1, relief=224.0)
-    assert not confirmed(-0.1, relief=226.0, p_rank=0.0), "a loss is never confirmed"
+    assert confirmed(0.1, returned=226.0)
+    assert not confirmed(0.1, returned=224.0)
+    assert not confirmed(-0.1, returned=226.0, p_rank=0.0), "a loss is never confirmed"
 
 
 def test_no_balance_may_get_worse_unless_another_one_gains_much_more() -> None:

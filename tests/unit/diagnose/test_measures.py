@@ -11,15 +11,15 @@ import pytest
 
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.measures import (
-    apart,
     contribution,
     gain_of_rows,
     in_band,
     plain_errors,
-    relief,
-    strain,
+    record_deviation,
     typical_error,
     weighted_errors,
+    winding_deviation,
+    winding_return,
 )
 
 REST = np.array([3.0, -1.0, 2.0, 4.0, 5.0, 6.0])  # three rows of the log, then the priors of J, R and psi_f
@@ -34,16 +34,16 @@ def solved() -> Any:
 def test_gain_is_that_of_the_rows_and_relief_that_of_the_winding() -> None:
     fall = REST**2 - (REST - PART) ** 2
     assert gain_of_rows(solved(), PART) == pytest.approx(fall[:3].sum())
-    assert relief(solved(), PART) == pytest.approx(fall[4] + fall[5]), "the inertia is no winding"
-    assert strain(solved()) == pytest.approx(5.0**2 + 6.0**2)
+    assert winding_return(solved(), PART) == pytest.approx(fall[4] + fall[5]), "the inertia is no winding"
+    assert winding_deviation(solved()) == pytest.approx(5.0**2 + 6.0**2)
     assert gain_of_rows(solved(), -PART) == 0.0
 
 
 def test_records_that_left_each_other_are_counted_like_a_winding_off_its_datasheet() -> None:
     found = solved()
     found.model.names = ("J", "F_c", "dF_c between records, 1", "offset of all records")
-    assert apart(found) == pytest.approx(5.0**2 + 6.0**2)
-    assert apart(solved()) == 0.0
+    assert record_deviation(found) == pytest.approx(5.0**2 + 6.0**2)
+    assert record_deviation(solved()) == 0.0
 
 
 def fit(coarse: float = 0.0) -> Any:

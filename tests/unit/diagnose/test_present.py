@@ -133,7 +133,7 @@ def resembling(
     """
     t = np.linspace(0.0, 1.0, 200)
     trial = SimpleNamespace(
-        gain=gain, p_value=p_value, slow=plain_gain is not None, plain_gain=plain_gain or 0.0,
+        gain=gain, p_value=p_value, by_weights=plain_gain is not None, plain_gain=plain_gain or 0.0,
         plain_direction=np.array([0.1, 0.1, 3.0, 3.0]),
         candidate=SimpleNamespace(effect=SimpleNamespace(id="compliance", label=lambda shape: "compliance")),
         group=SimpleNamespace(shape={}),

@@ -191,7 +191,7 @@ def test_an_equivalent_is_tried_alone_for_two_effects() -> None:
 
 @pytest.mark.parametrize(("R", "stderr", "found"), [(4.3, 0.1, True), (3.1, 0.1, False), (4.3, 1.2, False)])
 def test_a_winding_fifteen_tolerances_off_is_unexplained(R: float, stderr: float, found: bool) -> None:
-    """The nominal resistance is 1 Ohm, its tolerance at least 15 %: absurd from 3.25 Ohm on."""
+    """The nominal resistance is 1 Ohm, its tolerance at least 15 %: impossible from 3.25 Ohm on."""
     i_q = np.linspace(-1.0, 1.0, 400)
     matrix = np.stack([0.0 * i_q, 0.0 * i_q, i_q])[:, :, None]
     plain = SimpleNamespace(
