@@ -76,6 +76,8 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
             words = ("fleet", Path(given["words"][1]) / "run.toml")
         case "fleet" if "report" not in given["words"][:1]:
             words = ("fleet", "report", _results(given), "--output", "fleet.html")
+        case "fleet":  # an axis of the page that lacks an effect, or changes
+            words = ("diagnose", "LOG", "--design", given.get("design") or "DESIGN", "--output", _new())
         case "compensate":
             words = ("export", design, "--language", "st", "--output", Path(str(design)).stem)
         case "export":

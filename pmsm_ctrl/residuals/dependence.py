@@ -328,13 +328,18 @@ def _modelled(
     """Curves and noise; the orders of a turn are looked for twice, the second time with the noise's level known."""
     rate = prepared.thinned_rate
     made = curves(prepared, coordinates, residual, mask, mask.astype(np.float64))
-    noise = noise_of(residual, [np.hstack([c.base, c.own]) for c in made], mask, rate)
+    noise = noise_of(residual, _parts(made), mask, rate)
     first = [c.orders for c in made]
     if any(first):
         made = with_orders(made, prepared, residual, mask, noise.weight, coordinates["direction"])
         if [c.orders for c in made] != first:  # the noise is the same beside the same curves
-            noise = noise_of(residual, [np.hstack([c.base, c.own]) for c in made], mask, rate)
+            noise = noise_of(residual, _parts(made), mask, rate)
     return made, noise
+
+
+def _parts(made: list[Curve]) -> list[Array]:
+    """Return the columns of all curves as they are: side by side they would be a copy, half a GB of an hour's log."""
+    return [part for curve in made for part in (curve.base, curve.own)]
 
 
 def _corrected(made: list[Curve], p_values: Mapping[str, float]) -> dict[str, float]:

@@ -222,6 +222,11 @@ def test_every_command_has_a_next_one() -> None:
     assert set(COMMANDS) - set(GIVEN) <= {"init", "workbench", "schema"}
 
 
+def test_a_page_of_a_fleet_leads_to_the_log_of_an_axis() -> None:
+    given = {"words": ["report", "results"], "output": "fleet.html"}
+    assert next_step("fleet", given) == "pmsm-ctrl diagnose LOG --design DESIGN --output new.toml"
+
+
 def test_a_brief_section_keeps_what_is_essential() -> None:
     found = Table(("effect",), (("cogging",),))
     long = Table(("n",), tuple((str(k),) for k in range(40)))
