@@ -143,4 +143,4 @@ class Specification:
         for name in ("current_bandwidth", "speed_bandwidth", "phase_margin"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
-                raise RequestError(f"{name}: {value:g}; a number above 0 was expected")
+                raise RequestError(f"{name}: {value:g}; a positive number was expected")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import math
 import os
 from pathlib import Path
@@ -196,9 +198,22 @@ def test_missing_file_and_folder(tmp_path: Path) -> None:
         read_log(tmp_path / "round.csv")
 
 
+def test_a_file_that_breaks_while_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text("t,omega\n0,1\n")
+
+    class Broken(io.BytesIO):
+        def read(self, size: int | None = -1) -> bytes:
+            raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr("builtins.open", lambda *given, **named: Broken())
+    with pytest.raises(LogError, match=r"log.csv: cannot be read \(Input/output error\)"):
+        read_log(file)
+
+
 @pytest.mark.skipif(not os.path.isfile("/proc/self/mem"), reason="no /proc")
-def test_a_file_that_breaks_while_it_is_read() -> None:
-    with pytest.raises(LogError, match="/proc/self/mem: cannot be read"):
+def test_what_the_kernel_makes_up_is_not_read() -> None:
+    with pytest.raises(LogError, match="/proc/self/mem: empty"):
         read_log("/proc/self/mem")
 
 
