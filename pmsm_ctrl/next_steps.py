@@ -52,7 +52,7 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
             words = ("identify", given["output"], "--design", design, "--output", _new())
         case "tune":
             words = ("study", design)
-        case "sweep":
+        case "sweep" | "quadrants":
             words = ("compensate", design)
         case "import":
             words = _after_import(given)
@@ -82,8 +82,6 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
             words = ("export", design, "--language", "st", "--output", Path(str(design)).stem)
         case "export":
             words = ("verify", "BEFORE", "AFTER", "--design", design)
-        case "quadrants":
-            words = ("compensate", design)
         case "verify":
             after = ("track", given["after"], "--design", design, *_mapped(given))
             words = ("compensate", design) if verdict == "limit_cycle" else after
