@@ -92,8 +92,9 @@ def margin(world: World, clean: Log, log: Log, added: Mapping[str, Array]) -> fl
     total = 0.0
     for name, one in found.items():
         visible = 1.0 / (HALF * one.stderr)
-        false = abs(without[name].amplitude) if name in without else 0.0
-        if false > SURE * without[name].stderr:
+        clear = without.get(name, Seen(0.0, math.inf))  # none where the clean motion is such that it would not act
+        false = abs(clear.amplitude)
+        if false > SURE * clear.stderr:
             visible = min(visible, 1.0 / false)
         total += visible**2
     return math.sqrt(total)
