@@ -15,13 +15,13 @@ from typing import Any
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.fleet.evaluate import Job, evaluated, set_aside
 from pmsm_ctrl.fleet.store import Row
+from pmsm_ctrl.threads import ONE_THREAD
 
 __all__ = ["Engine", "completed"]
 
 DEATHS = 3  # workers that a job may end
 PATIENCE = "20s"  # for a scheduler to answer
 LONGEST = 900.0  # s a job may take before its worker is ended: 100 times the usual
-THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # of libraries, in a worker
 
 # dask looks after tasks of milliseconds: it polls 10 to 50 times a second, and moves tasks and data between workers.
 # A log takes seconds and its rows are small.
@@ -160,7 +160,7 @@ def _client(engine: Engine, processes: int) -> Iterator[Any]:
     quiet = {"distributed.scheduler.allowed-failures": DEATHS - 1, "distributed.logging.distributed": "critical",
              "distributed.worker.memory.terminate": 0.95, "distributed.admin.tick.limit": "1h",
              # dask has workers give memory back at once, and each large array then costs its page faults: 1.6 times
-             "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, 1), **UNHURRIED}  # fmt: skip
+             "distributed.nanny.pre-spawn-environ": ONE_THREAD, **UNHURRIED}  # fmt: skip
     with dask.config.set(quiet):
         if engine.scheduler:
             try:

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import shlex
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -249,3 +250,17 @@ def test_a_fleet_with_own_effects_says_how_it_is_tried_again() -> None:
     assert words[:3] == ["pmsm-ctrl", "fleet", "logs"]
     assert words[words.index("--effects") + 1] == "own.py"
     assert words[-1] == "--retry"
+
+
+def test_the_command_line_asks_for_one_thread_before_the_libraries_are_loaded() -> None:
+    code = (
+        "import os, sys; import pmsm_ctrl.__main__ as command; assert 'numpy' not in sys.modules\n"
+        "sys.argv = ['pmsm-ctrl', '--help']\n"
+        "try:\n    command.main()\nfinally:\n    print(os.environ['OPENBLAS_NUM_THREADS'], file=sys.stderr)\n"
+    )
+    for asked, wanted in (({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")):
+        kept = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+        ended = subprocess.run(
+            [sys.executable, "-c", code], env=kept | asked, capture_output=True, text=True, check=True
+        )
+        assert ended.stderr.split() == [wanted]
