@@ -61,7 +61,15 @@ RANKED = _record(
      "why_not": TEXT, "why_not_code": TEXT}
 )  # fmt: skip
 DEVIATION = _record(
-    {"parameter": TEXT, "nominal": NUMBER, "estimate": NUMBER, "stderr": NUMBER, "unit": TEXT, "flagged": FLAG}
+    {
+        "parameter": TEXT,
+        "nominal": NUMBER,
+        "estimate": NUMBER,
+        "stderr": NUMBER,
+        "unit": TEXT,
+        "outside": FLAG,
+        "flagged": FLAG,
+    }
 )
 TRACKING = _record(
     {"rms": NUMBER, "peak": NUMBER, "reversal_peak": NUMBER, "cycle_amplitude": NUMBER, "cycle_frequency": NUMBER,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
-from pmsm_ctrl.diagnose.measures import WINDING, winding_deviation, winding_return
+from pmsm_ctrl.diagnose.measures import WINDING, seen_beyond, winding_deviation, winding_return
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
@@ -21,6 +22,8 @@ from pmsm_ctrl.units import axis_unit
 __all__ = ["deviation_notices", "parameter_deviations", "winding_substitutes"]
 
 UNITS = {"J": "kg m^2", "R": "Ohm", "L_d": "H", "L_q": "H", "psi_f": "Wb", "K_t": "N m/A"}
+
+_UNSEEN = "outside its tolerance by its standard error, but the error is nearly the same inside: not sure"
 
 
 def parameter_deviations(design: Design, fit: Fitted, policy: Policy = POLICY) -> tuple[Deviation, ...]:
@@ -41,9 +44,10 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
     k, factor = fit.model.names.index("psi_f"), 1.5 * design.motor.p
     estimate, error, nominal = factor * fit.plain.values[k], factor * fit.plain.stderr[k], design.K_t_assumed
     sure = abs(estimate - nominal) > policy.sure_errors * error
-    flagged = bool(abs(estimate / nominal - 1.0) > policy.torque_constant and sure)
-    note = f"beyond {100 * policy.torque_constant:.0f} %: it scales every torque" if flagged else ""
-    yield Deviation("K_t", nominal, float(estimate), float(error), UNITS["K_t"], flagged, note)
+    outside = bool(abs(estimate / nominal - 1.0) > policy.torque_constant and sure)
+    flagged = outside and _is_seen(fit, k, _edge(nominal, estimate, policy.torque_constant) / factor, policy)
+    note = f"beyond {100 * policy.torque_constant:.0f} %: it scales every torque" if flagged else _UNSEEN * outside
+    yield Deviation("K_t", nominal, float(estimate), float(error), UNITS["K_t"], outside, flagged, note)
 
 
 def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
@@ -54,12 +58,28 @@ def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]
         value, error = float(fit.estimate.values[k]), float(fit.plain.stderr[k])
         nominal = design.J if name == "J" else float(getattr(design.motor, name))
         tolerance = design.motor.tolerance.get(name, policy.tolerance)
-        flagged = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
-        note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else ""
+        outside = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
+        flagged = outside and _is_seen(fit, k, _edge(nominal, value, tolerance), policy)
+        note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else _UNSEEN * outside
         if flagged and name in WINDING:
             note += _restored_by(fit, policy)
         unit = axis_unit(UNITS[name], fit.record.prepared.motion)
-        yield Deviation(name, nominal, value, error, unit, flagged, note)
+        yield Deviation(name, nominal, value, error, unit, outside, flagged, note)
+
+
+def _edge(nominal: float, value: float, tolerance: float) -> float:
+    """Return the end of the tolerance on the side of the value."""
+    return nominal + math.copysign(tolerance * nominal, value - nominal)
+
+
+def _is_seen(fit: Fitted, column: int, edge: float, policy: Policy) -> bool:
+    """Whether the log shows that a parameter is beyond its tolerance: it explains most of the residual where it acts.
+
+    The standard error holds where the model is right. Where the log misses edges of the current, or a current loop
+    answers noise, it says too little, and the residual at the frequencies of the voltage that R or L_q makes is as
+    large with any value of it.
+    """
+    return seen_beyond(fit.plain, column, edge) > policy.above_floor
 
 
 def _effects(fit: Fitted) -> Iterator[Deviation]:
@@ -71,7 +91,7 @@ def _effects(fit: Fitted) -> Iterator[Deviation]:
         unit = axis_unit(group.effect.parameter(name.split("#")[0]).unit, fit.record.prepared.motion)
         at_bound = k in fit.estimate.held
         note = "stays at its bound; the standard error is that without bounds" if at_bound else ""
-        yield Deviation(name, nominal, value, error, unit, False, note)
+        yield Deviation(name, nominal, value, error, unit, False, False, note)
 
 
 def _timing(fit: Fitted) -> Iterator[Deviation]:
@@ -79,9 +99,9 @@ def _timing(fit: Fitted) -> Iterator[Deviation]:
     if LATENESS in fit.model.names:
         k, undone = fit.model.names.index(LATENESS), fit.record.timing
         value, error = undone.delay + float(fit.plain.values[k]), float(fit.plain.stderr[k])
-        yield Deviation(LATENESS, 0.0, value, error, "s", False)
+        yield Deviation(LATENESS, 0.0, value, error, "s", False, False)
         if undone.lag > 0.0:
-            yield Deviation("tau_filter", 0.0, undone.lag, float("nan"), "s", False)
+            yield Deviation("tau_filter", 0.0, undone.lag, float("nan"), "s", False, False)
 
 
 def _restored_by(fit: Fitted, policy: Policy) -> str:

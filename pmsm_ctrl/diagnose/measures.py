@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,7 @@ from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, blocked_gain, try_group
 from pmsm_ctrl.regression.columns import Group, effect_group
-from pmsm_ctrl.regression.model import Model, Solved, solve_model
+from pmsm_ctrl.regression.model import Model, Solved, solve_model, solve_on_factors
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.records import LEVELS
 from pmsm_ctrl.regression.two_stage import beside_held
@@ -25,9 +27,11 @@ __all__ = [
     "in_band",
     "judged_gain",
     "left_inside",
+    "matched",
     "plain_errors",
     "prewhitened_error",
     "record_deviation",
+    "seen_beyond",
     "sound_error",
     "squares",
     "typical_error",
@@ -172,18 +176,51 @@ def excess_of(solved: Solved, trial: Trial, gain: float) -> tuple[float, float]:
 
 
 def in_band(fit: Fitted, trial: Trial) -> float:
-    """Return the share of the residual that an effect explains at the frequencies at which it acts, by plain weights.
+    """Return the share of the residual that an effect explains where it acts, by plain weights; see `matched`."""
+    channel = fit.whitener.channel
+    explained = [trial.plain_direction[: fit.plain.rows][channel == row] for row, _ in trial.group.entering]
+    return matched(explained, [fit.plain.rest_of(row) for row, _ in trial.group.entering])
 
-    Both are filtered by the spectrum of what the effect explains, as by a matched filter: whatever the residual holds
-    elsewhere, such as the noise of an encoder beside a drag, does not count. 1 is all of it; below 0 it gets worse.
+
+def matched(explained: Sequence[Array], rest: Sequence[Array]) -> float:
+    """Return the share of a residual that is explained, both filtered by the spectrum of what is: a matched filter.
+
+    Whatever the residual holds elsewhere, such as the noise of an encoder beside a drag, does not count. 1 is all of
+    it; below 0 it gets worse.
+
+    Parameters
+    ----------
+    explained, rest : sequence of array
+        Per balance.
     """
     left = whole = 0.0
-    for row, _ in trial.group.entering:
-        part = np.fft.rfft(trial.plain_direction[: fit.plain.rows][fit.whitener.channel == row])
-        rest, power = np.fft.rfft(fit.plain.rest_of(row)), np.abs(part) ** 2
-        left += float(power @ np.abs(rest - part) ** 2)
-        whole += float(power @ np.abs(rest) ** 2)
+    for part, one in zip(map(np.fft.rfft, explained), map(np.fft.rfft, rest), strict=True):
+        power = np.abs(part) ** 2
+        left += float(power @ np.abs(one - part) ** 2)
+        whole += float(power @ np.abs(one) ** 2)
     return 1.0 - left / whole if whole > 0.0 else 0.0
+
+
+def seen_beyond(solved: Solved, column: int, bound: float) -> float:
+    """Return the share of the residual that a parameter explains by being beyond a bound, where it acts.
+
+    Of the residual with the parameter held at the bound, all others fitted again; as in `matched`.
+
+    Parameters
+    ----------
+    solved : Solved
+        In which the parameter is beyond it.
+    column : int
+    bound : float
+    """
+    free = [solved.rest_of(row) for row in range(len(solved.bases))]
+    target = [
+        rest + (solved.triangle[part] @ solved.values) @ basis
+        for rest, part, basis in zip(free, solved.parts, solved.bases, strict=True)
+    ]
+    at_bound = solve_on_factors(solved.model, solved.triangle, solved.along, solved.bases, target, {column: bound})
+    rest = [at_bound.rest_of(row) for row in range(len(free))]
+    return matched([there - here for there, here in zip(rest, free, strict=True)], rest)
 
 
 def as_a_whole(fit: Fitted, trial: Trial) -> Trial:

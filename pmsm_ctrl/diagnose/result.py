@@ -124,10 +124,12 @@ class Deviation:
     nominal, estimate, stderr : float
         In `unit`.
     unit : str
+    outside : bool
+        Whether it is outside by more than its standard error allows.
     flagged : bool
-        Whether it is significantly outside.
+        Whether it is outside, and explains most of the residual where it acts by being there.
     note : str
-        Why it is flagged.
+        Why it is flagged, or why it is not.
     """
 
     parameter: str
@@ -135,6 +137,7 @@ class Deviation:
     estimate: float
     stderr: float
     unit: str
+    outside: bool
     flagged: bool
     note: str = ""
 

@@ -178,7 +178,7 @@ def open_questions(
     if not fit.record.timing.sure:
         yield DRIVE_LATE(quantity=fit.record.drive, delay=1e3 * fit.record.timing.delay)
     for deviation in deviations:
-        if deviation.flagged and deviation.parameter != "K_t":  # J, psi_f: a wrong K_t alone only scales
+        if deviation.outside and deviation.parameter != "K_t":  # J, psi_f: a wrong K_t alone only scales
             percent = 100.0 * (deviation.estimate / deviation.nominal - 1.0)
             yield notices.OUTSIDE_TOLERANCE(parameter=deviation.parameter, percent=percent)
         if deviation.parameter == "F_c" and deviation.nominal > 0.0 >= deviation.estimate:

@@ -16,11 +16,13 @@ from pmsm_ctrl.diagnose.measures import (
     in_band,
     plain_errors,
     record_deviation,
+    seen_beyond,
     typical_error,
     weighted_errors,
     winding_deviation,
     winding_return,
 )
+from pmsm_ctrl.regression.model import solve_on_factors
 
 REST = np.array([3.0, -1.0, 2.0, 4.0, 5.0, 6.0])  # three rows of the log, then the priors of J, R and psi_f
 PART = np.array([1.0, 0.5, 0.0, 2.0, 1.0, 4.0])  # what an effect explains of them
@@ -84,6 +86,29 @@ def test_a_slow_effect_is_judged_at_the_frequencies_at_which_it_acts(seed: int) 
     assert found(rest, fast) > 0.99
     assert found(fast + noise, 0.1 * slow) < 0.5, "what is not there"
     assert found(rest, 0.5 * slow) == pytest.approx(0.75, abs=0.02), "half of an amplitude is 3/4 of its square"
+
+
+@pytest.mark.parametrize(
+    ("value", "left", "expected"),
+    [
+        (1.3, 0.0, 1.0),  # holding it at 1.15 costs all that is left then
+        (1.3, 0.05, 0.15**2 / (0.15**2 + 0.05**2)),
+        (1.2, 0.5, 0.05**2 / (0.05**2 + 0.5**2)),  # sure by its standard error, yet what is left there is ten times it
+    ],
+)
+def test_a_parameter_beyond_a_bound_explains_the_residual_where_it_acts(
+    value: float, left: float, expected: float
+) -> None:
+    turn = 2.0 * np.pi * np.arange(1000) / 50.0
+    column, beside, fast = np.sin(turn), np.ones(1000), 3.0 * np.sin(9.0 * turn)
+    target = (
+        value * column + 0.7 * beside + left * np.cos(turn) + fast
+    )  # what it is not fitted to: cos at its frequency
+    basis, triangle = np.linalg.qr(np.stack([column, beside], axis=1))
+    model = SimpleNamespace(sigma=np.full(2, np.inf))
+    found = solve_on_factors(model, triangle, basis.T @ target, (basis.T,), [target])  # type: ignore[arg-type]
+    assert found.values == pytest.approx([value, 0.7])
+    assert seen_beyond(found, 0, 1.15) == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_typical_error_does_not_see_single_edges() -> None:

@@ -164,12 +164,13 @@ def test_a_record_that_is_too_short_decides_nothing() -> None:
     assert verdict_of(fit_of(samples=100)) == ("inconclusive", ["record_too_short"])
 
 
-def test_a_parameter_outside_its_tolerance_is_not_consistent() -> None:
-    off = Deviation("R", 19.0, 24.0, 0.1, "Ohm", True)
+@pytest.mark.parametrize("flagged", [True, False])
+def test_a_parameter_outside_its_tolerance_is_not_consistent(flagged: bool) -> None:
+    off = Deviation("R", 19.0, 24.0, 0.1, "Ohm", True, flagged)
     assert verdict_of(fit_of(), deviations=(off,)) == ("inconclusive", ["parameter_outside_tolerance"])
-    scale = Deviation("K_t", 1.0, 1.03, 0.001, "N m/A", True)
+    scale = Deviation("K_t", 1.0, 1.03, 0.001, "N m/A", True, flagged)
     assert verdict_of(fit_of(), deviations=(scale,)) == ("consistent", [])
-    none = Deviation("F_c", 0.02, 0.0, 0.001, "N m", False)
+    none = Deviation("F_c", 0.02, 0.0, 0.001, "N m", False, False)
     assert verdict_of(fit_of(), deviations=(none,)) == ("inconclusive", ["no_friction"])
 
 
