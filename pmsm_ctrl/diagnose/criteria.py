@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 
 __all__ = [
     "CrossValidation",
+    "Machine",
     "beside_larger",
     "beside_rivals",
     "beyond_sampling",
@@ -23,6 +25,7 @@ __all__ = [
     "error_lowered",
     "holdout",
     "inside_bounds",
+    "inside_tolerance",
     "left_inside",
     "no_balance_worse",
     "no_plain_error_worse",
@@ -50,6 +53,18 @@ class CrossValidation:
     stderr: float
     blocks: int
     p_rank: float
+
+
+class Machine(NamedTuple):
+    """A parameter of the machine: its estimate and standard error, and the design's value with its relative tolerance.
+
+    The tolerance is a share of `nominal`.
+    """
+
+    value: float
+    stderr: float
+    nominal: float
+    tolerance: float
 
 
 def signs(independent: bool, physical: bool) -> Refusal | None:
@@ -239,6 +254,27 @@ def inside_bounds(
         slack = policy.sure_errors * stderr
         if not low - slack <= value <= high + slack:
             return Refusal(Reason.MODEL_OUT_OF_BOUNDS, {"parameter": name, "value": value})
+    return None
+
+
+def inside_tolerance(
+    before: Mapping[str, Machine], after: Mapping[str, Machine], policy: Policy = POLICY
+) -> Refusal | None:
+    """Check that no parameter of the machine leaves its tolerance with an effect, by more than that tolerance.
+
+    One that is outside without the effect as well is a wrong value of the design, whatever else is missing.
+
+    Parameters
+    ----------
+    before, after : dict of parameter to Machine
+        Estimated without and with the effect.
+    policy : Policy
+    """
+    for name, one in after.items():
+        was, allowed = before[name].value, one.tolerance * one.nominal
+        outside = abs(one.value - one.nominal) - allowed > policy.sure_errors * one.stderr
+        if outside and abs(one.value - was) > allowed >= abs(was - one.nominal):
+            return Refusal(Reason.OUT_OF_TOLERANCE, {"parameter": name, "before": was, "value": one.value})
     return None
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import notices
 from pmsm_ctrl.diagnose.fit import Fitted
-from pmsm_ctrl.diagnose.measures import WINDING, seen_beyond, winding_deviation, winding_return
+from pmsm_ctrl.diagnose.measures import WINDING, machine_of, seen_beyond, winding_deviation, winding_return
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
@@ -51,15 +51,9 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
 
 
 def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
-    for name in ("J", "psi_f", "R", "L_d", "L_q"):
-        if name not in fit.model.names:
-            continue
-        k = fit.model.names.index(name)
-        value, error = float(fit.estimate.values[k]), float(fit.plain.stderr[k])
-        nominal = design.J if name == "J" else float(getattr(design.motor, name))
-        tolerance = design.motor.tolerance.get(name, policy.tolerance)
+    for name, (value, error, nominal, tolerance) in machine_of(design, fit, policy.tolerance).items():
         outside = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
-        flagged = outside and _is_seen(fit, k, _edge(nominal, value, tolerance), policy)
+        flagged = outside and _is_seen(fit, fit.model.names.index(name), _edge(nominal, value, tolerance), policy)
         note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else _UNSEEN * outside
         if flagged and name in WINDING:
             note += _restored_by(fit, policy)

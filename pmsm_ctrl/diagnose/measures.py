@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.diagnose.criteria import CrossValidation
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.criteria import CrossValidation, Machine
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, blocked_gain, try_group
@@ -27,6 +28,7 @@ __all__ = [
     "in_band",
     "judged_gain",
     "left_inside",
+    "machine_of",
     "matched",
     "plain_errors",
     "prewhitened_error",
@@ -85,6 +87,27 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
         left = try_group(plain, fit.weights, trial.candidate, whole.group)
         share = left.gain / max(whole.gain, 1e-300)
     return min(1.0, own.p_value * len(fit.trials)), share, CrossValidation(*found)
+
+
+def machine_of(design: Design, fit: Fitted, tolerance: float) -> dict[str, Machine]:
+    """Return inertia and winding as far as they are estimated, with what the design says of them.
+
+    Parameters
+    ----------
+    design : Design
+    fit : Fitted
+    tolerance : float
+        Where the design states none, as a share.
+    """
+    found = {}
+    for name in ("J", *WINDING):
+        if name not in fit.model.names:
+            continue
+        k = fit.model.names.index(name)
+        nominal = design.J if name == "J" else float(getattr(design.motor, name))
+        value, stderr = float(fit.estimate.values[k]), float(fit.plain.stderr[k])
+        found[name] = Machine(value, stderr, nominal, design.motor.tolerance.get(name, tolerance))
+    return found
 
 
 def gain_of_rows(solved: Solved, direction: Array) -> float:

@@ -26,6 +26,7 @@ class Reason(StrEnum):
     BALANCE_WORSE = "balance_worse"
     ERROR_NOT_LOWERED = "error_not_lowered"
     MODEL_OUT_OF_BOUNDS = "model_out_of_bounds"
+    OUT_OF_TOLERANCE = "out_of_tolerance"
     NOT_DETERMINED = "not_determined"
     WITHIN_SAMPLING = "within_sampling"
     HOLDOUT_WORSE = "holdout_worse"
@@ -51,6 +52,7 @@ WORDS: Mapping[Reason, str] = {
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",
+    Reason.OUT_OF_TOLERANCE: "rejected: moves {parameter} from {before:.3g} to {value:.3g}, out of its tolerance",
     Reason.NOT_DETERMINED: "rejected: {parameter} = {value:.3g} +- {stderr:.2g}, not determined by this log",
     Reason.WITHIN_SAMPLING: "within what sampling alone can cause: {value:.2g} +- {stderr:.1g} ms, where {low:.2g} to "
     "{high:.2g} ms are possible",

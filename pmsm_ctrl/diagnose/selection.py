@@ -17,6 +17,7 @@ from pmsm_ctrl.diagnose.measures import (
     excess_of,
     in_band,
     left_inside,
+    machine_of,
     plain_errors,
     prewhitened_error,
     record_deviation,
@@ -344,6 +345,8 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
         return criteria.inside_bounds(values, bounds, policy)
 
     refusal = outside(inside, [k for k in columns if k not in base])
+    was, now = (machine_of(after.record.design, fit, policy.tolerance) for fit in (before, after))
+    refusal = refusal or criteria.inside_tolerance(was, now, policy)
     if refusal is not None:
         return refusal
     last = after.accepted[-1]

@@ -151,6 +151,25 @@ def test_final_parameters_stay_inside_their_bounds_to_within_their_errors() -> N
 
 
 @pytest.mark.parametrize(
+    ("before", "after", "stderr", "passes"),
+    [
+        (0.94, -0.02, 0.02, False),  # stands in for the inertia
+        (1.14, 1.16, 1e-3, True),  # moves little
+        (1.60, 1.30, 0.02, True),  # outside without it: a wrong value of the design
+        (0.94, 0.60, 0.10, True),  # outside by 2.5 standard errors
+        (0.94, 0.60, 0.08, False),
+        (1.14, 0.86, 1e-3, True),  # moves far, inside
+    ],
+)
+def test_no_effect_moves_a_parameter_of_the_machine_out_of_its_tolerance(
+    before: float, after: float, stderr: float, passes: bool
+) -> None:
+    machine = [{"J": criteria.Machine(2.0 * value, 2.0 * stderr, 2.0, 0.15)} for value in (before, after)]
+    refusal = criteria.inside_tolerance(*machine)
+    assert reason(refusal) is (None if passes else Reason.OUT_OF_TOLERANCE)
+
+
+@pytest.mark.parametrize(
     ("share", "p", "passes"),
     [(0.9, 1e-4, True), (0.4, 1e-4, False), (0.9, 0.02, False)],
 )
