@@ -79,6 +79,8 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     try:
         verb_words = [word for word in words if word not in ANYWHERE] or ["--help"]
         outcome = command(args=verb_words, prog_name="pmsm-ctrl", standalone_mode=False)
+        if outcome == INTERRUPTED:  # typer turns an interrupt into this status, without a word
+            raise KeyboardInterrupt
         sys.stdout.flush()
     except BaseException as error:
         # The reader of the pipe has exited (`pmsm-ctrl effects | head`). typer turns this into exit status 1,

@@ -325,13 +325,15 @@ def _to_confirm(file: Path, design: Path | None, proposal: Proposal) -> str:
     """Return the message with the command that takes a proposal."""
     import shlex
 
-    from pmsm_ctrl.importers.guessing import NO_PERIOD
+    from pmsm_ctrl.importers.guessing import AS_STATED, RATE_IS_OPEN
 
     typed = ["pmsm-ctrl", "import", str(file), *(["--design", str(design)] if design is not None else [])]
-    for channel, column in proposal.mapping.items():
-        if channel == "t" and column == NO_PERIOD:
-            typed += ["--rate", "HZ"]
-            continue
+    if any(guess.open_question == RATE_IS_OPEN for guess in proposal.guesses):
+        typed += ["--rate", "HZ"]  # the rest is proposed again once there is a time, a rated torque among it
+        columns = {g.channel: g.mapping for g in proposal.guesses if AS_STATED in g.reasons}
+    else:
+        columns = dict(proposal.mapping)
+    for channel, column in columns.items():
         typed += ["--map", f"{channel}={column}"]
     for group in proposal.missing:
         typed += ["--map", f"{group.split()[-1]}=COLUMN [UNIT]"]

@@ -23,7 +23,8 @@ __all__ = ["Guess", "guesses"]
 
 LOOKED_AT = 200_000  # samples of each column
 MOST = 40  # columns whose physics is looked at
-NO_PERIOD = "every RATE ms"  # of a file whose rate nothing tells
+NO_PERIOD = "every PERIOD ms"  # of a file whose rate nothing tells
+RATE_IS_OPEN, AS_STATED = "the rate", "as stated"
 DERIVATIVE = 0.99  # correlation of travelled distance and integrated speed
 MOST_PAIRED = 12  # columns that are tried in pairs
 CLEARLY = 0.1  # share that is left unexplained where neither motion nor drive signal is known by name
@@ -68,7 +69,7 @@ class _Case:
         loaded = dict(zip(self.usable, table.load(self.usable), strict=True))
         self.values: dict[int, Array] = {i: v[:LOOKED_AT] for i, v in loaded.items()}
         self.role: dict[int, str] = {at: channel for channel, (_, at, _) in stated.items()}
-        self.why: dict[int, list[str]] = {at: ["as stated"] for at in self.role}
+        self.why: dict[int, list[str]] = {at: [AS_STATED] for at in self.role}
         self.unit: dict[int, str] = {at: unit or self.columns[at].unit for _, at, unit in stated.values()}
         self.factor: dict[int, float] = {}
         self.open: dict[int, str] = {}
@@ -256,7 +257,7 @@ def _rate_from_motion(case: _Case, ticks: int | None) -> Array | None:
     if known:
         period = _round(period)
         case.doubts.append(say.RATE_FROM_MOTION(what=label, rate=1.0 / period))
-    question = "" if known else "the rate"
+    question = "" if known else RATE_IS_OPEN
     reasons = (label, "the period makes the speed the derivative of the position" if known else "its rate is not known")
     if ticks is None:
         case.clock = Guess(
@@ -422,7 +423,7 @@ def _spelled(case: _Case, i: int) -> Guess:
     """Return the guess with the mapping that reads this column: by name where it is the only one, else by number."""
     channel, column = case.role[i], case.columns[i]
     if channel in case.stated and case.stated[channel][0]:
-        return Guess(channel, i, column.label, case.stated[channel][0], ("as stated",))
+        return Guess(channel, i, column.label, case.stated[channel][0], (AS_STATED,))
     same = [c for c in case.columns if c.name == column.name]
     plain = (
         column.name and len(same) == 1 and not set("[]*#") & set(column.name) and column.name[0] not in "-+.0123456789"
@@ -434,5 +435,5 @@ def _spelled(case: _Case, i: int) -> Guess:
     elif not case.unit.get(i):
         case.assumed.append((channel, unit))
     factor = case.factor.get(i, 1.0)
-    before = "RATE * " if case.open.get(i) == "the rate" else f"{number(factor)} * " if factor != 1.0 else ""
+    before = "PERIOD * " if case.open.get(i) == RATE_IS_OPEN else f"{number(factor)} * " if factor != 1.0 else ""
     return Guess(channel, i, column.label, f"{before}{name} [{unit}]", tuple(case.why[i]), case.open.get(i, ""))

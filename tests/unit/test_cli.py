@@ -416,6 +416,18 @@ def test_interrupted_command_leaves_nothing_behind(tmp_path: Path, sent: signal.
     assert [p.name for p in tmp_path.iterdir()] == ["out.txt"]
 
 
+def test_an_interrupted_verb_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Newer typer takes the interrupt and returns its status: the line was lost, and only there."""
+    import pmsm_ctrl.effects
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pmsm_ctrl.effects, "lookup", interrupted)
+    assert console.run(app, ["effects", "stribeck"]) == 130
+    assert capsys.readouterr().err == "pmsm-ctrl: interrupted; no incomplete file was written\n"
+
+
 def test_one_effect_in_full_with_its_signature(
     tmp_path: Path, designs: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

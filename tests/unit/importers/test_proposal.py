@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import shlex
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -199,7 +200,7 @@ def test_without_units_nothing_tells_a_rate(tmp_path: Path, axis: dict[str, np.n
     path = text(tmp_path / "a.csv", ["pos,speed,iq"], (axis["theta"], axis["omega"], axis["i_q"]), ",")
     found = propose(open_table(path))
     assert not found.complete
-    assert found.mapping["t"] == "every RATE ms"
+    assert found.mapping["t"] == "every PERIOD ms"
     assert "no_rate" in codes(found)
 
 
@@ -214,6 +215,25 @@ def test_a_rate_on_the_command_line_makes_the_time(
     assert run(app, ["import", str(path), "--rate", rate, "--yes", "--output", canonical]) == 0
     assert capsys.readouterr().out.count("[log.channels]") == 1  # of the report, not of the proposal as well
     np.testing.assert_allclose(read_log(canonical).t, axis["t"], atol=1e-9)
+
+
+def test_ticks_without_a_rate_lead_to_a_command_that_can_be_completed(
+    tmp_path: Path, axis: dict[str, np.ndarray], design: Design, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """'RATE * Tick' was proposed for what is a period, and the printed command was refused with the rate filled in."""
+    columns = (np.arange(N), axis["omega"] * RPM, axis["torque"] / 0.48 * 1e3)
+    path = text(tmp_path / "a.csv", ["Tick,Actual velocity [rpm],Torque actual value [‰]"], columns, ",")
+    given = tmp_path / "d.toml"
+    design.write(given)
+    assert run(app, ["import", str(path), "--design", str(given)]) == 2
+    shown = capsys.readouterr()
+    assert "PERIOD * Tick [s]" in shown.out
+    command = shlex.split(shown.err.split("the rate of t: ")[1])[1:]
+    rate = f"{1.0 / (axis['t'][1] - axis['t'][0]):.9g}"
+    assert run(app, [rate if word == "HZ" else word for word in command]) == 2  # the whole of it, to be confirmed
+    command = shlex.split(capsys.readouterr().err.split("--yes takes it, or: ")[1])[1:]
+    assert any("‰ of 0.4" in word for word in command)
+    assert run(app, command) == 0
 
 
 def test_the_smoother_of_two_speeds_is_the_reference(tmp_path: Path, axis: dict[str, np.ndarray]) -> None:
