@@ -224,42 +224,46 @@ def _promised(cascade: Cascade, motion: Scenario, load: float) -> tuple[Array, A
     driven = np.column_stack([reference, speed, inertia * acceleration, opposing])
     plant = cascade.truth
     current = (plant.J * acceleration + cascade.model.point.friction_slope * speed + opposing) / plant.K_t
+    currents = np.column_stack([current, np.zeros_like(current)])
     for _ in range(PASSES):
-        theta, speed, current = _along(cascade, driven, speed, current).T
+        theta, speed, *both = _along(cascade, driven, speed, currents).T
+        currents = np.column_stack(both)
     return t, reference, theta
 
 
-def _along(cascade: Cascade, driven: Array, speed: Array, current: Array) -> Array:
-    """Return angle, speed and i_q of a cascade whose map goes with speed and current, between some of both."""
+def _along(cascade: Cascade, driven: Array, speed: Array, currents: Array) -> Array:
+    """Return angle, speed, i_q and i_d of a cascade whose map goes with speed and currents.
+
+    It is affine in the currents, and interpolated between some speeds.
+    """
     names = ("theta_ref", "omega_ref", "i_q_add", "T_load", "omega_point")
-    slowest, top, most = float(speed.min()), float(speed.max()), float(np.abs(current).max())
+    slowest, top, most = float(speed.min()), float(speed.max()), np.abs(currents).max()
     systems = [
-        cascade.moving(at, i_q).system(names, ("theta", "omega", "i_q"))
+        cascade.moving(at, i_q, i_d).system(names, ("theta", "omega", "i_q", "i_d"))
         for at in np.linspace(slowest, top, SPEEDS)
-        for i_q in (-most, most)
+        for i_q, i_d in ((0.0, 0.0), (most, 0.0), (0.0, most))
     ]
     A, B = (np.array([getattr(system, name) for system in systems]) for name in "AB")
     place = (speed - slowest) / (top - slowest) * (SPEEDS - 1)
     lower = np.minimum(place.astype(np.intp), SPEEDS - 2)
-    faster, more = place - lower, 0.5 * (1.0 + current / most)
-    shares = np.column_stack([
-        (1.0 - faster) * (1.0 - more), (1.0 - faster) * more, faster * (1.0 - more), faster * more
-    ])  # fmt: skip
-    return _carried(A, B, systems[0].C, np.column_stack([driven, speed]), 2 * lower, shares)
+    faster, more = (place - lower)[:, None], currents / most
+    by_current = np.column_stack([1.0 - more.sum(axis=1), more])
+    shares = np.column_stack([(1.0 - faster) * by_current, faster * by_current])
+    return _carried(A, B, systems[0].C, np.column_stack([driven, speed]), 3 * lower, shares)
 
 
 def _carried(A: Array, B: Array, C: Array, driven: Array, first: NDArray[np.intp], shares: Array) -> Array:
-    """Return the outputs of a system that is the weighted sum of four systems in a row, from rest."""
-    n, pushed = A.shape[1], np.zeros((len(driven), A.shape[1]))
+    """Return the outputs of a system that is the weighted sum of some systems in a row, from rest."""
+    count, n, pushed = shares.shape[1], A.shape[1], np.zeros((len(driven), A.shape[1]))
     for k in np.unique(first):
         seen = first == k
-        for j in range(4):
+        for j in range(count):
             pushed[seen] += shares[seen, j, None] * (driven[seen] @ B[k + j].T)
-    stacked = [A[k : k + 4].reshape(4 * n, n) for k in range(len(A) - 3)]
+    stacked = [A[k : k + count].reshape(count * n, n) for k in range(len(A) - count + 1)]
     state, out = np.zeros(n), np.empty((len(driven), len(C)))
     for k, (at, share, push) in enumerate(zip(first.tolist(), shares, pushed, strict=True)):
         out[k] = C @ state
-        state = share @ (stacked[at] @ state).reshape(4, n) + push
+        state = share @ (stacked[at] @ state).reshape(count, n) + push
     return out
 
 

@@ -128,7 +128,7 @@ def _period(m: Plant, omega_e: float, turning: float) -> tuple[Array, Array]:
     return held_period(winding[None], driven[None], turning, m.period)
 
 
-def within_period(design: Design, speed: float, i_q: float, parts: int) -> tuple[Array, Array]:
+def within_period(design: Design, speed: float, i_q: float, parts: int, i_d: float = 0.0) -> tuple[Array, Array]:
     """Return currents and voltage within a control period at constant speed, as the rotor sees them.
 
     A winding that is fast against the control period follows the voltage as it turns.
@@ -139,9 +139,11 @@ def within_period(design: Design, speed: float, i_q: float, parts: int) -> tuple
     speed : float
         rad/s.
     i_q : float
-        A, at the ticks; i_d is 0 there.
+        A, at the ticks.
     parts : int
         Equal parts of the period.
+    i_d : float
+        A, at the ticks.
 
     Returns
     -------
@@ -150,14 +152,14 @@ def within_period(design: Design, speed: float, i_q: float, parts: int) -> tuple
     """
     m = Plant.of(design)
     omega_e = m.p * speed
-    half, held = 0.5 * omega_e * m.period, np.array(steady_voltage(design, speed, i_q))
+    half, held = 0.5 * omega_e * m.period, np.array(steady_voltage(design, speed, i_q, i_d))
     ahead = np.array([[math.cos(half), -math.sin(half)], [math.sin(half), math.cos(half)]])
     # currents, voltage, and a one for the EMF
     rates = np.zeros((5, 5))
     rates[:2, :2], rates[:2, 2:4] = _winding(m, omega_e)
     rates[1, 4], rates[2, 3], rates[3, 2] = -omega_e * m.psi_f / m.L_q, omega_e, -omega_e
     step = expm(rates * m.period / parts)
-    state = expm(0.5 * rates * m.period / parts) @ np.array([0.0, i_q, *(ahead @ held), 1.0])
+    state = expm(0.5 * rates * m.period / parts) @ np.array([i_d, i_q, *(ahead @ held), 1.0])
     found = np.empty((parts, 5))
     for row in found:
         row[:] = state
@@ -165,18 +167,18 @@ def within_period(design: Design, speed: float, i_q: float, parts: int) -> tuple
     return found[:, :2], found[:, 2:4]
 
 
-def steady_voltage(design: Design, speed: float, i_q: float) -> tuple[float, float]:
-    """Return the voltage that holds a current at a speed, with i_d = 0.
+def steady_voltage(design: Design, speed: float, i_q: float, i_d: float = 0.0) -> tuple[float, float]:
+    """Return the voltage that holds currents at a speed.
 
-    It is u_d = -p omega L_q i_q, u_q = R i_q + p omega psi_f with a short control period. In a long one the held
-    voltage moves the flux along a chord, and is smaller; the current is that at the ticks.
+    With i_d = 0 it is u_d = -p omega L_q i_q, u_q = R i_q + p omega psi_f with a short control period. In a long one
+    the held voltage moves the flux along a chord, and is smaller; the current is that at the ticks.
 
     Parameters
     ----------
     design : Design
     speed : float
         rad/s.
-    i_q : float
+    i_q, i_d : float
         A.
 
     Returns
@@ -188,7 +190,7 @@ def steady_voltage(design: Design, speed: float, i_q: float) -> tuple[float, flo
     omega_e = m.p * speed
     carried, by_voltage = _period(m, omega_e, omega_e)
     by_emf = _period(m, omega_e, 0.0)[1]
-    currents = np.array([0.0, i_q])
+    currents = np.array([i_d, i_q])
     change = currents - carried @ currents + by_emf @ np.array([0.0, omega_e * m.psi_f])
     u_d, u_q = np.linalg.solve(by_voltage, change)
     return float(u_d), float(u_q)

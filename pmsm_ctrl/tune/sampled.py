@@ -39,7 +39,7 @@ FAINT = 1.0 / 6.0  # share of a held reference below which its images are too we
 # the point is an input too.
 PARTS = 16  # of a control period, in which the currents of a fast winding count as constant
 INPUTS = ("omega_ref", "theta_ref", "i_q_add", "T_load", "angle_noise", "i_q_ref", "omega_point")
-OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load")
+OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load", "i_d")
 
 
 def pi(K_p: float, T_n: float, period: float) -> Any:
@@ -126,7 +126,7 @@ class Cascade:
         vars(other)["_discrete"] = self._discrete  # the plant stays
         return other
 
-    def moving(self, speed: float, i_q: float) -> Cascade:
+    def moving(self, speed: float, i_q: float, i_d: float = 0.0) -> Cascade:
         """Return the cascade for a motion through a point: its states are the drive's own, not deviations.
 
         The products of speed and currents, and the turn of the rotor away from the held voltage, are linear about this
@@ -134,10 +134,10 @@ class Cascade:
 
         Parameters
         ----------
-        speed, i_q : float
+        speed, i_q, i_d : float
             rad/s and A.
         """
-        return replace(self, model=passed_through(self.truth, self.model, speed, i_q))
+        return replace(self, model=passed_through(self.truth, self.model, speed, i_q, i_d))
 
     @property
     def period(self) -> float:
@@ -186,7 +186,7 @@ class Cascade:
         n, point, omega = len(model.states), model.point, STATES.index("omega")
         # With products of speed and currents alone the rates are linear in the currents of the point.
         still, per_d, per_q = (passed_through(self.truth, model, point.speed, *i).A for i in ((0, 0), (0, 1), (1, 0)))
-        along = zip(*within_period(self.truth, point.speed, point.i_q, PARTS), strict=True)
+        along = zip(*within_period(self.truth, point.speed, point.i_q, PARTS, point.i_d), strict=True)
         # Held are u_d, u_q, the load and the speed of the point.
         A, B = np.zeros((PARTS, n + 1, n + 1)), np.zeros((PARTS, n + 1, 4))
         for a, b, ((i_d, i_q), (u_d, u_q)) in zip(A, B, along, strict=True):
@@ -300,7 +300,7 @@ class Cascade:
             e = wanted - omega_hat
             i_q_ref, of_filters = self._filtered(self.speed.K_p * e + I_s + i_q_add, state[n + 11 :])
             I_s = I_s + T_s / self.speed.T_n * self.speed.K_p * e
-        out = np.array([omega_hat, x[2], x[1], theta, i_q_ref, x[4] if n > 4 else x[2]])
+        out = np.array([omega_hat, x[2], x[1], theta, i_q_ref, x[4] if n > 4 else x[2], x[0]])
         # Current controllers and plant, one control period at a time.
         x[3] = 0.0
         x, held, I_d, I_q = self._ticks((x, held, I_d, I_q), omega_hat, i_q_ref, (T_load, omega_point), trace)
@@ -344,7 +344,8 @@ class Cascade:
                 trace.append(x.copy())
             e_d, e_q = -i_d, i_q_ref - i_q
             u_d = K_d * e_d + I_d - m.p * L_q * (point.speed * i_q + point.i_q * (omega_hat - omega_point))
-            u_q = loop.K_p * e_q + I_q + m.p * (L_d * point.speed * i_d + (L_d * point.i_d + psi) * omega_hat)
+            u_q = loop.K_p * e_q + I_q + m.p * psi * omega_hat
+            u_q = u_q + m.p * L_d * (point.speed * i_d + point.i_d * (omega_hat - omega_point))
             I_d = I_d + T / T_d * K_d * e_d
             I_q = I_q + T / loop.T_n * loop.K_p * e_q
             command = np.vstack([u_d, u_q, (m.delay + 0.5) * T * (omega_hat - omega_point)])

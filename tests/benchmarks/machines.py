@@ -57,6 +57,8 @@ class Row:
         RMS error without compensation of the reversal with the worst change, encoder counts.
     F_c, sd_F_c : float
         Tracked value over the true one, less 1, and its stated standard error, %.
+    doubts : str
+        What the tracker says of its estimates.
     exported : bool
     words : str
         Why it did not get further, or what explains it.
@@ -79,6 +81,7 @@ class Row:
     gain: float = math.nan
     F_c: float = math.nan
     sd_F_c: float = math.nan
+    doubts: str = ""
     exported: bool = False
     words: str = ""
     seconds: float = math.nan
@@ -227,6 +230,7 @@ def _tracked(design: Design, found: dict[str, object], words: list[str]) -> Desi
     log = simulate(off, scenario("triangle", off, speed=100.0, period=2.0, cycles=3.0), seed=1)
     tracked, true = track(believed, log), design.parameters("coulomb")["F_c"]
     found["F_c"] = 100.0 * (float(tracked.history["F_c"][-1]) / true - 1.0)
+    found["doubts"] = "; ".join(one.text for one in tracked.notices)
     found["sd_F_c"] = 100.0 * float(tracked.stderr["F_c"][-1]) / true
     return design
 
@@ -313,7 +317,9 @@ def worst(rows: list[Row], report: Callable[[str], None] = print) -> None:
             if r.safe != "yes"
         ],
         "F_c off by more than 5 %": [
-            (r, f"{r.F_c:+.1f} %, at a stated standard error of {r.sd_F_c:.1f} %") for r in tuned if abs(r.F_c) > 5.0
+            (r, f"{r.F_c:+.1f} %, at a stated standard error of {r.sd_F_c:.1f} %; {r.doubts}")
+            for r in tuned
+            if abs(r.F_c) > 5.0
         ],
     }
     for kind, found in kinds.items():

@@ -13,20 +13,20 @@ from pmsm_ctrl.tune.sampled import Cascade
 TURN = 0.6  # rad (electrical) in a control period
 
 
-@pytest.mark.parametrize("tau", [70e-6, 3e-3])
-def test_a_control_period_at_speed_is_that_of_the_machine_in_the_stator_frame(designs, tau):
+@pytest.mark.parametrize(("tau", "i_d"), [(70e-6, 0.0), (3e-3, 0.0), (3e-3, 0.8)])
+def test_a_control_period_at_speed_is_that_of_the_machine_in_the_stator_frame(designs, tau, i_d):
     # States: i_d, i_q, omega, theta, angle of the voltage ahead of the rotor; inputs: u_d, u_q, load.
     design = Design.read(designs / "seed_motor.toml")
     R, p, psi = design.motor.R, design.motor.p, design.motor.psi_f
     design = design.replace(motor={"L_d": R * tau, "L_q": R * tau}).replace_effects(())
     period, i_q = 1.0 / design.drive.f_control, 1.5
     speed = TURN / (p * period)
-    cascade = Cascade.of(design, CurrentLoop(K_p=1.0, T_n=1e-3)).moving(speed, i_q)
-    u_d, u_q = steady_voltage(design, speed, i_q)
+    cascade = Cascade.of(design, CurrentLoop(K_p=1.0, T_n=1e-3)).moving(speed, i_q, i_d)
+    u_d, u_q = steady_voltage(design, speed, i_q, i_d)
 
     def after(d):
         rotor = np.exp(1j * p * d[3])
-        start = (d[0] + 1j * (i_q + d[1])) * rotor
+        start = (i_d + d[0] + 1j * (i_q + d[1])) * rotor
         u = (u_d + d[5] + 1j * (u_q + d[6])) * rotor * np.exp(1j * (0.5 * TURN + p * d[4]))
 
         def rates(t, y):
