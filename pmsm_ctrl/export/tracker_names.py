@@ -82,6 +82,9 @@ MEMORY = {
     "EXCESS": ("excess", "1, running mean square of the innovations' scatter"),
     "NOISE": ("noise_factor", "1, factor on the density of the torque's noise"),
     "SIGNED": ("last_innovation", "1, last normalised innovation in the direction of motion"),
+    "TORQUE_MEAN": ("running_torque", "N m, running mean of the torque over one interval"),
+    "DEPARTURE": ("departure", "(N m)^2, square of the torque's distance from its mean, beyond the noise"),
+    "GROWN": ("departure_grown", "(N m)^2, growth of the departure over the step"),
 }
 STATES = ("OMEGA", "F_C", "F_V", "T_LOAD", "INERTIA", "THETA")
 EVENTS = ("PREDICTED", "UPDATED", "CONSTANT", "STANDSTILL", "STARTED", "REJECTED", "IMPLAUSIBLE", "INVALID", "GAP",
@@ -120,6 +123,8 @@ NOTES = {
     "classify_seen": "1 if the last speed is known, else 0",
     "classify_speed": "rad/s, measured speed",
     "classify_change": "rad/s, change of speed beyond its noise",
+    "depart_away": "N m, distance of the torque from its running mean",
+    "depart_departure": "(N m)^2, its square beyond the noise",
     "classify_apart": "rad/s, distance of the speed from its mean",
     "classify_weight": "1, weight of this sample in the running means",
     "constant_speed_limit": "rad/s, spread below which the speed is constant",
@@ -147,6 +152,8 @@ NOTES = {
     "predict_v_theta": "rad^2, part of the variance of the angle",
     "process_variance_surge": "N m s, change of torque times the step",
     "process_variance_value": "(N m s)^2, variance by a step of the torque",
+    "process_variance_instant": "(N m s)^2, variance by the unknown instant of a step of the torque",
+    "process_variance_late": "(N m s)^2, variance by a torque logged late",
     "process_variance_white": "(N m s)^2, variance by the torque's noise",
     "restart_shared": "rad^2/s, covariance of speed and angle",
     "restart_variance": "(rad/s)^2, variance of the speed",

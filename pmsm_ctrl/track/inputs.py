@@ -20,7 +20,7 @@ from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track.notices import EFFECT_LEFT_OUT
 from pmsm_ctrl.track.settings import Settings
 
-__all__ = ["KnownTorque", "Samples", "located", "noise_from_log", "samples_of"]
+__all__ = ["KnownTorque", "Samples", "located", "noise_from_log", "samples_of", "scatter"]
 
 Array = NDArray[np.float64]
 AVAILABLE = ("omega", "theta", "direction", "i_d", "i_q", "torque", "t", "p")
@@ -167,6 +167,18 @@ def _unwrap(theta: Array) -> Array:
     return np.array(theta)
 
 
+def scatter(samples: Samples) -> float:
+    """Return by how much the torque scatters from sample to sample, N m rms.
+
+    The second difference of a smooth signal is noise; the median passes over steps.
+
+    Parameters
+    ----------
+    samples : Samples
+    """
+    return 1.4826 * float(np.median(np.abs(np.diff(samples.torque, 2)))) / math.sqrt(6.0)
+
+
 def noise_from_log(design: Design, settings: Settings, samples: Samples, log: Log) -> Settings:
     """Fill in the noise that neither the settings nor the design state, from the log itself.
 
@@ -192,9 +204,7 @@ def noise_from_log(design: Design, settings: Settings, samples: Samples, log: Lo
         When the drive torque is zero throughout.
     """
     if settings.torque_noise is None and design.sensor.current_noise == 0.0:
-        # The second difference of a smooth signal is noise; the median passes over steps.
-        second = np.diff(samples.torque, 2)
-        noise = 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0)
+        noise = scatter(samples)
         floor = 1e-4 * float(np.quantile(np.abs(samples.torque), 0.95))
         if not max(noise, floor) > 0.0:
             raise RequestError(f"{located(log)}the drive torque is zero throughout; tracking needs a driven motion")

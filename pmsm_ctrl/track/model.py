@@ -18,7 +18,7 @@ from pmsm_ctrl.effects.viscous import term as viscous
 from pmsm_ctrl.kernels import OPTIONS, soundly_cached
 
 __all__ = [
-    "EVENTS", "MEMORY", "NEVER", "SETTINGS", "STATES", "acceleration", "adapt", "classify", "constant_speed",
+    "EVENTS", "MEMORY", "NEVER", "SETTINGS", "STATES", "acceleration", "adapt", "classify", "constant_speed", "depart",
     "fresh_speed", "judge", "keep_past_speed", "keep_split", "process_variance",
 ]  # fmt: skip
 
@@ -52,9 +52,9 @@ SETTINGS = PRIOR + SIZE
 (
     T_LAST, Z_LAST, TORQUE_LAST, KNOWN_LAST, SPEED_LAST, RUNNING, ELAPSED, MEAN, SPREAD, REJECTS, DT, SPEED,
     TORQUE, KNOWN, SURGE, DUE, TREND, CALM, SEEN, PAST_SPEED, PAST_ALPHA, MOVED, SPEED_USED, SINCE, EXCESS, NOISE,
-    SIGNED,
-) = range(27)  # fmt: skip
-MEMORY = 27
+    SIGNED, TORQUE_MEAN, DEPARTURE, GROWN,
+) = range(30)  # fmt: skip
+MEMORY = 30
 NEVER = -1e30  # time of the last sample before the first one; not NaN, which stops some controllers
 
 SPREAD_TIME = 1.0  # s over which the spread of abs(omega) is judged
@@ -111,6 +111,19 @@ def acceleration(
 
 
 @shared
+def depart(m, s, torque, dt):  # type: ignore[no-untyped-def]
+    """Note how far the torque has left its mean over an interval.
+
+    A torque that is logged some time late errs by that time its change: in one direction over a step of many samples.
+    """
+    away = torque - m[TORQUE_MEAN]
+    m[TORQUE_MEAN] += min(dt / s[INTERVAL], 1.0) * away
+    departure = max(away * away - 9.0 * m[NOISE] * s[TORQUE_DENSITY] / dt, 0.0)  # 3 standard deviations are noise
+    m[GROWN] = max(departure - m[DEPARTURE], 0.0)
+    m[DEPARTURE] = departure
+
+
+@shared
 def classify(m, dt, step, torque, known, friction, s):  # type: ignore[no-untyped-def]
     """Classify a new sample, update the memory `m` and return the event.
 
@@ -128,6 +141,7 @@ def classify(m, dt, step, torque, known, friction, s):  # type: ignore[no-untype
     m[TORQUE] = 0.5 * (torque + m[TORQUE_LAST])
     m[KNOWN] = 0.5 * (known + m[KNOWN_LAST])
     m[SURGE] = torque - m[TORQUE_LAST]
+    depart(m, s, torque, dt)
     m[TORQUE_LAST], m[KNOWN_LAST], m[SPEED_LAST] = torque, known, speed
     m[SEEN] = 1.0
     if not dt <= s[MAX_GAP]:
@@ -243,10 +257,15 @@ def fresh_speed(m, s, by_F_c, P_cc, alpha):  # type: ignore[no-untyped-def]
 
 @shared
 def process_variance(m, s):  # type: ignore[no-untyped-def]
-    """Variance of the torque's integral over a step, (N m s)^2: noise, and the unknown instant of a torque step."""
+    """Variance of the torque's integral over a step, (N m s)^2.
+
+    Of noise, of the unknown instant of a torque step, and of a torque that may be logged one sample late.
+    """
     white = m[NOISE] * s[TORQUE_DENSITY] * m[DT]
     surge = m[SURGE] * m[DT]
-    return white + max(surge * surge - 18.0 * white, 0.0) / 12.0  # 3 standard deviations of a difference are noise
+    late = m[GROWN] * m[DT] * m[DT]
+    instant = max(surge * surge - 18.0 * white, 0.0) / 12.0  # 3 standard deviations of a difference are noise
+    return white + late + instant
 
 
 @shared

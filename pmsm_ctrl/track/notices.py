@@ -6,7 +6,8 @@ from pmsm_ctrl.section import Template
 
 __all__ = [
     "CHANGED", "CONSTANT_SPEED", "EFFECT_LEFT_OUT", "INCONSISTENT", "NOT_EXCITED", "NOT_MOVED", "ONE_DIRECTION",
-    "REJECTED", "STREAM_CLOCK", "STREAM_LOST", "STREAM_REOPENED", "UNMODELLED_TORQUE",
+    "REJECTED", "STREAM_CLOCK", "STREAM_LOST", "STREAM_REOPENED", "UNDERSAMPLED",
+    "UNMODELLED_TORQUE",
 ]  # fmt: skip
 
 EFFECT_LEFT_OUT = Template(
@@ -17,6 +18,12 @@ UNMODELLED_TORQUE = Template(
     "unmodelled_torque",
     "the torque noise is {factor:.2g} times that of the sensors: the log contains torque that the design does not "
     "model; the error bands cover its size, not its shape{remedy}",
+)
+UNDERSAMPLED = Template(
+    "torque_undersampled",
+    "the torque scatters by {scatter:.2g} {unit} from sample to sample, {times:.2g} times F_c and {louder:.2g} times "
+    "the sensors' noise: the speed loop answers the encoder's steps faster than the log samples that, and a sample is "
+    "no mean; F_c and J may be off by more than their standard errors; log at the speed loop's rate, {rate:g} Hz",
 )
 INCONSISTENT = Template(
     "inconsistent_innovations",

@@ -15,9 +15,10 @@ from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model, notices
-from pmsm_ctrl.track.inputs import Samples, located, noise_from_log, samples_of
+from pmsm_ctrl.track.inputs import Samples, located, noise_from_log, samples_of, scatter
 from pmsm_ctrl.track.result import Tracking, mean_of_judged
 from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Filtered", "filter_samples", "track"]
 
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 
 SLOW, EITHER = 0.05, 0.1  # share of the top speed that counts as motion; of the motion, in either direction
 SPAN, SURGE = 0.02, 0.5  # s between two speeds; accelerating torque, as a share of F_c, that shows the inertia
+LOUD = 3.0  # times the sensors' noise: the torque itself scatters between two samples
 
 
 def track(
@@ -71,7 +73,7 @@ def track(
     settings = settings or _default_settings(design, log)
     samples = samples_of(design, log, settings.measure)
     settings = noise_from_log(design, settings, samples, log)
-    doubts = [*believed.notices, *samples.notices]
+    doubts = [*believed.notices, *samples.notices, *_undersampled(design, log, samples)]
     settings = settings if adapt else replace(settings, adapt=False)
     s = numbers(design, settings, log.period)
     out = filter_samples(design, settings, s, samples)
@@ -119,6 +121,17 @@ def _default_settings(design: Design, log: Log) -> Settings:
     surge = design.J * float(np.std(speed[span:] - speed[:-span])) / (span * log.period)
     excited = surge > SURGE * design.parameters("coulomb").get("F_c", 0.0)
     return Settings(measure=measure, estimate=("T_load", "J") if excited else ("T_load",))
+
+
+def _undersampled(design: Design, log: Log, samples: Samples) -> list[Notice]:
+    """Return a notice where the torque between two samples of a slow log swings by more than F_c."""
+    noise, friction = design.K_t_assumed * design.sensor.current_noise, design.parameters("coulomb").get("F_c", 0.0)
+    found = scatter(samples)
+    slow = design.motor.electrical and log.period > 1.5 * design.drive.speed_period
+    if not (slow and 0.0 < friction < found and found > LOUD * noise > 0.0):
+        return []
+    unit, rate = axis_unit("N m", log.motion), 1.0 / design.drive.speed_period
+    return [notices.UNDERSAMPLED(scatter=found, unit=unit, times=found / friction, louder=found / noise, rate=rate)]
 
 
 def _correlation(covariance: Array, scale: Array) -> Array:

@@ -19,6 +19,8 @@ from pmsm_ctrl.track import FrictionTracker, Settings, model, track
 from pmsm_ctrl.track.inputs import Samples, samples_of
 from pmsm_ctrl.track.settings import numbers
 from pmsm_ctrl.track.tracking import filter_samples
+from pmsm_ctrl.tune import tune
+from tests.benchmarks.machines import machine
 from tests.unit.track.tracking_axes import step_of_F_c, with_known_effects
 
 F_C, F_V = 0.0213, 0.000168
@@ -121,6 +123,33 @@ def test_noise_that_is_twice_as_large_is_found_while_the_axis_runs(design: Desig
     late = log.t > 5.0
     error, best, worst = (np.sqrt(np.mean((one.history["F_c"][late] - F_C) ** 2)) for one in (found, told, deaf))
     assert error < 1.25 * best < worst
+
+
+def test_currents_one_sample_late_hardly_move_the_friction(design: Design) -> None:
+    """Where the torque changes in one direction over many samples, the late one errs in one direction as well."""
+    log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0, cycles=10.0), seed=5)
+    late = Log({name: part[:-1] if name in ("i_d", "i_q") else part[1:] for name, part in log.channels.items()})
+    moved = {
+        name: float(
+            np.mean(track(design, late).history[name][5000:]) / np.mean(track(design, log).history[name][5001:])
+        )
+        for name in ("F_c", "F_v")
+    }
+    assert moved == pytest.approx({"F_c": 1.0, "F_v": 1.0}, abs=0.006)  # F_v 1.012 without that in the noise
+
+
+def test_a_torque_that_the_log_does_not_follow_is_said() -> None:
+    # 16 kHz speed loop, 16 bit: its answers to the encoder's steps are twice F_c, and a log of 1 kHz has some of them.
+    stiff = tune(machine(9043), prove=False).design
+    found, fast = (
+        track(one, simulate(one, scenario("triangle", one, speed=100.0, period=2.0, cycles=3.0), seed=1))
+        for one in (stiff, stiff.replace(sensor={"log_divider": stiff.drive.speed_divider}))
+    )
+    said = {notice.code: notice for notice in found.notices}
+    assert "16000 Hz" in said["torque_undersampled"].text
+    assert "torque_undersampled" not in {notice.code for notice in fast.notices}
+    error = fast.history["F_c"][-1] / stiff.parameters("coulomb")["F_c"] - 1.0
+    assert abs(error) < 0.01
 
 
 def test_covariance_stays_positive_definite_whatever_comes(design: Design, log: Log, rng: np.random.Generator) -> None:
