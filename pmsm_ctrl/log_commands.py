@@ -78,7 +78,7 @@ def identify(
         processing = None if cutoff is None else Processing(cutoff=cutoff)
         chosen = cast("Method", method)
         result = run_identification(
-            axis, records, method=chosen, processing=processing, check_cutoff=True, progress=progress
+            axis, records, method=chosen, processing=processing, check_cutoff=True, check_method=True, progress=progress
         )
     finish("identify", result, json_file=json_file, report=report)
     if not result.improved:

@@ -16,6 +16,7 @@ from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.identify import policy
+from pmsm_ctrl.identify.beside import apart, by_instruments
 from pmsm_ctrl.identify.effective import effective_only
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.open_loop_fit import by_open_loop
@@ -39,6 +40,7 @@ from pmsm_ctrl.regression.worse_than_given import worse_by_error, worse_than_giv
 from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
+from pmsm_ctrl.units import axis_unit
 
 __all__ = ["Identification", "Method", "identify"]
 
@@ -179,7 +181,7 @@ def _sizes(residual: Array, torque: Array) -> _Sizes:
 
 def identify(
     design: Design, log: Logs, *, method: Method = "regression", processing: Processing | None = None,
-    check_cutoff: bool = False, progress: Callable[[float], None] | None = None,
+    check_cutoff: bool = False, check_method: bool = False, progress: Callable[[float], None] | None = None,
 ) -> Identification:  # fmt: skip
     """Identify the inertia and the parameters of the design's effects from a log.
 
@@ -207,6 +209,9 @@ def identify(
     check_cutoff : bool
         Whether the inertia is found again at other cutoffs, with a warning where it moves beyond its interval. Of
         "regression" only.
+    check_method : bool
+        Whether the inertia is found again by "iv" where the drive can be simulated, with a warning where the two differ
+        by more than both intervals. Of "regression" only.
     progress : function, optional
         Called with the share of the work that is done, after every round of a fit by simulation as well; an
         exception that it raises ends the identification.
@@ -258,7 +263,7 @@ def identify(
         *contradictions, *record_notices(several.rows), *(one for one in (worse, effective) if one),
         *_large(sizes["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes,
         *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *bounds, *_doubts(design, fit),
-        *moved(over, fit),
+        *moved(over, fit), *(_beside(design, whole, fit) if check_method and method == "regression" else ()),
     )  # fmt: skip
     return Identification(
         design=found if worse is None else design,
@@ -282,6 +287,12 @@ def identify(
         over_cutoff=over,
         remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
     )
+
+
+def _beside(design: Design, log: Log, fit: Fit) -> tuple[Notice, ...]:
+    """Return a notice where the simulated drive, if there is one, contradicts the inertia."""
+    other = by_instruments(lambda: identify(design, log, method="iv")) if replayable(design, log) else None
+    return apart(fit, other, axis_unit("kg m^2", log.motion))
 
 
 def _rounds(advance: Callable[[float], None]) -> Callable[[], None]:

@@ -8,7 +8,7 @@ from pmsm_ctrl.section import Notice, Template
 __all__ = [
     "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT", "EFFECTIVE_BY_FLOOR",
     "EFFECTIVE_VALUES", "FEW_DEGREES_OF_FREEDOM",
-    "ILL_CONDITIONED", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF",
+    "ILL_CONDITIONED", "INERTIA_BY_INSTRUMENTS", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF",
     "INERTIA_OVER_CUTOFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
     "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "OPEN_LOOP", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
     "not_identifiable",
@@ -66,6 +66,13 @@ INERTIA_OVER_CUTOFF = Template(
     "J changes with the cutoff by more than its interval: {value:.4g} {unit} at {at:.3g} Hz, "
     "{other:.4g} at {cutoff:.3g} Hz; noise in the acceleration lowers it as the band grows (--cutoff narrows it), "
     "or an effect is missing",
+)
+INERTIA_BY_INSTRUMENTS = Template(
+    "inertia_by_instruments",
+    "J by regression, {value:.4g} +- {stderr:.2g} {unit}, is {percent:+.2g} % off the one by instruments from the "
+    "simulated drive, {other:.4g} +- {others:.2g}, and outside of both intervals: the samples of the torque are no "
+    "means over their time (a reference that is held for a sample), or noise in the motion biases the regression. "
+    "Use --method iv or output_error, where the loops of the design are those of the drive",
 )
 
 # -- of the methods that simulate

@@ -134,6 +134,19 @@ def test_values_become_a_plant(design) -> None:
     assert plant_with(assumed, (), ()).K_t == pytest.approx(1.0)
 
 
+def soft_and_held(designs, cycles: float) -> tuple[Design, Scenario, Scenario]:
+    """Return a drive with loops set by hand, a triangle, and the same triangle held for a sample of the log."""
+    soft = Design.read(designs / "hand_tuned.toml").replace(
+        drive={"f_control": 8000.0, "speed_divider": 4}, sensor={"log_divider": 8}
+    )
+    smooth = scenario("triangle", soft, speed=150.0, period=1.0, cycles=cycles)
+    return (
+        soft,
+        smooth,
+        Scenario("held", smooth.duration, lambda t: smooth.references(np.floor(t / 1e-3 + 1e-9) * 1e-3)),
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["iv", "output_error"])
 def test_a_reference_that_is_held_for_a_sample_leaves_the_inertia_right(designs, method: str) -> None:
@@ -141,14 +154,24 @@ def test_a_reference_that_is_held_for_a_sample_leaves_the_inertia_right(designs,
 
     Least squares by inverse dynamics takes the samples for means: 7 % too small here, with loops set by hand.
     """
-    soft = Design.read(designs / "hand_tuned.toml").replace(
-        drive={"f_control": 8000.0, "speed_divider": 4}, sensor={"log_divider": 8}
-    )
-    smooth = scenario("triangle", soft, speed=150.0, period=1.0, cycles=10.0)
-    held = Scenario("held", smooth.duration, lambda t: smooth.references(np.floor(t / 1e-3 + 1e-9) * 1e-3))
+    soft, _, held = soft_and_held(designs, 10.0)
     off = []
     for seed in range(900, 904):
         found = identify(soft, simulate(soft, held, seed=seed), method=method).estimates["J"]
         off.append((found.value - soft.J) / found.stderr)
         assert found.stderr < 0.003 * soft.J
     assert rms(np.array(off)) < 2.0
+
+
+def test_an_inertia_that_the_simulated_drive_contradicts_is_said(designs) -> None:
+    """Held references bias least squares by 7 %, and the log alone does not tell."""
+    soft, smooth, held = soft_and_held(designs, 5.0)
+    for motion, said in ((held, ["inertia_by_instruments"]), (smooth, [])):
+        found = identify(soft, simulate(soft, motion, seed=3), check_method=True)
+        assert [one.code for one in found.notices] == said
+    (notice,) = identify(soft, simulate(soft, held, seed=3), check_method=True).notices
+    assert "--method iv" in notice.text
+    assert notice.detail["other"] == pytest.approx(soft.J, rel=0.004)
+    assert notice.detail["value"] < 0.95 * soft.J
+    without = soft.model_copy(update={"loops": None})  # which cannot be simulated
+    assert not identify(without, simulate(soft, held, seed=3), check_method=True).notices
