@@ -120,6 +120,11 @@ def _require(log: Log) -> None:
     for name in ("theta_ref", "theta_true", "omega_true", "omega_ref", "i_q_ref"):
         if name not in log:
             raise LogError(f"metrics of a compensation need '{name}' (present: {', '.join(log)})")
+    if 4 * CYCLE_SWINGS * log.period > SHORTEST:
+        raise LogError(
+            f"samples every {log.period:.3g} s: a limit cycle cannot be seen in a rest of {SHORTEST:g} s; at least "
+            f"{4 * CYCLE_SWINGS / SHORTEST:g} Hz were expected"
+        )
 
 
 def _metrics(

@@ -73,7 +73,9 @@ def _judged(judged: _Judged, gain: float) -> GainVerdict:
     try:
         window = _window(design, gain)
     except DesignError as error:
-        return GainVerdict(None, str(error))
+        # Without loops or electrical data nothing can be judged; a design that contradicts itself is not safe.
+        sound = design.loops is not None and design.motor.electrical and design.loops.position.K_v > 0.0
+        return GainVerdict(False if sound else None, str(error))
     except PmsmCtrlError as error:  # the simulation diverged, say
         return GainVerdict(False, str(error))
     if window.safe >= gain:

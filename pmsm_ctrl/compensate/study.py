@@ -17,7 +17,7 @@ from pmsm_ctrl.compensate.window import FACTORS, GAINS, gain_window
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import DesignError, RequestError
-from pmsm_ctrl.simulate.feedforward import Feedforward
+from pmsm_ctrl.simulate.feedforward import Feedforward, require_present
 from pmsm_ctrl.tune.observer import ObserverDesign, design_observer
 
 __all__ = ["SOURCES", "compensate"]
@@ -92,6 +92,8 @@ def compensate(
     DesignError
         When the design has no loops, no position gain, or no friction to compensate.
     """
+    if design.effects:
+        require_present(design)
     base, advance = baseline(design), progress or (lambda share: None)
     runs = _Runs(truth if truth is not None else design, study_trials(design), seed)
     full = Feedforward.of(compensated(base, [entry.id for entry in design.effects])) if design.effects else None

@@ -20,6 +20,7 @@ from pmsm_ctrl.simulate.feedforward import (
     limit_lines,
     observer_values,
     ramp_length,
+    require_present,
     smoothing_width,
 )
 
@@ -249,6 +250,8 @@ def direction_lines() -> list[str]:
 
 def _compensated(design: Design) -> list[tuple[Effect, dict[str, float]]]:
     """Return the compensated effects; refuse one that a drive cannot evaluate: leaving it out would go unnoticed."""
+    if design.effects:
+        require_present(design)
     chosen = []
     for effect, values in bound_effects(design):
         if effect.id not in design.compensation.effects or not effect.active(values):

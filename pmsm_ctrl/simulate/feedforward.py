@@ -22,7 +22,7 @@ from pmsm_ctrl.errors import DesignError
 __all__ = [
     "FIRST", "TRUSTED", "Feedforward", "compensation_lines", "core_lines", "estimate_lines", "largest_current",
     "limit_lines", "observer_inertia", "observer_lines", "observer_share", "observer_values",
-    "ramp_length", "smoothing_width",
+    "ramp_length", "require_present", "smoothing_width",
 ]  # fmt: skip
 
 Array = NDArray[Any]
@@ -87,13 +87,7 @@ class Feedforward:
         chosen = design.compensation
         if chosen.share == 0.0:
             return None
-        present = {entry.id for entry in design.effects}
-        for name in chosen.effects:
-            if name not in present and name not in ("coulomb", "viscous"):
-                raise DesignError(
-                    f"{design.source or design.name}: compensation.effects: '{name}' is not among the design's effects"
-                    f" ({', '.join(sorted(present)) or 'none'})"
-                )
+        require_present(design)
         head = (chosen.share, smoothing_width(design), SOURCES[chosen.source], design.K_t_assumed)
         values = [*head, float(design.motor.p or 0), chosen.dead_zone, largest_current(design)]
         names = ["gain", "smoothing", "source", "K_t", "p", "dead_zone", "limit"]
@@ -133,6 +127,27 @@ class Feedforward:
     def widen(self, inputs: Array) -> Array:
         """Return the references with the compensation's values beside them, shape (n, 6 + m)."""
         return np.hstack([inputs, np.broadcast_to(self.values, (inputs.shape[0], self.values.size))])
+
+
+def require_present(design: Design) -> None:
+    """Refuse a compensation of an effect that the design does not have; without friction there is none to compensate.
+
+    Parameters
+    ----------
+    design : Design
+
+    Raises
+    ------
+    DesignError
+        With the effects of the design.
+    """
+    present = {entry.id for entry in design.effects}
+    for name in design.compensation.effects:
+        if name not in present and name not in ("coulomb", "viscous"):
+            raise DesignError(
+                f"{design.source or design.name}: compensation.effects: '{name}' is not among the design's effects"
+                f" ({', '.join(sorted(present)) or 'none'})"
+            )
 
 
 def observer_values(design: Design) -> dict[str, float]:
