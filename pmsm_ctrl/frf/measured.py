@@ -23,6 +23,7 @@ from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.excitation import excitation
 from pmsm_ctrl.frf.fit import Axis, fit_axis
+from pmsm_ctrl.frf.held import beyond, held_excess
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.frf.result import Response
 from pmsm_ctrl.log import Log
@@ -59,12 +60,15 @@ class Stretch:
         Those of the log, ``torque``, and ``i_q_add``, the `excitation`, where the log tells it.
     reverses : bool
         Whether the axis reverses in it.
+    held : bool
+        Whether the excitation is held between the samples; what its steps fold onto them is not in ``torque``.
     """
 
     name: str
     period: float
     channels: Mapping[str, Array]
     reverses: bool
+    held: bool = False
 
     @property
     def rate(self) -> float:
@@ -139,6 +143,21 @@ def _stretch(design: Design, log: Log, name: str) -> Stretch | None:
     return Stretch(name, period, cut if added is None else cut | {ADDED: added}, reverses)
 
 
+def _without_steps(design: Design, record: Stretch, J: float, mass: SecondMass | None = None) -> Stretch:
+    """Return a record without what an excitation that is held between the samples folds onto its torque."""
+    channels = record.channels
+    sent = channels.get(ADDED, channels.get("i_q_ref"))
+    if sent is None or "i_q" not in channels or np.ptp(sent) == 0.0:
+        return record
+    excess = held_excess(
+        design, channels, sent, record.period, closed=ADDED in channels, J=J, speed=mean_speed([record]), mass=mass
+    )
+    if excess is None:
+        return record
+    torque = logged_torque(design, channels, f"{record.name}: ") - design.K_t * excess
+    return replace(record, channels={**channels, "torque": torque}, held=True)
+
+
 def _running_mean(values: Array, count: int) -> Array:
     from scipy.ndimage import uniform_filter1d
 
@@ -170,6 +189,15 @@ def measured_axis(design: Design, records: tuple[Stretch, ...]) -> tuple[Respons
     LogError
         When no frequency is excited.
     """
+    stepped = [_without_steps(design, one, 1.0 if design.motor.J is None else design.J) for one in records]
+    response, axis, found = _fitted(design, stepped)
+    if response.held:  # what the controller answers between the samples is that of the axis
+        stepped = [_without_steps(design, one, axis.J, axis.mass) for one in records]
+        response, axis, found = _fitted(design, stepped)
+    return response, axis, found
+
+
+def _fitted(design: Design, records: Sequence[Stretch]) -> tuple[Response, Axis, tuple[Notice, ...]]:
     taken, found = plant(records, drives(design.motion))
     J = guessed_inertia(taken) if design.motor.J is None else design.J
     periods = [one.period for one in records]
@@ -185,7 +213,7 @@ def measured_axis(design: Design, records: tuple[Stretch, ...]) -> tuple[Respons
     return response, axis, found
 
 
-def plant(records: tuple[Stretch, ...], quantity: str = "torque") -> tuple[Response, tuple[Notice, ...]]:
+def plant(records: Sequence[Stretch], quantity: str = "torque") -> tuple[Response, tuple[Notice, ...]]:
     """Return the response from drive torque to speed as it is recorded, and what there is to doubt.
 
     Raises
@@ -208,9 +236,17 @@ def plant(records: tuple[Stretch, ...], quantity: str = "torque") -> tuple[Respo
     if not instrument:
         weakest = float(np.quantile(1.0 - response.coherence, 0.9))
         found.append(words.NO_REFERENCE(quantity=quantity, bias=weakest))
+    elif any(not one.held and beyond(_content(one, instrument)) > policy.BEYOND for one in records):
+        found.append(words.FOLDED(channel=instrument, rate=min(one.rate for one in records)))
     if noisy is not None:
         found.append(words.NOISE_ANSWERED(frequency=noisy))
-    return response, tuple(found)
+    return replace(response, held=any(one.held for one in records)), tuple(found)
+
+
+def _content(record: Stretch, name: str) -> Array:
+    """Return a reference, of an angle its rate."""
+    values = record.channels[name]
+    return np.diff(values) if name == "theta_ref" else values
 
 
 def mean_speed(records: Sequence[Stretch]) -> float:
@@ -250,7 +286,7 @@ def _lines(record: Stretch, spectrum: Complex) -> NDArray[np.intp]:
     return lines[~weaker]
 
 
-def _follows(records: tuple[Stretch, ...], name: str) -> bool:
+def _follows(records: Sequence[Stretch], name: str) -> bool:
     """Whether a reference has content where the torque has, in every record.
 
     The current reference without the answer to noise holds all that moves the axis but noise. It need not be compared

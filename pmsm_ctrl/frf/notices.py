@@ -24,6 +24,12 @@ NOISE_ANSWERED = Template(
     "the response above {frequency:.4g} Hz is left out, because its phase is not that of a passive axis: the "
     "controller responds to noise of the measured speed, or the channels are more than two log periods apart",
 )
+FOLDED = Template(
+    "frf_excitation_beyond_log",
+    "{channel} has content up to half the log's rate of {rate:.4g} Hz: what the current holds beyond folds onto the "
+    "response, which can bias inertia and delay by far more than their errors; log faster, or excite below 0.4 times "
+    "the rate",
+)
 MISFIT = Template(
     "frf_misfit",
     "the residual of the fitted axis is {misfit:.2g} times the noise: the response has more than one resonance, or the "

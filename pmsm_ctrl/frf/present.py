@@ -22,6 +22,11 @@ NAMES = {
     "crossover": "crossover", "sensitivity_peak": "peak of the sensitivity",
 }  # fmt: skip
 
+HELD = (
+    "The excitation is held between the samples, and the log shows it whole; what its steps fold onto the current "
+    "is taken off, by the design's loops."
+)
+
 
 @present.register
 def _(result: FrequencyResponse) -> Section:
@@ -31,6 +36,7 @@ def _(result: FrequencyResponse) -> Section:
         f"{_verdict(result)} {len(plant)} frequencies from {low:.3g} to {high:.4g} Hz at {result.speed:.3g} "
         f"{'m/s' if result.design.motion == 'linear' else 'rad/s'}, resolution {plant.resolution:.2g} Hz; instrument: "
         f"{plant.instrument or 'none, the ' + quantity + ' is taken as exact'}.",
+        *([HELD] if plant.held else []),
         *result.notices,
         _axis(result),
     ]

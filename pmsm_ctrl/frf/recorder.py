@@ -21,7 +21,7 @@ from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.tune.linearise import mobility
 from pmsm_ctrl.tune.sampled import Cascade
 
-__all__ = ["recorded"]
+__all__ = ["free_cascade", "recorded", "stated"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -53,14 +53,25 @@ def recorded(
         A load behind a spring; part of `J`.
     """
     one = np.ones(len(frequency), dtype=np.complex128)
-    stated = design.log_period
-    if design.loops is None or not design.motor.electrical or any(abs(T - stated) > SAME * stated for T in periods):
-        return one
-    free = reduce(lambda found, effect: found.without_effect(effect.id), design.effects, design)
-    try:
-        cascade = Cascade.of(free.with_parameters(J=J), design.loops.current, at=speed, mass=mass)
-    except (DesignError, RequestError):  # a speed that the drive cannot hold
+    cascade = free_cascade(design, J, speed, mass) if stated(design, periods) else None
+    if cascade is None:
         return one
     seen = cascade.sampled_motion(2.0 * math.pi * frequency, design.sensor.log_divider)
     s = np.asarray(2j * math.pi * frequency, dtype=np.complex128)
-    return np.asarray(seen / (free.K_t * s * mobility(s, J, 0.0, mass)))
+    return np.asarray(seen / (cascade.design.K_t * s * mobility(s, J, 0.0, mass)))
+
+
+def stated(design: Design, periods: Sequence[float]) -> bool:
+    """Whether the design states how logs of these periods (s) are taken, and by which loops."""
+    own = design.log_period
+    return design.loops is not None and design.motor.electrical and all(abs(T - own) <= SAME * own for T in periods)
+
+
+def free_cascade(design: Design, J: float, speed: float, mass: SecondMass | None = None) -> Cascade | None:
+    """Return the loops of a design around an axis without friction; None at a speed that the drive cannot hold."""
+    assert design.loops is not None
+    free = reduce(lambda found, effect: found.without_effect(effect.id), design.effects, design)
+    try:
+        return Cascade.of(free.with_parameters(J=J), design.loops.current, at=speed, mass=mass)
+    except (DesignError, RequestError):
+        return None

@@ -39,6 +39,8 @@ class Response:
         Channel whose content was followed through both; empty where the input was taken as exact.
     resolution : float
         Width of the window in which the response is smoothed, Hz.
+    held : bool
+        Whether the excitation is held between the samples; what its steps fold onto the current is taken off.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Response:
     coherence: Array
     instrument: str
     resolution: float
+    held: bool = False
 
     def __len__(self) -> int:
         return len(self.frequency)
@@ -70,6 +73,7 @@ class Response:
             "frequency_hz": self.frequency.tolist(), "real": self.value.real.tolist(),
             "imaginary": self.value.imag.tolist(), "stderr": self.stderr.tolist(),
             "coherence": self.coherence.tolist(), "instrument": self.instrument, "resolution_hz": self.resolution,
+            "held_between_samples": self.held,
         }  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.local_polynomial import Local
 from pmsm_ctrl.frf import FrequencyResponse, Response
 from pmsm_ctrl.frf.fit import fit_axis
-from pmsm_ctrl.frf.measured import _beside, _passive, _ratio
+from pmsm_ctrl.frf.measured import _beside, _passive, _ratio, measured_axis, stretches
 from pmsm_ctrl.frf.notices import NOISE_ANSWERED
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.simulate import Scenario
@@ -242,7 +242,10 @@ def test_a_log_of_another_period_is_taken_as_it_is(seed: Design) -> None:
 
 
 def binary(design: Design, clock: float) -> Scenario:
-    """Return a multisine's motion with a binary sequence in its place, in A, clocked in the speed loop's ticks."""
+    """Return a multisine's motion with a binary sequence in its place, in A, clocked in the speed loop's ticks.
+
+    It begins in the first tick after the run-up, which is not one of the log.
+    """
     motion, T = multisine(design=design, periods=3.0), design.drive.speed_period
     start = motion.segments[0][2]
     levels = 0.06 * (2.0 * max_len_seq(12)[0] - 1.0)
@@ -255,16 +258,52 @@ def binary(design: Design, clock: float) -> Scenario:
     return replace(motion, references=references)
 
 
-def test_a_binary_sequence_is_measured_at_the_rate_of_the_speed_loop(seed: Design) -> None:
-    """Logged more slowly, the steps of the current fold onto the response (docs/frf.md, limits)."""
-    fast = seed.replace(sensor={"log_divider": seed.drive.speed_divider})
-    spring = fast.with_effect("compliance", SPRING)
-    result = frf(fast, simulate(fast, binary(seed, 2e-3), truth=spring, seed=11))
+def is_right(result: FrequencyResponse) -> None:
     values = {name: one.value for name, one in result.estimates.items()}
     assert values["J"] == pytest.approx(9e-5, rel=0.01)
     assert values["resonance"] == pytest.approx(RESONANCE, rel=0.005)
     assert values["damping"] == pytest.approx(0.002, rel=0.2)
     assert abs(values["delay"]) < 20e-6
+
+
+def test_a_binary_sequence_is_measured_at_the_rate_of_the_speed_loop(seed: Design) -> None:
+    fast = seed.replace(sensor={"log_divider": seed.drive.speed_divider})
+    spring = fast.with_effect("compliance", SPRING)
+    result = frf(fast, simulate(fast, binary(seed, 2e-3), truth=spring, seed=11))
+    is_right(result)
+    assert not result.plant.held
+
+
+@pytest.mark.parametrize("clock", [1e-3, 2e-3, 5e-3])
+def test_a_binary_sequence_is_measured_at_a_quarter_of_that_rate(seed: Design, clock: float) -> None:
+    spring = seed.with_effect("compliance", SPRING)
+    result = frf(seed, simulate(seed, binary(seed, clock), truth=spring, seed=11))
+    is_right(result)
+    assert result.plant.held
+    assert [one.code for one in result.notices] == ["frf_resonance_not_in_design"]
+    assert "held between the samples" in result.summary()
+
+
+def test_without_noise_nothing_is_left_of_the_steps(seed: Design) -> None:
+    """The inertia need not be known: what the controller answers is that of the axis that is found first."""
+    quiet = seed.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
+    log = simulate(quiet, binary(seed, 2e-3))
+    for design in (quiet, quiet.replace(motor={"J": "unknown"}), quiet.with_parameters(J=7e-5)):
+        _, axis, _ = measured_axis(design, stretches(design, [log]))
+        assert pytest.approx(9e-5, rel=1e-3) == axis.J
+        assert axis.values[2] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_sequence_whose_steps_lie_between_the_samples_is_doubted(seed: Design) -> None:
+    result = frf(seed, simulate(seed, binary(seed, 1.25e-3), seed=11))
+    assert "frf_excitation_beyond_log" in [one.code for one in result.notices]
+
+
+def test_steps_that_the_design_does_not_tell_are_doubted(seed: Design) -> None:
+    """Of a log with another period than the design's nobody knows what a sample of the current shows."""
+    log = simulate(seed, binary(seed, 2e-3), seed=11)
+    other = seed.replace(sensor={"log_divider": 20})
+    assert "frf_excitation_beyond_log" in [one.code for one in frf(other, log).notices]
 
 
 def test_a_log_without_excitation_is_refused(seed: Design) -> None:
