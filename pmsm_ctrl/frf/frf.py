@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.fit import Axis, fit_axis
 from pmsm_ctrl.frf.from_bode import MeasuredBode
 from pmsm_ctrl.frf.measured import LOOPS, closed_loop, guessed_inertia, mean_speed, measured_axis, stretches
+from pmsm_ctrl.frf.point_margins import point_margins
 from pmsm_ctrl.frf.result import Band, FrequencyResponse, Response
 from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.rendering.numbers import with_error
@@ -23,6 +25,7 @@ from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.tune.linearise import friction_slope, mobility, second_mass, with_second_mass
 from pmsm_ctrl.tune.margins import Margins, margins
+from pmsm_ctrl.tune.margins import response as loop_response
 from pmsm_ctrl.tune.resonance import resonance_frequencies
 from pmsm_ctrl.tune.sampled import Cascade
 from pmsm_ctrl.tune.speed import open_loop
@@ -37,6 +40,7 @@ UNITS = {
     "J": "kg m^2", "friction_slope": "N m s/rad", "delay": "s", "antiresonance": "Hz", "resonance": "Hz",
     "damping_ratio": "", "load_inertia": "kg m^2", "stiffness": "N m/rad", "damping": "N m s/rad",
 }  # fmt: skip
+CLOSE = 2000  # frequencies at which a loop around the points is evaluated
 MARGINS = {"phase_margin": "deg", "gain_margin_db": "dB", "crossover": "Hz", "sensitivity_peak": ""}
 
 
@@ -111,6 +115,7 @@ def _compared(
         design, measured, name, speed, responses, own,
         axis.response(response.frequency), estimates, _bands(response, own, axis),
         _margins(believed, measured, axis, speed), axis.misfit, (*found, *judged),
+        _point_margins(measured, axis, speed, response),
     )  # fmt: skip
 
 
@@ -166,14 +171,34 @@ def _bands(response: Response, own: Complex, axis: Axis) -> tuple[Band, ...]:
     return tuple(bands)
 
 
-def _speed_loop(design: Design, speed: float) -> Margins | None:
+def _open_loop(design: Design, speed: float) -> Any:
+    """Return the open speed loop, or None where the design does not tell it."""
     if design.loops is None:
         return None
     try:
         cascade = Cascade.of(design, design.loops.current, at=speed)
     except (DesignError, RequestError):  # no winding data, or a speed that the drive cannot hold
         return None
-    return margins(open_loop(cascade, design.loops.speed))
+    return open_loop(cascade, design.loops.speed)
+
+
+def _speed_loop(design: Design, speed: float) -> Margins | None:
+    loop = _open_loop(design, speed)
+    return None if loop is None else margins(loop)
+
+
+def _point_margins(measured: Design, axis: Axis, speed: float, response: Response) -> dict[str, Estimate]:
+    """Return the margins of the speed loop around the measured points; the delay of the log is that of the axis."""
+    loop = _open_loop(measured, speed)
+    if loop is None:
+        return {}
+    low, high = response.frequency[0], min(response.frequency[-1], 0.499 / measured.drive.speed_period)
+    frequency = np.geomspace(low, high, CLOSE)
+    found = point_margins(
+        response, axis.response(response.frequency), frequency, loop_response(loop, 2.0 * math.pi * frequency),
+        math.sqrt(axis.covariance[2, 2]),
+    )  # fmt: skip
+    return {name: Estimate(value, MARGINS[name], stderr) for name, (value, stderr) in found.items()}
 
 
 def _margins(design: Design, measured: Design, axis: Axis, speed: float) -> dict[str, tuple[Estimate, float]]:

@@ -80,7 +80,7 @@ def held_excess(
     coarse = np.linspace(omega[1], omega[-1], min(COARSE, len(omega)))
 
     def at(values: Complex) -> Complex:
-        return np.interp(omega, coarse, values.real) + 1j * np.interp(omega, coarse, values.imag)
+        return np.asarray(np.interp(omega, coarse, values.real) + 1j * np.interp(omega, coarse, values.imag))
 
     smooth, moved = (one[0] for one in _held(cascade, "i_q_ref", coarse, 1))
     current, reference, sent = (_spectrum(one) for one in (channels["i_q"], channels["i_q_ref"], added))

@@ -434,7 +434,7 @@ def _merged(name: str, points: list[_Points], instrument: str) -> Response:
     order = np.argsort(mean(frequency)) if len(value) else np.arange(0)
     return Response(
         name, mean(frequency)[order], merged[order], np.sqrt(1.0 / total)[order], mean(coherence)[order],
-        "" if instrument == "torque" else instrument, width,
+        "" if instrument == "torque" else instrument, width, records=len(points),
     )  # fmt: skip
 
 

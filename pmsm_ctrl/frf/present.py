@@ -34,7 +34,8 @@ def _(result: FrequencyResponse) -> Section:
     low, high = plant.frequency[0], plant.frequency[-1]
     blocks: list[Block] = [
         f"{_verdict(result)} {len(plant)} frequencies from {low:.3g} to {high:.4g} Hz at {result.speed:.3g} "
-        f"{'m/s' if result.design.motion == 'linear' else 'rad/s'}, resolution {plant.resolution:.2g} Hz; instrument: "
+        f"{'m/s' if result.design.motion == 'linear' else 'rad/s'}, resolution {plant.resolution:.2g} Hz"
+        f"{f', averaged over {plant.records} records' if plant.records > 1 else ''}; instrument: "
         f"{plant.instrument or 'none, the ' + quantity + ' is taken as exact'}.",
         *([HELD] if plant.held else []),
         *result.notices,
@@ -88,11 +89,15 @@ def _bands(result: FrequencyResponse) -> Table:
 
 
 def _margins(result: FrequencyResponse) -> Table:
+    points = {name: with_error(one.value, one.stderr) for name, one in result.point_margins.items()}
     rows = tuple(
-        (NAMES[name], found.unit or "1", with_error(found.value, found.stderr), number(own))
+        (NAMES[name], found.unit or "1", points.get(name, "-"), with_error(found.value, found.stderr), number(own))
         for name, (found, own) in result.margins.items()
     )
-    return Table(("of the speed loop", "unit", "measured axis", "design"), rows, "Margins with the design's gains")
+    return Table(
+        ("of the speed loop", "unit", "measured points", "fitted axis", "design"), rows,
+        "Margins with the design's gains",
+    )  # fmt: skip
 
 
 def _draw(result: FrequencyResponse, what: str) -> Figure:

@@ -41,6 +41,8 @@ class Response:
         Width of the window in which the response is smoothed, Hz.
     held : bool
         Whether the excitation is held between the samples; what its steps fold onto the current is taken off.
+    records : int
+        Over how many records it is averaged.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Response:
     instrument: str
     resolution: float
     held: bool = False
+    records: int = 1
 
     def __len__(self) -> int:
         return len(self.frequency)
@@ -73,7 +76,7 @@ class Response:
             "frequency_hz": self.frequency.tolist(), "real": self.value.real.tolist(),
             "imaginary": self.value.imag.tolist(), "stderr": self.stderr.tolist(),
             "coherence": self.coherence.tolist(), "instrument": self.instrument, "resolution_hz": self.resolution,
-            "held_between_samples": self.held,
+            "held_between_samples": self.held, "records": self.records,
         }  # fmt: skip
 
 
@@ -122,6 +125,9 @@ class FrequencyResponse(Result):
         Where the design's response differs.
     margins : dict of name to (Estimate, float)
         Margins of the speed loop with the fitted axis, and with the design's.
+    point_margins : dict of name to Estimate
+        The same from the measured points around each crossover, with errors from those of the points alone; without
+        those that lie outside of the measured range.
     misfit : float
         Residual of the fit over the noise: 1 where the fit explains the measurement.
     notices : tuple of Notice
@@ -139,6 +145,7 @@ class FrequencyResponse(Result):
     margins: Mapping[str, tuple[Estimate, float]] = field(default_factory=dict)
     misfit: float = float("nan")
     notices: tuple[Notice, ...] = ()
+    point_margins: Mapping[str, Estimate] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         found = ", ".join(f"{name}: {len(one)} frequencies" for name, one in self.responses.items())
@@ -152,7 +159,11 @@ class FrequencyResponse(Result):
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""
         margins = {
-            name: {"measured": jsonable(found), "design": jsonable(of_design)}
+            name: {
+                "measured": jsonable(found),
+                "points": jsonable(self.point_margins.get(name)),
+                "design": jsonable(of_design),
+            }
             for name, (found, of_design) in self.margins.items()
         }
         return {

@@ -110,6 +110,19 @@ def test_the_measured_design_holds_the_spring_and_its_margins(found: FrequencyRe
     assert again.margins["phase_margin"][1] == pytest.approx(margin.value, rel=1e-3)
 
 
+def test_records_are_averaged(seed: Design) -> None:
+    """Four records of the same excitation: the errors of each line, and of what is fitted, are half of those of one."""
+    logs = [simulate(seed, multisine(design=seed, periods=3.0), seed=k) for k in range(4)]
+    one, all_four = frf(seed, logs[0]), frf(seed, logs)
+    near = np.argmin(np.abs(all_four.plant.frequency[:, None] - one.plant.frequency), axis=1)
+    np.testing.assert_allclose(all_four.plant.frequency, one.plant.frequency[near], rtol=1e-4)
+    assert np.median(all_four.plant.stderr / one.plant.stderr[near]) == pytest.approx(0.5, abs=0.1)
+    assert all_four.estimates["J"].stderr / one.estimates["J"].stderr == pytest.approx(0.5, abs=0.12)
+    assert all_four.estimates["J"].value == pytest.approx(9e-5, rel=0.005)
+    assert "averaged over 4 records" in all_four.summary()
+    assert "averaged" not in one.summary()
+
+
 def test_a_wrong_inertia_is_said(seed: Design) -> None:
     result = frf(seed.with_parameters(J=7e-5), simulate(seed, multisine(design=seed), seed=2))
     assert [one.code for one in result.notices] == ["frf_inertia_deviates"]

@@ -1,0 +1,112 @@
+"""Margins of a loop from the measured points around its crossovers, with bands from the points' own errors.
+
+The response over that of the fitted axis varies little with frequency, also where the axis is not all that there is.
+It is interpolated by local lines over the logarithm of the frequency, whose errors follow from those of the points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.frf.result import Response
+
+__all__ = ["point_margins"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+REACH = math.log(2.0) / 3.0  # half-width of the kernel, in ln f: a third octave on either side
+LEAST = 6  # points inside of it
+WIDEST = math.log(2.0)  # in ln f: where so few points lie within an octave on either side, nothing is said
+NEPER = 20.0 / math.log(10.0)  # dB
+
+
+def point_margins(
+    measured: Response, fitted: Complex, frequency: Array, loop: Complex, late: float = 0.0
+) -> Mapping[str, tuple[float, float]]:
+    """Return phase margin (deg), gain margin (dB), crossover (Hz) and peak of the sensitivity, with standard errors.
+
+    Those that lie outside of the measured range are left out.
+
+    Parameters
+    ----------
+    measured : Response
+        Of the axis.
+    fitted : complex array, shape (n,)
+        That of a fitted axis at the same frequencies, the delay of the log included.
+    frequency : array, shape (m,)
+        Hz, rising, close.
+    loop : complex array, shape (m,)
+        Open loop around the fitted axis, without the delay of the log.
+    late : float
+        Standard error of this delay, s.
+    """
+    x, at = np.log(measured.frequency), np.log(frequency)
+    if len(x) < LEAST:
+        return {}
+    y = np.log(measured.value / fitted)
+    weights, usable = _lines(x, at, 0.5 * (measured.stderr / np.abs(measured.value)) ** 2)
+    at, weights, L = at[usable], weights[usable], loop[usable]
+    if len(at) < 3:
+        return {}
+    L = L * np.exp(weights @ y)
+    variance = weights**2 @ (0.5 * (measured.stderr / np.abs(measured.value)) ** 2)
+    return _margins(at, L, np.sqrt(variance), late)
+
+
+def _lines(x: Array, at: Array, variance: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the weights of the points in a local line at each place, shape (m, n), and where there are enough."""
+    away = x - at[:, None]
+    distance = np.abs(away)
+    least = np.sort(distance, axis=1)[:, LEAST - 1]
+    half = np.maximum(REACH, 1.01 * least)[:, None]
+    weight = np.maximum(1.0 - (distance / half) ** 3, 0.0) ** 3 / variance
+    zero, one, two = (np.sum(weight * away**k, axis=1)[:, None] for k in range(3))
+    usable = (least < WIDEST) & (at >= x[0]) & (at <= x[-1])
+    return weight * (two - away * one) / (zero * two - one**2), usable
+
+
+def _margins(at: Array, L: Complex, sigma: Array, late: float) -> dict[str, tuple[float, float]]:
+    """Return the margins of a loop at `at` (ln f) whose logarithm has errors `sigma` in either part."""
+    size, phase = np.log(np.abs(L)), np.unwrap(np.angle(L))
+    steep, turn = np.gradient(size, at), np.gradient(phase, at)
+    omega = 2.0 * math.pi * np.exp(at)
+    angle = np.sqrt(sigma**2 + (omega * late) ** 2)  # error of the phase
+    found: dict[str, tuple[float, float]] = {}
+    crossed = _crossings(at, size)
+    if crossed.size:
+        margin = (np.interp(crossed, at, phase) + 2.0 * math.pi) % (2.0 * math.pi) - math.pi
+        k = int(np.argmin(np.abs(margin)))
+        s, p, g, t = (float(np.interp(crossed[k], at, one)) for one in (sigma, angle, steep, turn))
+        found["phase_margin"] = (math.degrees(margin[k]), math.degrees(math.hypot(p, s * t / g)))
+        first = float(crossed[0])
+        s, g = (float(np.interp(first, at, one)) for one in (sigma, steep))
+        found["crossover"] = (math.exp(first), math.exp(first) * s / abs(g))
+    behind = [(_crossings(at, phase - turns), turns) for turns in _odd_turns(phase)]
+    places = np.concatenate([one for one, _ in behind]) if behind else np.empty(0)
+    gains = -np.interp(places, at, size)
+    if np.any(gains > 0.0):
+        k = int(np.argmin(np.where(gains > 0.0, gains, math.inf)))
+        s, p, g, t = (float(np.interp(places[k], at, one)) for one in (sigma, angle, steep, turn))
+        found["gain_margin_db"] = (NEPER * float(gains[k]), NEPER * math.hypot(s, p * g / t))
+    S = 1.0 / (1.0 + L)
+    k = int(np.argmax(np.abs(S)))
+    if 0 < k < len(S) - 1:
+        found["sensitivity_peak"] = (float(np.abs(S[k])), float(np.abs(S[k]) * np.abs(S[k] * L[k]) * angle[k]))
+    return found
+
+
+def _odd_turns(phase: Array) -> list[float]:
+    """Return the odd multiples of pi within the range of a phase."""
+    low, high = (math.ceil(float(one) / math.pi) for one in (phase.min(), phase.max()))
+    return [k * math.pi for k in range(low, high + 1) if k % 2]
+
+
+def _crossings(at: Array, values: Array) -> Array:
+    """Return where values change their sign, interpolated."""
+    k = np.flatnonzero(np.diff(np.sign(values)))
+    return np.asarray(at[k] - values[k] * (at[k + 1] - at[k]) / (values[k + 1] - values[k]))
