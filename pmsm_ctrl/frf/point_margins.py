@@ -23,6 +23,9 @@ REACH = math.log(2.0) / 3.0  # half-width of the kernel, in ln f: a third octave
 LEAST = 6  # points inside of it
 WIDEST = math.log(2.0)  # in ln f: where so few points lie within an octave on either side, nothing is said
 NEPER = 20.0 / math.log(10.0)  # dB
+UNSURE = 1.0  # standard error of the logarithm from which on nothing is said
+FAR = 5.0  # nepers or rad by which the points may be away from the fitted axis
+GAP = 0.05  # in ln f, between two frequencies
 
 
 def point_margins(
@@ -49,12 +52,19 @@ def point_margins(
     if len(x) < LEAST:
         return {}
     y = np.log(measured.value / fitted)
-    weights, usable = _lines(x, at, 0.5 * (measured.stderr / np.abs(measured.value)) ** 2)
-    at, weights, L = at[usable], weights[usable], loop[usable]
+    error = 0.5 * (measured.stderr / np.abs(measured.value)) ** 2
+    weights, usable = _lines(x, at, error)
+    variance = weights**2 @ error
+    usable &= (np.abs(loop) > 0.0) & (
+        variance < UNSURE**2
+    )  # also where the points are too close together to hold a line
+    at, weights, variance, L = at[usable], weights[usable], variance[usable], loop[usable]
     if len(at) < 3:
         return {}
-    L = L * np.exp(weights @ y)
-    variance = weights**2 @ (0.5 * (measured.stderr / np.abs(measured.value)) ** 2)
+    away = weights @ y
+    if np.max(np.abs(away)) > FAR:
+        return {}
+    L = L * np.exp(away)
     return _margins(at, L, np.sqrt(variance), late)
 
 
@@ -66,8 +76,10 @@ def _lines(x: Array, at: Array, variance: Array) -> tuple[Array, NDArray[np.bool
     half = np.maximum(REACH, 1.01 * least)[:, None]
     weight = np.maximum(1.0 - (distance / half) ** 3, 0.0) ** 3 / variance
     zero, one, two = (np.sum(weight * away**k, axis=1)[:, None] for k in range(3))
-    usable = (least < WIDEST) & (at >= x[0]) & (at <= x[-1])
-    return weight * (two - away * one) / (zero * two - one**2), usable
+    spread = zero * two - one**2
+    apart = spread > 1e-6 * zero * two
+    usable = (least < WIDEST) & (at >= x[0]) & (at <= x[-1]) & apart[:, 0]
+    return weight * (two - away * one) / np.where(apart, spread, 1.0), usable
 
 
 def _margins(at: Array, L: Complex, sigma: Array, late: float) -> dict[str, tuple[float, float]]:
@@ -107,6 +119,6 @@ def _odd_turns(phase: Array) -> list[float]:
 
 
 def _crossings(at: Array, values: Array) -> Array:
-    """Return where values change their sign, interpolated."""
-    k = np.flatnonzero(np.diff(np.sign(values)))
+    """Return where values change their sign, interpolated; not across a gap."""
+    k = np.flatnonzero((np.diff(np.sign(values)) != 0.0) & (np.diff(at) < GAP))
     return np.asarray(at[k] - values[k] * (at[k + 1] - at[k]) / (values[k + 1] - values[k]))
