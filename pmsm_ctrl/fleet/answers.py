@@ -241,7 +241,7 @@ def _dated(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value.isoformat() if isinstance(value, datetime) else value for name, value in values.items()}
 
 
-KINDS = ("status", "verdict", "parameter", "finding", "quantity")
+KINDS = ("status", "verdict", "parameter", "deviation", "finding", "quantity")
 
 
 def fleet_report(results: str | os.PathLike[str]) -> FleetReport:
@@ -365,11 +365,18 @@ def _answer(axis: AxisRows, p: float, q: float, findings: tuple[Finding, ...]) -
 
 
 def _series(axis: AxisRows) -> dict[str, Series]:
-    """Return every parameter that at least two records found."""
+    """Return every parameter that at least two records found.
+
+    Where an effect was found, the identified values lack it: they bear its error, and a standard error of many times
+    the scatter, beside which that of all other records looks like a change. There the model with the effect counts.
+    """
     points: dict[str, list[tuple[float, Row]]] = defaultdict(list)
     for record in axis.ordered():
-        for row in axis.rows[record]:
-            if row.kind == "parameter" and row.value is not None:
+        rows = axis.rows[record]
+        lacking = any(row.kind == "finding" for row in rows)
+        whole = {row.name: row for row in rows if lacking and row.kind == "deviation" and row.value is not None}
+        for row in (whole.get(row.name, row) for row in rows if row.kind == "parameter"):
+            if row.value is not None:
                 points[row.name].append(((axis.times[record] - EPOCH).total_seconds() / DAY, row))
     return {name: _as_series(name, of_name) for name, of_name in points.items() if len(of_name) > 1}
 

@@ -143,6 +143,8 @@ def print_answers(report: FleetReport, truth: Sequence[Axis]) -> None:
     stepping = {one.axis for one in report.changes if one.parameter in ("F_c", "F_v") and one.step is not None}
     disturbed = quiet & (changing | stepping)
     seen = drifting & (changing | stepping)
+    other = [one for one in report.changes if one.axis not in drifting and not one.beside]
+    print(f"changes: {len(report.changes)} named, {len(other)} of them on axes that do not drift")
     print(f"drifts: {len(seen)} of {len(drifting)} found, {len(drifting & changing)} as a trend; "
           f"{len(disturbed)} of {len(quiet)} quiet axes said to change")  # fmt: skip
     reasons = sorted({one.reason.partition(": ")[2][:50] for one in report.worthless})

@@ -16,8 +16,9 @@ DONE = "done"
 def of_record(
     axis: str, day: int, F_c: float, *, stderr: float = 1e-4, effects: dict[str, float] | None = None,
     verdict: str = "", status: str = DONE, text: str = "", temperature: float | None = None,
+    whole: tuple[float, float] | None = None,
 ) -> Iterator[Row]:  # fmt: skip
-    """Yield the rows of one record; `effects` holds p-values by name."""
+    """Yield the rows of one record; `effects` holds p-values by name, `whole` F_c and its error beside these."""
     effects, when, number = effects or {}, FIRST + timedelta(days=day), iter(range(100))
 
     def row(source: str, kind: str, name: str, **values: object) -> Row:
@@ -32,6 +33,8 @@ def of_record(
         yield row("diagnose", "verdict", word, text=text)
         for name, p in effects.items():
             yield row("diagnose", "finding", name, p_value=p, unit="1")
+        if whole is not None:
+            yield row("diagnose", "deviation", "F_c", value=whole[0], stderr=whole[1], unit="N m", nominal=0.02)
     yield row("fleet", "status", status, text=text)
 
 
