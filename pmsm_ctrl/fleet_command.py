@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pmsm_ctrl.console import command_line, finish, progress_bar
+from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.files import printable, require_new, require_writable, write_text
-from pmsm_ctrl.options import ForceOption, JsonOption, MapOption
+from pmsm_ctrl.options import ForceOption, JsonOption, MapOption, ReportOption
 
 if TYPE_CHECKING:
     from pmsm_ctrl.fleet import Engine, FleetReport, FleetResult, Manifest
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 __all__ = ["FLEET_COMMANDS"]
 
 AXIS_PAGES = 100  # axes up to which each gets a page without being asked for: some 0.3 s each
+
+MemoryOption = Annotated[
+    str, typer.Option("--memory", metavar="SIZE", help="limit of a worker, such as 2GB; auto shares the machine's")
+]
 
 
 def fleet(
@@ -42,9 +47,7 @@ def fleet(
     scheduler: Annotated[
         str, typer.Option("--scheduler", metavar="ADDRESS", help="a running dask scheduler: tcp://HOST:8786")
     ] = "",
-    memory: Annotated[
-        str, typer.Option("--memory", metavar="SIZE", help="limit of a worker, such as 2GB; auto shares the machine's")
-    ] = "auto",
+    memory: MemoryOption = "auto",
     retry: Annotated[bool, typer.Option("--retry", help="try logs again that were set aside")] = False,
     effects: Annotated[
         Path | None,
@@ -62,31 +65,47 @@ def fleet(
     joint: Annotated[bool, typer.Option("--joint", help="evaluate the records of an axis together")] = False,
     mapping: MapOption = None,
     json_file: JsonOption = None,
+    report: ReportOption = None,
     force: ForceOption = False,
 ) -> None:
     """Evaluate the logs of many axes into one table. Logs that are in the table already are not evaluated again."""
+    if report is not None and words[0] in ("report", "watch"):
+        raise RequestError(f"--report: not with {words[0]}, which writes a page itself")
     if words[0] == "report":
         _report(words[1:], None if output is None else Path(output), json_file, axis_pages, force)
         return
     if words[0] == "example":
         _example(words[1:], design)
-        return
+        if report is None:
+            return
+        words, design = [f"{words[1]}/run.toml"], None
     from pmsm_ctrl.fleet import Engine
-    from pmsm_ctrl.fleet import fleet as run_fleet
 
     engine = Engine(jobs, scheduler, memory)
     if words[0] == "watch":
         _watch(_manifest(words[1:], design, output, joint, mapping, effects), engine, every, retry, axis_pages)
         return
     manifest = _manifest(words, design, output, joint, mapping, effects)
-    with progress_bar(f"fleet {words[0]}") as progress:
+    _run(manifest, words[0], engine, retry, json_file, None if report is None else (report, axis_pages, force))
+
+
+def _run(
+    manifest: Manifest, name: str, engine: Engine, retry: bool, json_file: Path | None,
+    page: tuple[Path, bool | None, bool] | None,
+) -> None:  # fmt: skip
+    """Evaluate the logs of a manifest, say what came of it, and write the page of all results where one is wanted."""
+    from pmsm_ctrl.fleet import fleet as run_fleet
+    from pmsm_ctrl.fleet import fleet_report
+
+    with progress_bar(f"fleet {name}") as progress:
         result = run_fleet(manifest, engine=engine, retry=retry, progress=progress)
     finish("fleet", result, json_file=json_file)
+    if page is not None:
+        _write_page(fleet_report(result.results), *page)
 
 
 def _watch(manifest: Manifest, engine: Engine, every: float, retry: bool, axis_pages: bool | None) -> None:
     """Follow a folder: table and pages are renewed as logs arrive, until Ctrl-C."""
-    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import fleet_report
     from pmsm_ctrl.fleet.folders import folder_at
     from pmsm_ctrl.fleet.remote import is_remote, plain
@@ -112,7 +131,6 @@ def _report(
     words: list[str], output: Path | None, json_file: Path | None, axis_pages: bool | None, force: bool
 ) -> None:
     """Answer the questions of a fleet, on the terminal and as a page."""
-    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import fleet_report
 
     if len(words) != 1:
@@ -122,14 +140,18 @@ def _report(
     found = fleet_report(words[0])
     finish("fleet_report", found, json_file=json_file)
     if output is not None:
-        write_text(output, _page(found, _axis_pages(found, output, axis_pages, force)))
-        print(printable(f"report: {output}"))
+        _write_page(found, output, axis_pages, force)
+
+
+def _write_page(found: FleetReport, page: Path, axis_pages: bool | None, force: bool) -> None:
+    """Write the page of a fleet, and those of its axes."""
+    write_text(page, _page(found, _axis_pages(found, page, axis_pages, force)))
+    print(printable(f"report: {page}"))
 
 
 def _example(words: list[str], design: Path | None) -> None:
     """Write the logs of a simulated fleet, with what is true of its axes."""
     from pmsm_ctrl.design import Design
-    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet.example import simulated_fleet
 
     if len(words) != 1 or Path(words[0]).exists():
@@ -197,7 +219,6 @@ def _manifest(
 ) -> Manifest:  # fmt: skip
     """Return the manifest of a file, or of folders of logs."""
     from pmsm_ctrl.console import parse_map
-    from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.fleet import Manifest, read_manifest
 
     if not words:

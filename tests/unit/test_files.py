@@ -94,7 +94,10 @@ OVERWRITING = {
     "quadrants": [f"quadrants l.csv l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
     "verify": [f"verify l.csv l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
     "track": [f"track l.csv -d d.toml {option} kept" for option in ("--json", "--report")],
-    "fleet": ["fleet logs -d d.toml --json kept", "fleet report logs -o kept"],
+    "fleet": [
+        *(f"fleet logs -d d.toml {option} kept" for option in ("--json", "--report")),
+        "fleet report logs -o kept",
+    ],
     "compensate": [f"compensate d.toml {option} kept" for option in ("--json", "--report")],
     "export": [
         "export d.toml -l c -o kept.c",

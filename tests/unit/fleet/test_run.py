@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -152,9 +153,24 @@ def test_the_command(two_axes: Path, ran: FleetResult, tmp_path: Path, capsys: p
     assert json.loads((tmp_path / "f.json").read_text(encoding="utf-8"))["reused"] == 5
 
 
+def test_one_command_evaluates_and_writes_the_page(two_axes: Path, ran: FleetResult, tmp_path: Path) -> None:
+    page = tmp_path / "fleet.html"
+    with pytest.raises(SystemExit) as left:
+        main(["fleet", str(two_axes / "run.toml"), "--jobs", "1", "--report", str(page)])
+    assert left.value.code in (0, None)
+    text = page.read_text(encoding="utf-8")
+    links = set(re.findall(r'href="(fleet_axes/[^"]+)"', text))
+    assert len(links) == 2
+    assert all((tmp_path / link).exists() for link in links)
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(["logs"], "--design was expected"), (["run.toml", "--design", "d.toml"], "excludes a manifest")],
+    [
+        (["logs"], "--design was expected"),
+        (["run.toml", "--design", "d.toml"], "excludes a manifest"),
+        (["watch", "run.toml", "--report", "p.html"], "not with watch"),
+    ],
 )
 def test_what_the_command_refuses(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
