@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.frf.policy import FAR, FEWEST_POINTS, UNSURE, WIDEST
 from pmsm_ctrl.frf.result import Response
 
 __all__ = ["point_margins"]
@@ -20,11 +21,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 REACH = math.log(2.0) / 3.0  # half-width of the kernel, in ln f: a third octave on either side
-LEAST = 6  # points inside of it
-WIDEST = math.log(2.0)  # in ln f: where so few points lie within an octave on either side, nothing is said
 NEPER = 20.0 / math.log(10.0)  # dB
-UNSURE = 1.0  # standard error of the logarithm from which on nothing is said
-FAR = 5.0  # nepers or rad by which the points may be away from the fitted axis
 GAP = 0.05  # in ln f, between two frequencies
 
 
@@ -49,7 +46,7 @@ def point_margins(
         Standard error of this delay, s.
     """
     x, at = np.log(measured.frequency), np.log(frequency)
-    if len(x) < LEAST:
+    if len(x) < FEWEST_POINTS:
         return {}
     y = np.log(measured.value / fitted)
     error = 0.5 * (measured.stderr / np.abs(measured.value)) ** 2
@@ -72,7 +69,7 @@ def _lines(x: Array, at: Array, variance: Array) -> tuple[Array, NDArray[np.bool
     """Return the weights of the points in a local line at each place, shape (m, n), and where there are enough."""
     away = x - at[:, None]
     distance = np.abs(away)
-    least = np.sort(distance, axis=1)[:, LEAST - 1]
+    least = np.sort(distance, axis=1)[:, FEWEST_POINTS - 1]
     half = np.maximum(REACH, 1.01 * least)[:, None]
     weight = np.maximum(1.0 - (distance / half) ** 3, 0.0) ** 3 / variance
     zero, one, two = (np.sum(weight * away**k, axis=1)[:, None] for k in range(3))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 # Standard errors of its modulus above which a response counts: noise alone exceeds them in less than 1 of 1e5 lines.
 SEEN = 5.0
 # Share of the median speed below which samples are left out: friction is not linear near standstill.
@@ -26,3 +28,9 @@ UNDETERMINED = 1.0
 # Share of the excitation's power above HIGHEST from which on it may reach beyond half the log's rate and fold back:
 # 2e-6 with the default chirp, 5e-3 with a binary sequence of 20 ms in a log of 1 kHz.
 BEYOND = 1e-3
+# Fewest points of a local line around a crossover, which has two complex numbers; and how far from it they may lie, in
+# ln f: an octave.
+FEWEST_POINTS, WIDEST = 6, math.log(2.0)
+# Standard error of the logarithm of an open loop from which on its points say nothing, and nepers or rad by which they
+# may be away from the fitted axis: beyond that they are another system.
+UNSURE, FAR = 1.0, 5.0
