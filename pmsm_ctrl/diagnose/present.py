@@ -74,8 +74,8 @@ def _(result: Diagnosis) -> Section:
     if (sampled := sampling_text(d.timing, drives(d.design.motion))) is not None:
         blocks.append(sampled)
     essential = [_found(d)] if d.steps else []
-    if any(v.flagged for v in d.parameter_deviations):
-        essential.append(_deviations(d, flagged=True))
+    if any(v.outside for v in d.parameter_deviations):
+        essential.append(_deviations(d, outside=True))
     blocks += essential
     if d.resonance is not None:
         blocks += _resonance(d.resonance)
@@ -89,7 +89,7 @@ def _(result: Diagnosis) -> Section:
         blocks.append(f"Next experiment: {d.next_experiment['profile'] or 'none'}. {d.next_experiment['why']}.")
     blocks += [*_pictures(d), _candidates(d)]
     if d.parameter_deviations:
-        blocks.append(_deviations(d, flagged=False))
+        blocks.append(_deviations(d, outside=False))
     return Section(
         f"Diagnosis of {d.design.name} from {Path(d.log_name).name}", tuple(blocks), essential=tuple(essential)
     )
@@ -214,15 +214,15 @@ def _parameters(step: DiagnosisStep) -> str:
     return ", ".join(f"{s} = {with_error(e.value, e.stderr, e.unit, e.ends)}" for s, e in step.parameters.items())
 
 
-def _deviations(d: Diagnosis, *, flagged: bool) -> Table:
+def _deviations(d: Diagnosis, *, outside: bool) -> Table:
     """The design's own parameters: those outside their tolerance, or all, folded."""
     rows = [
         (v.parameter, number(v.nominal, 5), with_error(v.estimate, v.stderr), v.unit, v.note or "-")
         for v in d.parameter_deviations
-        if v.flagged or not flagged
+        if v.outside or not outside
     ]
-    caption = "Parameters outside their tolerance" if flagged else "Parameters of the design"
-    return Table(("parameter", "design", "estimate", "unit", "remark"), tuple(rows), caption, folded=not flagged)
+    caption = "Parameters outside their tolerance" if outside else "Parameters of the design"
+    return Table(("parameter", "design", "estimate", "unit", "remark"), tuple(rows), caption, folded=not outside)
 
 
 def _candidates(d: Diagnosis) -> Table:
