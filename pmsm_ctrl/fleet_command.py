@@ -69,8 +69,7 @@ def fleet(
     force: ForceOption = False,
 ) -> None:
     """Evaluate the logs of many axes into one table. Logs that are in the table already are not evaluated again."""
-    if report is not None and words[0] in ("report", "watch"):
-        raise RequestError(f"--report: not with {words[0]}, which writes a page itself")
+    _require_no_page(words[0], report)
     if words[0] == "report":
         _report(words[1:], None if output is None else Path(output), json_file, axis_pages, force)
         return
@@ -87,6 +86,11 @@ def fleet(
         return
     manifest = _manifest(words, design, output, joint, mapping, effects)
     _run(manifest, words[0], engine, retry, json_file, None if report is None else (report, axis_pages, force))
+
+
+def _require_no_page(word: str, report: Path | None) -> None:
+    if report is not None and word in ("report", "watch"):
+        raise RequestError(f"--report: not with {word}, which writes a page itself")
 
 
 def _run(
