@@ -23,8 +23,6 @@ __all__ = ["deviation_notices", "parameter_deviations", "winding_substitutes"]
 
 UNITS = {"J": "kg m^2", "R": "Ohm", "L_d": "H", "L_q": "H", "psi_f": "Wb", "K_t": "N m/A"}
 
-_UNSEEN = "outside its tolerance by its standard error, but the error is nearly the same inside: not sure"
-
 
 def parameter_deviations(design: Design, fit: Fitted, policy: Policy = POLICY) -> tuple[Deviation, ...]:
     """Return the deviations: torque constant, then inertia and winding, then the design's own effects.
@@ -46,7 +44,7 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
     sure = abs(estimate - nominal) > policy.sure_errors * error
     outside = bool(abs(estimate / nominal - 1.0) > policy.torque_constant and sure)
     flagged = outside and _is_seen(fit, k, _edge(nominal, estimate, policy.torque_constant) / factor, policy)
-    note = f"beyond {100 * policy.torque_constant:.0f} %: it scales every torque" if flagged else _UNSEEN * outside
+    note = f"beyond {100 * policy.torque_constant:.0f} %: it scales every torque" if flagged else _unseen(outside)
     yield Deviation("K_t", nominal, float(estimate), float(error), UNITS["K_t"], outside, flagged, note)
 
 
@@ -54,11 +52,16 @@ def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]
     for name, (value, error, nominal, tolerance) in machine_of(design, fit, policy.tolerance).items():
         outside = abs(value - nominal) - tolerance * nominal > policy.sure_errors * error
         flagged = outside and _is_seen(fit, fit.model.names.index(name), _edge(nominal, value, tolerance), policy)
-        note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else _UNSEEN * outside
+        note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else _unseen(outside)
         if flagged and name in WINDING:
             note += _restored_by(fit, policy)
         unit = axis_unit(UNITS[name], fit.record.prepared.motion)
         yield Deviation(name, nominal, value, error, unit, outside, flagged, note)
+
+
+def _unseen(outside: bool) -> str:
+    """Return the remark on a parameter that is not flagged."""
+    return "outside its tolerance, but the error is nearly the same inside: not sure" if outside else ""
 
 
 def _edge(nominal: float, value: float, tolerance: float) -> float:
