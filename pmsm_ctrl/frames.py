@@ -1,4 +1,4 @@
-"""The columns of a data frame whose names are those of channels."""
+"""The columns of a data frame whose names are those of channels, and a log as what packages of frames take."""
 
 from __future__ import annotations
 
@@ -11,7 +11,70 @@ from numpy.typing import NDArray
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.units import UNITS
 
-__all__ = ["columns_of"]
+__all__ = ["UnchangeableDict", "columns_of", "labels_of", "stated_unit"]
+
+
+class UnchangeableDict(dict[str, NDArray[np.float64]]):
+    """A dictionary that refuses changes, and is equal to itself alone.
+
+    The constructor of a pandas data frame takes columns from dictionaries, and from no other mapping.
+    """
+
+    __slots__ = ()
+    __eq__ = object.__eq__
+    __ne__ = object.__ne__
+    __hash__ = object.__hash__  # type: ignore[assignment]
+
+    def _refuse(self, *_: Any, **__: Any) -> Any:
+        """Refuse: what a log holds is not changed.
+
+        Parameters
+        ----------
+        *_, **__
+            Not looked at.
+
+        Raises
+        ------
+        TypeError
+            Always.
+        """
+        raise TypeError("a log cannot be changed: log.with_channels(omega=values) returns another one")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+
+def labels_of(frame: Any) -> list[Any]:
+    """Return the names of the columns of a data frame or mapping; of an xarray data set its coordinates as well.
+
+    Parameters
+    ----------
+    frame : data frame, xarray data set or mapping
+
+    Returns
+    -------
+    list
+    """
+    for name in ("column_names", "columns"):
+        if (found := getattr(frame, name, None)) is not None:
+            return list(found)
+    return list(frame.variables if hasattr(frame, "data_vars") else frame)
+
+
+def stated_unit(column: Any) -> str:
+    """Return the unit that a variable of xarray carries, by the convention of netCDF; empty for other columns.
+
+    Parameters
+    ----------
+    column : array or variable
+
+    Returns
+    -------
+    str
+    """
+    attributes = getattr(column, "attrs", None)
+    units = attributes.get("units") if isinstance(attributes, dict) else None
+    return units if isinstance(units, str) else ""
 
 
 def columns_of(frame: Any, units: Mapping[str, str]) -> dict[str, NDArray[np.float64]]:
@@ -19,7 +82,7 @@ def columns_of(frame: Any, units: Mapping[str, str]) -> dict[str, NDArray[np.flo
 
     Parameters
     ----------
-    frame : pandas or polars data frame, or mapping of name to array
+    frame : pandas or polars data frame, xarray data set, or mapping of name to array
         Without a column ``t`` a time index of pandas is the time, from 0 s.
     units : dict of channel to SI unit
         Other columns do not count.
@@ -34,8 +97,9 @@ def columns_of(frame: Any, units: Mapping[str, str]) -> dict[str, NDArray[np.flo
         For a unit that does not belong to its channel, and for what is no number.
     """
     channels = {}
-    for label in list(frame.columns) if hasattr(frame, "columns") else list(frame):
-        name, factor = _meaning(label, units)
+    for label in labels_of(frame):
+        unit = stated_unit(frame[label]) if "[" not in str(label) else ""
+        name, factor = _meaning(f"{label} [{unit}]" if unit else label, units)
         if name:
             channels[name] = _numbers(label, frame[label]) * factor
     index = getattr(frame, "index", None)

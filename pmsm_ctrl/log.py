@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pmsm_ctrl.errors import LogError, NextCommand, RequestError, nearest
 from pmsm_ctrl.files import atomic_path
-from pmsm_ctrl.frames import columns_of
+from pmsm_ctrl.frames import UnchangeableDict, columns_of
 from pmsm_ctrl.section import Notice
 
 __all__ = ["CHANNELS", "Log", "Logs", "Provenance", "Segment", "Span", "as_logs", "names_of"]
@@ -125,8 +125,8 @@ class Provenance:
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
-    """Channels with SI units on one time base.
+class Log(UnchangeableDict):
+    """Channels with SI units on one time base: a dictionary of arrays, whose length is that of the arrays.
 
     Parameters
     ----------
@@ -158,37 +158,23 @@ class Log:
                 raise LogError(f"unknown channel '{name}'{nearest(name, CHANNELS)} (known: {', '.join(CHANNELS)})")
             frozen[name] = _frozen(values)
         object.__setattr__(self, "channels", MappingProxyType(frozen))
+        dict.update(self, frozen)
         _check(frozen, self.provenance.file)
 
     # -- access ---------------------------------------------------------------------------------------------
 
-    def __getitem__(self, name: str) -> Array:
-        try:
-            return self.channels[name]
-        except KeyError:
-            message = f"{self._label}no channel '{name}' (present: {', '.join(self.channels)})"
-            raise LogError(message, next_command=NextCommand.MAP) from None
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.channels
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.channels)
+    def __missing__(self, name: str) -> Array:
+        message = f"{self._label}no channel '{name}' (present: {', '.join(self.channels)})"
+        raise LogError(message, next_command=NextCommand.MAP)
 
     def __len__(self) -> int:
         return len(self.t)
 
-    def keys(self) -> list[str]:
-        """Return the names of the channels, so that ``dict(log)`` holds the arrays by name.
-
-        Returns
-        -------
-        list of str
-        """
-        return list(self.channels)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (dict(self), self.motion, self.segments, self.provenance, self.records)
 
     def __array__(self, *_: Any, **__: Any) -> Array:
-        raise RequestError("a log is a table of channels: log['omega'], log.to_pandas() or pandas.DataFrame(dict(log))")
+        raise RequestError("a log is a table of channels: log['omega'], log.to_pandas() or pandas.DataFrame(log)")
 
     def __repr__(self) -> str:
         said = f"{len(self)} samples, {self.duration:.4g} s at {self.rate:.5g} Hz: {', '.join(self.channels)}"
@@ -358,7 +344,7 @@ class Log:
 
         Parameters
         ----------
-        frame : pandas or polars data frame, or mapping of name to array
+        frame : pandas or polars data frame, xarray data set, or mapping of name to array
             Without a column ``t`` a time index of pandas is the time, from 0 s.
         motion : {"rotary", "linear"}
 

@@ -14,19 +14,23 @@ from typing import IO, Any
 import numpy as np
 
 from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.frames import labels_of, stated_unit
 from pmsm_ctrl.importers.names import split_header
 from pmsm_ctrl.importers.table import Array, Column, Table, left_out
 
 __all__ = ["Frame", "Source", "as_file", "frame_digest", "frame_table", "is_frame"]
 
-# A data frame: an object with `columns` (pandas, polars) or `column_names` (pyarrow) that gives a column by its name.
+# A data frame: an object with `columns` (pandas, polars), `column_names` (pyarrow) or `data_vars` (xarray) that gives a
+# column by its name.
 Frame = Any
 Source = str | os.PathLike[str] | bytes | IO[bytes] | Frame
 
 
 def is_frame(source: Source) -> bool:
     """Whether a source is a data frame."""
-    return hasattr(source, "__getitem__") and (hasattr(source, "columns") or hasattr(source, "column_names"))
+    return hasattr(source, "__getitem__") and any(
+        hasattr(source, name) for name in ("columns", "column_names", "data_vars")
+    )
 
 
 @contextmanager
@@ -88,13 +92,14 @@ def frame_table(frame: Frame, name: str) -> Table:
         When no column holds numbers.
     """
     label = name or "data frame"
-    names = list(getattr(frame, "column_names", None) or frame.columns)
+    names = labels_of(frame)
     numbers = {str(key): values for key in names if (values := _numbers(frame[key])) is not None}
     if not numbers:
         raise LogError(f"{label}: no column of numbers (found: {', '.join(map(str, names)) or 'none'})")
+    stated = {str(key): stated_unit(frame[key]) for key in names}
     dates = {str(key) for key in names if np.asarray(frame[key]).dtype.kind in "mM"}
     columns = tuple(
-        Column(name, "s" if key in dates else unit, header=key, is_date=key in dates)
+        Column(name, "s" if key in dates else unit or stated[key], header=key, is_date=key in dates)
         for key, (name, unit) in ((key, split_header(key)) for key in numbers)
     )
     arrays = list(numbers.values())

@@ -21,7 +21,8 @@ PATHS = sorted(PACKAGE.rglob("*.py"))
 MAX_MODULE = 500
 MAX_FUNCTION = 60
 
-ALLOWED_FOR_IMPORTERS = {"errors", "files", "units", "design", "log", "result", "section", "rendering", "importers"}
+ALLOWED_FOR_IMPORTERS = {"errors", "files", "frames", "units", "design", "log", "result", "section", "rendering"}
+ALLOWED_FOR_IMPORTERS |= {"importers"}
 ONLY_IN = {
     "control": "tune", "filterpy": "track", "bokeh": "rendering", "starlette": "workbench", "uvicorn": "workbench",
     "dask": "fleet", "distributed": "fleet",

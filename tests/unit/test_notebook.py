@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -38,9 +42,29 @@ def test_a_log_is_one_line_and_a_table(log: Log) -> None:
 
 
 def test_a_log_is_a_dict_of_arrays_and_no_array(log: Log) -> None:
-    assert list(dict(log)) == ["t", "omega", "torque"]
+    assert list(dict(log)) == list(log) == list(log.keys()) == ["t", "omega", "torque"]
+    assert {**log}["omega"] is log["omega"] is log.get("omega")
+    assert [len(values) for values in log.values()] == 3 * [len(log)]
     with pytest.raises(RequestError, match="to_pandas"):
         np.asarray(log)
+
+
+def test_a_log_is_a_dict_that_nobody_changes(log: Log) -> None:
+    changes: list[Callable[[Log], object]] = [
+        lambda it: it.update(t=it["t"]), lambda it: it.pop("t"), lambda it: it.clear(), lambda it: it.popitem(),
+        lambda it: it.setdefault("t", it["t"]), lambda it: it.__setitem__("t", it["t"]),
+        lambda it: it.__delitem__("t"), lambda it: it.__ior__({"t": it["t"]}),
+    ]  # fmt: skip
+    for change in changes:
+        with pytest.raises(TypeError, match="with_channels"):
+            change(log)
+    assert list(log) == ["t", "omega", "torque"]
+    again = pickle.loads(pickle.dumps(log))
+    assert again.fingerprint == copy.deepcopy(log).fingerprint == log.fingerprint
+    assert again.provenance == log.provenance
+    assert log == log
+    assert log != again  # as two objects, in sets as well
+    assert len({log, again}) == 2
 
 
 def test_frames_of_pandas(log: Log) -> None:
@@ -48,8 +72,12 @@ def test_frames_of_pandas(log: Log) -> None:
     frame = log.to_pandas()
     assert frame.attrs["units"] == {"t": "s", "omega": "rad/s", "torque": "N m"}
     assert Log.from_pandas(frame).fingerprint == log.fingerprint
-    with pytest.raises(RequestError, match="to_pandas"):  # a frame of the channels' names came out
-        pandas.DataFrame(log)
+    plain = pandas.DataFrame(log)  # a frame of the channels' names came out
+    pandas.testing.assert_frame_equal(plain, frame)
+    assert list(pandas.DataFrame(log, columns=["omega"], index=log.t).index[:2]) == [0.0, 1e-3]
+    assert plain["omega"].dtype == np.float64
+    plain.loc[0, "omega"] = 7.0  # a copy
+    assert log["omega"][0] != 7.0
     stamped = frame.drop(columns="t").rename(columns={"omega": "omega [rpm]"}).assign(note="x")
     stamped["omega [rpm]"] *= 30 / np.pi
     stamped.index = pandas.to_datetime("2026-01-01") + pandas.to_timedelta(np.arange(len(log)), unit="ms")
@@ -72,7 +100,8 @@ def test_frames_of_pandas(log: Log) -> None:
 
 def test_arrow_reads_a_log_with_its_units(log: Log) -> None:
     pyarrow = pytest.importorskip("pyarrow")
-    table = pyarrow.table(log)
+    assert pyarrow.table(log).column_names == ["t", "omega", "torque"]  # taken as a dictionary: without units
+    table = pyarrow.RecordBatchReader.from_stream(log).read_all()
     assert table.column_names == ["t", "omega", "torque"]
     assert table.schema.field("torque").metadata == {b"unit": b"N m"}
     assert table.column("omega").to_numpy() == pytest.approx(log["omega"], rel=0, abs=0)

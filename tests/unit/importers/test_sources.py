@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pmsm_ctrl import read_log
+from pmsm_ctrl import Log, read_log
 from pmsm_ctrl.errors import LogError
 
 T = np.arange(0.0, 4.0, 1e-3)
@@ -62,6 +63,51 @@ def test_a_data_frame_is_read_as_a_file_with_its_columns() -> None:
         np.testing.assert_allclose(log.t, T, rtol=1e-12, atol=1e-12)
         assert (log.provenance.file, log.provenance.importer) == ("monday", kind)
         assert len(log.provenance.sha256) == 64
+
+
+class Dataset:
+    """A data set of xarray: coordinates are variables, but not among those that it iterates over."""
+
+    def __init__(self, held: dict[str, np.ndarray], units: dict[str, str]) -> None:
+        self.variables = {name: Variable(values, {"units": units[name]}) for name, values in held.items()}
+        self.data_vars = [name for name in held if name != "t"]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.data_vars)
+
+    def __getitem__(self, name: str) -> Variable:
+        return self.variables[name]
+
+
+class Variable:
+    def __init__(self, values: np.ndarray, attrs: dict[str, str]) -> None:
+        self.attrs = attrs
+        self._values = values
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        return self._values
+
+
+def test_a_data_set_of_xarray_is_read_with_its_coordinate_and_units() -> None:
+    held = {"t": T, "speed": COLUMNS["speed [rpm]"], "torque": COLUMNS["torque [N m]"]}
+    log = read_log(Dataset(held, {"t": "s", "speed": "rpm", "torque": "N m"}))
+    np.testing.assert_allclose(log["omega"], OMEGA, rtol=1e-12, atol=1e-12)
+    assert log.provenance.notices == ()
+    log = Log.from_pandas(Dataset({"t": T, "omega": held["speed"]}, {"t": "s", "omega": "rpm"}))
+    np.testing.assert_array_equal(log.t, T)
+    np.testing.assert_allclose(log["omega"], OMEGA, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("package", ["pandas", "polars", "xarray"])
+def test_a_log_goes_there_and_back(package: str) -> None:
+    module = pytest.importorskip(package)
+    log = Log({"t": T, "omega": OMEGA})
+    if package == "xarray":
+        pytest.importorskip("pandas")
+        frame = log.to_pandas().set_index("t").to_xarray()
+    else:
+        frame = module.DataFrame(log)
+    assert Log.from_pandas(frame).fingerprint == log.fingerprint
 
 
 def test_times_and_columns_that_are_no_numbers_in_a_frame() -> None:
