@@ -20,7 +20,7 @@ __all__ = ["watch_source"]
 
 def watch_source(
     design: Design, live: str | None, log: Sequence[Path] | None, *, mapping: list[str] | None,
-    estimate: tuple[str, ...] | None, idle: float | None,
+    estimate: tuple[str, ...] | None, idle: float | None, window: float,
 ) -> Watched:  # fmt: skip
     """Track a live source and print what it tells.
 
@@ -37,6 +37,8 @@ def watch_source(
         What is estimated beside F_c and F_v.
     idle : float, optional
         Time without a sample after which the source has ended, s.
+    window : float
+        Duration of motion of a record, s: alarms are changes over records.
 
     Returns
     -------
@@ -57,7 +59,8 @@ def watch_source(
     channels = parse_map(mapping)
     return watch(
         design, lines_from(live, channels), source="standard input" if live == "-" else live, mapping=channels,
-        estimate=estimate, patience=math.inf if idle is None else idle, show=_show(design), alarm=_tell,
+        estimate=estimate, patience=math.inf if idle is None else idle, window=window,
+        show=_show(design), alarm=_alarm_line(design),
     )  # fmt: skip
 
 
@@ -77,6 +80,19 @@ def _show(design: Design) -> Callable[[Reading], None]:
     return show
 
 
-def _tell(alarm: Alarm) -> None:
-    changed = ", ".join(f"{name} {alarm.before[name]:.4g} -> {alarm.after[name]:.4g}" for name in alarm.before)
-    print(f"\nalarm: friction or load changed abruptly at {alarm.t:.3f} s: {changed}", flush=True)
+def _alarm_line(design: Design) -> Callable[[Alarm], None]:
+    from pmsm_ctrl.rendering.numbers import probability
+    from pmsm_ctrl.track.result import UNITS
+    from pmsm_ctrl.units import axis_unit
+
+    def tell(alarm: Alarm) -> None:
+        unit = axis_unit(UNITS[alarm.parameter], design.motion)
+        where = (
+            f"at {alarm.t:.1f} s ({alarm.earliest:.1f} to {alarm.latest:.1f} s)"
+            if alarm.kind == "step"
+            else f"from {alarm.earliest:.1f} to {alarm.latest:.1f} s"
+        )
+        change = f"{alarm.parameter} {alarm.before:.4g} -> {alarm.after:.4g} {unit}"
+        print(f"\nalarm: {change}, a {alarm.kind} {where}, p = {probability(alarm.p_value)}", flush=True)
+
+    return tell

@@ -202,6 +202,10 @@ def track(
         float | None,
         typer.Option("--idle", metavar="S", min=0.1, help="with --live: end when nothing came for this time"),
     ] = None,
+    window: Annotated[
+        float,
+        typer.Option("--window", metavar="S", min=0.1, help="with --live: motion of a record; alarms compare records"),
+    ] = 10.0,
     estimate: EstimateOption = None,
     mapping: MapOption = None,
     effects: EffectsOption = None,
@@ -218,7 +222,7 @@ def track(
     names = estimated_names(estimate)  # an unknown name is refused before the log is read
     axis = read_design(design, effects)
     if live is not None or not log:
-        watched = watch_source(axis, live, log, mapping=mapping, estimate=names, idle=idle)
+        watched = watch_source(axis, live, log, mapping=mapping, estimate=names, idle=idle, window=window)
         finish("track", watched, json_file=json_file, report=report)
         return
     logs = load_logs(log, axis, mapping)

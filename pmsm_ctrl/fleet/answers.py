@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES, Regression, Step, changing, q_values, regression
 from pmsm_ctrl.fleet import notices as words
 from pmsm_ctrl.fleet.axis import AxisRows, by_axis
 from pmsm_ctrl.fleet.evaluate import DONE
-from pmsm_ctrl.fleet.policy import FALSE_DISCOVERIES, OUTLYING, REPEATED
+from pmsm_ctrl.fleet.policy import OUTLYING, REPEATED
 from pmsm_ctrl.fleet.result import Lost
 from pmsm_ctrl.fleet.store import Row, Store
-from pmsm_ctrl.fleet.trends import Regression, Step, regression, step
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
 
@@ -283,22 +283,13 @@ def answered(results: str, rows: Iterable[Row], limits: Mapping[str, float]) -> 
     """
     axes = by_axis(rows)
     found = [(axis, *_findings(axis)) for axis in axes]
-    q_values = _controlled([p for _, p, _ in found])
-    answers = tuple(_answer(axis, p, q, findings) for (axis, p, findings), q in zip(found, q_values, strict=True))
+    shares = q_values([p for _, p, _ in found])
+    answers = tuple(_answer(axis, p, q, findings) for (axis, p, findings), q in zip(found, shares, strict=True))
     changes, judged = _changes(answers, limits)
     worthless = tuple(one for axis in axes for one in _worthless(axis))
     return FleetReport(
         results, answers, changes, judged, tuple(_unlike(answers)), worthless, tuple(_notices(answers, worthless))
     )
-
-
-def _controlled(p_values: list[float]) -> Array:
-    """Return the q-values of Benjamini and Hochberg."""
-    if not p_values:
-        return np.empty(0)
-    from scipy.stats import false_discovery_control
-
-    return np.asarray(false_discovery_control(np.array(p_values), method="bh"), dtype=float)
 
 
 def _findings(axis: AxisRows) -> tuple[float, tuple[Finding, ...]]:
@@ -408,29 +399,29 @@ def _per_degree(axis: AxisRows, series: Mapping[str, Series]) -> Regression | No
 def _changes(axes: tuple[AxisAnswer, ...], limits: Mapping[str, float]) -> tuple[tuple[Change, ...], int]:
     """Return the changes that are discoveries, the surest first, and how many series were judged."""
     tried = [change for axis in axes for one in axis.series.values() if (change := _change(axis, one, limits))]
-    q_values = _controlled([one.p_value for one in tried])
+    shares = q_values([one.p_value for one in tried])
     findings = {axis.name: axis.findings for axis in axes}
     found = [
         replace(one, q_value=float(q), beside=tuple(_appear_with(one, findings[one.axis])))
-        for one, q in zip(tried, q_values, strict=True) if q <= FALSE_DISCOVERIES
+        for one, q in zip(tried, shares, strict=True) if q <= FALSE_DISCOVERIES
     ]  # fmt: skip
     return tuple(sorted(found, key=lambda one: one.p_value)), len(tried)
 
 
 def _change(axis: AxisAnswer, series: Series, limits: Mapping[str, float]) -> Change | None:
     """Judge a series: a trend or a step, whichever leaves less at its number of parameters."""
-    trend, jump = regression(series.days, series.value, series.stderr), step(series.value, series.stderr)
-    if trend is None or jump is None:
+    found = changing(series.days, series.value, series.stderr)
+    if found is None:
         return None
-    p = min(1.0, 2.0 * min(trend.p_value, jump.p_value))
     limit = limits.get(series.name, float("nan"))
-    base = Change(axis.name, series.name, series.unit, p, 1.0, None, None, limit=limit)
-    # one p-value each, of the same hypothesis: the smaller one belongs to the shape that explains more
-    if jump.p_value < trend.p_value:
-        when, earliest, latest = (_moment(series.days[k]) for k in (jump.index, max(0, jump.first - 1), jump.last))
-        return replace(base, step=jump, when=when, earliest=earliest, latest=latest)
-    reached, own = _until(trend, limit)
-    return replace(base, trend=trend, reached=reached, reached_stderr=own)
+    base = Change(axis.name, series.name, series.unit, found.p_value, 1.0, found.step, found.trend, limit=limit)
+    if found.step is not None:
+        first, last = max(0, found.step.first - 1), found.step.last
+        when, earliest, latest = (_moment(series.days[k]) for k in (found.step.index, first, last))
+        return replace(base, when=when, earliest=earliest, latest=latest)
+    assert found.trend is not None
+    reached, own = _until(found.trend, limit)
+    return replace(base, reached=reached, reached_stderr=own)
 
 
 def _appear_with(change: Change, findings: Iterable[Finding]) -> Iterator[str]:

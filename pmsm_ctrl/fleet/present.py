@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES
 from pmsm_ctrl.fleet.answers import AxisAnswer, Change, Finding, FleetReport, Series
-from pmsm_ctrl.fleet.policy import FALSE_DISCOVERIES, OUTLYING
+from pmsm_ctrl.fleet.policy import OUTLYING
 from pmsm_ctrl.fleet.result import FleetResult, Lost
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error
 from pmsm_ctrl.section import Block, Picture, Section, Sparkline, Table, present

@@ -97,6 +97,12 @@ class FrictionTracker:
         self._kf.x, self._kf.P = start(design), covariance(self._s, self.settings)
         self._kf.R = np.array([[self._s[model.R]]])
         self._innovation = (math.nan, math.nan)
+        self._taken = (math.nan, math.nan, math.nan, math.nan)
+
+    @property
+    def taken(self) -> tuple[float, float, float, float]:
+        """The filter's inputs at the last sample: time, measured channel, torque, known torque."""
+        return self._taken
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -181,6 +187,7 @@ class FrictionTracker:
             The estimates after this sample.
         """
         m, s, kf = self._m, self._s, self._kf
+        self._taken = t, z, torque, known
         friction = abs(kf.x[F_C]) + abs(kf.x[F_V] * kf.x[OMEGA])
         turned = z - m[model.Z_LAST] if s[model.FROM_ANGLE] else z
         event = model.classify(m, t - m[model.T_LAST], turned, torque, known, friction, s)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pmsm_ctrl.section import Template
 
 __all__ = [
-    "CHANGED", "CONSTANT_SPEED", "EFFECT_LEFT_OUT", "INCONSISTENT", "NOT_EXCITED", "NOT_MOVED", "ONE_DIRECTION",
-    "REJECTED", "STREAM_CLOCK", "STREAM_LOST", "STREAM_REOPENED", "UNDERSAMPLED",
+    "CHANGED", "CHANGING", "CONSTANT_SPEED", "EFFECT_LEFT_OUT", "INCONSISTENT", "NOT_EXCITED", "NOT_MOVED",
+    "ONE_DIRECTION", "REJECTED", "STREAM_CLOCK", "STREAM_LOST", "STREAM_REOPENED", "UNDERSAMPLED",
     "UNMODELLED_TORQUE",
 ]  # fmt: skip
 
@@ -39,6 +39,7 @@ NOT_EXCITED = Template(
 )
 ONE_DIRECTION = Template("one_direction", "the axis turns in one direction: T_load and F_c are not separable")
 CHANGED = Template("changed_abruptly", "friction or load changed abruptly (changes: {count})")
+CHANGING = Template("friction_changed", "friction changed over the stream (alarms: {count})")
 REJECTED = Template("measurements_rejected", "measurements rejected as outliers: {count}")
 STREAM_LOST = Template(
     "stream_samples_lost",

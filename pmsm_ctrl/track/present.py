@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pmsm_ctrl.rendering.numbers import number, with_error
+from pmsm_ctrl.rendering.numbers import number, probability, with_error
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.track.result import Tracking
 from pmsm_ctrl.track.watching import Watched
@@ -83,21 +83,29 @@ def _(watched: Watched) -> Section:
         (f"{name} [{e.unit}]", with_error(e.value, e.stderr), "-" if e.nominal is None else number(e.nominal))
         for name, e in watched.estimates.items()
     )
-    alarms = tuple(
-        (f"{one.t:.3f}", *(f"{number(one.before[name])} -> {number(one.after[name])}" for name in ("F_c", "F_v")))
-        for one in watched.alarms
-    )
     samples = ", ".join(f"{name} {count}" for name, count in watched.counts.items())
     blocks: list[Block] = [
         f"{watched.samples} samples of {watched.source} over {number(float(np.ptp(watched.t)))} s.",
         *watched.notices,
         Table(("parameter", "last", "design"), rows),
     ]
-    if alarms:
-        blocks.append(Table(("t [s]", "F_c", "F_v"), alarms, "Abrupt changes, and the friction a second later"))
+    if watched.alarms:
+        blocks.append(_alarms(watched))
     blocks.append(f"Samples: {samples}.")
-    blocks.append(Picture(lambda: _course(watched), "F_c and F_v with 95 % bands."))
+    blocks.append(Picture(lambda: _course(watched), "F_c and F_v with 95 % bands; alarms are orange lines."))
     return Section(f"Friction tracked live: {watched.source}", tuple(blocks))
+
+
+def _alarms(watched: Watched) -> Table:
+    rows = tuple(
+        (
+            one.parameter, one.kind, f"{one.t:.3f}", f"{one.earliest:.3f} to {one.latest:.3f}", number(one.before),
+            number(one.after), probability(one.p_value),
+        )
+        for one in watched.alarms
+    )  # fmt: skip
+    header = ("parameter", "change", "t [s]", "between [s]", "before", "after", "p")
+    return Table(header, rows, "Friction that changed over the windows of the stream, in the units above")
 
 
 def _course(watched: Watched) -> Figure:

@@ -18,14 +18,15 @@ from pmsm_ctrl.errors import LogError, NextCommand
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import notices as words
+from pmsm_ctrl.track.alarms import WINDOW, Alarm, Windows
 from pmsm_ctrl.track.live import FrictionTracker, Reading
-from pmsm_ctrl.track.model import CHANGE, EVENTS, REJECTED, STATES
+from pmsm_ctrl.track.model import EVENTS, REJECTED, STATES
 from pmsm_ctrl.track.result import UNITS
 from pmsm_ctrl.track.settings import Settings
 from pmsm_ctrl.track.stream import IDLE, REOPENED, Header, read_header
 from pmsm_ctrl.units import axis_unit
 
-__all__ = ["Alarm", "Watched", "watch"]
+__all__ = ["Watched", "watch"]
 
 Array = NDArray[np.float64]
 
@@ -33,24 +34,6 @@ FIRST = 200  # samples from which the period of a stream is known
 LOST = 1.5  # periods from which on samples are missing
 MOST = 2000  # points of the history, and alarms that are kept
 LETTERS = re.compile("[b-df-hj-mo-zB-DF-HJ-MO-Z]")  # of labels; 1e-3, nan and inf have none of them
-SETTLED = 1.0  # s after a change, when the new friction is told
-
-
-@dataclass(frozen=True)
-class Alarm:
-    """An abrupt change that the tracker announced.
-
-    Attributes
-    ----------
-    t : float
-        s, by the stream's clock.
-    before, after : dict of str to float
-        F_c and F_v before it, and a second later.
-    """
-
-    t: float
-    before: Mapping[str, float]
-    after: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +84,7 @@ class Watched(Result):
         if not any(self.counts.get(name) for name in ("updated", "constant speed", "change")):
             out.append(words.NOT_MOVED())
         if self.alarms:
-            out.append(words.CHANGED(count=len(self.alarms)))
+            out.append(words.CHANGING(count=len(self.alarms)))
         if rejected := self.counts.get(EVENTS[REJECTED], 0):
             out.append(words.REJECTED(count=rejected))
         if self.lost or self.damaged or self.repeated:
@@ -128,15 +111,17 @@ class Watched(Result):
 class _Watcher:
     """What is known of a stream between two samples."""
 
-    def __init__(self, design: Design, settings: Settings | None, estimate: tuple[str, ...] | None) -> None:
-        self.design, self.settings, self.estimate = design, settings, estimate
+    def __init__(
+        self, design: Design, settings: Settings | None, estimate: tuple[str, ...] | None, window: float
+    ) -> None:
+        self.design, self.settings, self.estimate, self.window = design, settings, estimate, window
         self.tracker: FrictionTracker | None = None
         self.waiting: deque[dict[str, float]] = deque()
         self.period, self.offset, self.last, self.theta = math.nan, 0.0, math.nan, math.nan
         self.samples = self.lost = self.damaged = self.repeated = self.jumps = self.reconnects = 0
         self.counts: dict[str, int] = {}
+        self.windows: Windows | None = None
         self.alarms: list[Alarm] = []
-        self.pending: tuple[float, dict[str, float]] | None = None
         self.history: list[Reading] = []
         self.step, self.reading = 1, None
 
@@ -163,10 +148,12 @@ class _Watcher:
             measure=measure, estimate=("T_load", "J") if self.estimate is None else self.estimate
         )
         self.tracker = FrictionTracker(self.design, settings, period=self.period)
+        self.windows = Windows(self.design, settings, self.period, self.window)
         return [alarm for one in given for alarm in self._sample(one)]
 
     def _sample(self, given: dict[str, float]) -> list[Alarm]:
         assert self.tracker is not None
+        assert self.windows is not None
         t = given["t"] + self.offset
         step = t - self.last
         if step < -0.5 * self.period:  # the clock was set back, or counts anew: time goes on
@@ -183,7 +170,6 @@ class _Watcher:
         if math.isfinite(self.theta) and self.design.motion == "rotary":  # an angle within a turn is counted on
             theta -= 2.0 * math.pi * round((theta - self.theta) / (2.0 * math.pi))
         self.theta = theta if math.isfinite(theta) else self.theta
-        before = self.reading
         self.reading = self.tracker.update(
             t, given.get("omega", math.nan), given.get("i_q", math.nan), theta=theta, i_d=given.get("i_d", 0.0),
             torque=given.get("torque"), T_load=given.get("T_load", 0.0),
@@ -192,19 +178,9 @@ class _Watcher:
         event = self.reading.event
         self.counts[event] = self.counts.get(event, 0) + 1
         self._keep()
-        return self._announce(before, event)
-
-    def _announce(self, before: Reading | None, event: str) -> list[Alarm]:
-        """Return the changes that have settled; the tracker's own rules say what is a change."""
-        assert self.reading is not None
-        if event == EVENTS[CHANGE] and before is not None and self.pending is None:
-            self.pending = self.reading.t, {"F_c": before.F_c, "F_v": before.F_v}
-        if self.pending is None or self.reading.t < self.pending[0] + SETTLED:
-            return []
-        (t, old), self.pending = self.pending, None
-        alarm = Alarm(t, old, {"F_c": self.reading.F_c, "F_v": self.reading.F_v})
-        self.alarms = [*self.alarms, alarm][-MOST:]
-        return [alarm]
+        raised = self.windows.take(self.tracker.taken, event)
+        self.alarms = [*self.alarms, *raised][-MOST:]
+        return raised
 
     def _keep(self) -> None:
         assert self.reading is not None
@@ -238,7 +214,7 @@ class _Watcher:
 def watch(
     design: Design, lines: Iterable[str], *, source: str = "stream", mapping: Mapping[str, str] | None = None,
     settings: Settings | None = None, estimate: tuple[str, ...] | None = None, every: float = 1.0,
-    patience: float = math.inf, show: Callable[[Reading], None] | None = None,
+    patience: float = math.inf, window: float = WINDOW, show: Callable[[Reading], None] | None = None,
     alarm: Callable[[Alarm], None] | None = None,
 ) -> Watched:  # fmt: skip
     """Track F_c and F_v over a stream until it ends, or until it is interrupted.
@@ -260,6 +236,8 @@ def watch(
         Time between two calls of `show`, s by the stream's clock.
     patience : float
         Time without a line after which the stream has ended, s.
+    window : float
+        Duration of motion, s, of a record of the stream: alarms are changes over records.
     show : function of Reading, optional
     alarm : function of Alarm, optional
 
@@ -273,7 +251,7 @@ def watch(
     LogError
         When the stream has no header or not one sample, or its header lacks a channel.
     """
-    watcher = _Watcher(design, settings, estimate)
+    watcher = _Watcher(design, settings, estimate, window)
     header: Header | None = None
     heard, due = time.monotonic(), -math.inf
     try:

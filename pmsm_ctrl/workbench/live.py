@@ -115,7 +115,7 @@ class Live:
                 self._heard = time.monotonic()
                 self._keep(told)
             elif kind == "alarm":
-                self._alarms = [*self._alarms, {"t": told.t, "before": told.before, "after": told.after}][-MOST:]
+                self._alarms = [*self._alarms, vars(told)][-MOST:]
             else:
                 self._end = told
 

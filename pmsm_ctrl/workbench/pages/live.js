@@ -43,7 +43,7 @@ function draw(section) {
   const place = (name) => section.querySelector(`[data-part=${name}]`);
   const silent = !found.end && found.silent > SILENT ? Math.floor(found.silent) : 0;
   fill(place("now"), [found.revision, silent], () => [
-    h("p", { class: "soft" }, `Source ${found.source}, design ${found.design}. An extended Kalman filter; ± and the bands are 95 %, and narrow where the motion tells F_c from F_v. Dotted: the design; orange: abrupt changes.`),
+    h("p", { class: "soft" }, `Source ${found.source}, design ${found.design}. An extended Kalman filter; ± and the bands are 95 %, and narrow where the motion tells F_c from F_v. Dotted: the design; orange: changes between windows of 10 s of motion.`),
     found.end ? h("p", { class: "complaint", role: "alert", id: "live-end" }, found.end) : null,
     silent ? h("p", { class: "complaint", role: "status" }, `No sample for ${silent} s.`) : null,
     found.now
@@ -52,11 +52,11 @@ function draw(section) {
       : found.end ? null : h("p", {}, "Waiting for samples …"),
   ]);
   fill(place("alarms"), found.alarms, () => [
-    h("h3", {}, "Abrupt changes"),
+    h("h3", {}, "Changes of friction"),
     found.alarms.length
-      ? h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Abrupt changes" }, h("table", { id: "live-alarms" },
-        h("thead", {}, h("tr", {}, ["time [s]", ...NAMES.map((name) => `${name} [${found.units[name]}]`)].map((text) => h("th", { scope: "col" }, text)))),
-        h("tbody", {}, found.alarms.slice(-20).reverse().map((one) => h("tr", {}, h("td", {}, one.t.toFixed(1)), NAMES.map((name) => h("td", {}, `${number(one.before[name])} → ${number(one.after[name])}`)))))))
+      ? h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Changes of friction" }, h("table", { id: "live-alarms" },
+        h("thead", {}, h("tr", {}, ["parameter", "change", "time [s]", "between [s]", "before", "after"].map((text) => h("th", { scope: "col" }, text)))),
+        h("tbody", {}, found.alarms.slice(-20).reverse().map((one) => h("tr", {}, [`${one.parameter} [${found.units[one.parameter]}]`, one.kind, one.t.toFixed(1), `${one.earliest.toFixed(1)} to ${one.latest.toFixed(1)}`, number(one.before), number(one.after)].map((text) => h("td", {}, text)))))))
       : h("p", { class: "soft" }, "None so far."),
   ]);
   if (!found.t.length) return;

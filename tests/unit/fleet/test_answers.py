@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import false_discovery_control
 
+from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES
 from pmsm_ctrl.fleet.answers import answered
-from pmsm_ctrl.fleet.policy import FALSE_DISCOVERIES
 from tests.unit.fleet.rows import FIRST, a_fleet, of_record
 
 

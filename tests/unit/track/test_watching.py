@@ -17,8 +17,10 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import scenario, simulate
-from pmsm_ctrl.track import Settings, track, watch
+from pmsm_ctrl.track import Alarm, FrictionTracker, Settings, track, watch
+from pmsm_ctrl.track.alarms import Alarms, Window, Windows
 from pmsm_ctrl.track.stream import IDLE, REOPENED, follow, lines_of, read_header
+from tests.effort import amount
 
 
 @pytest.fixture(scope="module")
@@ -68,21 +70,76 @@ def test_lost_samples_damaged_lines_and_a_clock_set_back_are_survived_and_told(s
     assert np.all(np.diff(found.t) > 0.0)
 
 
-def test_a_step_of_friction_is_an_alarm(seed: Design) -> None:
-    """Two seconds with F_c, two with 1.6 F_c, as if the axis had been restarted with a dry bearing."""
-    motion = scenario("triangle", seed, speed=150.0, period=1.0)
-    dry = seed.with_effect("coulomb", {"F_c": 0.034})
-    parts = [simulate(plant, motion, seed=k).between(0.0, 2.0) for k, plant in enumerate((seed, dry))]
-    said = ["t [s];theta [deg];i_q [mA]\n"]
-    for k, part in enumerate(parts):
-        said += [f"{2.0 * k + t:.6f};{np.degrees(a % (2.0 * np.pi)):.6f};{1e3 * i:.4f}\n".replace(".", ",")
+def spoken(parts: list[Log]) -> list[str]:
+    """Return the lines of logs one after another, with German commas, angles in degrees within a turn and mA."""
+    said, start = ["t [s];theta [deg];i_q [mA]\n"], 0.0
+    for part in parts:
+        said += [f"{start + t:.6f};{np.degrees(a % (2.0 * np.pi)):.6f};{1e3 * i:.4f}\n".replace(".", ",")
                  for t, a, i in zip(part.t, part["theta"], part["i_q"], strict=True)]  # fmt: skip
-    heard: list[float] = []
-    found = watch(seed, said, alarm=lambda one: heard.append(one.t))
-    assert len(heard) == len(found.alarms) >= 1
-    assert all(2.0 < t < 3.0 for t in heard)
-    assert found.estimates["F_c"].value == pytest.approx(0.034, rel=0.05)
-    assert "changed_abruptly" in {notice.code for notice in found.notices}
+        start += float(part.t[-1]) + part.period
+    return said
+
+
+def test_a_step_of_friction_is_an_alarm(seed: Design) -> None:
+    """Six seconds with F_c, four with 1.3 F_c, as if the axis had been restarted with a dry bearing."""
+    motion = scenario("triangle", seed, speed=150.0, period=1.0, cycles=6.0)
+    dry = seed.with_effect("coulomb", {"F_c": 1.3 * 0.0213})
+    parts = [
+        simulate(plant, motion, seed=k).between(0.0, stop) for k, (plant, stop) in enumerate(((seed, 6.0), (dry, 4.0)))
+    ]
+    heard: list[Alarm] = []
+    found = watch(seed, spoken(parts), window=1.0, alarm=heard.append)
+    assert tuple(heard) == found.alarms
+    (one,) = (alarm for alarm in heard if alarm.parameter == "F_c")
+    assert one.kind == "step"
+    assert one.earliest <= 6.0 <= one.latest + 0.01
+    assert one.t == pytest.approx(6.0, abs=1.0)
+    assert one.told <= 9.2
+    assert (one.before, one.after) == (pytest.approx(0.0213, rel=0.03), pytest.approx(1.3 * 0.0213, rel=0.03))
+    assert "friction_changed" in {notice.code for notice in found.notices}
+    assert "F_c" in found.summary()
+    json.dumps(found.to_dict())
+
+
+@pytest.mark.parametrize("k", range(3))
+def test_a_stream_in_which_nothing_changes_raises_no_alarm(seed: Design, k: int) -> None:
+    """The design is wrong in inertia and friction, and does not know of a load."""
+    plant = seed.with_parameters(J=1.2 * seed.J).with_effect("coulomb", {"F_c": 0.03})
+    motion = scenario("triangle", seed, speed=120.0, period=0.9, cycles=14.0)
+    assert watch(seed, spoken([simulate(plant, motion, seed=k)]), window=1.0).alarms == ()
+
+
+def test_a_standstill_is_no_window(seed: Design, log: Log) -> None:
+    """The time that an axis stands still does not count as motion, and its samples are not kept."""
+    still = Log({name: np.full(4000, log[name][-1]) if name != "t" else log.period * np.arange(4000.0) for name in log})
+    found = Windows(seed, Settings(), log.period, duration=2.0)
+    tracker = FrictionTracker(seed, Settings(), period=log.period)
+    kept, start = [], 0.0
+    for part, turned in ((log, 0.0), (still, 0.0), (log, float(log["theta"][-1]))):
+        for t, theta, i_q in zip(part.t, part["theta"], part["i_q"], strict=True):
+            event = tracker.update(start + t, theta=theta + turned, i_q=i_q).event
+            found.take(tracker.taken, event)
+            kept.append(len(found.rows))
+        start += float(part.t[-1]) + log.period
+    assert max(kept) < 2.5 / log.period
+    spans = [one.stop - one.start for one in found.alarms.series["F_v"]]
+    assert spans[0] == pytest.approx(2.0, abs=0.1)
+    assert 6.0 < spans[1] < 6.1  # the rest of the first motion, 4 s of standstill, the beginning of the second
+
+
+def test_alarms_of_series_that_only_scatter() -> None:
+    """Streams of 60 windows with very different errors: at most 5 % alarm, and four standard errors more."""
+    alarmed, streams = 0, amount(20, 400)
+    for k in range(streams):
+        rng, one = np.random.default_rng(k), Alarms()
+        for n in range(60):
+            stderr = 1e-4 * float(rng.uniform(0.2, 3.0))
+            for name in one.series:
+                one.add(name, Window(10.0 * n, 10.0 * n + 10.0, 0.02 + stderr * float(rng.standard_normal()), stderr))
+            alarmed += bool(told := one.ask())
+            if told:
+                break
+    assert alarmed <= 0.05 * streams + 4 * (streams * 0.05 * 0.95) ** 0.5
 
 
 def test_ctrl_c_leaves_with_the_last_state(seed: Design, lines: list[str]) -> None:

@@ -31,7 +31,9 @@ def test_the_course_is_thinned_and_its_ends_are_kept() -> None:
     assert live.shown()["t"] == []
     for k in range(3 * MOST):
         live.take("reading", reading(k))
-    live.take("alarm", Alarm(7.0, {"F_c": 0.02, "F_v": 1e-4}, {"F_c": 0.03, "F_v": 1e-4}))
+    alarm = {"parameter": "F_c", "kind": "step", "t": 7.0, "earliest": 6.0, "latest": 8.0, "told": 9.0, "before": 0.02,
+             "after": 0.03, "stderr": 1e-4, "p_value": 1e-9}  # fmt: skip
+    live.take("alarm", Alarm(**alarm))
     shown = json.loads(json.dumps(live.shown()))
     assert MOST / 2 < len(shown["t"]) <= MOST
     assert shown["t"][0] == 0.0
@@ -39,7 +41,7 @@ def test_the_course_is_thinned_and_its_ends_are_kept() -> None:
     assert shown["now"]["t"] == 0.2 * (3 * MOST - 1)
     assert (shown["now"]["F_c"], shown["now"]["stderr_F_c"]) == (0.02 + 1e-6 * (3 * MOST - 1), 2e-4)
     assert shown["F_c"] == [0.02 + 1e-6 * round(t / 0.2) for t in shown["t"]]
-    assert shown["alarms"] == [{"t": 7.0, "before": {"F_c": 0.02, "F_v": 1e-4}, "after": {"F_c": 0.03, "F_v": 1e-4}}]
+    assert shown["alarms"] == [alarm]
     assert shown["units"] == {"F_c": "N m", "F_v": "N m s/rad"}
     assert shown["stated"] == {"F_c": 0.02, "F_v": 1e-4}
 

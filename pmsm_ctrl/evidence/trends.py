@@ -8,16 +8,30 @@ precise.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.fleet.policy import FEWEST_RECORDS, LOCATION
-
-__all__ = ["Regression", "Step", "between_records", "regression", "step"]
+__all__ = [
+    "FALSE_DISCOVERIES", "FEWEST_RECORDS", "Changing", "Regression", "Step", "between_records", "changing", "q_values",
+    "regression", "step",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
+
+# Expected share of false ones among all that are named. Source of the procedure: Y. Benjamini, Y. Hochberg,
+# J. R. Stat. Soc. B 57 (1995) 289.
+FALSE_DISCOVERIES = 0.05
+
+# Records from which a trend or a change is judged: two parameters leave two degrees of freedom.
+FEWEST_RECORDS = 4
+
+# Quantile 0.95 of the likelihood ratio of the place of a change, -2 ln(1 - sqrt(0.95)).
+# Source: B. E. Hansen, Econometrica 68 (2000) 575, table I.
+LOCATION = 7.352
+
 GRID = 60  # values of the variance that are tried
 
 
@@ -90,6 +104,63 @@ class Step:
     dof: int
     p_value: float
     left: float
+
+
+@dataclass(frozen=True, eq=False)
+class Changing:
+    """How a parameter changes over its records.
+
+    Attributes
+    ----------
+    p_value : float
+        Of no change.
+    step : Step or None
+    trend : Regression or None
+        The one of the two that explains more.
+    """
+
+    p_value: float
+    step: Step | None
+    trend: Regression | None
+
+
+def changing(t: Array, y: Array, stderr: Array) -> Changing | None:
+    """Judge a parameter over its records: a trend or a step, whichever explains more at its number of parameters.
+
+    Parameters
+    ----------
+    t, y, stderr : array, shape (n,)
+        Abscissa, value, and standard error of each record, in the order of time.
+
+    Returns
+    -------
+    Changing or None
+        None for fewer than `FEWEST_RECORDS` records, or all at one abscissa.
+    """
+    trend, jump = regression(t, y, stderr), step(y, stderr)
+    if trend is None or jump is None:
+        return None
+    # one p-value each, of the same hypothesis: the smaller one belongs to the shape that explains more
+    p = min(1.0, 2.0 * min(trend.p_value, jump.p_value))
+    return Changing(p, jump, None) if jump.p_value < trend.p_value else Changing(p, None, trend)
+
+
+def q_values(p_values: Sequence[float]) -> Array:
+    """Return the q-values of Benjamini and Hochberg: the share of false ones among all that are at least as sure.
+
+    Parameters
+    ----------
+    p_values : sequence of float, length n
+
+    Returns
+    -------
+    array, shape (n,)
+    """
+    if not len(p_values):
+        return np.empty(0)
+    from scipy.stats import false_discovery_control
+
+    return np.asarray(false_discovery_control(np.array(p_values), method="bh"), dtype=np.float64)
 
 
 def between_records(x: Array, y: Array, stderr: Array) -> float:

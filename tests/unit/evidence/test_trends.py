@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from pmsm_ctrl.fleet.trends import between_records, regression, step
+from pmsm_ctrl.evidence.trends import between_records, regression, step
 from tests.effort import amount
 
 
