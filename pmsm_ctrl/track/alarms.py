@@ -16,7 +16,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.evidence.trends import FALSE_DISCOVERIES, FEWEST_RECORDS, Changing, Regression, Step, changing, q_values
 from pmsm_ctrl.track import model
-from pmsm_ctrl.track.inputs import Samples
+from pmsm_ctrl.track.inputs import Samples, noise_from_samples
 from pmsm_ctrl.track.settings import Settings, numbers
 from pmsm_ctrl.track.tracking import filter_samples
 
@@ -177,7 +177,7 @@ class Windows:
         self.rows: list[tuple[float, float, float, float]] = []
         self._design, self._duration, self._moved = design, duration, 0.0
         self._settings = replace(settings, drift=0.0, drift_T_load=drift_T_load)
-        self._numbers = numbers(design, self._settings, period)
+        self._period = period
 
     def take(self, inputs: tuple[float, float, float, float], event: str) -> list[Alarm]:
         """Take in one sample.
@@ -216,10 +216,14 @@ class Windows:
         -------
         list of Alarm
         """
-        found = filter_samples(self._design, self._settings, self._numbers, samples)
+        if not samples.torque.any():  # a motion without the drive
+            return []
+        settings = noise_from_samples(self._design, self._settings, samples)
+        s = numbers(self._design, settings, self._period)
+        found = filter_samples(self._design, settings, s, samples)
         for name, k in PARAMETERS.items():
             variance = float(found.P[k, k])
-            if 0.0 < variance < UNKNOWN * float(self._numbers[model.PRIOR + k]):
+            if 0.0 < variance < UNKNOWN * float(s[model.PRIOR + k]):
                 one = Window(float(samples.t[0]), float(samples.t[-1]), float(found.x[k]), variance**0.5)
                 self.alarms.add(name, one)
         return self.alarms.ask()

@@ -20,7 +20,7 @@ from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track.notices import EFFECT_LEFT_OUT
 from pmsm_ctrl.track.settings import Settings
 
-__all__ = ["KnownTorque", "Samples", "located", "noise_from_log", "samples_of", "scatter"]
+__all__ = ["KnownTorque", "Samples", "located", "noise_from_samples", "samples_of", "scatter"]
 
 Array = NDArray[np.float64]
 AVAILABLE = ("omega", "theta", "direction", "i_d", "i_q", "torque", "t", "p")
@@ -179,8 +179,8 @@ def scatter(samples: Samples) -> float:
     return 1.4826 * float(np.median(np.abs(np.diff(samples.torque, 2)))) / math.sqrt(6.0)
 
 
-def noise_from_log(design: Design, settings: Settings, samples: Samples, log: Log) -> Settings:
-    """Fill in the noise that neither the settings nor the design state, from the log itself.
+def noise_from_samples(design: Design, settings: Settings, samples: Samples, where: str = "") -> Settings:
+    """Fill in the noise that neither the settings nor the design state, from the samples themselves.
 
     Parameters
     ----------
@@ -190,8 +190,8 @@ def noise_from_log(design: Design, settings: Settings, samples: Samples, log: Lo
         Noise given here is kept.
     samples : Samples
         What the noise is estimated from.
-    log : Log
-        Named in the message.
+    where : str
+        Head of the message.
 
     Returns
     -------
@@ -207,7 +207,7 @@ def noise_from_log(design: Design, settings: Settings, samples: Samples, log: Lo
         noise = scatter(samples)
         floor = 1e-4 * float(np.quantile(np.abs(samples.torque), 0.95))
         if not max(noise, floor) > 0.0:
-            raise RequestError(f"{located(log)}the drive torque is zero throughout; tracking needs a driven motion")
+            raise RequestError(f"{where}the drive torque is zero throughout; tracking needs a driven motion")
         settings = replace(settings, torque_noise=max(noise, floor))
     if settings.angle_noise is None and design.sensor.encoder_counts == 0 and settings.measure == "theta":
         step = np.abs(np.diff(samples.z))

@@ -15,7 +15,7 @@ from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import model, notices
-from pmsm_ctrl.track.inputs import Samples, located, noise_from_log, samples_of, scatter
+from pmsm_ctrl.track.inputs import Samples, located, noise_from_samples, samples_of, scatter
 from pmsm_ctrl.track.result import Tracking, mean_of_judged
 from pmsm_ctrl.track.settings import Settings, covariance, memory, numbers, start
 from pmsm_ctrl.units import axis_unit
@@ -72,7 +72,7 @@ def track(
     log = believed.log
     settings = settings or _default_settings(design, log)
     samples = samples_of(design, log, settings.measure)
-    settings = noise_from_log(design, settings, samples, log)
+    settings = noise_from_samples(design, settings, samples, located(log))
     doubts = [*believed.notices, *samples.notices, *_undersampled(design, log, samples)]
     settings = settings if adapt else replace(settings, adapt=False)
     s = numbers(design, settings, log.period)

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError, NextCommand
+from pmsm_ctrl.regression.signals import drive_torque
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.track import notices as words
 from pmsm_ctrl.track.alarms import WINDOW, Alarm, Windows
+from pmsm_ctrl.track.inputs import Samples, noise_from_samples
 from pmsm_ctrl.track.live import FrictionTracker, Reading
 from pmsm_ctrl.track.model import EVENTS, REJECTED, STATES
 from pmsm_ctrl.track.result import UNITS
@@ -31,6 +33,7 @@ __all__ = ["Watched", "watch"]
 Array = NDArray[np.float64]
 
 FIRST = 200  # samples from which the period of a stream is known
+MOVING = 20  # steps among these from which the noise of a channel is known
 LOST = 1.5  # periods from which on samples are missing
 MOST = 2000  # points of the history, and alarms that are kept
 LETTERS = re.compile("[b-df-hj-mo-zB-DF-HJ-MO-Z]")  # of labels; 1e-3, nan and inf have none of them
@@ -116,7 +119,7 @@ class _Watcher:
     ) -> None:
         self.design, self.settings, self.estimate, self.window = design, settings, estimate, window
         self.tracker: FrictionTracker | None = None
-        self.waiting: deque[dict[str, float]] = deque()
+        self.waiting: deque[dict[str, float]] = deque(maxlen=FIRST)
         self.period, self.offset, self.last, self.theta = math.nan, 0.0, math.nan, math.nan
         self.samples = self.lost = self.damaged = self.repeated = self.jumps = self.reconnects = 0
         self.counts: dict[str, int] = {}
@@ -128,11 +131,23 @@ class _Watcher:
     reading: Reading | None
 
     def take(self, given: dict[str, float]) -> list[Alarm]:
-        """Take one sample in; the first ones wait until the period is known."""
-        if self.tracker is None:
-            self.waiting.append(given)
-            return self.begin() if len(self.waiting) >= FIRST else []
-        return self._sample(given)
+        """Take one sample in; the first ones wait until period and noise are known."""
+        if self.tracker is not None:
+            return self._sample(given)
+        self.waiting.append(given)
+        return self.begin() if len(self.waiting) == FIRST and self._moves() else []
+
+    def _moves(self) -> bool:
+        """Whether the noise that the design does not state can be told from the samples that wait.
+
+        An axis at rest shows no step of its encoder, and has no friction to be tracked.
+        """
+        sensor = self.design.sensor
+        if self.settings is not None or (sensor.encoder_counts and sensor.current_noise):
+            return True
+        angles = np.array([one.get("theta", one.get("omega", math.nan)) for one in self.waiting])
+        torques = np.array([one.get("torque", one.get("i_q", math.nan)) for one in self.waiting])
+        return bool(min(np.count_nonzero(np.diff(angles)), np.count_nonzero(np.diff(torques))) > MOVING)
 
     def begin(self) -> list[Alarm]:
         """Start the tracker with the samples that waited."""
@@ -143,13 +158,24 @@ class _Watcher:
         steps = np.diff([one["t"] for one in given])
         steps = steps[steps > 0.0]
         self.period = float(np.median(steps)) if steps.size else self.design.log_period
-        measure: Any = "theta" if "theta" in given[0] else "omega"
-        settings = self.settings or Settings(
-            measure=measure, estimate=("T_load", "J") if self.estimate is None else self.estimate
-        )
+        settings = self.settings or self._settings_of(given)
         self.tracker = FrictionTracker(self.design, settings, period=self.period)
         self.windows = Windows(self.design, settings, self.period, self.window)
         return [alarm for one in given for alarm in self._sample(one)]
+
+    def _settings_of(self, given: list[dict[str, float]]) -> Settings:
+        measure: Any = "theta" if "theta" in given[0] else "omega"
+        estimate = ("T_load", "J") if self.estimate is None else self.estimate
+        settings = Settings(measure=measure, estimate=estimate)
+        rows = [
+            (one["t"], one[measure], one["torque"] if "torque" in one
+             else float(drive_torque(self.design, one.get("i_d", 0.0), one["i_q"])), 0.0) for one in given
+        ]  # fmt: skip
+        sound = np.array([row for row in rows if np.isfinite(row).all()]).reshape(-1, 4)
+        # of an axis that never moved the design's values are all that is known
+        if len(sound) < 3 or not np.diff(sound[:, 1:3], axis=0).any(axis=0).all():
+            return settings
+        return noise_from_samples(self.design, settings, Samples(*sound.T))
 
     def _sample(self, given: dict[str, float]) -> list[Alarm]:
         assert self.tracker is not None

@@ -22,7 +22,7 @@ from pmsm_ctrl.tune.moves import MovePair, moves, stable_speed
 from pmsm_ctrl.tune.noise import noise
 from pmsm_ctrl.tune.sampled import Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
-from pmsm_ctrl.tune.steps import Step, current_headroom, linear_step, linear_steps
+from pmsm_ctrl.tune.steps import Step, current_headroom, linear_step, linear_steps, voltage_headroom
 
 __all__ = [
     "BANDWIDTH_TOLERANCE", "PHASE_TOLERANCE", "Check", "Explanation", "MeasuredLoop", "Outcome", "Proof",
@@ -295,12 +295,20 @@ class _Experiment:
             cascade = cascade.with_gains(speed=cascade.speed.model_copy(update={"reference_filter": 0.0}))
             source = "omega_ref"
         omega = 2.0 * math.pi * signal.frequencies
-        peaks = []
-        for output in ("omega", "i_q_ref"):
+
+        def peak(output: str, less: str | None = None) -> float:
+            """Largest value of an output, or of its difference from another, per unit of the signal."""
+            found = response(cascade.system((source,), (output,)), omega)
+            if less is not None:
+                found = found - response(cascade.system((source,), (less,)), omega)
             spectrum = np.zeros(len(signal.samples) // 2 + 1, dtype=np.complex128)
-            spectrum[signal.lines] = response(cascade.system((source,), (output,)), omega) * signal.spectrum
-            peaks.append(float(np.abs(np.fft.irfft(spectrum, len(signal.samples))).max()) * len(signal.samples))
-        return min(SWAY * self.bench.speed / peaks[0], self.room / peaks[1])
+            spectrum[signal.lines] = found * signal.spectrum
+            return float(np.abs(np.fft.irfft(spectrum, len(signal.samples))).max()) * len(signal.samples)
+
+        # A nearly unstable current loop turns a small reference into large control errors, which the voltage follows.
+        error = max(peak("i_q_ref", "i_q"), peak("i_d"))
+        by_voltage = voltage_headroom(self.bench.design)
+        return min(SWAY * self.bench.speed / peak("omega"), self.room / peak("i_q_ref"), by_voltage / error)
 
     def loop(self, name: LoopName) -> MeasuredLoop:
         model = self.predicted(name)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.tune.sampled import Cascade
 
-__all__ = ["Step", "current_headroom", "linear_step", "linear_steps"]
+__all__ = ["Step", "current_headroom", "linear_step", "linear_steps", "voltage_headroom"]
 
 Array = NDArray[np.float64]
 
@@ -81,12 +81,20 @@ def linear_steps(cascade: Cascade, durations: dict[str, float]) -> dict[str, Ste
     return found
 
 
+def voltage_headroom(design: Design) -> float:
+    """Return the control error (A) of the current that the voltage can follow.
+
+    A control error needs K_p times its size at once, and beyond the voltage limit the loop is not linear. A quarter of
+    the voltage is taken; the rest is for the speed.
+    """
+    return 0.25 * design.drive.u_dc / math.sqrt(3.0) / design.require_loops().current.K_p
+
+
 def current_headroom(design: Design, i_0: float) -> float:
     """Return the current (A) available for tests around a bias i_0 (A).
 
-    Half of the limit, and no more than the voltage can follow: a step of the reference needs K_p times its size at
-    once, and beyond the voltage limit the loop is not linear.
+    Half of the limit, and no more than the voltage can follow in a step of the reference.
     """
-    by_voltage = 0.25 * design.drive.u_dc / math.sqrt(3.0) / design.require_loops().current.K_p
+    by_voltage = voltage_headroom(design)
     by_current = 0.5 * (design.drive.i_max - abs(i_0)) if math.isfinite(design.drive.i_max) else math.inf
     return min(by_voltage, by_current)

@@ -70,6 +70,18 @@ def test_lost_samples_damaged_lines_and_a_clock_set_back_are_survived_and_told(s
     assert np.all(np.diff(found.t) > 0.0)
 
 
+def test_the_noise_of_a_sensor_that_the_design_does_not_know_is_that_of_the_stream(seed: Design, log: Log) -> None:
+    """The steps of an encoder of 12 bits are no accelerations; an axis at rest first shows no step."""
+    coarse = 2.0 * np.pi / 4096.0
+    still = Log({name: np.zeros(500) if name != "t" else log.period * np.arange(500.0) for name in log})
+    stepped = Log({name: np.round(log[name] / coarse) * coarse if name == "theta" else log[name] for name in log})
+    unknown = seed.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
+    found = watch(unknown, spoken([still, stepped]))
+    assert found.counts.get("implausible", 0) < 0.01 * found.samples
+    assert found.estimates["F_c"].value == pytest.approx(0.0213, abs=3.0 * found.estimates["F_c"].stderr)
+    assert found.estimates["F_c"].stderr < 0.1 * 0.0213
+
+
 def spoken(parts: list[Log]) -> list[str]:
     """Return the lines of logs one after another, with German commas, angles in degrees within a turn and mA."""
     said, start = ["t [s];theta [deg];i_q [mA]\n"], 0.0
