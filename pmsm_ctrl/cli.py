@@ -174,18 +174,18 @@ def tune(
     from pmsm_ctrl.tune import Specification, UnstableLoopError, assess
     from pmsm_ctrl.tune import tune as run_tuning
 
-    if keep and (robust or current_bandwidth is not None or speed_bandwidth is not None):
-        raise RequestError("--keep: excludes --robust and the bandwidths, because the gains of the design are kept")
+    wanted = Specification(
+        current=current, speed=speed, current_bandwidth=current_bandwidth, speed_bandwidth=speed_bandwidth,
+        phase_margin=phase_margin, robust=robust, filters=filters,
+    )  # fmt: skip
+    if keep and wanted != Specification():
+        raise RequestError("--keep: excludes every option of a method, because the gains of the design are kept")
     axis = read_design(design, effects)
     try:
         with progress_bar(f"tune {axis.name}") as progress:
             if keep:
                 result = assess(axis, prove=prove, seed=seed)
             else:
-                wanted = Specification(
-                    current=current, speed=speed, current_bandwidth=current_bandwidth, speed_bandwidth=speed_bandwidth,
-                    phase_margin=phase_margin, robust=robust, filters=filters,
-                )  # fmt: skip
                 result = run_tuning(axis, wanted, prove=prove, seed=seed, progress=progress)
     except UnstableLoopError as error:
         if report is not None:  # the Nyquist plot of the loop shows more than the line on stderr

@@ -290,6 +290,7 @@ def test_bad_design_is_one_line(
         (["import", "none.csv", "--map", "omega"], "--map 'omega'"),
         (["sweep", str(SEED_MOTOR), "--paper", "--output", "x.toml"], "--paper: excludes"),
         (["tune", str(SEED_MOTOR), "--keep", "--robust"], "--keep: excludes"),
+        (["tune", str(SEED_MOTOR), "--keep", "--speed", "bandwidth"], "--keep: excludes"),
     ],
 )
 def test_wrong_request_is_one_line(
