@@ -76,8 +76,8 @@ app = _Commands(
 
 # A literal, because the module of the scenarios takes half a second to import; a test compares them.
 MOTIONS = (
-    "the motion: sweep, triangle, creep, multisine, chirp, breakaway, hold, positioning, trapezoid, s_curve, warm_up, "
-    "reversal or identification"
+    "the motion: sweep, triangle, creep, multisine, chirp, noise, prbs, breakaway, hold, positioning, trapezoid, "
+    "s_curve, warm_up, reversal or identification"
 )
 
 

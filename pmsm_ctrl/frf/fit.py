@@ -73,6 +73,17 @@ class Axis:
         """Total inertia, kg m^2."""
         return math.exp(self.values[0])
 
+    def near(self, other: Axis) -> bool:
+        """Whether two fits differ by less than a tenth of a standard error.
+
+        Parameters
+        ----------
+        other : Axis
+        """
+        if len(self.values) != len(other.values):
+            return False
+        return bool(np.all(np.abs(self.values - other.values) < 0.1 * np.sqrt(np.diag(self.covariance))))
+
     def response(self, frequency: Array) -> Complex:
         """Return the response at frequencies (Hz), with the delay.
 

@@ -16,9 +16,10 @@ from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.fit import Axis, fit_axis
 from pmsm_ctrl.frf.from_bode import MeasuredBode
-from pmsm_ctrl.frf.measured import LOOPS, closed_loop, guessed_inertia, mean_speed, measured_axis, stretches
+from pmsm_ctrl.frf.measured import LOOPS, closed_loop, guessed_inertia, measured_axis
 from pmsm_ctrl.frf.point_margins import point_margins
 from pmsm_ctrl.frf.result import Band, FrequencyResponse, Response
+from pmsm_ctrl.frf.stretches import mean_speed, stretches, without_steps
 from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate
@@ -78,6 +79,8 @@ def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
     given = as_logs(logs)
     records = stretches(design, given)
     response, axis, found = measured_axis(design, records)
+    if response.held:
+        records = tuple(without_steps(design, one, axis.J, axis.mass) for one in records)
     loops = {name: one for name in LOOPS if (one := closed_loop(name, records)) is not None}
     return _compared(
         design, names_of(given, "log"), mean_speed(records), {"plant": response, **loops}, axis, list(found)

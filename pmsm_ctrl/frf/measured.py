@@ -9,7 +9,7 @@ reference inside a closed speed loop contains noise that the controller answers;
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,165 +17,30 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.structures import SecondMass
-from pmsm_ctrl.errors import LogError, NextCommand
+from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.local_polynomial import REACH, Local, local_polynomial, strongest_lines
 from pmsm_ctrl.frf import notices as words
 from pmsm_ctrl.frf import policy
-from pmsm_ctrl.frf.excitation import excitation
 from pmsm_ctrl.frf.fit import Axis, fit_axis
-from pmsm_ctrl.frf.held import beyond, held_excess
+from pmsm_ctrl.frf.held import beyond
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.frf.result import Response
-from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.joining import name_of, parts_of, with_records
-from pmsm_ctrl.regression.signals import logged_torque
-from pmsm_ctrl.regression.timing import uniform, unwrapped
+from pmsm_ctrl.frf.stretches import ADDED, Stretch, mean_speed, without_steps
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import drives
 
-__all__ = ["LOOPS", "Stretch", "closed_loop", "guessed_inertia", "mean_speed", "measured_axis", "plant", "stretches"]
+__all__ = ["LOOPS", "closed_loop", "guessed_inertia", "measured_axis", "plant"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 LOOPS = {"current": ("i_q_ref", "i_q"), "speed": ("omega_ref", "omega"), "position": ("theta_ref", "theta")}
+PASSES = 3  # at most, in which the steps of an excitation are taken off
 DELAYS = 81  # that are tried: at 0.4 of the log's rate they are 4 deg apart
 NEIGHBOURS = 7  # windows over which the noise is averaged: it is smooth, and its estimate in one window is not
 # The outermost reference that follows the excitation is the instrument; the inner one contains noise that the outer
 # controllers answer. ADDED is the current reference without that answer.
-ADDED = "i_q_add"
 REFERENCES = ("theta_ref", "omega_ref", ADDED, "i_q_ref")
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """A stretch of a record at an even rate in which the axis moves steadily.
-
-    Attributes
-    ----------
-    name : str
-    period : float
-        s.
-    channels : dict of name to array, shape (n,)
-        Those of the log, ``torque``, and ``i_q_add``, the `excitation`, where the log tells it.
-    reverses : bool
-        Whether the axis reverses in it.
-    held : bool
-        Whether the excitation is held between the samples; what its steps fold onto them is not in ``torque``.
-    """
-
-    name: str
-    period: float
-    channels: Mapping[str, Array]
-    reverses: bool
-    held: bool = False
-
-    @property
-    def rate(self) -> float:
-        """Samples per second."""
-        return 1.0 / self.period
-
-    @property
-    def count(self) -> int:
-        """Samples of a spectrum: a difference of angles takes one more."""
-        return len(self.channels["torque"]) - 1
-
-    def spectrum(self, name: str) -> Complex:
-        """Return the spectrum of a channel, shape (n // 2 + 1,); of an angle that of its speed."""
-        n = self.count
-        if name in ("theta", "theta_ref"):
-            # the difference of samples is exact: only its own response over a period is undone
-            turn = 2j * math.pi * np.fft.rfftfreq(n)
-            turn[0] = 1.0
-            step = np.where(turn == 1.0, 1.0, turn / np.expm1(turn))
-            return np.asarray(np.fft.rfft(np.diff(self.channels[name]) * self.rate) * step)
-        return np.asarray(np.fft.rfft(self.channels[name][:-1]))
-
-
-def stretches(design: Design, logs: Iterable[Log]) -> tuple[Stretch, ...]:
-    """Return the longest steady stretch of each record: one direction where the log has one, and not too slow.
-
-    Raises
-    ------
-    LogError
-        When no record has one of `policy.SHORTEST`, or a channel is missing.
-    """
-    found = []
-    for number, whole in enumerate(logs, start=1):
-        whole.check_evaluable(100)
-        log = with_records(whole, number)
-        names = [one.name for one in log.records] or [name_of(log, number)]
-        parts = zip(names, parts_of(log), strict=True)
-        found += [one for name, part in parts if (one := _stretch(design, part, name)) is not None]
-    if not found:
-        raise LogError(
-            f"no stretch of {policy.SHORTEST:g} s in which the axis moves; a frequency response needs excitation: "
-            "a multisine, a chirp or noise on the current or the speed reference"
-        )
-    return tuple(found)
-
-
-def _stretch(design: Design, log: Log, name: str) -> Stretch | None:
-    t, channels, _, _ = uniform(log)
-    period = float(t[1] - t[0])
-    channels["torque"] = logged_torque(design, channels, f"{name}: ")
-    for angle in {"theta", "theta_ref"} & channels.keys():
-        channels[angle] = unwrapped(channels[angle])
-    if "theta" in channels:
-        speed = np.gradient(channels["theta"], period)
-    elif "omega" in channels:
-        speed = channels["omega"]
-    else:
-        raise LogError(f"{name}: neither theta nor omega", next_command=NextCommand.MAP)
-    smooth = _running_mean(speed, max(1, round(0.1 / period)))
-    usual = float(np.median(np.abs(smooth)))
-    if usual == 0.0:
-        return None
-    one_way = max((smooth > policy.SLOWEST * usual, smooth < -policy.SLOWEST * usual), key=_longest)
-    start, stop = _run(one_way)
-    reverses = (stop - start) * period < policy.SHORTEST or (stop - start) < len(t) // 4
-    if reverses:
-        start, stop = 0, len(t)
-    if (stop - start) * period < policy.SHORTEST or stop - start < 4 * (2 * REACH + 1):
-        return None
-    cut = {key: values[start:stop] for key, values in channels.items()}
-    added = excitation(design, cut, period)
-    return Stretch(name, period, cut if added is None else cut | {ADDED: added}, reverses)
-
-
-def _without_steps(design: Design, record: Stretch, J: float, mass: SecondMass | None = None) -> Stretch:
-    """Return a record without what an excitation that is held between the samples folds onto its torque."""
-    channels = record.channels
-    sent = channels.get(ADDED, channels.get("i_q_ref"))
-    if sent is None or "i_q" not in channels or np.ptp(sent) == 0.0:
-        return record
-    excess = held_excess(
-        design, channels, sent, record.period, closed=ADDED in channels, J=J, speed=mean_speed([record]), mass=mass
-    )
-    if excess is None:
-        return record
-    torque = logged_torque(design, channels, f"{record.name}: ") - design.K_t * excess
-    return replace(record, channels={**channels, "torque": torque}, held=True)
-
-
-def _running_mean(values: Array, count: int) -> Array:
-    from scipy.ndimage import uniform_filter1d
-
-    return np.asarray(uniform_filter1d(values, count, mode="nearest"))
-
-
-def _run(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the longest run of true samples, start and stop."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    if not edges.size:
-        return 0, 0
-    k = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * k]), int(edges[2 * k + 1])
-
-
-def _longest(mask: NDArray[np.bool_]) -> int:
-    start, stop = _run(mask)
-    return stop - start
 
 
 def measured_axis(design: Design, records: tuple[Stretch, ...]) -> tuple[Response, Axis, tuple[Notice, ...]]:
@@ -189,11 +54,16 @@ def measured_axis(design: Design, records: tuple[Stretch, ...]) -> tuple[Respons
     LogError
         When no frequency is excited.
     """
-    stepped = [_without_steps(design, one, 1.0 if design.motor.J is None else design.J) for one in records]
+    stepped = [without_steps(design, one, 1.0 if design.motor.J is None else design.J) for one in records]
     response, axis, found = _fitted(design, stepped)
-    if response.held:  # what the controller answers between the samples is that of the axis
-        stepped = [_without_steps(design, one, axis.J, axis.mass) for one in records]
+    for _ in range(
+        PASSES if any(one.held for one in stepped) else 0
+    ):  # what the controller answers between the samples is the axis'
+        before = axis
+        stepped = [without_steps(design, one, axis.J, axis.mass) for one in records]
         response, axis, found = _fitted(design, stepped)
+        if axis.near(before):
+            break
     return response, axis, found
 
 
@@ -225,39 +95,57 @@ def plant(records: Sequence[Stretch], quantity: str = "torque") -> tuple[Respons
     instrument = next((name for name in REFERENCES if _follows(records, name)), "")
     points = [_points(one, instrument or "torque", output, "torque") for one in records]
     response, noisy = _passive(_merged("plant", points, instrument), max(one.period for one in records))
-    if not len(response):
-        raise LogError(
-            "no frequency is excited: the speed follows the torque nowhere above the noise; add a multisine, a chirp "
-            "or noise to the current or the speed reference"
-        )
+    folded = _folded(records, instrument)
+    if len(response) < policy.FEWEST_SEEN:
+        raise LogError(_not_seen(len(response), folded))
     found: list[Notice] = []
     if any(one.reverses for one in records):
         found.append(words.REVERSES())
     if not instrument:
         weakest = float(np.quantile(1.0 - response.coherence, 0.9))
         found.append(words.NO_REFERENCE(quantity=quantity, bias=weakest))
-    elif any(not one.held and beyond(_content(one, instrument)) > policy.BEYOND for one in records):
-        found.append(words.FOLDED(channel=instrument, rate=min(one.rate for one in records)))
+    if folded is not None:
+        found.append(folded)
     if noisy is not None:
         found.append(words.NOISE_ANSWERED(frequency=noisy))
-    return replace(response, held=any(one.held for one in records)), tuple(found)
+    return replace(response, held=any(bool(one.held) for one in records) and folded is None), tuple(found)
+
+
+def _folded(records: Sequence[Stretch], instrument: str) -> Notice | None:
+    """Return the doubt that an excitation reaches beyond the log's rate: the instrument, or a reference outside of it.
+
+    Steps that were taken off do not count, nor what every tick of the controller that reads it is logged of.
+    """
+    for record in records:
+        inner = instrument or (ADDED if ADDED in record.channels else REFERENCES[-1])
+        for name in REFERENCES[: REFERENCES.index(inner) + 1]:
+            if name not in record.channels or name in (record.held if record.explained else "", *record.whole):
+                continue
+            share = beyond(_content(record, name)) if np.ptp(record.channels[name]) > 0.0 else 0.0
+            if share > policy.BEYOND:
+                return words.FOLDED(channel=name, share=share, rate=record.rate, highest=policy.HIGHEST * record.rate)
+    return None
+
+
+def _not_seen(count: int, folded: Notice | None) -> str:
+    """Return why a response cannot be fitted."""
+    if folded is not None:
+        return f"the speed follows the torque at {count} frequencies only: {folded}"
+    if count:
+        return (
+            f"the response at {count} frequencies does not determine the inertia; excite more strongly, or over a "
+            "wider range, and log the reference that is excited"
+        )
+    return (
+        "no frequency is excited: the speed follows the torque nowhere above the noise; add a multisine, a chirp "
+        "or noise to the current or the speed reference"
+    )
 
 
 def _content(record: Stretch, name: str) -> Array:
     """Return a reference, of an angle its rate."""
     values = record.channels[name]
     return np.diff(values) if name == "theta_ref" else values
-
-
-def mean_speed(records: Sequence[Stretch]) -> float:
-    """Return the mean of the records' speeds, rad/s; that of an axis that reverses counts as none."""
-    means = [
-        float(np.ptp(one.channels["theta"])) / (one.period * (len(one.channels["theta"]) - 1))
-        if "theta" in one.channels and not one.reverses
-        else 0.0 if one.reverses else float(np.mean(one.channels["omega"]))
-        for one in records
-    ]  # fmt: skip
-    return float(np.mean(np.abs(means)))
 
 
 def guessed_inertia(response: Response) -> float:

@@ -26,9 +26,9 @@ NOISE_ANSWERED = Template(
 )
 FOLDED = Template(
     "frf_excitation_beyond_log",
-    "{channel} has content up to half the log's rate of {rate:.4g} Hz: what the current holds beyond folds onto the "
-    "response, which can bias inertia and delay by far more than their errors; log faster, or excite below 0.4 times "
-    "the rate",
+    "{share:.2g} of the power of {channel} lies above {highest:.4g} Hz, near half the log's rate of {rate:.4g} Hz: "
+    "what the current holds beyond folds onto the response, which can bias inertia and delay by far more than their "
+    "errors; log in every period of the speed loop, or excite below {highest:.4g} Hz",
 )
 MISFIT = Template(
     "frf_misfit",

@@ -28,6 +28,8 @@ UNDETERMINED = 1.0
 # Share of the excitation's power above HIGHEST from which on it may reach beyond half the log's rate and fold back:
 # 2e-6 with the default chirp, 5e-3 with a binary sequence of 20 ms in a log of 1 kHz.
 BEYOND = 1e-3
+# Frequencies below which a response has no fit: a rigid axis has four parameters, and a frequency two numbers.
+FEWEST_SEEN = 3
 # Fewest points of a local line around a crossover, which has two complex numbers; and how far from it they may lie, in
 # ln f: an octave.
 FEWEST_POINTS, WIDEST = 6, math.log(2.0)

@@ -18,8 +18,8 @@ from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import RequestError, nearest
 
 __all__ = [
-    "INPUTS", "TIME_TOLERANCE", "Limits", "Path", "PathBuilder", "Scenario", "chirp_signal", "multisine_signal",
-    "require_positive", "triangle_signal", "whole",
+    "INPUTS", "TIME_TOLERANCE", "Limits", "Path", "PathBuilder", "Scenario", "binary_signal", "chirp_signal",
+    "multisine_signal", "noise_signal", "require_positive", "triangle_signal", "whole",
 ]  # fmt: skip
 
 Array = NDArray[Any]
@@ -30,6 +30,7 @@ INPUTS: tuple[str, ...] = ("theta_ref", "omega_ref", "alpha_ref", "i_q_add", "i_
 # Times within this of a knot belong to the later piece: k T and the knot may round differently.
 TIME_TOLERANCE = 1e-9
 
+OVERSAMPLED = 16  # points of a noise per period of its highest frequency: a cubic between them is exact to 1e-4
 MOST_PARTS = 100_000  # cycles, levels, moves or lines of one motion; each takes memory before the motion is simulated
 
 
@@ -275,6 +276,38 @@ def chirp_signal(t: Array, duration: float, f_start: float, f_stop: float, ampli
     inside = (t >= 0.0) & (t <= duration)
     phase = 2.0 * np.pi * f_start * np.expm1(rate * np.where(inside, t, 0.0)) / rate
     return np.where(inside, amplitude * np.sin(phase), 0.0)
+
+
+def noise_signal(duration: float, f_min: float, f_max: float, seed: int, rms: float) -> Callable[[Array], Array]:
+    """Return Gaussian noise with a flat spectrum from f_min to f_max (Hz), as a function of time; zero outside."""
+    from scipy.interpolate import CubicSpline
+
+    count = math.ceil(OVERSAMPLED * f_max * duration) + 1
+    step = duration / (count - 1)
+    f = np.fft.rfftfreq(count, step)
+    rng = np.random.default_rng(seed)
+    content = rng.normal(size=len(f)) + 1j * rng.normal(size=len(f))
+    values = np.fft.irfft(np.where((f >= f_min) & (f <= f_max), content, 0.0), count)
+    spline = CubicSpline(np.arange(count) * step, values * rms / math.sqrt(np.mean(values**2)))
+
+    def signal(t: Array) -> Array:
+        inside = (t >= 0.0) & (t <= duration)
+        return np.where(inside, spline(np.where(inside, t, 0.0)), 0.0)
+
+    return signal
+
+
+def binary_signal(clock: float, order: int, amplitude: float) -> Callable[[Array], Array]:
+    """Return a maximum-length binary sequence of 2^order - 1 values, each held for `clock` s; zero for t < 0."""
+    from scipy.signal import max_len_seq
+
+    levels = amplitude * (2.0 * max_len_seq(order)[0] - 1.0)
+
+    def signal(t: Array) -> Array:
+        number = np.floor((t + TIME_TOLERANCE) / clock).astype(np.int64)
+        return np.where(number >= 0, levels[number % len(levels)], 0.0)
+
+    return signal
 
 
 def triangle_signal(t: ArrayLike, peak: float) -> Array:

@@ -23,8 +23,10 @@ from pmsm_ctrl.simulate.motions import (
     Path,
     PathBuilder,
     Scenario,
+    binary_signal,
     chirp_signal,
     multisine_signal,
+    noise_signal,
     require_positive,
     triangle_signal,
     whole,
@@ -33,6 +35,8 @@ from pmsm_ctrl.simulate.motions import (
 __all__ = ["SCENARIOS", "scenario"]
 
 Array = NDArray[Any]
+
+LONGEST_ORDER = 20  # of a maximum-length sequence: a million values
 
 
 def sweep(
@@ -173,6 +177,66 @@ def chirp(
 
     segments = (("run-up", 0.0, settled), ("chirp", settled, settled + duration))
     return Scenario("chirp", settled + duration, references, segments=segments)
+
+
+def noise(
+    *,
+    bias: float | None = None,
+    amplitude: float | None = None,
+    f_min: float = 1.0,
+    f_max: float = 300.0,
+    duration: float = 20.0,
+    seed: float = 0.0,
+    design: Design | None = None,
+) -> Scenario:
+    """Gaussian noise of rms `amplitude` [0.06 A] from f_min to f_max (Hz), added to i_q while the axis turns at `bias`.
+
+    `bias` [50 rad/s]. The axis runs up and settles for 1 s first. Keep f_max below 0.4 times the log's rate.
+    """
+    limits = Limits.of(design)
+    turning = 0.25 * limits.speed if bias is None else bias
+    rms = limits.current if amplitude is None else amplitude
+    require_positive("noise", amplitude=rms, f_min=f_min, duration=duration, **{"f_max - f_min": f_max - f_min})
+    whole("noise", "duration times f_max", math.ceil(duration * f_max))
+    whole("noise", "lines between f_min and f_max", math.floor(duration * f_max) - math.ceil(duration * f_min))
+    path, settled = _run_up(turning, limits)
+    signal = noise_signal(duration, f_min, f_max, round(seed), rms)
+
+    def references(t: Array) -> Mapping[str, Array]:
+        return {"omega_ref": path.at(t)[1], "i_q_add": signal(t - settled)}
+
+    segments = (("run-up", 0.0, settled), ("noise", settled, settled + duration))
+    return Scenario("noise", settled + duration, references, segments=segments)
+
+
+def prbs(
+    *,
+    bias: float | None = None,
+    amplitude: float | None = None,
+    clock: float = 2e-3,
+    order: float = 13.0,
+    duration: float = 20.0,
+    design: Design | None = None,
+) -> Scenario:
+    """Binary sequence of +-`amplitude` [0.06 A], each value held for `clock` s, added to i_q at `bias` [50 rad/s].
+
+    A maximum-length sequence of 2^order - 1 values. The axis runs up and settles for 1 s first. Make `clock` a whole
+    number of periods of the log, and of the speed loop.
+    """
+    limits = Limits.of(design)
+    turning = 0.25 * limits.speed if bias is None else bias
+    peak = limits.current if amplitude is None else amplitude
+    require_positive("prbs", amplitude=peak, clock=clock, duration=duration)
+    if not 2 <= whole("prbs", "order", order) <= LONGEST_ORDER:
+        raise RequestError(f"scenario 'prbs': order: found {order:g}; it should be from 2 to {LONGEST_ORDER}")
+    path, settled = _run_up(turning, limits)
+    signal = binary_signal(clock, round(order), peak)
+
+    def references(t: Array) -> Mapping[str, Array]:
+        return {"omega_ref": path.at(t)[1], "i_q_add": signal(t - settled)}
+
+    segments = (("run-up", 0.0, settled), ("sequence", settled, settled + duration))
+    return Scenario("prbs", settled + duration, references, segments=segments)
 
 
 def breakaway(
@@ -363,8 +427,8 @@ def _speed_scenario(name: str, builder: PathBuilder, segments: list[tuple[str, f
 SCENARIOS: Mapping[str, Callable[..., Scenario]] = {
     maker.__name__: maker
     for maker in (
-        sweep, triangle, creep, multisine, chirp, breakaway, hold, positioning, trapezoid, s_curve, warm_up,
-        reversal, identification,
+        sweep, triangle, creep, multisine, chirp, noise, prbs, breakaway, hold, positioning, trapezoid, s_curve,
+        warm_up, reversal, identification,
     )
 }  # fmt: skip
 

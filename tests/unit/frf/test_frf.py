@@ -11,7 +11,6 @@ from pathlib import Path
 import control as ct
 import numpy as np
 import pytest
-from scipy.signal import max_len_seq
 
 from pmsm_ctrl import Design, Log, frf, simulate
 from pmsm_ctrl.effects.structures import SecondMass
@@ -19,12 +18,16 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.local_polynomial import Local
 from pmsm_ctrl.frf import FrequencyResponse, Response
 from pmsm_ctrl.frf.fit import fit_axis
-from pmsm_ctrl.frf.measured import _beside, _passive, _ratio, measured_axis, stretches
+from pmsm_ctrl.frf.measured import _beside, _passive, _ratio, measured_axis
 from pmsm_ctrl.frf.notices import NOISE_ANSWERED
 from pmsm_ctrl.frf.recorder import recorded
+from pmsm_ctrl.frf.stretches import stretches, without_steps
 from pmsm_ctrl.simulate import Scenario
-from pmsm_ctrl.simulate.scenarios import chirp, multisine
+from pmsm_ctrl.simulate.motions import binary_signal
+from pmsm_ctrl.simulate.scenarios import chirp, multisine, noise
 from pmsm_ctrl.tune.linearise import linearise, mobility
+from pmsm_ctrl.tune.sampled import Cascade
+from tests.benchmarks.responses import motion as excitation_motion
 
 SPRING = {"J_load": 4e-5, "k": 15.0, "d": 0.002}
 ANTIRESONANCE = math.sqrt(15.0 / 4e-5) / (2.0 * math.pi)
@@ -254,18 +257,18 @@ def test_a_log_of_another_period_is_taken_as_it_is(seed: Design) -> None:
     assert np.all(recorded(seed, np.array([10.0, 100.0]), [1e-3, 2e-3], 9e-5, 50.0) == 1.0)
 
 
-def binary(design: Design, clock: float) -> Scenario:
-    """Return a multisine's motion with a binary sequence in its place, in A, clocked in the speed loop's ticks.
+def binary(design: Design, clock: float, *, of_speed: bool = False) -> Scenario:
+    """Return a multisine's motion with a binary sequence in its place, in A or rad/s, clocked in speed loop ticks.
 
     It begins in the first tick after the run-up, which is not one of the log.
     """
     motion, T = multisine(design=design, periods=3.0), design.drive.speed_period
-    start = motion.segments[0][2]
-    levels = 0.06 * (2.0 * max_len_seq(12)[0] - 1.0)
+    start, channel = motion.segments[0][2], "omega_ref" if of_speed else "i_q_add"
+    sequence = binary_signal(clock, 12, 0.7 if of_speed else 0.06)
 
     def references(t: np.ndarray) -> Mapping[str, np.ndarray]:
-        chip = np.floor((t - start) / clock * (1.0 + 1e-9) + 1e-6).astype(int)
-        return {**motion.references(t), "i_q_add": np.where(t >= start, levels[chip % len(levels)], 0.0)}
+        turning = {"omega_ref": motion.references(t)["omega_ref"]}
+        return {**turning, channel: turning.get(channel, 0.0) + sequence(t - start)}
 
     assert clock % T < 1e-12 or T - clock % T < 1e-12
     return replace(motion, references=references)
@@ -285,6 +288,7 @@ def test_a_binary_sequence_is_measured_at_the_rate_of_the_speed_loop(seed: Desig
     result = frf(fast, simulate(fast, binary(seed, 2e-3), truth=spring, seed=11))
     is_right(result)
     assert not result.plant.held
+    assert [one.code for one in result.notices] == ["frf_resonance_not_in_design"]
 
 
 @pytest.mark.parametrize("clock", [1e-3, 2e-3, 5e-3])
@@ -307,9 +311,76 @@ def test_without_noise_nothing_is_left_of_the_steps(seed: Design) -> None:
         assert axis.values[2] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_sequence_whose_steps_lie_between_the_samples_is_doubted(seed: Design) -> None:
-    result = frf(seed, simulate(seed, binary(seed, 1.25e-3), seed=11))
-    assert "frf_excitation_beyond_log" in [one.code for one in result.notices]
+@pytest.mark.parametrize("clock", [1.25e-3, 1.5e-3, 5.25e-3])
+def test_a_clock_between_the_samples_is_found(seed: Design, clock: float) -> None:
+    """Steps between the samples, of which a sample tells the values: 11 % of the inertia before, and no doubt."""
+    spring = seed.with_effect("compliance", SPRING)
+    result = frf(seed, simulate(seed, binary(seed, clock), truth=spring, seed=11))
+    is_right(result)
+    assert result.plant.held
+    assert [one.code for one in result.notices] == ["frf_resonance_not_in_design"]
+
+
+@pytest.mark.parametrize("clock", [0.5e-3, 0.75e-3, 1e-3])
+def test_values_between_the_samples_are_doubted(seed: Design, clock: float) -> None:
+    """What is left of the current follows the excitation where the samples do not tell all of its values."""
+    spring = seed.with_effect("compliance", SPRING)
+    (record,) = stretches(seed, [simulate(seed, binary(seed, clock), truth=spring, seed=11)])
+    taken = without_steps(seed, record, 9e-5, SecondMass(**SPRING))
+    assert taken.held == "i_q_add"
+    assert taken.explained == (clock == 1e-3)
+
+
+@pytest.mark.parametrize("kind", ["noise", "sequence"])
+def test_what_folds_all_over_the_response_is_not_said_to_lack_excitation(seed: Design, kind: str) -> None:
+    """Noise to 2 kHz and a sequence of 0.25 ms in a log of 1 kHz: a quarter of the power is known."""
+    motion = binary(seed, 0.25e-3)
+    if kind == "noise":
+        motion = noise(design=seed, f_max=2000.0, duration=10.0)
+    with pytest.raises(LogError, match=r"frequencies only: 0\.2 of the power of i_q_add lies above 400 Hz"):
+        frf(seed, simulate(seed, motion, truth=seed.with_effect("compliance", SPRING), seed=11))
+
+
+@pytest.mark.parametrize("filtered", [True, False])
+@pytest.mark.parametrize("clock", [2e-3, 5.25e-3])
+def test_a_binary_speed_reference_is_measured(seed: Design, clock: float, *, filtered: bool) -> None:
+    """Without the filter of the reference 8 to 12 % of the inertia before. The signal is weak: two records."""
+    loop = seed.loops.speed.model_dump() | ({} if filtered else {"reference_filter": 0.0})
+    design = seed.replace(loops={"speed": loop})
+    motion = binary(design, clock, of_speed=True)
+    rigid = frf(design, [simulate(design, motion, seed=k) for k in (11, 12)])
+    assert rigid.plant.instrument == "omega_ref"
+    assert rigid.plant.held
+    assert rigid.estimates["J"].value == pytest.approx(9e-5, rel=0.01)
+    assert abs(rigid.estimates["delay"].value) < 20e-6
+    assert not rigid.notices
+
+
+def test_the_speed_loop_is_that_of_a_smooth_reference(seed: Design) -> None:
+    """A held reference acts half a period later: the response is taken to where python-control puts it."""
+    design = seed.replace(loops={"speed": seed.loops.speed.model_dump() | {"reference_filter": 0.0}})
+    quiet = design.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
+    loop = frf(quiet, simulate(quiet, binary(quiet, 2e-3, of_speed=True))).responses["speed"]
+    assert design.loops is not None
+    cascade = Cascade.of(design, design.loops.current, design.loops.speed, at=50.0)
+    f = loop.frequency
+    expected = cascade.system(("omega_ref",), ("omega_hat",))(np.exp(2j * math.pi * f * cascade.period))
+    near = (f > 5.0) & (f < 200.0)
+    np.testing.assert_allclose(loop.value[near], expected[near], rtol=2e-3)
+
+
+@pytest.mark.parametrize("seed_of_noise", [26500, 26501])
+@pytest.mark.parametrize("free", [True, False])
+def test_noise_as_excitation(seed: Design, seed_of_noise: int, *, free: bool) -> None:
+    spring = seed.with_effect("compliance", SPRING)
+    motion = excitation_motion("noise", seed, free=free, seed=seed_of_noise)
+    result = frf(seed, simulate(seed, motion, truth=spring, seed=seed_of_noise))
+    is_right(result)
+    for name, true in {"J": 9e-5, "resonance": RESONANCE, "damping": 0.002, "delay": 0.0}.items():
+        one = result.estimates[name]
+        assert abs(one.value - true) < 4.0 * one.stderr
+    assert result.plant.instrument == ("i_q_ref" if free else "i_q_add")
+    assert [one.code for one in result.notices] == ["frf_resonance_not_in_design"]
 
 
 def test_steps_that_the_design_does_not_tell_are_doubted(seed: Design) -> None:

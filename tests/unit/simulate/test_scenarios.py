@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.simulate import INPUTS, SCENARIOS, scenario, simulate
-from pmsm_ctrl.simulate.motions import Limits, PathBuilder, chirp_signal, multisine_signal
+from pmsm_ctrl.simulate.motions import (
+    Limits,
+    PathBuilder,
+    binary_signal,
+    chirp_signal,
+    multisine_signal,
+    noise_signal,
+)
 
 T_S = 1.0 / 4000.0  # the reference drive's speed loop
 MOVES = ("trapezoid", "s_curve", "reversal")
@@ -244,6 +251,8 @@ def test_parameters_from_the_design_and_from_the_call(seed_motor):
         ("triangle", {"period": -1.0}, "scenario 'triangle': period: found -1; it should be positive"),
         ("creep", {"count": 1.5}, "count: found 1.5; it should be a whole number from 1"),
         ("multisine", {"f_max": 0.5}, "f_max - f_min: found -0.5; it should be positive"),
+        ("noise", {"f_max": 1e5}, "duration times f_max: found 2e\\+06; it should be a whole number from 1 to 100000"),
+        ("prbs", {"order": 21.0}, "scenario 'prbs': order: found 21; it should be from 2 to 20"),
         ("s_curve", {"jerk": -3.0}, "jerk: found -3; it should be positive"),
         ("identification", {"duration": 3.0}, "leave too little of the duration of 3 s"),
         ("chirp", {"design": 1.0}, "unknown parameter 'design'"),
@@ -259,3 +268,33 @@ def test_position_control_needs_a_position_gain(seed_motor):
     speed_only = seed_motor.replace(loops={"position": {"K_v": 0.0}})
     with pytest.raises(DesignError, match=r"loops.position.K_v: found 0; position control needs a gain above 0"):
         simulate(speed_only, "s_curve")
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_noise_has_its_power_in_its_band(seed):
+    """A flat Gaussian spectrum: its power in the lower half of the band is a half, within 4 / sqrt(lines)."""
+    duration, rms, rate = 20.0, 0.06, 4000.0
+    t = np.arange(0.0, duration, 1.0 / rate)
+    signal = noise_signal(duration, 5.0, 305.0, seed, rms)
+    values = signal(t)
+    assert np.sqrt(np.mean(values**2)) == pytest.approx(rms, rel=1e-3)
+    power = np.abs(np.fft.rfft(values)) ** 2
+    f = np.fft.rfftfreq(t.size, 1.0 / rate)
+    assert power[(f < 5.0) | (f > 305.0)].sum() < 1e-4 * power.sum()
+    assert power[f < 155.0].sum() / power.sum() == pytest.approx(0.5, abs=4.0 / math.sqrt(6000.0))
+    assert np.mean(values**4) / np.mean(values**2) ** 2 == pytest.approx(3.0, abs=0.15)
+    assert not np.any(signal(np.array([-1e-3, duration + 1e-3])))
+    assert np.abs(values - noise_signal(duration, 5.0, 305.0, seed + 1, rms)(t)).max() > rms
+
+
+def test_a_maximum_length_sequence_is_held_and_white():
+    """Its circular autocorrelation is 1 at zero and -1 / (2^n - 1) elsewhere."""
+    signal, length = binary_signal(2e-3, 7, 0.06), 127
+    values = signal(2e-3 * np.arange(length))
+    for within in (0.0, 0.5e-3, 1.9e-3):
+        assert np.array_equal(signal(2e-3 * np.arange(length) + within), values)
+    assert np.array_equal(signal(2e-3 * (np.arange(length) + length)), values)
+    around = np.fft.irfft(np.abs(np.fft.rfft(values / 0.06)) ** 2, length) / length
+    assert around[0] == pytest.approx(1.0)
+    assert np.allclose(around[1:], -1.0 / length)
+    assert signal(np.array([-1e-6]))[0] == 0.0
