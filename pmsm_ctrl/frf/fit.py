@@ -25,7 +25,7 @@ from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.result import Response
 from pmsm_ctrl.tune.linearise import mobility
 
-__all__ = ["Axis", "fit_axis"]
+__all__ = ["Axis", "fit_axis", "refitted"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -173,6 +173,23 @@ def fit_axis(response: Response, J: float, period: float) -> Axis:
         return found
     task = task.sized(rigid)
     return task.axis(task.refined(rigid), p)
+
+
+def refitted(axis: Axis, response: Response, value: Complex) -> Axis:
+    """Return an axis fitted from itself to other values of a response, at the errors that the axis gives them.
+
+    Parameters
+    ----------
+    axis : Axis
+    response : Response
+        Its frequencies and errors.
+    value : complex array, shape (n,)
+    """
+    omega = 2.0 * math.pi * response.frequency
+    size = np.abs(_response(axis.values, omega, axis.spread))
+    errors = response.stderr * (np.abs(value) / np.abs(response.value))  # relative ones stay
+    task = _Task(replace(response, value=value, stderr=errors), omega, axis.spread, size)
+    return replace(axis, values=task.refined(axis.values))
 
 
 @dataclass(frozen=True, eq=False)

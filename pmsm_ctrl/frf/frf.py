@@ -20,6 +20,7 @@ from pmsm_ctrl.frf.measured import LOOPS, closed_loop, guessed_inertia, measured
 from pmsm_ctrl.frf.point_margins import point_margins
 from pmsm_ctrl.frf.result import Band, FrequencyResponse, Response
 from pmsm_ctrl.frf.stretches import mean_speed, stretches, without_steps
+from pmsm_ctrl.frf.window import largest, widths, window_bias
 from pmsm_ctrl.log import Logs, as_logs, names_of
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate
@@ -79,12 +80,17 @@ def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
     given = as_logs(logs)
     records = stretches(design, given)
     response, axis, found = measured_axis(design, records)
-    if response.held:
+    if response.held:  # without the steps
         records = tuple(without_steps(design, one, axis.J, axis.mass) for one in records)
     loops = {name: one for name in LOOPS if (one := closed_loop(name, records)) is not None}
-    return _compared(
-        design, names_of(given, "log"), mean_speed(records), {"plant": response, **loops}, axis, list(found)
+    bias = window_bias(records, response, axis)
+    name, errors = largest(bias, axis)
+    coarse = words.COARSE(resolution=response.resolution, parameter=name, bias=100.0 * bias[name], errors=errors)
+    compared = _compared(
+        design, names_of(given, "log"), mean_speed(records), {"plant": response, **loops}, axis,
+        [*found, coarse] if errors > 1.0 else list(found),
     )  # fmt: skip
+    return replace(compared, window_bias=bias, widths=() if axis.mass is None else widths(axis))
 
 
 def _closed(given: MeasuredBode) -> Response:

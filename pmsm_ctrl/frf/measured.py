@@ -29,7 +29,7 @@ from pmsm_ctrl.frf.stretches import ADDED, Stretch, mean_speed, without_steps
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import drives
 
-__all__ = ["LOOPS", "closed_loop", "guessed_inertia", "measured_axis", "plant"]
+__all__ = ["LOOPS", "closed_loop", "guessed_inertia", "lines_of", "measured_axis", "plant"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -162,7 +162,7 @@ def closed_loop(name: str, records: tuple[Stretch, ...]) -> Response | None:
     return response if response is not None and len(response) > 2 * REACH else None
 
 
-def _lines(record: Stretch, spectrum: Complex) -> NDArray[np.intp]:
+def lines_of(record: Stretch, spectrum: Complex) -> NDArray[np.intp]:
     """Return the lines at which responses are evaluated: none is the skirt of a stronger one beside it."""
     last = int(policy.HIGHEST * 2 * (len(spectrum) - 1))
     lines = strongest_lines(spectrum, 1, min(last, len(spectrum) - 1))
@@ -186,7 +186,7 @@ def _follows(records: Sequence[Stretch], name: str) -> bool:
         if name == ADDED:
             continue
         sent, torque = one.spectrum(name), one.spectrum("torque")
-        lines = _lines(one, torque)
+        lines = lines_of(one, torque)
         seen = local_polynomial(sent, torque[:, None], lines)
         strong = _strong(np.abs(torque[lines]) ** 2)
         clear = np.abs(seen.response[:, 0]) > policy.SEEN * np.sqrt(seen.covariance[:, 0, 0].real)
@@ -220,7 +220,7 @@ def _points(record: Stretch, source: str, output: str, through: str = "") -> _Po
     direct = not through or through == source
     if not direct:
         outputs.append(record.spectrum(through))
-    local = local_polynomial(sent, np.stack(outputs, axis=1), _lines(record, sent))
+    local = local_polynomial(sent, np.stack(outputs, axis=1), lines_of(record, sent))
     width = record.rate / record.count
     value, variance, noise = _direct(local) if direct else _ratio(local)
     seen = _seen(value, variance, noise, local.sine)

@@ -30,6 +30,11 @@ FOLDED = Template(
     "what the current holds beyond folds onto the response, which can bias inertia and delay by far more than their "
     "errors; log in every period of the speed loop, or excite below {highest:.4g} Hz",
 )
+COARSE = Template(
+    "frf_resolution_coarse",
+    "the resolution of {resolution:.2g} Hz is too coarse: it changes the {parameter} by {bias:+.2g} %, which is "
+    "{errors:.2g} times its standard error; log longer",
+)
 MISFIT = Template(
     "frf_misfit",
     "the residual of the fitted axis is {misfit:.2g} times the noise: the response has more than one resonance, or the "

@@ -22,6 +22,8 @@ NAMES = {
     "crossover": "crossover", "sensitivity_peak": "peak of the sensitivity",
 }  # fmt: skip
 
+NEGLIGIBLE = 1e-4  # of a parameter: a bias of which no number is shown
+
 HELD = (
     "The excitation is held between the samples, and the log shows it whole; what its steps fold onto the current "
     "is taken off, by the design's loops."
@@ -38,6 +40,7 @@ def _(result: FrequencyResponse) -> Section:
         f"{f', averaged over {plant.records} records' if plant.records > 1 else ''}; instrument: "
         f"{plant.instrument or 'none, the ' + quantity + ' is taken as exact'}.",
         *([HELD] if plant.held else []),
+        *([_resolution(result)] if result.window_bias else []),
         *result.notices,
         _axis(result),
     ]
@@ -66,6 +69,19 @@ def _verdict(result: FrequencyResponse) -> str:
         return "The design's response agrees with the measured one."
     parts = " and ".join(f"{band.low:.3g} to {band.high:.4g} Hz" for band in result.bands)
     return f"The design's response differs from {parts}."
+
+
+def _resolution(result: FrequencyResponse) -> str:
+    """Return how wide the windows are beside the resonance, and what they change."""
+    width = f"The response is smoothed in windows of {result.plant.resolution:.2g} Hz"
+    if result.widths:
+        antiresonance, resonance = result.widths
+        width += f"; the antiresonance is {antiresonance:.2g} Hz wide, the resonance {resonance:.2g} Hz (2 zeta f)"
+    bias = {name: abs(part) for name, part in result.window_bias.items()}
+    small = {name for name, part in bias.items() if part < NEGLIGIBLE}
+    changed = ", ".join(f"{NAMES[name]} {percent(result.window_bias[name], 2)}" for name in bias if name not in small)
+    said = changed or f"less than {percent(NEGLIGIBLE, 2).lstrip('+')} of each parameter"
+    return f"{width}. Bias by this width, from the fitted axis passed through the same windows: {said}."
 
 
 def _axis(result: FrequencyResponse) -> Table:

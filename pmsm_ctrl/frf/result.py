@@ -128,6 +128,10 @@ class FrequencyResponse(Result):
     point_margins : dict of name to Estimate
         The same from the measured points around each crossover, with errors from those of the points alone; without
         those that lie outside of the measured range.
+    window_bias : dict of name to float
+        By how much the width of the windows changes inertia, antiresonance, resonance and damping, relative to each.
+    widths : tuple of float
+        Of antiresonance and resonance between half the power, Hz; empty where there is none.
     misfit : float
         Residual of the fit over the noise: 1 where the fit explains the measurement.
     notices : tuple of Notice
@@ -146,6 +150,8 @@ class FrequencyResponse(Result):
     misfit: float = float("nan")
     notices: tuple[Notice, ...] = ()
     point_margins: Mapping[str, Estimate] = field(default_factory=dict)
+    window_bias: Mapping[str, float] = field(default_factory=dict)
+    widths: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         found = ", ".join(f"{name}: {len(one)} frequencies" for name, one in self.responses.items())
@@ -172,6 +178,8 @@ class FrequencyResponse(Result):
             "speed": self.speed,
             "estimates": jsonable(self.estimates),
             "misfit": jsonable(self.misfit),
+            "window_bias": jsonable(self.window_bias),
+            "widths_hz": list(self.widths),
             "deviations": [vars(band) for band in self.bands],
             "margins": margins,
             "responses": {name: one.to_dict() for name, one in self.responses.items()},

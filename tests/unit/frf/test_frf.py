@@ -402,3 +402,28 @@ def test_figures_and_json(found: FrequencyResponse) -> None:
         "dB of (rad/s)/(N m)", "phase [deg]", "measured / design [dB]",
     ]  # fmt: skip
     assert json.loads(json.dumps(found.to_dict()))["responses"]["plant"]["instrument"] == "i_q_add"
+
+
+@pytest.mark.parametrize(("damping", "expected"), [(2e-3, 0.0535), (5e-4, 0.188)])
+def test_the_bias_of_a_coarse_resolution_is_told(seed: Design, damping: float, expected: float) -> None:
+    """Without noise the windows of a chirp of 2.5 s are all that is wrong with the damping.
+
+    2 zeta f with zeta = d / (2 sqrt(k J_load)): d / (2 pi J_load).
+    """
+    quiet = seed.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
+    truth = quiet.with_effect("compliance", SPRING | {"d": damping})
+    result = frf(quiet, simulate(quiet, chirp(design=quiet, duration=2.5), truth=truth, seed=5))
+    away = result.estimates["damping"].value / damping - 1.0
+    assert away == pytest.approx(expected, rel=0.05)
+    assert result.window_bias["damping"] == pytest.approx(away, rel=0.15)
+    assert result.widths[0] == pytest.approx(damping / (2.0 * math.pi * 4e-5), rel=0.25)
+    assert "frf_resolution_coarse" in [one.code for one in result.notices]
+    assert "Hz wide, the resonance" in " ".join(result.summary().split())
+
+
+def test_a_long_record_has_no_bias_to_tell(found: FrequencyResponse) -> None:
+    assert abs(found.window_bias["damping"] * found.estimates["damping"].value) < found.estimates["damping"].stderr
+    assert abs(found.window_bias["resonance"]) < 1e-3
+    width = 0.002 / (2.0 * math.pi * 4e-5)
+    assert found.widths == pytest.approx((width, width * (RESONANCE / ANTIRESONANCE) ** 2), rel=0.05)
+    assert "frf_resolution_coarse" not in [one.code for one in found.notices]
