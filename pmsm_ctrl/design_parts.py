@@ -17,7 +17,7 @@ __all__ = [
 ]  # fmt: skip
 
 # In SI units every machine from a watch to a ship lies well inside. A number outside has a wrong unit, and products of
-# such numbers overflow a double.
+# such numbers overflow a double. A field with narrower bounds is a plain float: of two bounds pydantic keeps one.
 SMALL, LARGE = 1e-15, 1e15
 Positive = Annotated[float, Field(ge=SMALL, le=LARGE, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGE, allow_inf_nan=False)]
@@ -147,7 +147,7 @@ class Load(Part):
     """The load."""
 
     J: NonNegative = Field(default=0.0, description="load inertia at the load's own shaft, kg m^2")
-    gear: Positive = Field(default=1.0, ge=1e-6, le=1e6, description="motor turns per load turn")
+    gear: float = Field(default=1.0, ge=1e-6, le=1e6, allow_inf_nan=False, description="motor turns per load turn")
 
 
 class Drive(SheetPart):
@@ -155,7 +155,9 @@ class Drive(SheetPart):
 
     u_dc: Positive = Field(default=560.0, description="dc-link voltage, V")
     i_max: float = Field(default=math.inf, ge=SMALL, description="current limit, A peak", allow_inf_nan=True)
-    f_control: Positive = Field(default=16000.0, ge=1.0, le=1e7, description="current control rate = PWM rate, Hz")
+    f_control: float = Field(
+        default=16000.0, ge=1.0, le=1e7, allow_inf_nan=False, description="current control rate = PWM rate, Hz"
+    )
     speed_divider: int = Field(default=4, ge=1, le=1000, description="current periods per speed and position period")
     delay_periods: int = Field(default=1, ge=0, le=1, description="computation delay in control periods")
     plant_steps: int = Field(
@@ -378,7 +380,7 @@ class Sampled(Part):
         "held for a period"
     )  # fmt: skip
     late: Finite = Field(default=0.0, description="time by which the samples lag the time stamps, s")
-    filter: Finite = Field(default=0.0, ge=0.0, description="time constant of the channel's filter, s")
+    filter: NonNegative = Field(default=0.0, description="time constant of the channel's filter, s")
 
     @property
     def stated(self) -> bool:
@@ -407,7 +409,7 @@ class LogMap(Part):
         "before, or the drive's command"
     )  # fmt: skip
     late: Finite = Field(default=0.0, description="time by which torque and currents are sampled after the position, s")
-    filter: Finite = Field(default=0.0, ge=0.0, description="time constant of the filter of torque and currents, s")
+    filter: NonNegative = Field(default=0.0, description="time constant of the filter of torque and currents, s")
     sampled: dict[Literal["theta", "omega", "torque", "i_q", "u_d", "u_q"], Sampled] = Field(
         default_factory=dict, description="the same for single channels: [log.sampled.u_q]; i_d is taken as i_q"
     )

@@ -127,17 +127,19 @@ class Result(ABC):
         return to_text(section.brief() if brief else section, width)
 
     def plot(self) -> Figure:
-        """Return the first figure of the section.
+        """Return the first figure of the section; a notebook shows it, with or without pyplot.
 
         Raises
         ------
         RequestError
             When the result has no figure.
         """
+        from pmsm_ctrl.rendering.svg import shown_in_notebook
+
         picture = next(_pictures(present(self).blocks), None)
         if picture is None:
             raise RequestError(f"{type(self).__name__}: this result has no figure")
-        return picture.draw()
+        return shown_in_notebook(picture.draw())
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)

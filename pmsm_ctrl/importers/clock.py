@@ -18,7 +18,7 @@ from pmsm_ctrl.units import UNITS
 __all__ = ["timed_by", "with_clock"]
 
 _EVERY = re.compile(r"\s*every\s+(.*)", re.IGNORECASE)
-_PERIOD = re.compile(r"(\d[\d.,]*(?:e[+-]?\d+)?)\s*([^\W\d]+)\s*$", re.IGNORECASE)
+_PERIOD = re.compile(r"(\d[\d.,]*+(?:e[+-]?\d++)?)\s*+([^\W\d]++)\s*+$", re.IGNORECASE)
 
 
 def with_clock(

@@ -315,7 +315,7 @@ def _is_data(row: list[str], width: int, text_columns: tuple[int, ...]) -> bool:
 def _blank_header(line: str, width: int) -> list[str]:
     """Split a line above columns of blanks: names and units may hold single blanks, ``Act speed [rpm]``."""
     text = line.strip().lstrip("#%").strip()
-    joined = re.sub(r"\s+(?=[\[(][^\s\[\]()]*[\])])", "\x00", text)
+    joined = re.sub(r"(?<!\s)\s++(?=[\[(][^\s\[\]()]*+[\])])", "\x00", text)
     ways = (text.split(), joined.split(), re.split(r"\s{2,}|\t", text))
     cells = next((way for way in ways if len(way) == width), ways[0])
     return [cell.replace("\x00", " ") for cell in cells]

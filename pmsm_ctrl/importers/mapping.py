@@ -30,7 +30,9 @@ from pmsm_ctrl.units import UNITS
 
 __all__ = ["FACTOR", "REQUIRED", "Assignment", "Source", "assign", "find_column"]
 
-FACTOR = re.compile(r"(?:(?P<factor>[-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*\*|(?P<minus>-))\s*(?P<column>\S.*)", re.IGNORECASE)
+FACTOR = re.compile(
+    r"(?:(?P<factor>[-+]?\d++\.?\d*+(?:e[-+]?\d++)?)\s*+\*|(?P<minus>-))\s*+(?P<column>\S.*)", re.IGNORECASE
+)
 # a log needs at least one channel of each group
 REQUIRED = (("t",), ("theta", "omega"), ("i_q", "torque"))
 

@@ -141,8 +141,8 @@ def is_unit(text: str) -> bool:
 
 
 # A bracket at the end is a unit unless it holds an index; other forms count only when the unit is known.
-_BRACKETED = re.compile(r"^(.*?)\s*\[([^\[\]]*)\]\s*$")
-_PARENTHESES = re.compile(r"^(.*?)\s*\(([^()]*(?:\([^()]*\))?[^()]*)\)\s*$")
+_BRACKETED = re.compile(r"^(.*?)(?<!\s)\s*+\[([^\[\]]*+)\]\s*+$")
+_PARENTHESES = re.compile(r"^(.*?)(?<!\s)\s*+\(([^()]*+(?:\([^()]*+\)[^()]*+)?)\)\s*+$")
 _SUFFIX = re.compile(r"^(.+?)[_ ](rpm|ms|us|ns|deg|rad|nm|ma|mv|mm|um|rad_s|deg_s|degc)$", re.IGNORECASE)
 _SUFFIX_UNITS = {"rad_s": "rad/s", "deg_s": "deg/s"}
 

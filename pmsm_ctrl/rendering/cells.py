@@ -8,7 +8,9 @@ from pmsm_ctrl.section import Table
 
 __all__ = ["numeric_columns"]
 
-_NUMBER = re.compile(r"[<>]?\s*[-+−±]?\s*(\d[\d.,]*(e[-+]?\d+)?|nan|inf)\s*(±\s*\d[\d.,]*(e[-+]?\d+)?)?\s*%?")
+_NUMBER = re.compile(
+    r"[<>]?\s*+(?:[-+−±]\s*+)?(\d[\d.,]*+(e[-+]?\d++)?|nan|inf)\s*+(±\s*+\d[\d.,]*+(e[-+]?\d++)?)?\s*+%?"
+)
 _NOTHING = ("", "-", "nan")
 
 

@@ -18,7 +18,7 @@ from pmsm_ctrl.section import Block, Notice, Picture, Section, Table, Traces
 
 __all__ = ["gist_of", "picture_html", "tables_script", "to_html", "to_notebook"]
 
-_UNIT = re.compile(r"\[[^]]*\]")
+_UNIT = re.compile(r"\[[^][]*+\]")
 _LONG = 14  # rows beyond which a table is shown on demand
 _SHORT = 10  # letters of a cell that is not broken
 _MANY = 8  # columns beyond which a table is set smaller, so that a page is wide enough

@@ -1,4 +1,4 @@
-"""Matplotlib figures as inline SVG: small, reproducible, and free of clashes on one page."""
+"""Matplotlib figures as inline SVG: small, reproducible, and free of clashes on one page; and in a notebook."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["inline_svg"]
+__all__ = ["inline_svg", "shown_in_notebook"]
 
 _PLACES = re.compile(r' (?:d|x|y)="[^"]*"|translate\([^)]*\)')
 _COMMAND = re.compile(r"\s*\n\s*([A-Za-z]) ")
@@ -51,6 +51,23 @@ def inline_svg(draw: Callable[[], Figure], prefix: str, label: str) -> str:
     assert box is not None  # matplotlib always writes one
     spoken = label.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
     return f'<svg {box[0]} role="img" aria-label="{spoken}">{body}'
+
+
+def shown_in_notebook(figure: Figure) -> Figure:
+    """Return the same figure, which a notebook shows as a picture: without pyplot it would print its type alone.
+
+    Parameters
+    ----------
+    figure : Figure
+    """
+
+    def png() -> bytes:
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=100)
+        return buffer.getvalue()
+
+    figure._repr_png_ = png  # type: ignore[attr-defined]
+    return figure
 
 
 def _with_short_ids(text: str, prefix: str) -> str:

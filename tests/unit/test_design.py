@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic.fields import FieldInfo
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.design_parts import Part, SheetPart
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.units import DATASHEET, UNITS
 from tests.effort import amount
@@ -249,6 +251,26 @@ def test_pole_pairs_may_stand_beside_a_torque_constant_alone() -> None:
     """They are enough for the electrical orders of a turn; the inertia need not be known either."""
     motor = Design.from_dict({"motor": {"J": "unknown", "K_t": 1.0, "p": 4}}).motor
     assert (motor.p, motor.J, motor.electrical) == (4, None, False)
+
+
+BOUNDED = [
+    (part, name, field)
+    for part in (*Part.__subclasses__(), *SheetPart.__subclasses__())
+    for name, field in part.model_fields.items()
+    if field.metadata
+]
+
+
+@pytest.mark.parametrize(("part", "name", "field"), BOUNDED, ids=lambda it: getattr(it, "__name__", None))
+def test_every_bound_of_a_field_holds(part: type[Part], name: str, field: FieldInfo) -> None:
+    """``f_control = 1e-15`` was accepted, and a filter of -1 s: of two lower bounds the wider one counted."""
+    for bound in field.metadata:
+        for side, sign in (("ge", -1.0), ("gt", -1.0), ("le", 1.0), ("lt", 1.0)):
+            if (limit := getattr(bound, side, None)) is None:
+                continue
+            beyond = limit + int(sign) if field.annotation is int else limit + sign * (0.5 * abs(limit) or 1e-3)
+            with pytest.raises(ValueError, match=name):
+                part.model_validate({name: beyond})
 
 
 # ---- messages ---------------------------------------------------------------------------------------------------

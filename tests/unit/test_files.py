@@ -233,6 +233,12 @@ def test_the_size_of_a_motion_is_known_before_it_is_built(name: str, values: dic
         scenario(name, Design.read(SEED_MOTOR), **values)
 
 
+def test_the_size_of_a_log_is_known_before_it_is_simulated() -> None:
+    design = Design.read(SEED_MOTOR)
+    with pytest.raises(RequestError, match=r"1e\+09 logged samples, at most"):
+        simulate(design, scenario("hold", design, duration=1e6))
+
+
 def test_a_motion_of_one_sample_is_no_log() -> None:
     """It was written "at nan Hz", with status 0."""
     design = Design.read(SEED_MOTOR)

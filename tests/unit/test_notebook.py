@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import copy
+import importlib.util
 import pickle
+import pkgutil
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+import pmsm_ctrl
 from pmsm_ctrl import Design, Log, identify
 from pmsm_ctrl.errors import LogError, RequestError
+from pmsm_ctrl.result import Result
 
 AXIS = Design.from_dict(
     {"motor": {"J": 1e-4, "K_t": 1.0}, "effects": [{"id": "coulomb", "F_c": 0.02}, {"id": "viscous", "F_v": 2e-4}]}
@@ -33,6 +37,31 @@ def test_a_result_is_one_line_and_a_page_of_a_cell(log: Log) -> None:
     assert len(repr(found)) < 200
     html = found._repr_html_()
     assert html.index("Inverse-dynamics") < html.index("<table") < html.index("<svg")
+
+
+def test_a_figure_is_shown_without_pyplot(log: Log) -> None:
+    """IPython asks an object for this method; the figure's type is registered with it by pyplot alone."""
+    picture = identify(AXIS, log).plot()._repr_png_()
+    assert picture.startswith(b"\x89PNG\r\n\x1a\n")
+    assert len(picture) > 5000
+
+
+def kinds_of_result(kind: type[Result] = Result) -> list[type[Result]]:
+    """Return every type of result that the package's rooms define."""
+    for room in pkgutil.iter_modules(pmsm_ctrl.__path__, "pmsm_ctrl."):
+        if importlib.util.find_spec(f"{room.name}.result") if room.ispkg else None:
+            importlib.import_module(f"{room.name}.result")
+    below = kind.__subclasses__()
+    found = [*below, *(each for one in below for each in kinds_of_result(one))]
+    return [one for one in found if one.__module__.startswith("pmsm_ctrl.")]
+
+
+def test_every_result_has_its_cell_and_its_line() -> None:
+    found = kinds_of_result()
+    assert len(found) >= 12
+    for kind in found:
+        assert kind._repr_html_ is Result._repr_html_, kind
+        assert not hasattr(kind.__repr__, "__wrapped__"), kind  # a dataclass's own would print every array
 
 
 def test_a_log_is_one_line_and_a_table(log: Log) -> None:

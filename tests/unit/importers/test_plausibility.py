@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.importers import check
+from pmsm_ctrl.importers import check, read_log
 from pmsm_ctrl.importers.notices import FEW_SAMPLES
 from pmsm_ctrl.importers.plausibility import torque_factor
 from pmsm_ctrl.importers.relations import drive_balance
@@ -118,6 +119,7 @@ def test_jitter_and_gaps(rng: np.random.Generator) -> None:
     assert any("jitter" in warning.text for warning in found)
     keep = np.r_[0:3000, 3050:8000]
     found = check(Log({name: values[keep] for name, values in channels.items()}))
+    assert not any("jitter" in warning.text for warning in found)  # a gap was called a jitter of 196 %
     assert any("gaps in the time stamps: 1, the longest 51 ms at t = 2.999 s" in warning.text for warning in found), (
         found
     )
@@ -159,6 +161,22 @@ def test_an_angle_of_few_digits_has_steps_that_grow() -> None:
     assert any("few digits: its resolution falls with its size, to 0.01 rad" in warning.text for warning in found), (
         found
     )
+
+
+@pytest.mark.parametrize("digits", [5, 9])
+@pytest.mark.parametrize("turn", [False, True])
+def test_either_cure_of_few_digits_silences_the_doubt(tmp_path: Path, digits: int, turn: bool) -> None:
+    """The doubt advises more digits, or the angle within one turn."""
+    t = np.arange(20000) * 1e-3
+    theta = 300.0 * np.sin(0.7 * t)
+    shown = np.mod(theta, 2 * np.pi) if turn else theta
+    rows = "".join(f"{a:.5f},{b:.{digits}g},{c:.5g}\n" for a, b, c in zip(t, shown, np.cos(t), strict=True))
+    path = tmp_path / "a.csv"
+    path.write_text("t [s],theta [rad],i_q [A]\n" + rows, encoding="utf-8")
+    log = read_log(path)
+    assert ("few_digits" in [one.code for one in log.provenance.notices]) == (digits == 5 and not turn)
+    assert "theta" in log  # it is doubted, not thrown away
+    np.testing.assert_allclose(log["theta"] - log["theta"][0], theta - theta[0], atol=6e-3)
 
 
 @pytest.mark.parametrize("seed", range(4))
