@@ -10,6 +10,8 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from pmsm_ctrl.threads import one_thread
+
 if TYPE_CHECKING:
     import inspect
 
@@ -31,8 +33,9 @@ class Room(ModuleType):
         return function
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """Call the function of the module's name."""
-        return self._function(*args, **kwargs)
+        """Call the function of the module's name, its linear algebra on one thread."""
+        with one_thread():
+            return self._function(*args, **kwargs)
 
     @property
     def __signature__(self) -> inspect.Signature:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +78,8 @@ def with_profiles(design: Design, fit: Fitted) -> Fitted:
     if not walks.doubtful and not fit.rough:
         return fit
     try:  # what is straight over the shapes is straight over all
-        bent = walks.at_bound or any(_bend(design, walks, one) > 0.5 * PARABOLA for one in walks.vague())
+        profiles = ((partial(_profile, design, walks, one), NORMAL * one.stderr) for one in walks.vague())
+        bent = walks.at_bound or any(_bend(profile, half) > 0.5 * PARABOLA for profile, half in profiles)
         doubtful = walks.doubtful if bent else ()
         seen = {n: over_all_shapes(fit, n, walks.scale_of(n), NORMAL) for n in {*doubtful, *fit.rough}}
         every = [one for number in doubtful if not seen[number] for one in walks.of_effect(number)]
@@ -213,11 +214,11 @@ def _slopes(per_factor: Callable[[Shape], float], shape: Shape, names: Iterable[
 
 def _interval(design: Design, walks: _Walks, one: _Parameter) -> tuple[float, float] | None:
     """Return both ends; None where they are those of the standard error."""
-    if _bend(design, walks, one) <= PARABOLA:
-        return None
     half = NORMAL * one.stderr
-    below = _end(lambda step: _profile(design, walks, one, -step), half)
-    above = _end(lambda step: _profile(design, walks, one, step), half)
+    profile = cache(partial(_profile, design, walks, one))
+    if _bend(profile, half) <= PARABOLA:
+        return None
+    below, above = _end(lambda step: profile(-step), half), _end(profile, half)
     low, high = _bounds(walks.fit, one)
     return max(one.at(-below), low), min(one.at(above), high)
 
@@ -229,10 +230,9 @@ def _bounds(fit: Fitted, one: _Parameter) -> tuple[float, float]:
     return column_bounds(fit.model, fit.estimate.values)[one.column]
 
 
-def _bend(design: Design, walks: _Walks, one: _Parameter) -> float:
+def _bend(profile: Callable[[float], float], half: float) -> float:
     """Return by what part of itself a profile differs from a parabola's at the ends of the 95 % interval."""
-    half = NORMAL * one.stderr
-    return max(abs(_profile(design, walks, one, sign * half) / NORMAL - 1.0) for sign in (-1.0, 1.0))
+    return max(abs(profile(sign * half) / NORMAL - 1.0) for sign in (-1.0, 1.0))
 
 
 def _profile(design: Design, walks: _Walks, one: _Parameter, step: float) -> float:

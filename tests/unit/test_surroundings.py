@@ -264,3 +264,20 @@ def test_the_command_line_asks_for_one_thread_before_the_libraries_are_loaded() 
             [sys.executable, "-c", code], env=kept | asked, capture_output=True, text=True, check=True
         )
         assert ended.stderr.split() == [wanted]
+
+
+def test_a_verb_called_from_python_uses_one_thread_and_gives_the_others_back() -> None:
+    """Counted by threadpoolctl itself, in a process that nobody told how many threads there are."""
+    code = (
+        "import numpy, pmsm_ctrl, scipy.linalg, threadpoolctl\n"
+        "def threads():\n"
+        "    return {one['num_threads'] for one in threadpoolctl.threadpool_info() if one['user_api'] == 'blas'}\n"
+        "before, seen = threads(), []\n"
+        "pmsm_ctrl.rooms.Room._function = property(lambda room: lambda: seen.append(threads()))\n"
+        "pmsm_ctrl.tune()\n"
+        "assert seen == [{1}], seen\n"
+        "assert threads() == before\n"
+    )
+    untold = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    done = subprocess.run([sys.executable, "-c", code], env=untold, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
