@@ -11,7 +11,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import notices as say
 from pmsm_ctrl.importers.motion_units import DriveUnit, SpeedPair, drive_unit, number, pair_units, speed_unit
-from pmsm_ctrl.importers.names import guess_channel, unit_of, unit_spelling
+from pmsm_ctrl.importers.names import guess_channel, says_rms, unit_of, unit_spelling
 from pmsm_ctrl.importers.relations import drive_balance, rate_likeness, roughness
 from pmsm_ctrl.importers.table import Array, Column, Table
 from pmsm_ctrl.importers.vocabulary import meaning_of
@@ -434,6 +434,8 @@ def _spelled(case: _Case, i: int) -> Guess:
         unit = "s"
     elif not case.unit.get(i):
         case.assumed.append((channel, unit))
+    if channel.startswith("i_") and unit_spelling(unit) == "A" and says_rms(column.name):
+        unit = "A rms"
     factor = case.factor.get(i, 1.0)
     before = "PERIOD * " if case.open.get(i) == RATE_IS_OPEN else f"{number(factor)} * " if factor != 1.0 else ""
     return Guess(channel, i, column.label, f"{before}{name} [{unit}]", tuple(case.why[i]), case.open.get(i, ""))

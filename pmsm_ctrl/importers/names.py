@@ -112,6 +112,8 @@ def unit_spelling(unit: str) -> str:
     return _SPELLINGS.get(text.casefold()) or _FOLDED.get(text.casefold(), text)
 
 
+_RMS = re.compile(r"(?<![^\W_])(?:rms|eff|effektiv\w{0,10}|effective|efficace)(?![^\W_])", re.IGNORECASE)
+
 # "% of 2.4 N m": torque in per cent of the rated one
 _SHARE = re.compile(
     r"(?P<part>%|‰|per ?cent|per ?mille?|pro ?mille)\s*+(?:of|von|de|di)\s++"
@@ -133,6 +135,11 @@ def unit_of(text: str) -> tuple[str, float] | None:
     if match is None or (whole := UNITS.get(unit_spelling(match["unit"]))) is None or not float(match["rated"]) > 0.0:
         return None
     return whole[0], whole[1] * float(match["rated"]) * _SHARES.get(match["part"].lower(), 1e-3)
+
+
+def says_rms(name: str) -> bool:
+    """Whether a name states an effective value: ``Iq rms``, ``Iq_eff``, ``Strom (Effektivwert)``."""
+    return _RMS.search(name) is not None
 
 
 def is_unit(text: str) -> bool:

@@ -6,7 +6,7 @@ from pmsm_ctrl.section import Template
 
 __all__ = [
     "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES",
-    "FROM_PHYSICS", "FROZEN_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "POSITION_JUMPS",
+    "FROM_PHYSICS", "FROZEN_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "PEAK_OR_RMS", "POSITION_JUMPS",
     "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION", "REFERENCE_FACTOR",
     "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_SPIKES", "SPEED_UNRELATED", "TIME_GAPS",
     "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "UNIT_ASSUMED", "UNLIKELY_INERTIA", "UNLIKELY_PERIOD",
@@ -69,6 +69,11 @@ SPEED_FACTOR = Template("speed_factor", "dtheta/dt is {factor:.4g} times omega{c
 REFERENCE_FACTOR = Template("reference_factor", "omega is {factor:.4g} times omega_ref{cause}")
 TORQUE_UNRELATED = Template("torque_unrelated", "torque is not proportional to K_t i_q (correlation {correlation:.2f})")
 TORQUE_FACTOR = Template("torque_factor", "torque is {factor:.4g} times K_t i_q{cause}")
+PEAK_OR_RMS = Template(
+    "peak_or_rms",
+    "i_q ('{column}') is read as A peak, and nothing states that it is not A rms, which makes torque, inertia and "
+    "friction 1.41 times as large: --map i_q='{name} [A rms]', or [A peak]{hint}",
+)
 TORQUE_SIGN = Template(
     "torque_sign", "{channel} has the opposite sign of the acceleration: one of the two sign conventions is wrong"
 )

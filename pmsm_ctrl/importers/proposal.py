@@ -130,7 +130,7 @@ def propose(table: Table, design: Design | None = None, mapping: Mapping[str, st
         settings["separator"] = words[table.facts["separator"]]
         settings["decimal"] = "," if table.facts["decimal mark"] == "comma" else "."
     proposal = Proposal(table.file, table.format, tuple(guessed), tuple(doubts), missing, tuple(unused), settings)
-    return replace(proposal, found=(*doubts, *_of_the_log(table, design, proposal)))
+    return replace(proposal, found=(*doubts, *_of_the_log(table, design, proposal, known)))
 
 
 def _column_of(spec: str) -> str:
@@ -141,11 +141,11 @@ def _column_of(spec: str) -> str:
     return match["column"] if match is not None else spec
 
 
-def _of_the_log(table: Table, design: Design | None, proposal: Proposal) -> Sequence[Notice]:
+def _of_the_log(table: Table, design: Design | None, proposal: Proposal, known: Mapping[str, str]) -> Sequence[Notice]:
     """Return the doubts of the log that this mapping makes; that it cannot be read is one of them."""
     if not proposal.complete:
         return ()
     try:
-        return log_of(table, design, proposal.mapping).provenance.notices
+        return log_of(table, design, proposal.mapping, known).provenance.notices
     except LogError as error:
         return (say.NOT_READABLE(reason=str(error).removeprefix(f"{table.file}: ")),)

@@ -13,6 +13,7 @@ from pmsm_ctrl.errors import LogError, PmsmCtrlError
 from pmsm_ctrl.files import sha256
 from pmsm_ctrl.importers.build import channels_of
 from pmsm_ctrl.importers.clock import with_clock
+from pmsm_ctrl.importers.current_scale import peak_or_rms
 from pmsm_ctrl.importers.mapping import Assignment, assign
 from pmsm_ctrl.importers.notices import UNIT_ASSUMED
 from pmsm_ctrl.importers.plausibility import check
@@ -91,7 +92,12 @@ def read_all(
     return _from_table(open_table(target, design, found), lambda _: sha256(target), design, mapping)
 
 
-def log_of(table: Table, design: Design | None = None, mapping: Mapping[str, str] | None = None) -> Log:
+def log_of(
+    table: Table,
+    design: Design | None = None,
+    mapping: Mapping[str, str] | None = None,
+    stated: Mapping[str, str] | None = None,
+) -> Log:
     """Return the log of an opened table, as `read_log`, without the digest of the file.
 
     Parameters
@@ -99,6 +105,8 @@ def log_of(table: Table, design: Design | None = None, mapping: Mapping[str, str
     table : Table
     design, mapping
         As `read_log`.
+    stated : mapping of str to str, optional
+        What of the mapping somebody has stated, where that is less.
 
     Returns
     -------
@@ -109,20 +117,25 @@ def log_of(table: Table, design: Design | None = None, mapping: Mapping[str, str
     LogError
         As `read_log`.
     """
-    return _from_table(table, lambda _: "", design, mapping)[0]
+    return _from_table(table, lambda _: "", design, mapping, stated)[0]
 
 
 def _from_table(
-    table: Table, digest_of: Callable[[Table], str], design: Design | None, mapping: Mapping[str, str] | None
+    table: Table,
+    digest_of: Callable[[Table], str],
+    design: Design | None,
+    mapping: Mapping[str, str] | None,
+    stated: Mapping[str, str] | None = None,
 ) -> tuple[Log, Table, Assignment]:
+    stated = mapping if stated is None else stated
     table, mapping = with_clock(table, design, mapping)
     assignment, file = assign(table, design, mapping), table.file
     # a large file takes a second to hash, so a thread does it during parsing
     with ThreadPoolExecutor(max_workers=1) as pool:
         digest = pool.submit(digest_of, table)
         try:
-            stated = (design.log.wrap, design.log.window) if design is not None else (None, None)
-            channels, notes, doubts = channels_of(table, assignment, *stated)
+            cut = (design.log.wrap, design.log.window) if design is not None else (None, None)
+            channels, notes, doubts = channels_of(table, assignment, *cut)
         except MemoryError:
             raise LogError(f"{file}: does not fit into memory") from None
     provenance = Provenance(file, digest.result(), table.format, (*table.notes, *assignment.notes, *notes))
@@ -131,7 +144,8 @@ def _from_table(
     if assumed:
         units = ", ".join(f"{source.unit} for {source.channel}" for source in assumed)
         doubts = (*doubts, UNIT_ASSUMED(channels=[source.channel for source in assumed], units=units))
-    return replace(log, provenance=replace(provenance, notices=(*doubts, *check(log, design)))), table, assignment
+    doubts = (*doubts, *check(log, design), *peak_or_rms(log, table, assignment, design, stated))
+    return replace(log, provenance=replace(provenance, notices=doubts)), table, assignment
 
 
 def open_table(path: str | os.PathLike[str], design: Design | None = None, file: str = "") -> Table:
