@@ -48,6 +48,8 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
             words = (*typed, "--output", _new())
         case "identify" | "compare" | "diagnose" if verdict == "implausible":
             words = ("import", logs[0], "--design", given.get("design"), *_mapped(given))
+        case "simulate" if given.get("scenario") in EXCITED:
+            words = ("frf", given["output"], "--design", design, "--output", _new())
         case "simulate":
             words = ("identify", given["output"], "--design", design, "--output", _new())
         case "tune":
@@ -135,6 +137,7 @@ def _after_study(given: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 # Commands whose output is a design, with which one goes on.
+EXCITED = ("multisine", "chirp", "noise", "prbs")  # motions whose logs hold a frequency response
 WRITING = ("tune", "sweep", "identify", "diagnose", "add", "frf")
 WITHOUT_EFFECTS = ("import", "init", "fleet")
 

@@ -317,7 +317,7 @@ def measured_bode(
         typed = ["pmsm-ctrl", "frf", str(file), "--design", str(source), "--response", given.kind]
         typed += ["--unit", given.unit] if given.unit else []
         doubts = "; ".join(given.doubts)
-        raise RequestError(f"{file}: not read, {doubts}; --yes takes it so, or: {shlex.join([*typed, '--yes'])}")
+        raise RequestError(f"{file}: not read: {doubts}; --yes takes it so, or: {shlex.join([*typed, '--yes'])}")
     return given
 
 
@@ -338,9 +338,9 @@ def _to_confirm(file: Path, design: Path | None, proposal: Proposal) -> str:
     for group in proposal.missing:
         typed += ["--map", f"{group.split()[-1]}=COLUMN [UNIT]"]
     if proposal.complete:
-        return f"{file}: not read, the mapping has not been confirmed; --yes takes it, or: {shlex.join(typed)}"
+        return f"{file}: not read: the mapping has not been confirmed; --yes takes it, or: {shlex.join(typed)}"
     lacking = [*proposal.missing, *(f"{g.open_question} of {g.channel}" for g in proposal.guesses if g.open_question)]
-    return f"{file}: not read, to be filled in: {', '.join(lacking)}: {shlex.join(typed)}"
+    return f"{file}: not read: to be filled in: {', '.join(lacking)}: {shlex.join(typed)}"
 
 
 def write_design(design: Design, path: Path | None) -> None:

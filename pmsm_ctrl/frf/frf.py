@@ -42,7 +42,7 @@ UNITS = {
     "J": "kg m^2", "friction_slope": "N m s/rad", "delay": "s", "antiresonance": "Hz", "resonance": "Hz",
     "damping_ratio": "", "load_inertia": "kg m^2", "stiffness": "N m/rad", "damping": "N m s/rad",
 }  # fmt: skip
-CLOSE = 2000  # frequencies at which a loop around the points is evaluated
+CLOSE = 3000  # frequencies at which a loop around the points is evaluated
 MARGINS = {"phase_margin": "deg", "gain_margin_db": "dB", "crossover": "Hz", "sensitivity_peak": ""}
 
 
@@ -76,7 +76,8 @@ def frf(design: Design, logs: Logs | MeasuredBode) -> FrequencyResponse:
         shown = {} if logs.kind == "plant" else {"speed": _closed(logs)}
         J = guessed_inertia(logs.plant) if design.motor.J is None else design.J
         axis = fit_axis(logs.plant, J, design.drive.speed_period)
-        return _compared(design, logs.file, logs.speed, {"plant": logs.plant, **shown}, axis, words.taken(logs))
+        compared = _compared(design, logs.file, logs.speed, {"plant": logs.plant, **shown}, axis, [])
+        return replace(compared, notices=(*compared.notices, *words.taken(logs)))  # what was found comes first
     given = as_logs(logs)
     records = stretches(design, given)
     response, axis, found = measured_axis(design, records)
@@ -201,8 +202,8 @@ def _point_margins(measured: Design, axis: Axis, speed: float, response: Respons
     loop = _open_loop(measured, speed)
     if loop is None:
         return {}
-    low, high = response.frequency[0], min(response.frequency[-1], 0.499 / measured.drive.speed_period)
-    frequency = np.geomspace(low, high, CLOSE)
+    # also where nothing was measured: whether a margin lies there the fitted axis tells
+    frequency = np.geomspace(0.1 * response.frequency[0], 0.499 / measured.drive.speed_period, CLOSE)
     found = point_margins(
         response, axis.response(response.frequency), frequency, loop_response(loop, 2.0 * math.pi * frequency),
         math.sqrt(axis.covariance[2, 2]),

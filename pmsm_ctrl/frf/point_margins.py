@@ -20,6 +20,8 @@ __all__ = ["point_margins"]
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+Margin = tuple[float, float, float]  # value, standard error, and where it is, in ln f
+
 REACH = math.log(2.0) / 3.0  # half-width of the kernel, in ln f: a third octave on either side
 NEPER = 20.0 / math.log(10.0)  # dB
 GAP = 0.05  # in ln f, between two frequencies
@@ -30,7 +32,8 @@ def point_margins(
 ) -> Mapping[str, tuple[float, float]]:
     """Return phase margin (deg), gain margin (dB), crossover (Hz) and peak of the sensitivity, with standard errors.
 
-    Those that lie outside of the measured range are left out.
+    Those that lie outside of the measured range are left out: one that the fitted axis has elsewhere counts only where
+    the points are worse.
 
     Parameters
     ----------
@@ -55,6 +58,7 @@ def point_margins(
     usable &= (np.abs(loop) > 0.0) & (
         variance < UNSURE**2
     )  # also where the points are too close together to hold a line
+    whole = at
     at, weights, variance, L = at[usable], weights[usable], variance[usable], loop[usable]
     if len(at) < 3:
         return {}
@@ -62,7 +66,18 @@ def point_margins(
     if np.max(np.abs(away)) > FAR:
         return {}
     L = L * np.exp(away)
-    return _margins(at, L, np.sqrt(variance), late)
+    found, own = _margins(at, L, np.sqrt(variance), late), _margins(whole, loop, np.zeros(len(whole)), 0.0)
+    return {name: one[:2] for name, one in found.items() if _decides(name, one, own.get(name), (at[0], at[-1]))}
+
+
+def _decides(name: str, found: Margin, own: Margin | None, seen: tuple[float, float]) -> bool:
+    """Whether a margin of the points is that of the loop, and not the worst of those within their range alone."""
+    if own is None or abs(found[2] - own[2]) < REACH:
+        return True
+    if name == "crossover":
+        return bool(seen[0] <= own[2] <= seen[1])
+    worse = abs(found[0]) - abs(own[0])
+    return worse > 0.0 if name == "sensitivity_peak" else worse < 0.0
 
 
 def _lines(x: Array, at: Array, variance: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -79,33 +94,34 @@ def _lines(x: Array, at: Array, variance: Array) -> tuple[Array, NDArray[np.bool
     return weight * (two - away * one) / np.where(apart, spread, 1.0), usable
 
 
-def _margins(at: Array, L: Complex, sigma: Array, late: float) -> dict[str, tuple[float, float]]:
+def _margins(at: Array, L: Complex, sigma: Array, late: float) -> dict[str, Margin]:
     """Return the margins of a loop at `at` (ln f) whose logarithm has errors `sigma` in either part."""
     size, phase = np.log(np.abs(L)), np.unwrap(np.angle(L))
     steep, turn = np.gradient(size, at), np.gradient(phase, at)
     omega = 2.0 * math.pi * np.exp(at)
     angle = np.sqrt(sigma**2 + (omega * late) ** 2)  # error of the phase
-    found: dict[str, tuple[float, float]] = {}
+    found: dict[str, Margin] = {}
     crossed = _crossings(at, size)
     if crossed.size:
         margin = (np.interp(crossed, at, phase) + 2.0 * math.pi) % (2.0 * math.pi) - math.pi
         k = int(np.argmin(np.abs(margin)))
         s, p, g, t = (float(np.interp(crossed[k], at, one)) for one in (sigma, angle, steep, turn))
-        found["phase_margin"] = (math.degrees(margin[k]), math.degrees(math.hypot(p, s * t / g)))
+        found["phase_margin"] = (math.degrees(margin[k]), math.degrees(math.hypot(p, s * t / g)), float(crossed[k]))
         first = float(crossed[0])
         s, g = (float(np.interp(first, at, one)) for one in (sigma, steep))
-        found["crossover"] = (math.exp(first), math.exp(first) * s / abs(g))
+        found["crossover"] = (math.exp(first), math.exp(first) * s / abs(g), first)
     behind = [(_crossings(at, phase - turns), turns) for turns in _odd_turns(phase)]
     places = np.concatenate([one for one, _ in behind]) if behind else np.empty(0)
     gains = -np.interp(places, at, size)
     if np.any(gains > 0.0):
         k = int(np.argmin(np.where(gains > 0.0, gains, math.inf)))
         s, p, g, t = (float(np.interp(places[k], at, one)) for one in (sigma, angle, steep, turn))
-        found["gain_margin_db"] = (NEPER * float(gains[k]), NEPER * math.hypot(s, p * g / t))
+        found["gain_margin_db"] = (NEPER * float(gains[k]), NEPER * math.hypot(s, p * g / t), float(places[k]))
     S = 1.0 / (1.0 + L)
     k = int(np.argmax(np.abs(S)))
     if 0 < k < len(S) - 1:
-        found["sensitivity_peak"] = (float(np.abs(S[k])), float(np.abs(S[k]) * np.abs(S[k] * L[k]) * angle[k]))
+        error = float(np.abs(S[k]) * np.abs(S[k] * L[k]) * angle[k])
+        found["sensitivity_peak"] = (float(np.abs(S[k])), error, float(at[k]))
     return found
 
 

@@ -36,7 +36,8 @@ def _(result: FrequencyResponse) -> Section:
     low, high = plant.frequency[0], plant.frequency[-1]
     blocks: list[Block] = [
         f"{_verdict(result)} {len(plant)} frequencies from {low:.3g} to {high:.4g} Hz at {result.speed:.3g} "
-        f"{'m/s' if result.design.motion == 'linear' else 'rad/s'}, resolution {plant.resolution:.2g} Hz"
+        f"{'m/s' if result.design.motion == 'linear' else 'rad/s'}"
+        f"{'' if result.window_bias else f', resolution {plant.resolution:.2g} Hz'}"
         f"{f', averaged over {plant.records} records' if plant.records > 1 else ''}; instrument: "
         f"{plant.instrument or 'none, the ' + quantity + ' is taken as exact'}.",
         *([HELD] if plant.held else []),
@@ -99,7 +100,8 @@ def _axis(result: FrequencyResponse) -> Table:
 
 def _bands(result: FrequencyResponse) -> Table:
     rows = tuple(
-        (f"{one.low:.3g} to {one.high:.4g}", percent(one.ratio - 1.0, 1), f"{one.phase:+.1f}") for one in result.bands
+        (f"{one.low:.3g} to {one.high:.4g}", f"{100.0 * (one.ratio - 1.0):+.1f} %", f"{one.phase:+.1f}")
+        for one in result.bands
     )
     return Table(("frequency [Hz]", "measured over design", "phase [deg]"), rows, "Where the design's response differs")
 
@@ -110,9 +112,10 @@ def _margins(result: FrequencyResponse) -> Table:
         (NAMES[name], found.unit or "1", points.get(name, "-"), with_error(found.value, found.stderr), number(own))
         for name, (found, own) in result.margins.items()
     )
+    outside = "; -: not within the measured points" if points.keys() < result.margins.keys() else ""
     return Table(
         ("of the speed loop", "unit", "measured points", "fitted axis", "design"), rows,
-        "Margins with the design's gains",
+        f"Margins with the design's gains{outside}",
     )  # fmt: skip
 
 

@@ -145,6 +145,12 @@ def test_the_next_command_exists(verb: str, verdict: str) -> None:
     assert not named or named & set(words)
 
 
+@pytest.mark.parametrize("scenario", ["multisine", "chirp", "noise", "prbs"])
+def test_a_log_with_excitation_goes_to_frf(scenario: str) -> None:
+    given = {"design": Path("a.toml"), "output": Path("l.csv"), "scenario": scenario}
+    assert next_step("simulate", given) == "pmsm-ctrl frf l.csv --design a.toml --output new.toml"
+
+
 def test_the_next_command_keeps_the_held_out_logs() -> None:
     logs = {"design": Path("a.toml"), "log": [Path("l.csv")], "holdout": [Path("h.csv")]}
     for verb in "compare", "study":

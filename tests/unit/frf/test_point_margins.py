@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,37 @@ def test_what_was_not_measured_has_no_margin() -> None:
         not {"phase_margin", "gain_margin_db", "crossover"}
         & point_margins(points, axis(f, None), FREQUENCY, loop).keys()
     )
+
+
+def test_a_margin_that_lies_beyond_the_points_is_not_that_within_them() -> None:
+    """A resonance of 131 Hz decides phase margin and peak; points up to 90 Hz see the first crossover alone."""
+    mass = SecondMass(J_load=4e-5, k=15.0, d=0.002)
+    loop = axis(FREQUENCY, mass) * controller(FREQUENCY)
+    true = margins(measured(loop, 2.0 * math.pi * FREQUENCY))
+
+    def found(high: float) -> Mapping[str, tuple[float, float]]:
+        f = np.geomspace(5.0, high, 120)
+        clean = axis(f, mass)
+        points = Response("plant", f, clean, 1e-3 * np.abs(clean), np.ones(120), "", 1.0)
+        return point_margins(points, clean, FREQUENCY, loop)
+
+    assert found(90.0).keys() == {"crossover"}
+    whole = found(900.0)
+    assert whole["phase_margin"][0] == pytest.approx(true.phase_margin, abs=0.3)
+    assert whole["sensitivity_peak"][0] == pytest.approx(true.sensitivity_peak, rel=0.02)
+    assert whole["crossover"][0] == pytest.approx(found(90.0)["crossover"][0], rel=1e-3)
+
+
+def test_points_that_are_worse_than_the_axis_count() -> None:
+    """The fitted axis is rigid; the points have a resonance, whose margin decides."""
+    f = np.geomspace(5.0, 900.0, 400)
+    mass = SecondMass(J_load=4e-5, k=15.0, d=0.02)
+    clean = axis(f, mass)
+    points = Response("plant", f, clean, 1e-3 * np.abs(clean), np.ones(400), "", 1.0)
+    true = margins(measured(axis(FREQUENCY, mass) * controller(FREQUENCY), 2.0 * math.pi * FREQUENCY))
+    found = point_margins(points, axis(f, None), FREQUENCY, axis(FREQUENCY, None) * controller(FREQUENCY))
+    assert found["sensitivity_peak"][0] == pytest.approx(true.sensitivity_peak, rel=0.05)
+    assert found["phase_margin"][0] == pytest.approx(true.phase_margin, abs=2.0)
 
 
 def test_points_and_axis_of_a_log_agree(designs: Path) -> None:
