@@ -48,10 +48,8 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
             words = (*typed, "--output", _new())
         case "identify" | "compare" | "diagnose" if verdict == "implausible":
             words = ("import", logs[0], "--design", given.get("design"), *_mapped(given))
-        case "simulate" if given.get("scenario") in EXCITED:
-            words = ("frf", given["output"], "--design", design, "--output", _new())
         case "simulate":
-            words = ("identify", given["output"], "--design", design, "--output", _new())
+            words = (_reader(given), given["output"], "--design", design, "--output", _new())
         case "tune":
             words = ("study", design)
         case "sweep" | "quadrants":
@@ -97,6 +95,10 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
     if own and words and words[0] not in WITHOUT_EFFECTS and "--effects" not in words:
         words = (*words, "--effects", own.path)
     return " ".join(["pmsm-ctrl", *(_shown(str(word)) for word in words)]) if words else ""
+
+
+def _reader(given: Mapping[str, Any]) -> str:
+    return "frf" if given.get("scenario") in EXCITED else "identify"
 
 
 def _mapped(given: Mapping[str, Any]) -> list[str]:
