@@ -268,9 +268,10 @@ def _least(design: Design, walks: _Walks, one: _Parameter, step: float) -> float
     others = [free for free in walks.shapes if free != one.free]
     follow = dict(zip(fit.free, (walks.covariance @ one.slope / one.stderr**2 * step)[count:].tolist(), strict=True))
     guess = np.array([follow.get(free, 0.0) for free in others])
-    start = fit if one.free is None else _placed(design, fit, one, [one.free], np.array([step]), step)
-    tried = [_placed(design, start, one, others, by, step) for by in (guess, 0.0 * guess)[: 1 + bool(others)]]
-    best = min(tried, key=lambda there: there.estimate.chi2)
+    held = [] if one.free is None else [one.free]
+    best = _placed(design, fit, one, held, np.full(len(held), step), step)
+    if others:
+        best = min((best, _placed(design, best, one, others, guess, step)), key=lambda there: there.estimate.chi2)
     for _ in range(ROUNDS if others else 0):
         longest = LONGEST * straight_over(best.accepted, others)
         move = np.clip(_downhill(design, best, one, others), -longest, longest)
@@ -286,7 +287,7 @@ def _least(design: Design, walks: _Walks, one: _Parameter, step: float) -> float
 
 def _placed(design: Design, base: Fitted, one: _Parameter, which: Sequence[Free], by: Array, step: float) -> Fitted:
     """Return the fit at moved shapes, with the parameter held after a step where it is no shape."""
-    there = moved_to(design, base, shifted(base.accepted, which, by))
+    there = moved_to(design, base, shifted(base.accepted, which, by)) if which else base
     if one.free:
         return replace(there, estimate=bounded(there.plain))
     factor = one.at(step) / one.per_factor(one.shape_in(there))
