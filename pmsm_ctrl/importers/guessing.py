@@ -10,10 +10,11 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import notices as say
+from pmsm_ctrl.importers.header_rate import ASSUMED_UNITS
 from pmsm_ctrl.importers.motion_units import DriveUnit, SpeedPair, drive_unit, number, pair_units, speed_unit
 from pmsm_ctrl.importers.names import guess_channel, says_rms, unit_of, unit_spelling
 from pmsm_ctrl.importers.relations import drive_balance, rate_likeness, roughness
-from pmsm_ctrl.importers.table import Array, Column, Table
+from pmsm_ctrl.importers.table import Array, Column, HeaderPeriod, Table
 from pmsm_ctrl.importers.vocabulary import meaning_of
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import CHANNELS
@@ -212,7 +213,7 @@ def _time(case: _Case) -> Array | None:
     step = float(np.median(np.diff(values))) if values.size > 1 else math.nan
     if step == 1.0 and float(values[0]) in (0.0, 1.0) and np.all(np.diff(values) == 1.0):
         return _rate_from_motion(case, i)
-    unit = next((u for u, top in (("s", 0.04), ("ms", 40.0), ("us", 4e4), ("ns", math.inf)) if step <= top), "s")
+    unit = next((u for u, top in ASSUMED_UNITS if step <= top), "s")
     case.unit[i] = unit
     case.why[i].append(f"a step of {step:.6g} is one of {step * (unit_of(unit) or ('', 1.0))[1] * 1e3:.6g} ms")
     if unit != "s":
@@ -253,6 +254,9 @@ def _rate_from_motion(case: _Case, ticks: int | None) -> Array | None:
         if gains[0] is not None and gains[1] is not None:
             factor, likeness = rate_likeness(index, _unwound(case, position), case.values[speed])
             period = factor * gains[0][1] / gains[1][1] if likeness > DERIVATIVE else math.nan
+    header = case.table.header_period
+    if header is not None:
+        return _timed_by_header(case, ticks, header, index)
     known = math.isfinite(period) and period > 0.0
     if known:
         period = _round(period)
@@ -272,6 +276,21 @@ def _rate_from_motion(case: _Case, ticks: int | None) -> Array | None:
         case.doubts.append(say.NO_RATE(what=label))
         return None
     return index * period
+
+
+def _timed_by_header(case: _Case, ticks: int | None, header: HeaderPeriod, index: Array) -> Array:
+    """Take the period that stands above the numbers; where its unit is assumed, that is a doubt."""
+    reason = f"the header says '{header.text}'"
+    if header.assumed:
+        case.assumed.append(("t", header.assumed))
+    if ticks is None:
+        case.clock = Guess("t", -1, "none", header.mapping, (reason,))
+    else:
+        case.open[ticks] = ""
+        case.factor[ticks] = header.seconds
+        case.unit[ticks] = "s"
+        case.why[ticks] = [reason]
+    return index * header.seconds
 
 
 def _round(period: float) -> float:

@@ -6,11 +6,11 @@ from pmsm_ctrl.section import Template
 
 __all__ = [
     "ANGLE_UNWRAPPED", "ANGLE_WRAPS", "CONSTANT_CHANNEL", "CURRENT_BEYOND_LIMIT", "FEW_DIGITS", "FEW_SAMPLES",
-    "FROM_PHYSICS", "FROZEN_CHANNEL", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "PEAK_OR_RMS", "POSITION_JUMPS",
-    "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION", "REFERENCE_FACTOR",
-    "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_SPIKES", "SPEED_UNRELATED", "TIME_GAPS",
-    "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "UNIT_ASSUMED", "UNLIKELY_INERTIA", "UNLIKELY_PERIOD",
-    "UNSURE_NAME",
+    "FROM_PHYSICS", "FROZEN_CHANNEL", "HEADER_PERIOD", "IRREGULAR_TIME", "NOT_READABLE", "NO_RATE", "PEAK_OR_RMS",
+    "POSITION_JUMPS", "QUANTISED_CHANNEL", "RATED_FROM_INERTIA", "RATED_UNKNOWN", "RATE_FROM_MOTION",
+    "REFERENCE_FACTOR", "SATURATED_CHANNEL", "SEVERAL_COLUMNS", "SPEED_FACTOR", "SPEED_SPIKES", "SPEED_UNRELATED",
+    "TIME_GAPS", "TORQUE_FACTOR", "TORQUE_SIGN", "TORQUE_UNRELATED", "UNIT_ASSUMED", "UNLIKELY_INERTIA",
+    "UNLIKELY_PERIOD", "UNSURE_NAME",
 ]  # fmt: skip
 
 # -- time ----
@@ -18,6 +18,9 @@ FEW_SAMPLES = Template("few_samples", "too few samples: {count}")
 IRREGULAR_TIME = Template(
     "irregular_time",
     "time stamps jitter by {rms_ms:.3g} ms rms, {largest_ms:.3g} ms at most, around a period of {period_ms:.4g} ms",
+)
+HEADER_PERIOD = Template(
+    "header_period", "the header says '{line}', and the time of the log has steps of {period_ms:.6g} ms"
 )
 TIME_GAPS = Template("time_gaps", "gaps in the time stamps: {count}, the longest {longest_ms:.4g} ms at t = {at:.6g} s")
 UNLIKELY_PERIOD = Template("unlikely_period", "sampling period of {period:.3g} s: check the unit of time")

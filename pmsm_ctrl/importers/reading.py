@@ -14,8 +14,9 @@ from pmsm_ctrl.files import sha256
 from pmsm_ctrl.importers.build import channels_of
 from pmsm_ctrl.importers.clock import with_clock
 from pmsm_ctrl.importers.current_scale import peak_or_rms
+from pmsm_ctrl.importers.header_rate import timed_by_header
 from pmsm_ctrl.importers.mapping import Assignment, assign
-from pmsm_ctrl.importers.notices import UNIT_ASSUMED
+from pmsm_ctrl.importers.notices import HEADER_PERIOD, UNIT_ASSUMED
 from pmsm_ctrl.importers.plausibility import check
 from pmsm_ctrl.importers.sources import Source, as_file, frame_digest, frame_table, is_frame
 from pmsm_ctrl.importers.table import Table
@@ -30,6 +31,9 @@ _REFUSED = {
     b"\x1f\x8b": "gzip-compressed; unpack it first",
     **{bytes([0x80, protocol]): "a Python pickle, which is never read" for protocol in range(2, 6)},
 }
+
+
+UNEQUAL = 0.02  # of a period in the header and in the time stamps
 
 
 def read_log(
@@ -128,6 +132,7 @@ def _from_table(
     stated: Mapping[str, str] | None = None,
 ) -> tuple[Log, Table, Assignment]:
     stated = mapping if stated is None else stated
+    table, mapping = timed_by_header(table, design, mapping)
     table, mapping = with_clock(table, design, mapping)
     assignment, file = assign(table, design, mapping), table.file
     # a large file takes a second to hash, so a thread does it during parsing
@@ -144,6 +149,9 @@ def _from_table(
     if assumed:
         units = ", ".join(f"{source.unit} for {source.channel}" for source in assumed)
         doubts = (*doubts, UNIT_ASSUMED(channels=[source.channel for source in assumed], units=units))
+    period = table.header_period
+    if period is not None and len(log) > 2 and abs(log.period / period.seconds - 1.0) > UNEQUAL and not period.assumed:
+        doubts = (*doubts, HEADER_PERIOD(line=period.text, period_ms=1e3 * log.period))
     doubts = (*doubts, *check(log, design), *peak_or_rms(log, table, assignment, design, stated))
     return replace(log, provenance=replace(provenance, notices=doubts)), table, assignment
 

@@ -66,6 +66,29 @@ class Column:
 
 
 @dataclass(frozen=True)
+class HeaderPeriod:
+    """A sampling period above the numbers.
+
+    Attributes
+    ----------
+    seconds : float
+    text : str
+        The line that states it.
+    assumed : str
+        The unit, where the line states none; else empty.
+    """
+
+    seconds: float
+    text: str
+    assumed: str = ""
+
+    @property
+    def mapping(self) -> str:
+        """The mapping of `t`."""
+        return f"every {1e3 * self.seconds:.12g} ms"
+
+
+@dataclass(frozen=True)
 class Table:
     """An opened file whose columns are known and whose numbers are not read yet.
 
@@ -82,6 +105,8 @@ class Table:
         What was guessed or left out.
     facts : dict
         The layout (separator, decimal mark, encoding, ...), for the import report.
+    header_period : HeaderPeriod or None
+        The sampling period that stands above the numbers.
     """
 
     file: str
@@ -91,3 +116,4 @@ class Table:
     locate: Callable[[int, int], str]
     notes: tuple[str, ...] = ()
     facts: dict[str, str] = field(default_factory=dict)
+    header_period: HeaderPeriod | None = None

@@ -10,6 +10,7 @@ from typing import Literal, cast
 import numpy as np
 
 from pmsm_ctrl.importers import twincat
+from pmsm_ctrl.importers.header_rate import header_period
 from pmsm_ctrl.importers.layout import Layout, opening, place_header, separator_name
 from pmsm_ctrl.importers.names import guess_channel, split_header
 from pmsm_ctrl.importers.numbers import line_of_row, read_columns
@@ -44,7 +45,8 @@ def open_text(path: Path, file: str, separator: str | None = None, decimal: str 
             layout, kind = replace(layout, ragged=True), "CSV with repeated time columns"
     if decimal is not None:
         layout = replace(layout, decimal=cast(Decimal, decimal))
-    return _table(path, file, layout, columns, kind)
+    table = _table(path, file, layout, columns, kind)
+    return replace(table, header_period=header_period(lines[: layout.first_line - 1]))
 
 
 def _columns(layout: Layout) -> tuple[Column, ...]:
