@@ -28,7 +28,8 @@ def written(path: Path, *above: str, head: str = "Speed [rpm];Torque [N m]", fir
     [
         ("SamplePeriod;0.0005", 5e-4, "s"), ("SamplePeriod;0.5", 5e-4, "ms"), ("Sampling time,1.000 ms", 1e-3, ""),
         ("Sample rate: 8 kHz", 1.25e-4, ""), ("SamplingFrequency;2000", 5e-4, ""),
-        ("Abtastzeit [µs];62,5", 6.25e-5, ""), ("Abtastrate = 4000 Hz", 2.5e-4, ""), ('"Sample Interval","0.25","ms"', 2.5e-4, ""),
+        ("Abtastzeit [µs];62,5", 6.25e-5, ""), ("Abtastrate = 4000 Hz", 2.5e-4, ""),
+        ('"Sample Interval","0.25","ms"', 2.5e-4, ""),
         ("# sample_time [s]: 1e-3", 1e-3, ""), ("Période d'échantillonnage : 2 ms", 2e-3, ""),
         ("Tempo di campionamento;1;ms", 1e-3, ""), ("SampleTime[ms]\t2.0", 2e-3, ""),
     ],
