@@ -179,6 +179,18 @@ def scatter(samples: Samples) -> float:
     return 1.4826 * float(np.median(np.abs(np.diff(samples.torque, 2)))) / math.sqrt(6.0)
 
 
+def _angle_noise(theta: Array) -> float:
+    """Return the noise of an angle: that of its finest step, unless the angle itself scatters by less.
+
+    An axis that only turns fast shows no single step of its encoder. The third difference of a smooth angle is noise.
+    """
+    step = np.abs(np.diff(theta))
+    step = step[step > 1e-12 * max(1.0, float(np.max(np.abs(theta))))]
+    finest = float(step.min()) if step.size else 1e-6
+    scattered = 1.4826 * float(np.median(np.abs(np.diff(theta, 3)))) / math.sqrt(20.0) if len(theta) > 3 else 0.0
+    return max(min(finest / math.sqrt(12.0), scattered or math.inf), 1e-9)
+
+
 def noise_from_samples(design: Design, settings: Settings, samples: Samples, where: str = "") -> Settings:
     """Fill in the noise that neither the settings nor the design state, from the samples themselves.
 
@@ -210,8 +222,5 @@ def noise_from_samples(design: Design, settings: Settings, samples: Samples, whe
             raise RequestError(f"{where}the drive torque is zero throughout; tracking needs a driven motion")
         settings = replace(settings, torque_noise=max(noise, floor))
     if settings.angle_noise is None and design.sensor.encoder_counts == 0 and settings.measure == "theta":
-        step = np.abs(np.diff(samples.z))
-        step = step[step > 1e-12 * max(1.0, float(np.max(np.abs(samples.z))))]
-        finest = float(step.min()) if step.size else 1e-6
-        settings = replace(settings, angle_noise=max(finest / math.sqrt(12.0), 1e-9))
+        settings = replace(settings, angle_noise=_angle_noise(samples.z))
     return settings

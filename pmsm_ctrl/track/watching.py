@@ -22,9 +22,9 @@ from pmsm_ctrl.track import notices as words
 from pmsm_ctrl.track.alarms import WINDOW, Alarm, Windows
 from pmsm_ctrl.track.inputs import Samples, noise_from_samples
 from pmsm_ctrl.track.live import FrictionTracker, Reading
-from pmsm_ctrl.track.model import EVENTS, REJECTED, STATES
+from pmsm_ctrl.track.model import EVENTS, F_C, F_V, REJECTED, STANDSTILL, STATES
 from pmsm_ctrl.track.result import UNITS
-from pmsm_ctrl.track.settings import Settings
+from pmsm_ctrl.track.settings import Settings, start
 from pmsm_ctrl.track.stream import IDLE, REOPENED, Header, read_header
 from pmsm_ctrl.units import axis_unit
 
@@ -134,6 +134,8 @@ class _Watcher:
         """Take one sample in; the first ones wait until period and noise are known."""
         if self.tracker is not None:
             return self._sample(given)
+        if len(self.waiting) == FIRST:  # the oldest one goes: an axis at rest, with the friction of the design
+            self._rests(self.waiting[0]["t"])
         self.waiting.append(given)
         return self.begin() if len(self.waiting) == FIRST and self._moves() else []
 
@@ -148,6 +150,13 @@ class _Watcher:
         angles = np.array([one.get("theta", one.get("omega", math.nan)) for one in self.waiting])
         torques = np.array([one.get("torque", one.get("i_q", math.nan)) for one in self.waiting])
         return bool(min(np.count_nonzero(np.diff(angles)), np.count_nonzero(np.diff(torques))) > MOVING)
+
+    def _rests(self, t: float) -> None:
+        x, settings = start(self.design), Settings()
+        sd = settings.prior * x
+        self.reading = Reading(t, 0.0, x[F_C], x[F_V], sd[F_C], sd[F_V], EVENTS[STANDSTILL], math.nan)
+        self.samples += 1
+        self.counts[EVENTS[STANDSTILL]] = self.counts.get(EVENTS[STANDSTILL], 0) + 1
 
     def begin(self) -> list[Alarm]:
         """Start the tracker with the samples that waited."""

@@ -16,8 +16,8 @@ from pmsm_ctrl.cli import main
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.simulate import scenario, simulate
-from pmsm_ctrl.track import Alarm, FrictionTracker, Settings, track, watch
+from pmsm_ctrl.simulate import Scenario, scenario, simulate
+from pmsm_ctrl.track import Alarm, FrictionTracker, Reading, Settings, track, watch
 from pmsm_ctrl.track.alarms import Alarms, Window, Windows
 from pmsm_ctrl.track.stream import IDLE, REOPENED, follow, lines_of, read_header
 from tests.effort import amount
@@ -76,10 +76,23 @@ def test_the_noise_of_a_sensor_that_the_design_does_not_know_is_that_of_the_stre
     still = Log({name: np.zeros(500) if name != "t" else log.period * np.arange(500.0) for name in log})
     stepped = Log({name: np.round(log[name] / coarse) * coarse if name == "theta" else log[name] for name in log})
     unknown = seed.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
-    found = watch(unknown, spoken([still, stepped]))
+    shown: list[Reading] = []
+    found = watch(unknown, spoken([still, stepped]), show=shown.append, every=0.1)
+    assert found.samples == len(still) + len(log)
+    assert [one.event for one in shown[:2]] == ["standstill", "standstill"]
     assert found.counts.get("implausible", 0) < 0.01 * found.samples
     assert found.estimates["F_c"].value == pytest.approx(0.0213, abs=3.0 * found.estimates["F_c"].stderr)
     assert found.estimates["F_c"].stderr < 0.1 * 0.0213
+
+
+def test_an_axis_that_only_turns_fast_is_no_coarse_encoder(seed: Design) -> None:
+    """Between 100 and 220 rad/s no two samples are one count apart."""
+    motion = Scenario("fast", 4.0, lambda t: {"omega_ref": 160.0 + 60.0 * np.sin(6.0 * t)}, omega_0=160.0)
+    log = simulate(seed, motion, seed=2).between(0.5, 4.0)
+    unknown = seed.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
+    found = track(unknown, log, Settings(measure="theta", estimate=()))
+    assert found.counts.get("standstill", 0) <= 1  # before the second sample no speed is known
+    assert found.estimates["F_c"].value == pytest.approx(0.0213, abs=4.0 * found.estimates["F_c"].stderr)
 
 
 def spoken(parts: list[Log]) -> list[str]:
