@@ -222,6 +222,11 @@ def prbs(
 
     A maximum-length sequence of 2^order - 1 values. The axis runs up and settles for 1 s first. Make `clock` a whole
     number of periods of the log, and of the speed loop.
+
+    Raises
+    ------
+    RequestError
+        When `order` is no number of a sequence.
     """
     limits = Limits.of(design)
     turning = 0.25 * limits.speed if bias is None else bias
