@@ -17,6 +17,7 @@ from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.beside import apart, by_instruments
+from pmsm_ctrl.identify.between_samples import with_folded_errors
 from pmsm_ctrl.identify.effective import effective_only
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.open_loop_fit import by_open_loop
@@ -27,7 +28,7 @@ from pmsm_ctrl.identify.several import Joint, joint, with_joint_errors
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
 from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
-from pmsm_ctrl.regression.base_problem import based, plain_terms
+from pmsm_ctrl.regression.base_problem import Based, based, plain_terms
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
@@ -244,8 +245,8 @@ def identify(
     base = based(design, whole) if as_diagnosed else None
     each = _rounds(advance)
     solution = _Solution(base.problem, base.fit) if base else _solved(method, design, several.log, processing, each)
+    problem, (fit, folded) = solution.problem, _with_errors(method, design, several, base or processing, solution)
     advance(SOLVED)
-    problem, fit = solution.problem, with_joint_errors(solution.fit, several.stderr)
     found, bounds = _identified(design, problem, fit)
     record = base.record if base else timed_record(design, several.log)
     if base is None and method != "output_error":  # which has no columns of the given design
@@ -261,7 +262,7 @@ def identify(
     advance(1.0)
     said = (
         *contradictions, *record_notices(several.rows), *(one for one in (worse, effective) if one),
-        *_large(sizes["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes,
+        *_large(sizes["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes, *folded,
         *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *bounds, *_doubts(design, fit),
         *moved(over, fit), *(_beside(design, whole, fit) if check_method and method == "regression" else ()),
     )  # fmt: skip
@@ -287,6 +288,15 @@ def identify(
         over_cutoff=over,
         remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
     )
+
+
+def _with_errors(
+    method: Method, design: Design, several: Joint, made: Based | Processing, solution: _Solution
+) -> tuple[Fit, tuple[Notice, ...]]:
+    """Return the fit with the errors that its residual does not show, and a notice of them."""
+    known = with_joint_errors(solution.fit, several.stderr)
+    how = made if method == "regression" else None
+    return with_folded_errors(design, several.log, how, solution.problem, known)
 
 
 def _beside(design: Design, log: Log, fit: Fit) -> tuple[Notice, ...]:

@@ -6,10 +6,9 @@ from pmsm_ctrl.regression.least_squares import Cause, Combination, Unidentifiabl
 from pmsm_ctrl.section import Notice, Template
 
 __all__ = [
-    "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT", "EFFECTIVE_BY_FLOOR",
-    "EFFECTIVE_VALUES", "FEW_DEGREES_OF_FREEDOM",
-    "ILL_CONDITIONED", "INERTIA_BY_INSTRUMENTS", "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF",
-    "INERTIA_OVER_CUTOFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
+    "BETWEEN_SAMPLES", "BIASED", "BIAS_UNTESTED", "BOUND", "CURRENT_LIMIT", "DIFFERS", "DIRECTION_DEPENDENT",
+    "EFFECTIVE_BY_FLOOR", "EFFECTIVE_VALUES", "FEW_DEGREES_OF_FREEDOM", "ILL_CONDITIONED", "INERTIA_BY_INSTRUMENTS",
+    "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "INERTIA_OVER_CUTOFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
     "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "OPEN_LOOP", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
     "not_identifiable",
 ]  # fmt: skip
@@ -19,6 +18,11 @@ BOUND = Template(
     "parameter_at_bound",
     "{name} is held at its bound {bound:g}, and the others are fitted with it; without bounds it would be {value:.4g} "
     "+- {stderr:.2g} {unit}; beyond its error that is a missing effect: diagnose this log",
+)
+BETWEEN_SAMPLES = Template(
+    "torque_between_samples",
+    "the torque moves between the samples of this log, which shifts {name} by up to some {percent:.2g} %; its interval "
+    "allows for that; log at the rate of the speed loop, {rate:g} Hz, or the mean over a period",
 )
 ILL_CONDITIONED = Template(
     "ill_conditioned", "condition number {condition:.3g}: some parameters are nearly inseparable on this motion"
