@@ -134,8 +134,8 @@ def _observer(result: CompensationStudy) -> tuple[str | Table, ...]:
     header = ("", "reversals", "peak", "noise", "phase margin", "abs(S)", "worst corner", "safe gain")
     caption = (
         "Worst change with parameters right and 20 % wrong (of the observer: its inertia); bandwidth of the observer "
-        f"{found.bandwidth / (2.0 * math.pi):.0f} Hz; margins at the motor's current, position controlled; worst "
-        f"corner of the tolerances: {found.worst.name}"
+        f"{found.bandwidth:.4g} rad/s ({found.bandwidth / (2.0 * math.pi):.0f} Hz); margins at the motor's current, "
+        f"position controlled; worst corner of the tolerances: {found.worst.name}"
     )
     return _worth(result), Table(header, tuple(rows), caption)
 

@@ -20,7 +20,7 @@ from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.simulate.feedforward import Feedforward, require_present
 from pmsm_ctrl.tune.observer import ObserverDesign, design_observer
 
-__all__ = ["SOURCES", "compensate"]
+__all__ = ["SOURCES", "compensate", "with_bandwidth"]
 
 SOURCES = ("reference", "commanded", "measured")  # of friction feedforward
 SIMPLE = ("coulomb", "viscous")  # the classical compensator, with which the others are compared
@@ -99,8 +99,7 @@ def compensate(
     full = Feedforward.of(compensated(base, [entry.id for entry in design.effects])) if design.effects else None
     observer = _observer(base)
     if observer is not None:
-        limits = base.compensation.model_copy(update={"bandwidth": observer.bandwidth})
-        base = base.model_copy(update={"compensation": limits})
+        base = with_bandwidth(base, observer, always=True)
     if full is None:
         raise DesignError(f"{design.source or design.name}: effects: no friction to compensate; identify it first")
     every = tuple(dict.fromkeys(effect.id for effect in full.effects))
@@ -122,11 +121,27 @@ def compensate(
         window = gain_window(run, motions, source, gains=gains, at_rest=at_rest, resolution=count_angle(runs.plant))
         windows[source] = replace(window, hint=describing_function_limit(base, source))
         advance(0.5 + 0.5 * (done + 1) / len(sources))
-    verdicts = tuple(accept(design, wanted, seed=seed) for wanted in design.acceptance)
+    stated = with_bandwidth(design, observer)
+    verdicts = tuple(accept(stated, wanted, seed=seed) for wanted in design.acceptance)
     examples = examples_of(base, runs.plant, every, seed)
     return CompensationStudy(
         design, tuple(table), windows, full.left_out, hunting(base), verdicts, observer, examples
     )  # fmt: skip
+
+
+def with_bandwidth(design: Design, observer: ObserverDesign | None, *, always: bool = False) -> Design:
+    """Return a design with the bandwidth of an observer, where it observes and states none, or always.
+
+    Parameters
+    ----------
+    design : Design
+    observer : ObserverDesign or None
+    always : bool
+    """
+    own = design.compensation
+    if observer is None or not (always or (own.source == "observer" and own.bandwidth is None)):
+        return design
+    return design.model_copy(update={"compensation": own.model_copy(update={"bandwidth": observer.bandwidth})})
 
 
 def _observer(base: Design) -> ObserverDesign | None:

@@ -19,9 +19,8 @@ from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.frf.bode import BodeFile, BodeSet
 from pmsm_ctrl.frf.result import Response
 from pmsm_ctrl.sampling import smoothing
-from pmsm_ctrl.tune.linearise import friction_slope, mobility, rigid, second_mass
+from pmsm_ctrl.tune.linearise import default_speed, friction_slope, mobility, rigid, second_mass
 from pmsm_ctrl.tune.margins import response as response_of
-from pmsm_ctrl.tune.proof import default_speed
 from pmsm_ctrl.tune.sampled import Cascade
 from pmsm_ctrl.tune.speed import open_loop
 

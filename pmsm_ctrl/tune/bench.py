@@ -18,6 +18,7 @@ from pmsm_ctrl.design import Design, Filter
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, simulate
+from pmsm_ctrl.simulate.feedforward import observer_share
 from pmsm_ctrl.tune.linearise import operating_point
 from pmsm_ctrl.tune.sampled import FAINT
 from pmsm_ctrl.tune.steps import Step
@@ -194,10 +195,15 @@ class Bench:
             sent = np.fft.rfft(_mean_period(log["i_q_ref"], n, periods))[lines] / n
             # The signal passes through the filters of the current reference before it is logged there.
             z = np.exp(2j * math.pi * signal.frequencies * signal.period)
-            passed = amplitude * signal.spectrum
+            behind = np.ones_like(z)
             for one in self.design.require_loops().speed.filters:
-                passed = passed * one.biquad.sampled_at(z, signal.period)
-            return signal.frequencies, np.asarray(passed / sent - 1.0)
+                behind = behind * one.biquad.sampled_at(z, signal.period)
+            own, passed = self.design.compensation, behind
+            if own.source == "observer" and own.bandwidth is not None:
+                # The observer takes the signal, a part of the current that it sees, for a disturbance of its own.
+                a = observer_share(self.design, own.bandwidth)
+                passed = behind / (1.0 - own.share * behind * a / (z - 1.0 + a))
+            return signal.frequencies, np.asarray(amplitude * signal.spectrum * passed / sent - 1.0)
         loops = self.design.require_loops()
         unfiltered = {"speed": {**loops.speed.model_dump(), "reference_filter": 0.0}}
         log = replace(self, design=self.design.replace(loops=unfiltered))._excited(

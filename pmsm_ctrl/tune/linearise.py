@@ -25,8 +25,20 @@ from pmsm_ctrl.simulate.parameters import Plant
 from pmsm_ctrl.units import axis_unit
 
 __all__ = [
-    "INPUTS", "STATES", "Linearisation", "OperatingPoint", "drive_system", "friction_slope", "linearise", "mobility",
-    "operating_point", "passed_through", "rigid", "second_mass", "with_second_mass",
+    "INPUTS",
+    "STATES",
+    "Linearisation",
+    "OperatingPoint",
+    "default_speed",
+    "drive_system",
+    "friction_slope",
+    "linearise",
+    "mobility",
+    "operating_point",
+    "passed_through",
+    "rigid",
+    "second_mass",
+    "with_second_mass",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -195,6 +207,13 @@ def operating_point(design: Design, speed: float = 0.0, load: float = 0.0) -> Op
 def _slope(opposing: Callable[..., float], speed: float, i_q: float) -> float:
     h, direction = STEPS[2] * max(1.0, abs(speed)), _direction(speed)
     return (opposing(speed + h, 0.0, direction, 0.0, i_q) - opposing(speed - h, 0.0, direction, 0.0, i_q)) / (2.0 * h)
+
+
+def default_speed(design: Design) -> float:
+    """Return a tenth of the speed (rad/s) at which the EMF alone takes the whole voltage."""
+    assert design.motor.p is not None
+    assert design.motor.psi_f is not None
+    return 0.1 * design.drive.u_dc / math.sqrt(3.0) / (design.motor.p * design.motor.psi_f)
 
 
 def friction_slope(design: Design, speed: float) -> float:

@@ -2,7 +2,8 @@
 
 With a first-order filter of bandwidth g, a = 1 - exp(-g T) and gain 1 the speed controller C becomes
 ``C (z - 1 + a) / (z - 1)``, one more integrator, and the speed is fed back through ``g J (1 - a) / K_t``, more damping.
-Beside a P controller the observer is therefore a PI controller.
+Beside a P controller the observer is therefore a PI controller. Filters F of the current reference delay what the
+observer sees of its own current: the controllers then act through F / (1 - F H), H from this current to the observed.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.simulate.feedforward import observer_inertia, observer_share
+from pmsm_ctrl.tune.linearise import default_speed
 from pmsm_ctrl.tune.margins import Margins, margins, response
-from pmsm_ctrl.tune.proof import default_speed
 from pmsm_ctrl.tune.robust import Corner, corners, varied
 from pmsm_ctrl.tune.sampled import Cascade, filters, frequencies, pi
 
@@ -53,7 +54,9 @@ class ObserverDesign:
     worst_before: Margins
 
 
-def loop_with_observer(design: Design, bandwidth: float, *, gain: float = 1.0, truth: Design | None = None) -> Any:
+def loop_with_observer(
+    design: Design, bandwidth: float, *, gain: float = 1.0, truth: Design | None = None, at: float | None = None
+) -> Any:
     """Return the open loop at the motor's current in z (control.StateSpace), all other loops closed.
 
     The loop is cut where the current reference goes to the current controller; what comes back is the controllers'
@@ -69,24 +72,32 @@ def loop_with_observer(design: Design, bandwidth: float, *, gain: float = 1.0, t
         Share of the observed disturbance that is fed back.
     truth : Design, optional
         The plant, where it differs.
+    at : float, optional
+        Speed of the operating point, rad/s; by default a tenth of the no-load speed.
     """
     loops = design.require_loops()
-    cascade = Cascade.of(design, loops.current, truth=truth, at=default_speed(design))
+    cascade = Cascade.of(design, loops.current, truth=truth, at=default_speed(design) if at is None else at)
     T, outputs = cascade.period, ("omega_hat", "theta") if loops.position.K_v > 0.0 else ("omega_hat",)
     plant = cascade.system(("i_q_ref",), outputs)
     a, inertia = observer_share(design, bandwidth), observer_inertia(design)
     control = pi(loops.speed.K_p, loops.speed.T_n, T)
     passed = filters(loops.speed.filters, T)  # what is asked for, the observer's share included
+    speed = [1.0, *[0.0] * (len(outputs) - 1)]
     weights = [1.0, loops.position.K_v][: len(outputs)]
     if bandwidth == 0.0:
         return passed * ct.ss(control) * _combined(plant, [weights])
+    if loops.speed.filters:  # the observer sees the current behind them
+        seen = passed * ct.ss(ct.tf([gain * a], [1.0, a - 1.0], T))
+        share = gain * bandwidth * inertia * (1.0 - a) / design.K_t_assumed
+        both = ct.append(ct.ss(control), ct.ss(ct.tf([share, -share], [1.0, a - 1.0], T)))
+        asked = ct.ss([], [], [], [[1.0, 1.0]], T) * both * _combined(plant, [weights, speed])
+        return passed * ct.feedback(ct.ss([], [], [], [[1.0]], T), seen, sign=1) * asked
     pole = a * (1.0 - gain) - 1.0
     damping = gain * bandwidth * inertia * (1.0 - a) / design.K_t_assumed
     damped = ct.ss([], [], [], [[damping]], T) if gain == 1.0 else ct.ss(ct.tf([damping, -damping], [1.0, pole], T))
     controllers = ct.append(ct.ss(control * ct.tf([1.0, a - 1.0], [1.0, pole], T)), damped)
     # The speed error, both measurements in one, and the speed: so that every integrator stands once.
-    speed = [1.0, *[0.0] * (len(outputs) - 1)]
-    return passed * ct.ss([], [], [], [[1.0, 1.0]], T) * controllers * _combined(plant, [weights, speed])
+    return ct.ss([], [], [], [[1.0, 1.0]], T) * controllers * _combined(plant, [weights, speed])
 
 
 def _combined(plant: Any, rows: list[list[float]]) -> Any:

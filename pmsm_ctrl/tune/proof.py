@@ -17,15 +17,17 @@ from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.tune import position
 from pmsm_ctrl.tune.bench import LOOPS, Bench, LoopName, Multisine, StepName, multisine
+from pmsm_ctrl.tune.linearise import default_speed
 from pmsm_ctrl.tune.margins import Margins, margins, response
 from pmsm_ctrl.tune.moves import MovePair, moves, stable_speed
 from pmsm_ctrl.tune.noise import noise
+from pmsm_ctrl.tune.observer import loop_with_observer
 from pmsm_ctrl.tune.sampled import Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
 from pmsm_ctrl.tune.steps import Step, current_headroom, linear_step, linear_steps, voltage_headroom
 
 __all__ = [
-    "BANDWIDTH_TOLERANCE", "PHASE_TOLERANCE", "Check", "Explanation", "MeasuredLoop", "Outcome", "Proof",
+    "BANDWIDTH_TOLERANCE", "OBSERVED", "PHASE_TOLERANCE", "Check", "Explanation", "MeasuredLoop", "Outcome", "Proof",
     "default_speed", "durations", "prove",
 ]  # fmt: skip
 
@@ -35,6 +37,7 @@ Complex = NDArray[np.complex128]
 BANDWIDTH_TOLERANCE = 0.05  # share of the predicted crossover
 PHASE_TOLERANCE = 3.0  # deg of phase margin
 RIPPLE_SPEEDS = (0.71, 0.83, 0.97, 1.09, 1.23)  # shares of the speed, over which the encoder's ripple is averaged
+OBSERVED = "speed loop with disturbance observer"
 SWAY = 0.3  # part of the speed by which a test signal may change it
 
 
@@ -193,6 +196,7 @@ def prove(
     """
     loops = design.require_loops()
     speed = speed if speed is not None else _sound_speed(design)
+    whole, design = design, _without_feedback(design)
     cascade = Cascade.of(design, loops.current, loops.speed, loops.position, at=speed)
     experiment = _Experiment(Bench(design, truth or design, speed, seed), cascade)
     names = LOOPS if cascade.position else LOOPS[:2]
@@ -203,6 +207,10 @@ def prove(
         checks += _judge(name, found[name], experiment)
         if progress is not None:
             progress((k + 1) / (len(names) + 2))
+    if whole.compensation.source == "observer" and whole.compensation.share > 0.0:
+        observing = replace(experiment, bench=replace(experiment.bench, design=whole))
+        found[OBSERVED] = observing.loop("speed")
+        checks += _judge("speed", found[OBSERVED], observing, OBSERVED)
     steps, more = _steps(experiment, {name: loop.predicted_margins for name, loop in found.items()})
     checks += [*more, *_ripple(experiment)]
     driven = moves(cascade, truth or design, seed=seed) if cascade.position else ()
@@ -213,18 +221,20 @@ def prove(
     return Proof(tuple(checks), found, steps, speed, driven)
 
 
-def default_speed(design: Design) -> float:
-    """Return a tenth of the speed (rad/s) at which the EMF alone takes the whole voltage."""
-    assert design.motor.p is not None
-    assert design.motor.psi_f is not None
-    return 0.1 * design.drive.u_dc / math.sqrt(3.0) / (design.motor.p * design.motor.psi_f)
-
-
 def durations(found: Mapping[str, Margins]) -> dict[str, float]:
     """Return how long step responses last (s), from the margins of the open loops."""
     outer = 5.0 / found["speed"].crossover
     out = {"current": 8.0 / found["current"].crossover, "speed": outer, "load": outer}
     return out | ({"position": 3.0 / found["position"].crossover} if "position" in found else {})
+
+
+def _without_feedback(design: Design) -> Design:
+    """Return a design without a compensation that feeds the measured speed back: it is part of none of the loops."""
+    own = design.compensation
+    if own.source not in ("observer", "measured"):
+        return design
+    off = own.model_copy(update={"gain": 0.0, "source": "reference"})
+    return design.model_copy(update={"compensation": off})
 
 
 def _sound_speed(design: Design) -> float:
@@ -256,6 +266,11 @@ class _Experiment:
         assert self.cascade.speed is not None
         if name == "current":
             return self.cascade.current_response(frequencies(1.0 / self.bench.design.drive.f_control, 1e-3, 1500))
+        if name == "speed" and self.bench.design.compensation.source == "observer":
+            own = self.bench.design.compensation
+            assert own.bandwidth is not None
+            free = self.bench.design.replace(loops={"position": {"K_v": 0.0}})
+            return loop_with_observer(free, own.bandwidth, gain=own.share, at=self.bench.speed)
         if name == "speed":
             return open_loop(self.cascade, self.cascade.speed)
         assert self.cascade.position is not None
@@ -329,8 +344,8 @@ class _Experiment:
         return MeasuredLoop(frequency, L, response(model, omega), margins(ct.frd(L, omega)), predicted)
 
 
-def _judge(name: LoopName, loop: MeasuredLoop, experiment: _Experiment) -> list[Check]:
-    predicted, found, subject = loop.predicted_margins, loop.margins, f"{name} loop"
+def _judge(name: LoopName, loop: MeasuredLoop, experiment: _Experiment, subject: str = "") -> list[Check]:
+    predicted, found, subject = loop.predicted_margins, loop.margins, subject or f"{name} loop"
     explanation = None if loop.agrees else _explain(name, experiment)
     out = []
     for quantity, unit, wanted, value, tolerance in (

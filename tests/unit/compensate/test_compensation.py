@@ -10,11 +10,12 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, judge, measure, run_trial, study_trials
+from pmsm_ctrl.compensate.acceptance import accept
 from pmsm_ctrl.compensate.metrics import Metrics, limit_cycle
 from pmsm_ctrl.compensate.plants import SWEEP_TRIALS, judged, with_bristle
 from pmsm_ctrl.compensate.result import CompensationStudy, own_change
 from pmsm_ctrl.compensate.runs import count_angle
-from pmsm_ctrl.compensate.study import SOURCES
+from pmsm_ctrl.compensate.study import SOURCES, with_bandwidth
 from pmsm_ctrl.compensate.window import sweep_gains
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.effects import lookup
@@ -24,6 +25,7 @@ from pmsm_ctrl.section import Table
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.feedforward import Feedforward, compensation_lines
 from pmsm_ctrl.tune import tune
+from pmsm_ctrl.tune.observer import design_observer
 from tests.benchmarks.windows import EFFECTS, check, prepared, side_by_side
 from tests.effort import slow
 from tests.unit.compensate.random_drives import random_drive
@@ -86,6 +88,19 @@ def test_adaptive_wins_while_the_axis_warms_up(study: CompensationStudy) -> None
 
 
 @pytest.mark.slow
+def test_an_observer_without_a_bandwidth_takes_the_one_that_the_margins_allow(design: Design) -> None:
+    """The study refused it at its end, and named the study as the place where to find the bandwidth."""
+    asked = design.replace(compensation={"source": "observer", "gain": 0.5})
+    limit = Acceptance(scenario="reversal 2 rad/s", metric="peak", limit=1.0)
+    with pytest.raises(DesignError, match=r"compensation\.bandwidth: missing"):
+        accept(asked, limit)
+    found = design_observer(baseline(asked))
+    stated = with_bandwidth(asked, found)
+    assert stated.compensation.bandwidth == found.bandwidth
+    assert accept(stated, limit).value > 0.0
+    assert with_bandwidth(design, found) is design
+
+
 def test_study_compares_with_a_disturbance_observer(study: CompensationStudy) -> None:
     """On this axis the model is worth its while: the observer leaves more of the error and spends phase margin."""
     assert study.observer is not None

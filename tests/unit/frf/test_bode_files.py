@@ -11,8 +11,8 @@ from pmsm_ctrl.cli import app
 from pmsm_ctrl.console import run
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.frf import is_bode_file, read_response
+from pmsm_ctrl.tune.linearise import default_speed
 from pmsm_ctrl.tune.margins import response
-from pmsm_ctrl.tune.proof import default_speed
 from pmsm_ctrl.tune.sampled import Cascade, filters, pi
 
 J_MOTOR, J_LOAD, K, D = 5e-5, 4e-5, 15.0, 0.002
