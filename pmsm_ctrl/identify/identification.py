@@ -15,9 +15,9 @@ from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.identify import notices as words
-from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.beside import apart, by_instruments
 from pmsm_ctrl.identify.between_samples import with_folded_errors
+from pmsm_ctrl.identify.doubts import contradictions_of, doubts, large, verdict
 from pmsm_ctrl.identify.effective import effective_only
 from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
 from pmsm_ctrl.identify.open_loop_fit import by_open_loop
@@ -33,12 +33,11 @@ from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
-from pmsm_ctrl.regression.least_squares import Cause, Fit, solve
+from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
 from pmsm_ctrl.regression.timed_record import sampling_of, timed_record
 from pmsm_ctrl.regression.total_inertia import with_total_inertia
 from pmsm_ctrl.regression.worse_than_given import worse_by_error, worse_than_given
-from pmsm_ctrl.rendering.numbers import probability
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -257,13 +256,13 @@ def identify(
         shown, unexplained, worse = problem, fit.residual, worse_than_given(design, found, record)
     sizes = _sizes(unexplained[shown.mask], shown.torque[shown.mask])
     over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
-    contradictions = (*believed.contradictions, *_contradictions(design, fit))
+    contradictions = (*believed.contradictions, *contradictions_of(design, fit))
     effective = None if contradictions else effective_only(found, record, several.log)
     advance(1.0)
     said = (
         *contradictions, *record_notices(several.rows), *(one for one in (worse, effective) if one),
-        *_large(sizes["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes, *folded,
-        *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *bounds, *_doubts(design, fit),
+        *large(sizes["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes, *folded,
+        *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *bounds, *doubts(design, fit),
         *moved(over, fit), *(_beside(design, whole, fit) if check_method and method == "regression" else ()),
     )  # fmt: skip
     return Identification(
@@ -286,7 +285,7 @@ def identify(
         bias=solution.bias,
         sampling=_sampled(processing.sampling, fit) if base is None else base.sampling,
         over_cutoff=over,
-        remarks=(*solution.remarks, *_verdict(solution.bias, fit)),
+        remarks=(*solution.remarks, *verdict(solution.bias, fit)),
     )
 
 
@@ -451,54 +450,3 @@ def _why_not(design: Design, fit: Fit) -> dict[str, Notice]:
         name: words.not_identifiable(lost, effects[lost.effect].needs if lost.effect else "acceleration")
         for name, lost in fit.unidentifiable.items()
     }
-
-
-def _doubts(design: Design, fit: Fit) -> list[Notice]:
-    doubts = []
-    if fit.condition > policy.ILL_CONDITIONED:
-        doubts.append(words.ILL_CONDITIONED(condition=fit.condition))
-    if fit.dof < policy.FEW_DEGREES_OF_FREEDOM:
-        doubts.append(words.FEW_DEGREES_OF_FREEDOM(dof=fit.dof, percent=100.0 / np.sqrt(2.0 * fit.dof)))
-    if "J" in fit.values:
-        deviation = fit.values["J"] / design.J - 1.0
-        tolerance = design.motor.tolerance.get("J", policy.INERTIA_TOLERANCE)
-        if abs(deviation) > tolerance:
-            doubts.append(words.INERTIA_OFF(percent=100.0 * deviation, tolerance=100.0 * tolerance))
-    return doubts
-
-
-def _contradictions(design: Design, fit: Fit) -> tuple[Notice, ...]:
-    """Return what no motor can have: an inertia below zero, or far off the design's, well beyond its error."""
-    lost = fit.unidentifiable.get("J")
-    if lost is not None and lost.cause is Cause.IMPOSSIBLE:
-        value, stderr = lost.detail["value"], lost.detail["stderr"]
-        return (words.INERTIA_NEGATIVE(value=value, stderr=stderr),) if value < -policy.SURE * stderr else ()
-    J = fit.values.get("J")
-    if J is None:
-        return ()
-    sure = policy.SURE * fit.stderr["J"]
-    far = J - sure > policy.IMPLAUSIBLE * design.J or J + sure < design.J / policy.IMPLAUSIBLE
-    return (words.INERTIA_FAR(value=J, ratio=J / design.J),) if far else ()
-
-
-def _large(error: float) -> tuple[Notice, ...]:
-    """Return a notice where the parameters do not describe the torque of the log."""
-    if error <= policy.LARGE_ERROR:
-        return ()
-    return (words.LARGE_ERROR(percent=100.0 * error, explained=100.0 * max(0.0, 1.0 - error**2)),)
-
-
-def _verdict(bias: BiasTest | None, fit: Fit) -> tuple[Notice, ...]:
-    """Return what the test says of least squares."""
-    if bias is None:
-        return ()
-    if not bias.bias:
-        return (words.BIAS_UNTESTED(),)
-    if not bias.biased:
-        shown = probability(bias.p_value)
-        return (words.NOT_BIASED(p=bias.p_value, shown=f"p {shown}" if shown[0] == "<" else f"p = {shown}"),)
-    parts = (
-        f"{name} by {100.0 * bias.bias[name] / fit.values[name]:+.2g} % ({bias.shares[name]:+.1f} standard errors)"
-        for name in bias.biased
-    )
-    return (words.BIASED(names=", ".join(parts)),)
