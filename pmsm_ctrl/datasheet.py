@@ -18,8 +18,8 @@ from pmsm_ctrl.section import Notice, Template
 from pmsm_ctrl.units import DATASHEET, KRPM, RPM
 
 __all__ = [
-    "MACHINES", "QUESTIONS", "Answer", "Question", "answers_from", "design_toml", "plausibility", "questions_of",
-    "read_answer",
+    "MACHINES", "QUESTIONS", "Answer", "Question", "answers_from", "design_toml", "machine_of", "plausibility",
+    "questions_of", "read_answer",
 ]  # fmt: skip
 
 _NUMBER = re.compile(r"([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*+(.*)", re.DOTALL)
@@ -142,6 +142,22 @@ _LINEAR = (
     Question("viscous", "viscous damping, if the sheet has one", "viscous", {"N s/m": ("F_v", 1.0)}, "0 N s/m"),
 )  # fmt: skip
 MACHINES: dict[str, tuple[Question, ...]] = {"motor": QUESTIONS, "plain": _PLAIN, "linear": _LINEAR}
+
+
+def machine_of(given: Mapping[str, str | None]) -> str:
+    """Return the kind of machine that alone has all of these values; empty where several have.
+
+    Parameters
+    ----------
+    given : mapping of key to text or None
+
+    Returns
+    -------
+    str
+    """
+    keys = {key for key, text in given.items() if text}
+    having = [kind for kind, questions in MACHINES.items() if keys <= {question.key for question in questions}]
+    return having[0] if len(having) == 1 else ""
 
 
 def questions_of(machine: str) -> tuple[Question, ...]:

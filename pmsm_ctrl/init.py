@@ -94,7 +94,7 @@ def _write(
     import tomllib
 
     from pmsm_ctrl.console import write_json
-    from pmsm_ctrl.datasheet import answers_from, design_toml, plausibility
+    from pmsm_ctrl.datasheet import answers_from, design_toml, machine_of, plausibility
     from pmsm_ctrl.design import Design
     from pmsm_ctrl.errors import RequestError
     from pmsm_ctrl.files import require_new, write_text
@@ -104,7 +104,7 @@ def _write(
     require_new(() if force else [target])
     ask = _asking(input) if sys.stdin is not None and sys.stdin.isatty() else None
     if machine is None:
-        machine = "motor" if ask is None else _machine(input)
+        machine = machine_of(given) or ("motor" if ask is None else _machine(input))
     answers = answers_from(given, ask, machine)
     text = design_toml(name, answers, machine)
     design = Design.from_dict(tomllib.loads(text), source=str(target))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import count
+from itertools import count, filterfalse
 from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
@@ -246,7 +246,7 @@ def identify(
     solution = _Solution(base.problem, base.fit) if base else _solved(method, design, several.log, processing, each)
     problem, (fit, folded) = solution.problem, _with_errors(method, design, several, base or processing, solution)
     advance(SOLVED)
-    found, bounds = _identified(design, problem, fit)
+    found, far, near = _identified(design, problem, fit)
     record = base.record if base else timed_record(design, several.log)
     if base is None and method != "output_error":  # which has no columns of the given design
         shown, unexplained, worse = _shown(
@@ -260,9 +260,9 @@ def identify(
     effective = None if contradictions else effective_only(found, record, several.log)
     advance(1.0)
     said = (
-        *contradictions, *record_notices(several.rows), *(one for one in (worse, effective) if one),
+        *contradictions, *filter(None, (worse, effective)), *far, *record_notices(several.rows),
         *large(sizes["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes, *folded,
-        *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *bounds, *doubts(design, fit),
+        *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *near, *doubts(design, fit),
         *moved(over, fit), *(_beside(design, whole, fit) if check_method and method == "regression" else ()),
     )  # fmt: skip
     return Identification(
@@ -418,8 +418,8 @@ def _by_simulation(
     return _Solution(problem, fit, notices=notices)
 
 
-def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tuple[Notice, ...]]:
-    """Return the design with the identified values, and which of them stay at their bounds."""
+def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tuple[Notice, ...], tuple[Notice, ...]]:
+    """Return the design with the identified values, and which are at their bounds: beyond their error, or within it."""
     changed: dict[int, EffectEntry] = {}
     for column in problem.columns:
         if column.name not in fit.values:
@@ -441,7 +441,8 @@ def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tup
         words.BOUND(name=name, value=held.free, stderr=held.stderr, unit=units[name], bound=held.bound)
         for name, held in fit.at_bound.items()
     )
-    return design.replace_effects(effects), notices
+    far, near = filter(words.beyond_error, notices), filterfalse(words.beyond_error, notices)
+    return design.replace_effects(effects), tuple(far), tuple(near)
 
 
 def _why_not(design: Design, fit: Fit) -> dict[str, Notice]:

@@ -10,6 +10,7 @@ __all__ = [
     "EFFECTIVE_BY_FLOOR", "EFFECTIVE_VALUES", "FEW_DEGREES_OF_FREEDOM", "ILL_CONDITIONED", "INERTIA_BY_INSTRUMENTS",
     "INERTIA_FAR", "INERTIA_NEGATIVE", "INERTIA_OFF", "INERTIA_OVER_CUTOFF", "LARGE_ERROR", "MISFIT", "NEGATIVE",
     "NOT_BIASED", "NOT_CONVERGED", "ONE_DIRECTION", "OPEN_LOOP", "REPLAYED_CURRENT", "UNSETTLED", "WRONG_LOOPS",
+    "beyond_error",
     "not_identifiable",
 ]  # fmt: skip
 
@@ -157,3 +158,15 @@ def _sum(known: Combination) -> str:
 
 def _factor(value: float) -> str:
     return "" if f"{value:.3g}" == "1" else f"{value:.3g} "
+
+
+def beyond_error(bound: Notice) -> bool:
+    """Whether a parameter would lie beyond its bound by more than its error: a missing effect, and no detail.
+
+    Parameters
+    ----------
+    bound : Notice
+        Of `BOUND`.
+    """
+    told = bound.detail
+    return abs(float(told["value"]) - float(told["bound"])) > 2.0 * float(told["stderr"])

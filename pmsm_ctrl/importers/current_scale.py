@@ -47,7 +47,7 @@ def peak_or_rms(
         One, or none.
     """
     source = assignment.source("i_q")
-    if source is None or source.assumed_unit or source.factor_unknown or np.ptp(log["i_q"]) == 0.0:
+    if source is None or source.assumed_unit or source.factor_unknown or bool(np.all(log["i_q"] == log["i_q"][0])):
         return ()  # an assumed unit is a doubt of its own
     column = table.columns[source.column]
     spec = (mapping or {}).get("i_q") or (design.log.channels.get("i_q", "") if design is not None else "")
@@ -57,8 +57,9 @@ def peak_or_rms(
         return ()
     if says_rms(column.name):
         return (PEAK_OR_RMS(column=column.label, name=column.name, hint="; the name says rms"),)
-    _, correlation = torque_factor(log, design)
-    factor, error = _inertia(log, design)
+    with np.errstate(all="ignore"):  # numbers of any size
+        _, correlation = torque_factor(log, design)
+        factor, error = _inertia(log, design)
     if abs(correlation) > 0.7 or abs(factor - 1.0) + error < NEAR:
         return ()
     rms = math.sqrt(2.0)
@@ -71,8 +72,7 @@ def _inertia(log: Log, design: Design | None) -> tuple[float, float]:
     if design is None or design.motor.J is None or len(log) < MIN_SAMPLES:
         return math.nan, math.nan
     motion = {"position": log["theta"]} if "theta" in log else {"speed": log["omega"]}
-    with np.errstate(all="ignore"):
-        found = drive_balance(log.t, design.K_t_assumed * log["i_q"], **motion)
+    found = drive_balance(log.t, design.K_t_assumed * log["i_q"], **motion)
     if not math.isfinite(found.inertia) or found.certain < CERTAIN:
         return math.nan, math.nan
     return found.inertia / design.J, INTERVAL * found.stderr / design.J

@@ -18,7 +18,16 @@ from hypothesis import strategies as st
 
 from pmsm_ctrl import Design, Log
 from pmsm_ctrl.cli import main
-from pmsm_ctrl.datasheet import MACHINES, QUESTIONS, Question, answers_from, design_toml, plausibility, read_answer
+from pmsm_ctrl.datasheet import (
+    MACHINES,
+    QUESTIONS,
+    Question,
+    answers_from,
+    design_toml,
+    machine_of,
+    plausibility,
+    read_answer,
+)  # fmt: skip
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.init import _asking
 
@@ -275,6 +284,13 @@ def test_a_person_is_asked_again_until_the_answer_can_be_read(capsys: pytest.Cap
     assert ask(BY_KEY["gear"]) == ""
     typed = iter(["0.08"])
     assert _asking(lambda prompt: next(typed, "2"))(BY_KEY["friction"]) == "0.08 mN m"
+
+
+def test_the_kind_of_machine_is_not_asked_for_where_the_values_tell() -> None:
+    """The tutorial's command gives a winding, and asked at a terminal whether it is known."""
+    assert machine_of({"resistance": "2.8 Ohm line", "inertia": "1.4 kg cm2", "gear": None}) == "motor"
+    assert machine_of({"torque_constant": "0.5 N m/A rms", "inertia": "1.4 kg cm2"}) == ""
+    assert machine_of({}) == ""
 
 
 def test_no_question_is_wider_than_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, Log, identify, simulate
+from pmsm_ctrl.identify.notices import BOUND, beyond_error
+from pmsm_ctrl.log import Provenance
+from pmsm_ctrl.section import Notice
 
 DESIGN = Design.from_toml(
     "name = 'axis'\n[motor]\nJ = 1e-4\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 0.02\n"
@@ -60,3 +64,20 @@ def test_stribeck_friction_and_presliding_leave_doubt(designs: Path, seed: int) 
     truth = truth.with_effect("presliding", {"z_s": 5e-4, "z_b": 0.5, "tau_z": 1e-3})
     found = identify(axis, simulate(axis, "identification", truth=truth, seed=seed))
     assert "effective_values" in {notice.code for notice in found.notices}
+
+
+def test_the_doubts_that_matter_stand_first() -> None:
+    """A viscous friction at its bound, and values that stand for a missing effect, came behind remarks on the log."""
+    log = recorded(1e-3, stribeck=0.02)
+    log = log.with_channels(i_q=log["i_q"] - 3e-4 * log["omega"])
+    stamps = Notice("irregular_time", "time stamps jitter")
+    log = replace(log, provenance=Provenance("a.csv", "", "text", (), (stamps,)))
+    codes = [notice.code for notice in identify(DESIGN, log).notices]
+    assert codes[:2] == ["effective_values", "parameter_at_bound"]
+    assert "irregular_time" in codes[2:]
+
+
+def test_a_bound_within_its_error_is_no_doubt_of_the_model() -> None:
+    said = BOUND(name="F_v", value=-1e-5, stderr=1e-5, unit="N m s/rad", bound=0.0)
+    assert not beyond_error(said)
+    assert beyond_error(BOUND(name="F_v", value=-1e-4, stderr=1e-5, unit="N m s/rad", bound=0.0))

@@ -111,3 +111,13 @@ def test_a_proposal_states_the_doubt_that_taking_it_settles(tmp_path: Path) -> N
     found = propose(open_table(written(tmp_path, "Strom Iq [A]")))
     assert doubt(found.notices) is not None
     assert doubt(read_log(tmp_path / "a.csv", mapping=found.mapping).provenance.notices) is None
+
+
+@pytest.mark.parametrize("size", [1e300, 1.7e308, 5e-324])
+def test_numbers_of_any_size_are_no_error(tmp_path: Path, size: float) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{k},{(k % 7 - 3) * 1e300},{(-1) ** k * size}\n" for k in range(200))
+    path.write_text("t [s],Speed [rad/s],Iq [A]\n" + rows, encoding="utf-8")
+    assert doubt(read_log(path, design()).provenance.notices) is not None
+    path.write_text("t [s],omega [rad/s],i_q [A]\n" + rows, encoding="utf-8")
+    assert doubt(read_log(path, design()).provenance.notices) is None
