@@ -162,6 +162,11 @@ def table_files(design: Design, logs: Sequence[Log] = ()) -> dict[str, str]:
     if rows:
         lines = ["order,amplitude [N m],phase [rad],phase [deg]"]
         lines += [f"{k:.12g},{a:.12g},{phase:.12g},{_degrees(phase):.12g}" for k, a, phase in rows]
+        theta = "mechanical angle of the logs, rad" if rotary else "position of the logs, m"
+        lines.append(
+            f"# {'T' if rotary else 'F'} = amplitude sin(order theta + phase) opposes the motion; theta: {theta}, "
+            "from its zero. Sign, zero and sine or cosine of a drive may differ: turn the phase to its convention"
+        )
         files[f"{axis}_cogging.csv"] = "\n".join([*lines, ""])
         files[f"{axis}_cogging_ax8000.csv"] = _ax8000(rows)
     if rotary and np.any(angles[:, 1:]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,6 +12,7 @@ import pytest
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.export.drives import characteristic, line_through, pulses
 from pmsm_ctrl.export.on_log import errors_on_log
 from pmsm_ctrl.export.simulators import joint_friction
@@ -162,6 +164,19 @@ def test_what_no_manual_has_confirmed_stands_in_the_file(files: dict[str, str]) 
     for ending in ("frict_comp.lis", "friction_ax8000.csv", "cogging_ax8000.csv", "torque_over_angle.csv"):
         assert "Not confirmed with a manual" in files[f"low_speed_{ending}"].replace("\n# ", " ")
     assert "are not confirmed with a manual" in files["low_speed_friction_sinumerik.csv"].replace("\n# ", " ")
+
+
+def test_the_phase_convention_of_cogging_stands_in_its_file(files: dict[str, str], design: Design) -> None:
+    """The rows by the formula that the file states are the torque that the simulated drive has at every angle."""
+    text = files["low_speed_cogging.csv"]
+    assert "= amplitude sin(order theta + phase) opposes the motion" in text
+    rows = np.loadtxt(text.splitlines()[1:], delimiter=",", ndmin=2)
+    theta = np.linspace(0.0, 2.0 * math.pi, 50)
+    written = sum(a * np.sin(k * theta + phase) for k, a, phase, _ in rows)
+    for angle, torque in zip(theta, written, strict=True):
+        parts = (e.standing(v, theta=angle) for e, v in bound_effects(design) if e.id == "cogging")
+        assert sum(parts) == pytest.approx(torque, abs=1e-12)
+    assert "r sin(n theta + phi)" in files["low_speed_cogging_ax8000.csv"]
 
 
 def test_a_simulators_joint_says_what_it_misses_on_a_log(design: Design) -> None:
