@@ -241,11 +241,16 @@ class Bench:
         return lines / (n * signal.period), np.asarray(current / (reference - current))
 
     def _excited(self, signal: Multisine, channel: str, amplitude: float, log_divider: int) -> Log:
-        """Run with the multisine added to one input; refuse a record that is not linear."""
+        """Run with the multisine added to one input; refuse a record that is not linear.
+
+        It rises over half of the period that is discarded: begun at once, a filter of the reference would ring.
+        """
+        rise = 0.5 * len(signal.samples) * signal.period
 
         def inputs(t: Array) -> dict[str, Array]:
             out = {"omega_ref": np.full_like(t, self.speed)}
-            out[channel] = out.get(channel, np.zeros_like(t)) + amplitude * signal.at(t)
+            added = amplitude * signal.at(t) * np.minimum(t / rise, 1.0)
+            out[channel] = out.get(channel, np.zeros_like(t)) + added
             return out
 
         log = self._run(Scenario("multisine", signal.duration, inputs, omega_0=self.speed), log_divider=log_divider)

@@ -240,3 +240,10 @@ def test_a_nearly_unstable_current_loop_is_measured_within_the_voltage():
     found = prove(free.design, speed=default_speed(free.design)).loops["current"]
     assert found.predicted_margins.phase_margin < 3.0
     assert found.margins.phase_margin == pytest.approx(found.predicted_margins.phase_margin, abs=1.0)
+
+
+def test_a_test_signal_behind_a_filter_begins_slowly():
+    """Raised by the inverse of the filter and begun at once it reached the limit of the current: nothing was tuned."""
+    proof = tune(machine(9912)).proof
+    assert proof is not None
+    assert proof.passed
