@@ -63,12 +63,15 @@ class BodeSet:
     value : complex array, shape (n,)
     coherence : array, shape (n,)
         NaN where the file has none.
+    unit : str
+        Of the magnitude as its header states it, without dB; empty where it does not.
     """
 
     kind: str
     frequency: Array
     value: Complex
     coherence: Array
+    unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,8 +293,19 @@ def _set(group: dict[str, _Column], rows: Array, file: str) -> tuple[BodeSet, li
     if len(first) < FEWEST:
         raise LogError(f"{file}: {len(first)} frequencies; at least {FEWEST} are worth a fit")
     kind = next((one.kind for one in group.values() if one.kind), "")
-    one = BodeSet(kind, frequency[first], np.asarray(value[first], dtype=np.complex128), coherence[first])
+    sized = group.get("magnitude") or group["real"]
+    one = BodeSet(
+        kind, frequency[first], np.asarray(value[first], dtype=np.complex128), coherence[first], _stated(sized)
+    )
     return one, list(shown.values()), doubts
+
+
+def _stated(column: _Column) -> str:
+    """Return the unit in the brackets of a column's name, or that of a line of units; `dB re rpm/A` is rpm/A."""
+    _, opened, rest = column.label.partition("[") if "[" in column.label else column.label.partition("(")
+    text = rest.strip().strip('"').rstrip("])") if opened else column.unit
+    text = re.sub(r"^db\b[\s:]*(re\b)?", "", text.strip(), flags=re.IGNORECASE).strip()
+    return text + ")" * max(0, text.count("(") - text.count(")"))
 
 
 def _magnitudes(values: Array, column: _Column) -> tuple[dict[str, Array], bool]:
@@ -300,7 +314,7 @@ def _magnitudes(values: Array, column: _Column) -> tuple[dict[str, Array], bool]
     in_db, linear = {"dB": 10.0 ** (np.clip(values, -600.0, 600.0) / 20.0)}, {"linear": values}
     if stated or np.any(values < 0.0):
         return in_db, False
-    if column.unit not in ("", "-") or np.max(values, initial=0.0) > 300.0:  # 300 dB is no response
+    if _stated(column) not in ("", "-") or np.max(values, initial=0.0) > 300.0:  # 300 dB is no response
         return linear, False
     return {**in_db, **linear}, True
 

@@ -8,6 +8,7 @@ linear in the reciprocal of the axis: 1/L = a/P + b. The design's sampled cascad
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -127,8 +128,10 @@ def interpret(design: Design, read: BodeFile, *, kind: str | None = None, unit: 
     measured = _response("speed" if kind != "plant" else "plant", one, one.value, errors)
     if kind == "plant":
         if unit is None:
-            unit, ratio = _unit(design, one, known)
-            doubts.append(f"the unit is taken as {unit}, with which the inertia is {ratio:.3g} times the design's")
+            stated = {name: factor for name, factor in known.items() if _means(one.unit, name)}
+            unit, ratio = _unit(design, one, stated or known)
+            if len(stated) != 1:  # none, or a current that may be peak or rms
+                doubts.append(f"the unit is taken as {unit}, with which the inertia is {ratio:.3g} times the design's")
         value, share = one.value * known[unit], np.ones(len(one.value))
     else:
         loop, share = one.value, np.ones(len(one.value))
@@ -209,6 +212,18 @@ def _distance(value: Complex, model: Complex, *, scaled: bool) -> float:
     away = np.log(value / model)
     level = away.real - (np.median(away.real) if scaled else 0.0)
     return float(np.median(np.abs(level)) + np.median(np.abs(away.imag)))
+
+
+def _means(stated: str, name: str) -> bool:
+    """Whether a unit in a header may be a known one; A alone may be peak or rms."""
+    text, known = _plain(stated), _plain(name)
+    return bool(text) and (text == known or (text.endswith("/a") and text + "rms" == known))
+
+
+def _plain(unit: str) -> str:
+    """Return a unit without brackets, blanks and signs of a product: rad/s/nm."""
+    text = re.sub(r"(u|r|1|rev)/min|min\^?-1", "rpm", unit.lower())
+    return re.sub(r"[\s()\[\]*·._]", "", text).replace("eff", "rms").replace("apeak", "a").replace("apk", "a")
 
 
 def _unit(design: Design, one: BodeSet, known: Mapping[str, float]) -> tuple[str, float]:

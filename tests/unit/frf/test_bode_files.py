@@ -11,6 +11,7 @@ from pmsm_ctrl.cli import app
 from pmsm_ctrl.console import run
 from pmsm_ctrl.errors import LogError, RequestError
 from pmsm_ctrl.frf import is_bode_file, read_response
+from pmsm_ctrl.frf.from_bode import unit_names
 from pmsm_ctrl.tune.linearise import default_speed
 from pmsm_ctrl.tune.margins import response
 from pmsm_ctrl.tune.sampled import Cascade, filters, pi
@@ -89,6 +90,29 @@ LAYOUTS = (
     "no header",
     "text above and below",
 )
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "sure"),
+    [
+        ("gain [(rad/s)/(N m)]", "(rad/s)/(N m)", True),
+        ("Magnitude [rad/s/Nm]", "(rad/s)/(N m)", True),
+        ("Betrag [dB re (U/min)/Nm]", "rpm/(N m)", True),
+        ("Amplitude [rpm/Arms]", "rpm/A rms", True),
+        ("Magnitude (dB re rpm/A)", "rpm/A", False),
+        ("Magnitude [dB]", "rpm/A", False),
+    ],
+)
+def test_a_unit_in_the_header_is_no_doubt(seed, axis, tmp_path, header, unit, sure):
+    """A current in A alone may be a peak or an rms value."""
+    size = np.abs(axis) / unit_names(seed)[unit]
+    path = tmp_path / "bode.csv"
+    shown = db(size) if "dB" in header else size
+    path.write_text(lines([f"f [Hz],{header},Phase [deg]"], FREQUENCY, shown, deg(axis)), encoding="utf-8")
+    given = read_response(path, seed, kind="plant")
+    assert given.unit == unit
+    np.testing.assert_allclose(given.plant.value, axis, rtol=2e-5)
+    assert (not given.doubts) == sure
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
