@@ -35,6 +35,7 @@ ON_GRID = 0.98  # share of the changes' power on the grid of a clock
 BAND = 100  # lines, in which what is left is compared with the excitation
 # Share of it that may follow the excitation: chance makes 2 %, values between the samples make 13 % and more.
 FOLLOWS = 0.05
+BLOCKED = 1e-6  # power of a filter's answer below which what it was before is not asked for
 SAMPLED = ("i_q", "theta", "i_q_ref", "omega_hat")
 COARSE = 1000  # frequencies at which the loops are evaluated: they are smooth
 
@@ -105,7 +106,7 @@ def steps_of(
     assert design.loops is not None or not stated(design, [period])
     ticks, left = divmod(design.sensor.log_divider, design.drive.speed_divider)
     cascade = free_cascade(design, J, speed, mass) if stated(design, [period]) and ticks > 1 and not left else None
-    if cascade is None or (source == "i_q_add" and _filters(design)):
+    if cascade is None:
         return None
     if source != "omega_ref":
         sent = _settled(design, sent, channels.get("omega_ref"), period)
@@ -122,7 +123,7 @@ def steps_of(
         return float(_power(spectrum[inside]))
 
     found, least = None, min(size(rest), UNEXPLAINED * size(current))
-    for held in _candidates(sent, ticks):
+    for held in _before_filters(design, sent, ticks) if source == "i_q_add" else _candidates(sent, ticks):
         i_q, theta, i_q_ref, omega = seen.sampled(held)
         beside = _over_time(i_q - smooth * i_q_ref, n)
         left_over = rest - _spectrum(beside)
@@ -228,8 +229,25 @@ def _power(lines: Complex) -> Array:
     return np.asarray(np.sum(np.abs(lines) ** 2, axis=-1))
 
 
-def _filters(design: Design) -> bool:
-    return design.loops is not None and bool(design.loops.speed.filters)
+def _before_filters(design: Design, sent: Array, ticks: int) -> Iterator[Array]:
+    """Yield what an excitation may have been in every tick in front of the filters of the current reference.
+
+    Behind them it is not held; what it was follows from its samples and from the filters' answer to a held value.
+    """
+    assert design.loops is not None
+    behind = design.loops.speed.filters
+    if not behind:
+        yield from _candidates(sent, ticks)
+        return
+    n, T_s = len(sent), design.drive.speed_period
+    z = np.exp(2j * math.pi * np.fft.rfftfreq(n * ticks))
+    passed = np.prod([one.biquad.sampled_at(z, T_s) for one in behind], axis=0)
+    for late in range(ticks):
+        value = np.zeros(n * ticks)
+        value[np.arange(-late, ticks - late)] = 1.0
+        answer = np.fft.rfft(np.fft.irfft(passed * np.fft.rfft(value), n * ticks)[::ticks])
+        before = np.fft.rfft(sent) * answer.conj() / (np.abs(answer) ** 2 + BLOCKED)
+        yield np.roll(np.repeat(np.fft.irfft(before, n), ticks), -late)
 
 
 def _closed(design: Design, cascade: Cascade, in_position: bool) -> Cascade:

@@ -320,6 +320,23 @@ def test_a_slow_sequence_leaves_a_wide_interval_at_the_resonance(seed: Design, n
     assert 0.002 < found.stderr / RESONANCE < 0.0035
 
 
+@pytest.mark.parametrize(
+    "filters",
+    [
+        [{"kind": "notch", "frequency": 140.0, "width": 100.0}],
+        [{"kind": "low_pass", "frequency": 400.0, "order": 2}, {"kind": "lead", "frequency": 150.0, "phase": 15.0}],
+    ],
+)
+def test_a_sequence_in_front_of_filters_is_measured(seed: Design, filters: list[dict[str, float]]) -> None:
+    """Behind the filters of the current reference it is not held: 12 % of the inertia with this notch before."""
+    filtered = seed.replace(loops={"speed": seed.loops.speed.model_dump() | {"filters": filters}})
+    spring = filtered.with_effect("compliance", SPRING)
+    result = frf(filtered, simulate(filtered, binary(seed, 2e-3), truth=spring, seed=11))
+    is_right(result)
+    assert result.plant.held
+    assert [one.code for one in result.notices] == ["frf_resonance_not_in_design"]
+
+
 @pytest.mark.parametrize("clock", [1.25e-3, 1.5e-3, 5.25e-3])
 def test_a_clock_between_the_samples_is_found(seed: Design, clock: float) -> None:
     """Steps between the samples, of which a sample tells the values: 11 % of the inertia before, and no doubt."""
