@@ -87,6 +87,7 @@ def error_figure(d: Diagnosis) -> Figure:
         axes.grid(alpha=0.3)
     panels[-1].set_xticks(range(len(models)), models, fontsize="small", rotation=0 if len(models) < 6 else 20)
     panels[-1].set_xlim(-0.4, len(models) - 0.6)
+    panels[-1].tick_params(axis="x", pad=14)  # an error near zero is written below its point
     panels[0].set_title("Relative error, step by step")
     return figure
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.diagnose import notices
+from pmsm_ctrl.diagnose.figures import error_figure
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.present import _candidates, _errors, _found, verdict_text
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
@@ -81,6 +82,18 @@ def test_the_error_falls_model_by_model(found: Diagnosis) -> None:
         ("+ stribeck", "2.00 %", "3.00 %"), ("noise floor", "1.90 %", ""),
     )  # fmt: skip
     assert _errors(replace(found, steps=())).header == ("model", "torque")
+
+
+def test_no_error_is_written_over_the_name_of_its_model(found: Diagnosis) -> None:
+    """An error of 2 % below one of 88 % was written over the words under the axis."""
+    figure = error_figure(
+        replace(found, record=SimpleNamespace(drive="torque"), errors=found.errors | {"nominal": errors(0.88)})
+    )
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    names = [label.get_window_extent() for label in axes.get_xticklabels()]
+    for value in axes.texts:
+        assert not any(value.get_window_extent().overlaps(name) for name in names), value.get_text()
 
 
 def test_numbers_have_the_digits_they_deserve(found: Diagnosis) -> None:
