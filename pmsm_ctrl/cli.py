@@ -477,6 +477,12 @@ def schema(
     print(json.dumps(SCHEMAS if verb is None else schema_of(verb), indent=2, ensure_ascii=True))
 
 
+# A verb's own help names what may stand behind every one.
+for registered in app.registered_commands:
+    if registered.name != "schema":
+        registered.epilog = "Anywhere: --verbose prints all of a result, --debug a traceback."
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run ``pmsm-ctrl`` and exit with its status."""
     sys.exit(run(app, arguments))
