@@ -199,3 +199,23 @@ def test_every_file_that_the_map_of_contributing_names_exists() -> None:
     named = set(re.findall(r"`([\w/]+(?:\.py|/))`", table))
     assert len(named) > 30
     assert [name for name in named if "/" in name and not (ROOT / "pmsm_ctrl" / name).exists()] == []
+
+
+EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
+
+
+@pytest.mark.parametrize("script", [pytest.param(path, id=path.stem) for path in EXAMPLES])
+def test_every_notebook_of_the_gallery_runs(script: Path, tmp_path: Path) -> None:
+    """The build of the site executes them as well, and ends at an error of one."""
+    environment = {**os.environ, "MPLBACKEND": "agg", "PYTHONPATH": str(ROOT)}
+    ran = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    assert ran.stdout.strip()
+
+
+def test_the_gallery_has_the_three_walks_and_its_errors_end_the_build() -> None:
+    assert {path.stem for path in EXAMPLES} == {"plot_accepted", "plot_control_walk", "plot_two_records"}
+    conf = (ROOT / "docs" / "conf.py").read_text(encoding="utf-8")
+    assert '"abort_on_example_error": True, "plot_gallery": True' in conf

@@ -122,3 +122,16 @@ def test_an_environment_without_pytest_is_told_what_to_install(tmp_path: Path) -
     assert run.returncode == 2
     assert "-m pip install pytest" in run.stderr
     assert "Traceback" not in run.stderr
+
+
+def test_without_pytest_the_error_says_into_which_environment_it_belongs(tmp_path: Path) -> None:
+    """A pytest of another environment says "no tests ran": the plugin has to be asked by its own Python."""
+    (tmp_path / "pytest.py").write_text("raise ModuleNotFoundError('no pytest', name='pytest')\n", encoding="utf-8")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    ran = subprocess.run(
+        [sys.executable, "-m", "pmsm_ctrl.acceptance", "designs"],
+        env=environment, cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 2
+    assert f"{sys.executable} -m pip install pytest" in ran.stderr
+    assert "Traceback" not in ran.stderr
