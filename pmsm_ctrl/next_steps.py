@@ -72,9 +72,9 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
             words = ("tune", design, "--output", _new())
         case "fleet" if verdict == "set_aside":
             words = _again(given)
-        case "fleet" if given["words"][:1] == ["example"]:
+        case "fleet" if given["words"][:1] == ["example"] and not given.get("report"):
             words = ("fleet", Path(given["words"][1]) / "run.toml")
-        case "fleet" if "report" not in given["words"][:1]:
+        case "fleet" if "report" not in given["words"][:1] and not given.get("report"):
             words = ("fleet", "report", _results(given), "--output", "fleet.html")
         case "fleet":  # an axis of the page that lacks an effect, or changes
             words = ("diagnose", "LOG", "--design", given.get("design") or "DESIGN", "--output", _new())

@@ -231,6 +231,10 @@ def test_every_command_has_a_next_one() -> None:
 def test_a_page_of_a_fleet_leads_to_the_log_of_an_axis() -> None:
     given = {"words": ["report", "results"], "output": "fleet.html"}
     assert next_step("fleet", given) == "pmsm-ctrl diagnose LOG --design DESIGN --output new.toml"
+    for words in ["logs"], ["example", "night"]:  # the page is written already; the same again would evaluate nothing
+        given = {"words": words, "report": Path("night.html"), "design": Path("a.toml")}
+        assert next_step("fleet", given) == "pmsm-ctrl diagnose LOG --design a.toml --output new.toml"
+    assert next_step("fleet", {"words": ["example", "night"]}) == "pmsm-ctrl fleet night/run.toml"
 
 
 def test_a_brief_section_keeps_what_is_essential() -> None:
