@@ -32,17 +32,17 @@ def plant(result: FrequencyResponse) -> Figure:
     error = BARS * one.stderr / np.abs(one.value)
     _points(upper, one.frequency, _db(one.value), 8.686 * error, "measured, 95 %")
     upper.plot(one.frequency, _db(result.model), color=ORANGE, label="design")
-    upper.plot(one.frequency, _db(result.fitted), color=GREEN, ls="--", label="fitted axis")
+    upper.plot(one.frequency, _db(result.fitted), color=GREEN, ls="--", zorder=4, label="fitted axis")
     linear = result.design.motion == "linear"
     upper.set(ylabel=f"dB of {'(m/s)/N' if linear else '(rad/s)/(N m)'}", title="Axis: from drive torque to speed")
     upper.legend(frameon=False)
     _points(middle, one.frequency, np.degrees(np.angle(one.value)), np.degrees(error), "")
     middle.plot(one.frequency, np.degrees(np.angle(result.model)), color=ORANGE)
-    middle.plot(one.frequency, np.degrees(np.angle(result.fitted)), color=GREEN, ls="--")
+    middle.plot(one.frequency, np.degrees(np.angle(result.fitted)), color=GREEN, ls="--", zorder=4)
     middle.set(ylabel="phase [deg]", yticks=[-180, -90, 0, 90])
     _points(lower, one.frequency, _db(one.value / result.model), 8.686 * error, "")
     lower.axhline(0.0, color=ORANGE)
-    lower.plot(one.frequency, _db(result.fitted / result.model), color=GREEN, ls="--")
+    lower.plot(one.frequency, _db(result.fitted / result.model), color=GREEN, ls="--", zorder=4)
     lower.set(ylabel="measured / design [dB]", xlabel="frequency [Hz]")
     for axes in (upper, middle, lower):
         for band in result.bands:
@@ -74,7 +74,11 @@ def _points(axes: Axes, x: Array, y: Array, error: Array, label: str, colour: st
 
 
 def _finish(axes: Axes) -> None:
+    from matplotlib.ticker import LogFormatter
+
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(LogFormatter())  # 20 and 100, not 2 x 10^1
+    axes.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
     axes.grid(True, which="both", alpha=0.25)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

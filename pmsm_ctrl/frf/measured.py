@@ -123,7 +123,9 @@ def _folded(records: Sequence[Stretch], instrument: str) -> Notice | None:
                 continue
             share = beyond(_content(record, name)) if np.ptp(record.channels[name]) > 0.0 else 0.0
             if share > policy.BEYOND:
-                return words.FOLDED(channel=name, share=share, rate=record.rate, highest=policy.HIGHEST * record.rate)
+                return words.FOLDED(
+                    channel=name, percent=100.0 * share, rate=record.rate, highest=policy.HIGHEST * record.rate
+                )
     return None
 
 

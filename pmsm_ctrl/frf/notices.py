@@ -26,7 +26,7 @@ NOISE_ANSWERED = Template(
 )
 FOLDED = Template(
     "frf_excitation_beyond_log",
-    "{share:.2g} of the power of {channel} lies above {highest:.4g} Hz, near half the log's rate of {rate:.4g} Hz: "
+    "{percent:.2g} % of the power of {channel} lies above {highest:.4g} Hz, near half the log's rate of {rate:.4g} Hz: "
     "what the current holds beyond folds onto the response, which can bias inertia and delay by far more than their "
     "errors; log in every period of the speed loop, or excite below {highest:.4g} Hz",
 )
