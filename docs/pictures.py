@@ -155,8 +155,19 @@ def response() -> Figure:
     return plant(frf(design, simulate(design, scenario("multisine", design), truth=truth, seed=4)))
 
 
+def nights() -> Figure:
+    """Friction and unbalance of an axis of the fleet of the tutorial, night by night."""
+    from pmsm_ctrl.fleet import fleet_report
+    from pmsm_ctrl.fleet.figures import series_figure
+
+    with _scratch():
+        _command("fleet", "example", "night", "--jobs", "1", "--report", "night.html")
+        axis = fleet_report("night/results").axes[0]
+        return series_figure([axis.series[name] for name in ("F_c", "F_v", "unbalance.a_s")], {})
+
+
 PICTURES: dict[str, Callable[[], Figure]] = {
-    one.__name__: one for one in (sweep, tuned, identified, worst, falling, parts, gains, reversal, response)
+    one.__name__: one for one in (sweep, tuned, identified, worst, falling, parts, gains, reversal, response, nights)
 }
 
 
