@@ -28,7 +28,7 @@ Complex = NDArray[np.complex128]
 
 LARGEST = 1 << 26  # bytes of such a file
 FEWEST = 12  # frequencies that are worth a fit
-_NAMED = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
+_NAMED = re.compile(r"^(?P<name>.*?)[\[(](?P<unit>[^\[\]()]*)[\])]\s*$")
 _SUFFIX = re.compile(r"^(?P<name>.+?)[ _/](?P<unit>hz|khz|rad_s|rad/s|db|deg|grad|rad)$", re.IGNORECASE)
 # Parts of a name, lower case; the first role that has one is taken.
 _ROLES = {

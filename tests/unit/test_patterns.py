@@ -36,7 +36,6 @@ METHODS = "search|match|fullmatch|sub|split|findall|finditer"
 EXEMPT = {
     "fleet/paths.py": "the system bounds the length of a path",
     "rendering/svg.py": "sees its own drawings alone",
-    "frf/bode.py": "a header of 200,000 blanks takes minutes",
 }
 
 
