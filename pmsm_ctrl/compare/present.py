@@ -12,7 +12,7 @@ from pmsm_ctrl.compare.comparison import ChannelError, Comparison, Record
 from pmsm_ctrl.compare.notices import OBJECTIONS, largest_words, motion_words, structure_words
 from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table
-from pmsm_ctrl.rendering.numbers import number, percent, probability, with_prefix
+from pmsm_ctrl.rendering.numbers import fit, number, percent, probability, with_prefix
 from pmsm_ctrl.result import Verdict
 from pmsm_ctrl.section import Picture, Section, Table, present
 from pmsm_ctrl.units import axis_unit, drives
@@ -64,8 +64,8 @@ def _whole(records: Iterable[tuple[str, Record]], motion: str) -> Iterator[str]:
             position, speed = (run.errors[name] for name in ("theta", "omega"))
             yield (
                 f"Free run of the {run.record or label} over its whole length: "
-                f"position {with_prefix(position.rms, position.unit)} rms (fit {percent(run.fit)}), speed "
-                f"{with_prefix(speed.rms, speed.unit)} rms (fit {percent(1.0 - speed.relative)})."
+                f"position {with_prefix(position.rms, position.unit)} rms (fit: {fit(run.fit)}), speed "
+                f"{with_prefix(speed.rms, speed.unit)} rms (fit: {fit(1.0 - speed.relative)})."
             )
 
 

@@ -15,7 +15,7 @@ from pmsm_ctrl.diagnose.notices import calibration_text, errors_caption
 from pmsm_ctrl.diagnose.result import Agreement, Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
 from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table, spread_sentence
-from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
+from pmsm_ctrl.rendering.numbers import fit, number, percent, probability, with_error, with_prefix
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
 from pmsm_ctrl.units import drives
@@ -167,7 +167,7 @@ def _errors(d: Diagnosis) -> Table:
 
 
 def _run_cells(run: Mapping[str, Any]) -> tuple[str, str]:
-    return (with_prefix(run["rms"], run["unit"]), percent(run["fit"])) if run else ("", "")
+    return (with_prefix(run["rms"], run["unit"]), fit(run["fit"])) if run else ("", "")
 
 
 def _relative(errors: Errors, channels: list[str]) -> list[str]:

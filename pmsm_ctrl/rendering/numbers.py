@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["number", "percent", "probability", "with_error", "with_prefix"]
+__all__ = ["fit", "number", "percent", "probability", "with_error", "with_prefix"]
 
 _SMALLEST_P = 1e-12  # smaller p-values are not distinguished
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
@@ -42,6 +42,22 @@ def percent(share: float, decimals: int = 2) -> str:
         Such as "12.30 %"; "-" for NaN.
     """
     return "-" if math.isnan(share) else f"{100.0 * share:.{decimals}f} %"
+
+
+def fit(share: float) -> str:
+    """Return the fit of a simulation as percent, 100 % where it is exact.
+
+    Parameters
+    ----------
+    share : float
+        1 for 100 %; below 0 the simulation is further off than the mean of what was measured, by any factor.
+
+    Returns
+    -------
+    str
+        Such as "98.81 %", or "drifts away"; "-" for NaN.
+    """
+    return "drifts away" if share < 0.0 else percent(share)
 
 
 def probability(p: float) -> str:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
+from pmsm_ctrl.rendering.numbers import fit, number, percent, probability, with_error, with_prefix
 
 
 def test_plain_numbers() -> None:
@@ -56,3 +56,7 @@ def test_a_value_is_rounded_to_its_error(value: float, stderr: float, unit: str,
 )
 def test_prefixes(value: float, unit: str, expected: str) -> None:
     assert with_prefix(value, unit) == expected
+
+
+def test_a_simulation_that_drifts_away_has_no_share() -> None:
+    assert [fit(share) for share in (1.0, 0.9881, 0.0, -123.11)] == ["100.00 %", "98.81 %", "0.00 %", "drifts away"]
