@@ -56,6 +56,8 @@ def peak_or_rms(
     if column.name in CHANNELS or stated or _PEAK.search(column.label) or "rms" in unit_spelling(column.unit):
         return ()
     if says_rms(column.name):
+        if "rms" in unit_spelling(source.unit):  # and it is read so
+            return ()
         return (PEAK_OR_RMS(column=column.label, name=column.name, hint="; the name says rms"),)
     with np.errstate(all="ignore"):  # numbers of any size
         _, correlation = torque_factor(log, design)

@@ -449,12 +449,12 @@ def _spelled(case: _Case, i: int) -> Guess:
     )
     name = column.name if plain else f"#{i + 1}"
     unit = case.unit.get(i) or column.unit or CHANNELS[channel][case.motion == "linear"]
+    if channel.startswith("i_") and unit_spelling(unit) == "A" and says_rms(column.name):
+        unit = "A rms"
     if column.is_date:
         unit = "s"
     elif not case.unit.get(i):
         case.assumed.append((channel, unit))
-    if channel.startswith("i_") and unit_spelling(unit) == "A" and says_rms(column.name):
-        unit = "A rms"
     factor = case.factor.get(i, 1.0)
     before = "PERIOD * " if case.open.get(i) == RATE_IS_OPEN else f"{number(factor)} * " if factor != 1.0 else ""
     return Guess(channel, i, column.label, f"{before}{name} [{unit}]", tuple(case.why[i]), case.open.get(i, ""))

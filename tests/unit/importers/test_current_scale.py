@@ -121,3 +121,9 @@ def test_numbers_of_any_size_are_no_error(tmp_path: Path, size: float) -> None:
     assert doubt(read_log(path, design()).provenance.notices) is not None
     path.write_text("t [s],omega [rad/s],i_q [A]\n" + rows, encoding="utf-8")
     assert doubt(read_log(path, design()).provenance.notices) is None
+
+
+def test_a_proposal_that_takes_rms_by_the_name_does_not_doubt_it(tmp_path: Path) -> None:
+    found = propose(open_table(written(tmp_path, "i_eff", 1.0 / math.sqrt(2.0))))
+    assert found.mapping["i_q"] == "i_eff [A rms]"
+    assert doubt(tuple(found.notices)) is None
