@@ -288,6 +288,7 @@ def export_code(
     With --log the tables say what simulators miss on it; a log with theta_load gives the backlash.
     """
     from pmsm_ctrl.errors import RequestError, UnsafeGainError
+    from pmsm_ctrl.export.compensator import left_out
     from pmsm_ctrl.files import require_new, write_text
 
     axis = read_design(design, effects)
@@ -303,6 +304,10 @@ def export_code(
             raise
         print(f"pmsm-ctrl: warning: {error}", file=sys.stderr)
         files = _sources(axis, language, flavour, part, name, precision, measured, unsafe=True)
+    if part == "compensation" and (others := left_out(axis)):
+        every, source = ", ".join(f'"{one}"' for one in (*axis.compensation.effects, *others)), axis.source or axis.name
+        said = f"not fed forward: {', '.join(others)}; effects = [{every}] in [compensation] exports them too"
+        print(f"pmsm-ctrl: warning: {source}: {said}", file=sys.stderr)
     if folder is not None:
         require_new(() if force else (folder / name for name in files))
         folder.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,7 @@ from pmsm_ctrl.export.writers import symbols_of
 from pmsm_ctrl.simulate.feedforward import (
     READABLE,
     TRUSTED,
+    Feedforward,
     core_lines,
     estimate_lines,
     largest_current,
@@ -24,7 +25,7 @@ from pmsm_ctrl.simulate.feedforward import (
     smoothing_width,
 )
 
-__all__ = ["Terms", "compensator", "direction_lines", "exported_gain"]
+__all__ = ["Terms", "compensator", "direction_lines", "exported_gain", "left_out"]
 
 _SPEEDS = {
     "measured": "measured speed, rad/s",
@@ -211,6 +212,24 @@ def exported_gain(design: Design) -> float:
     """Return the gain that is exported: the design's, also where it is 0; 1 where it states none."""
     stated = design.compensation.gain
     return 1.0 if stated is None else stated
+
+
+def left_out(design: Design) -> tuple[str, ...]:
+    """Return the effects of a design that could be fed forward and that its compensation does not name.
+
+    `compensate` judges all of them where the design states no gain.
+
+    Parameters
+    ----------
+    design : Design
+    """
+    from pmsm_ctrl.compensate.runs import compensated
+
+    if not design.effects or design.compensation.source == "observer":
+        return ()
+    whole = Feedforward.of(compensated(design, [entry.id for entry in design.effects]))
+    found = () if whole is None else dict.fromkeys(effect.id for effect in whole.effects)
+    return tuple(name for name in found if name not in design.compensation.effects)
 
 
 def effects_start(effects: list[tuple[Effect, dict[str, float]]]) -> list[tuple[str, float]]:

@@ -132,3 +132,17 @@ def test_the_reason_is_that_of_the_gain_and_not_of_the_axis_without(seed_motor: 
     """Too much friction fed forward: the error grows. A limit cycle that the axis has without it is no reason."""
     eager = seed_motor.replace(compensation={"source": "reference", "gain": 2.5})
     assert "the RMS error is " in gain_verdict(eager, 2.5).why
+
+
+def test_what_compensate_judges_and_export_leaves_out_is_said(seed_motor: Design, tmp_path: Path) -> None:
+    """Without a table of its own a design exports Coulomb and viscous friction alone, whatever was diagnosed."""
+    from typer.testing import CliRunner
+
+    from pmsm_ctrl.cli import app
+
+    whole, said = seed_motor.with_effect("stribeck", {"dF_s": 0.01, "w_s": 2.0, "delta": 2.0}), []
+    for k, effects in enumerate((SIMPLE, (*SIMPLE, "stribeck"))):
+        stated = whole.replace(compensation={"effects": effects, "gain": 0.1}).write(tmp_path / f"axis{k}.toml")
+        said.append(CliRunner().invoke(app, ["export", str(stated), "-l", "c", "--force"]).stderr)
+    assert 'not fed forward: stribeck; effects = ["coulomb", "viscous", "stribeck"] in [compensation]' in said[0]
+    assert "not fed forward" not in said[1]
