@@ -288,7 +288,6 @@ def export_code(
     With --log the tables say what simulators miss on it; a log with theta_load gives the backlash.
     """
     from pmsm_ctrl.errors import RequestError, UnsafeGainError
-    from pmsm_ctrl.export.compensator import left_out
     from pmsm_ctrl.files import require_new, write_text
 
     axis = read_design(design, effects)
@@ -304,10 +303,8 @@ def export_code(
             raise
         print(f"pmsm-ctrl: warning: {error}", file=sys.stderr)
         files = _sources(axis, language, flavour, part, name, precision, measured, unsafe=True)
-    if part == "compensation" and (others := left_out(axis)):
-        every, source = ", ".join(f'"{one}"' for one in (*axis.compensation.effects, *others)), axis.source or axis.name
-        said = f"not fed forward: {', '.join(others)}; effects = [{every}] in [compensation] exports them too"
-        print(f"pmsm-ctrl: warning: {source}: {said}", file=sys.stderr)
+    if part == "compensation":
+        _say_left_out(axis)
     if folder is not None:
         require_new(() if force else (folder / name for name in files))
         folder.mkdir(parents=True, exist_ok=True)
@@ -321,6 +318,15 @@ def export_code(
     if json_file is not None:
         whole = {"source": files[""]} if "" in files else {"files": files}
         write_json(json_file, "export", {"language": language, "flavour": flavour} | whole)
+
+
+def _say_left_out(design: Design) -> None:
+    from pmsm_ctrl.export.compensator import left_out
+
+    if others := left_out(design):
+        every = ", ".join(f'"{one}"' for one in (*design.compensation.effects, *others))
+        said = f"not fed forward: {', '.join(others)}; effects = [{every}] in [compensation] exports them too"
+        print(f"pmsm-ctrl: warning: {design.source or design.name}: {said}", file=sys.stderr)
 
 
 def _sources(

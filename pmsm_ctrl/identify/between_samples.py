@@ -19,6 +19,7 @@ from pmsm_ctrl.identify import notices as words
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.base_problem import Based
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, prepare
+from pmsm_ctrl.regression.drive_timing import drive_sampling
 from pmsm_ctrl.regression.inverse_dynamics import Problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.regression.signals import logged_torque
@@ -52,8 +53,10 @@ def folded_errors(
     Returns
     -------
     dict of str to float
-        Empty where the drive is not faster than the log.
+        Empty where the drive is not faster than the log, or the log is stated to hold means: nothing of them is folded.
     """
+    if drive_sampling(design, log).sampling == "mean":
+        return {}
     taken = abs(prepared.rate - log.rate) < SAME * log.rate and len(prepared.keep) == len(problem.t)
     if not (taken and design.motor.electrical and design.drive.f_control > FASTER * log.rate):
         return {}
@@ -92,10 +95,10 @@ def with_folded_errors(
     else:
         prepared, weight = made.record.prepared, made.record.weight[0]
     found = folded_errors(design, log, prepared, problem, fit, weight)
-    most = {name: error / abs(fit.values[name]) for name, error in found.items() if error > fit.stderr[name]}
+    units = {column.name: column.unit for column in problem.columns}
     wider = {name: math.hypot(error, found.get(name, 0.0)) for name, error in fit.stderr.items()}
     said = [
-        words.BETWEEN_SAMPLES(name=name, percent=100.0 * share, rate=1.0 / design.drive.speed_period)
-        for name, share in most.items()
-    ]
+        words.BETWEEN_SAMPLES(name=name, error=error, unit=units[name], rate=1.0 / design.drive.speed_period)
+        for name, error in found.items() if error > fit.stderr[name]
+    ]  # fmt: skip
     return replace(fit, stderr=wider), tuple(said)

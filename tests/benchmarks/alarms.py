@@ -3,7 +3,8 @@
 Every stream draws its own world (drive, loops, encoder, recorder, noise, motion), and in every window of 10 s the
 motion is drawn anew. In a third of the streams nothing changes; in a third F_c steps by 30 % up or down at a third of
 the stream; in a third it rises by 1.5 % a window. The tracker knows the world's design, which is off in friction,
-inertia and torque constant. An alarm before the change is false.
+inertia and torque constant. An alarm before the change is false, and so is one of F_v, which never changes: it may take
+a part of a change of F_c. Of a drift of F_c, which begins with the stream, no alarm can be too early.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def main() -> None:
     parser.add_argument("--all", action="store_true", help="a line for every alarm")
     asked = parser.parse_args()
     warnings.simplefilter("ignore")
-    count, quiet, right, wrong = defaultdict(int), defaultdict(int), defaultdict(int), defaultdict(int)
+    count, right, wrong, other = defaultdict(int), defaultdict(int), defaultdict(int), defaultdict(int)
     late, sizes = [], []
     for seed in range(asked.first, asked.first + asked.streams):
         kind, world = KINDS[seed % 3], draw(seed)
@@ -86,7 +87,7 @@ def main() -> None:
         found = [one for one in told if one not in false and one.parameter == "F_c"]
         wrong[kind] += bool(false)
         right[kind] += bool(found)
-        quiet[kind] += not told
+        other[kind] += any(one.parameter == "F_v" for one in told if one not in false)
         if kind == "step" and found:
             late.append(found[0].told / WINDOW - start)
             sizes.append(found[0].after / found[0].before / factors[-1] - 1.0)
@@ -97,9 +98,10 @@ def main() -> None:
                     f"{one.before:.4g} -> {one.after:.4g} at {one.t:.0f} s told {one.told:.0f} s p {one.p_value:.1e}",
                     flush=True,
                 )
-    print("\n| F_c | streams | F_c named | none | with a false alarm |\n|---|---|---|---|---|")
+    print("\n| F_c | streams | F_c named | alarm before a change | F_v named after it |\n|---|---|---|---|---|")
     for kind in KINDS:
-        print(f"| {kind} | {count[kind]} | {right[kind]} | {quiet[kind]} | {wrong[kind]} |")
+        early, later = "-" if kind == "trend" else wrong[kind], "-" if kind == "nothing" else other[kind]
+        print(f"| {kind} | {count[kind]} | {right[kind]} | {early} | {later} |")
     if late:
         print(f"\nsteps: told after {np.median(late):.0f} windows (median), {np.quantile(late, 0.9):.0f} (9 of 10); "
               f"size off by {100 * np.median(np.abs(sizes)):.1f} % of F_c (median)")  # fmt: skip

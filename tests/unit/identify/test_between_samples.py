@@ -48,6 +48,14 @@ def test_a_drive_that_is_no_faster_than_the_log_has_none(rate: float) -> None:
     assert ("torque_between_samples" in codes) is (rate > 1000.0)
 
 
+def test_a_log_that_is_stated_to_hold_means_has_none() -> None:
+    """A mean over a period has no content at the log's rate: who follows the advice is not warned again."""
+    for sampling in ("instant", "mean"):
+        stated = DESIGN.replace(log={"sampling": sampling})
+        codes = {notice.code for notice in identify(stated, recorded(0.1)).notices}
+        assert ("torque_between_samples" in codes) is (sampling == "instant")
+
+
 @pytest.mark.parametrize("seed", seeds(0, 4, 7))
 def test_the_inertia_of_a_speed_sweep(designs: Path, seed: int) -> None:
     """It was 1.1 to 1.6 % too small, 2.4 to 3.4 standard errors, without a word."""
