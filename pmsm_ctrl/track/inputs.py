@@ -23,6 +23,7 @@ from pmsm_ctrl.track.settings import Settings
 __all__ = ["KnownTorque", "Samples", "located", "noise_from_samples", "samples_of", "scatter"]
 
 Array = NDArray[np.float64]
+OF_A_COUNT, COUNTED = 0.1, 0.8  # a step is a multiple of the least one to this; a fifth of any steps are, by chance
 AVAILABLE = ("omega", "theta", "direction", "i_d", "i_q", "torque", "t", "p")
 
 
@@ -180,14 +181,18 @@ def scatter(samples: Samples) -> float:
 
 
 def _angle_noise(theta: Array) -> float:
-    """Return the noise of an angle: that of its finest step, unless the angle itself scatters by less.
+    """Return the noise of an angle: that of its finest step, unless that is no encoder's and the angle scatters less.
 
-    An axis that only turns fast shows no single step of its encoder. The third difference of a smooth angle is noise.
+    An axis that only turns fast shows no single step of its encoder: its steps are no multiples of the least one. The
+    third difference of a smooth angle is noise.
     """
     step = np.abs(np.diff(theta))
     step = step[step > 1e-12 * max(1.0, float(np.max(np.abs(theta))))]
     finest = float(step.min()) if step.size else 1e-6
-    scattered = 1.4826 * float(np.median(np.abs(np.diff(theta, 3)))) / math.sqrt(20.0) if len(theta) > 3 else 0.0
+    counted = step / finest
+    if len(theta) < 4 or np.mean(np.abs(counted - np.round(counted)) < OF_A_COUNT) > COUNTED:
+        return max(finest / math.sqrt(12.0), 1e-9)
+    scattered = 1.4826 * float(np.median(np.abs(np.diff(theta, 3)))) / math.sqrt(20.0)
     return max(min(finest / math.sqrt(12.0), scattered or math.inf), 1e-9)
 
 
