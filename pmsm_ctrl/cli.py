@@ -24,6 +24,7 @@ from pmsm_ctrl.console import (
     write_json,
     write_report,
 )
+from pmsm_ctrl.drive_commands import DRIVE_COMMANDS
 from pmsm_ctrl.files import printable
 from pmsm_ctrl.fleet_command import FLEET_COMMANDS
 from pmsm_ctrl.init import init
@@ -54,8 +55,7 @@ from pmsm_ctrl.options import (
 from pmsm_ctrl.workbench_command import WORKBENCH_COMMANDS
 
 if TYPE_CHECKING:
-    from pmsm_ctrl.design import Design
-    from pmsm_ctrl.log import Log
+    pass
 
 __all__ = ["app", "main"]
 
@@ -228,124 +228,8 @@ def sweep(
     write_design(result.design, output)
 
 
-for command in (*LOG_COMMANDS, *FLEET_COMMANDS, *WORKBENCH_COMMANDS):
+for command in (*LOG_COMMANDS, *FLEET_COMMANDS, *WORKBENCH_COMMANDS, *DRIVE_COMMANDS):
     app.command()(command)
-
-
-@app.command()
-def compensate(
-    design: DesignArgument,
-    truth: TruthOption = None,
-    step: Annotated[
-        float, typer.Option("--step", metavar="PERCENT", min=1.0, max=150.0, help="step of the gain sweep to 150 %")
-    ] = 10.0,
-    seed: SeedOption = 0,
-    effects: EffectsOption = None,
-    json_file: JsonOption = None,
-    report: ReportOption = None,
-    force: ForceOption = False,
-) -> None:
-    """Compare friction compensations and find the safe gains. Status 1 when the acceptance fails."""
-    with progress_bar(f"compensate {design.stem}") as progress:
-        from pmsm_ctrl.compensate import compensate as run_compensation
-        from pmsm_ctrl.compensate import sweep_gains
-
-        axis = read_design(design, effects)
-        plant, gains = design_if_given(truth, effects), sweep_gains(0.01 * step)
-        result = run_compensation(axis, truth=plant, gains=gains, seed=seed, progress=progress)
-    finish("compensate", result, json_file=json_file, report=report)
-    if not result.accepted:
-        raise typer.Exit(NEGATIVE)
-
-
-@app.command("export")
-def export_code(
-    design: DesignArgument,
-    language: Annotated[str, typer.Option("--language", "-l", metavar="st|c", help="Structured Text or C99")],
-    flavour: Annotated[
-        str, typer.Option("--flavour", metavar="iec|br|beckhoff", help="dialect of Structured Text")
-    ] = "iec",
-    part: Annotated[
-        str, typer.Option("--part", metavar="compensation|filter|tracker", help="part to write into a single file")
-    ] = "compensation",
-    precision: Annotated[
-        str, typer.Option("--precision", metavar="double|single", help="of the numbers in the program")
-    ] = "double",
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="PATH", help="a file, or without suffix a folder for all parts"),
-    ] = None,
-    log: LogsOption = None,
-    mapping: MapOption = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="overwrite existing files, and export a gain that is not safe")
-    ] = False,
-    effects: EffectsOption = None,
-    json_file: JsonOption = None,
-) -> None:
-    """Write gains, compensator, filters and tracker as source code. A folder also gets the tables of the drives.
-
-    With --log the tables say what simulators miss on it; a log with theta_load gives the backlash.
-    """
-    from pmsm_ctrl.errors import RequestError, UnsafeGainError
-    from pmsm_ctrl.files import require_new, write_text
-
-    axis = read_design(design, effects)
-    folder = output if output is not None and not output.suffix else None
-    name = None if folder is not None else output.name if output else ""
-    if log is not None and folder is None:
-        raise RequestError("--log: the tables need a folder; --output with a name without suffix was expected")
-    measured = logs_if_given(log, axis, mapping) or []
-    try:
-        files = _sources(axis, language, flavour, part, name, precision, measured)
-    except UnsafeGainError as error:
-        if not force:
-            raise
-        print(f"pmsm-ctrl: warning: {error}", file=sys.stderr)
-        files = _sources(axis, language, flavour, part, name, precision, measured, unsafe=True)
-    if part == "compensation":
-        _say_left_out(axis)
-    if folder is not None:
-        require_new(() if force else (folder / name for name in files))
-        folder.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        if output is None:
-            print(text, end="")
-            continue
-        path = output if output.suffix else output / name
-        write_text(path, text)
-        print(f"{printable(path)}: {len(text.splitlines())} lines")
-    if json_file is not None:
-        whole = {"source": files[""]} if "" in files else {"files": files}
-        write_json(json_file, "export", {"language": language, "flavour": flavour} | whole)
-
-
-def _say_left_out(design: Design) -> None:
-    from pmsm_ctrl.export.compensator import left_out
-
-    if others := left_out(design):
-        every = ", ".join(f'"{one}"' for one in (*design.compensation.effects, *others))
-        said = f"not fed forward: {', '.join(others)}; effects = [{every}] in [compensation] exports them too"
-        print(f"pmsm-ctrl: warning: {design.source or design.name}: {said}", file=sys.stderr)
-
-
-def _sources(
-    design: Design,
-    language: str,
-    flavour: str,
-    part: str,
-    name: str | None,
-    precision: str,
-    logs: list[Log],
-    *,
-    unsafe: bool = False,
-) -> dict[str, str]:
-    """Return the texts to export by file name: of one part under this name, or of all."""
-    from pmsm_ctrl.export import export, export_files
-
-    if name is None:
-        return export_files(design, language, flavour=flavour, force=unsafe, precision=precision, logs=logs)
-    return {name: export(design, language, part=part, flavour=flavour, force=unsafe, precision=precision)}
 
 
 @app.command()

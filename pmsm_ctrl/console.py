@@ -48,7 +48,7 @@ TERMINATED = 128 + signal.SIGTERM
 BROKEN_PIPE = 128 + getattr(signal, "SIGPIPE", 13)
 STDOUT = Path("-")  # of --json
 ANYWHERE = ("--debug", "--verbose")  # global options that may stand anywhere
-_shown: dict[str, Any] = {"brief": True, "verdict": "", "mapping": {}}  # of the command that runs
+_shown: dict[str, Any] = {"brief": True, "verdict": "", "mapping": {}, "recommended": None}  # of the command that runs
 _answers: list[TextIO] = []  # the standard output that `json_to_stdout` keeps
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # files that are written name themselves
 ISSUES = "the project's issue tracker"
@@ -61,7 +61,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
-    _shown.update(brief="--verbose" not in words, verdict="", mapping={})
+    _shown.update(brief="--verbose" not in words, verdict="", mapping={}, recommended=None)
     if not debug:
         # Warnings for users are notices of a result; warnings of libraries are for developers.
         warnings.simplefilter("ignore")
@@ -226,6 +226,7 @@ def say(result: Result, *, whole: bool = False) -> None:
     """Print a result: the verdict and its most important numbers, or all of it with ``--verbose``."""
     print(result.summary(brief=_shown["brief"] and not whole))
     _shown["verdict"] = str(getattr(result, "verdict", ""))
+    _shown["recommended"] = getattr(result, "recommended", None)
 
 
 def keep_mapping(mapping: Mapping[str, str]) -> None:
@@ -239,7 +240,7 @@ def say_next(verb: str, given: Mapping[str, Any], typed: Sequence[str] = ()) -> 
 
     if _shown["mapping"]:  # confirmed while the command ran
         given = {**given, "mapping": [f"{channel}={column}" for channel, column in _shown["mapping"].items()]}
-    line = next_step(verb, given, _shown["verdict"], typed)
+    line = next_step(verb, given, _shown["verdict"], typed, _shown["recommended"])
     if line:  # source code on standard output stays as it is
         print(
             printable(f"next: {line}"),

@@ -5,11 +5,16 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.files import unused_name
 
-__all__ = ["completed_beside", "next_step"]
+if TYPE_CHECKING:
+    from pmsm_ctrl.design import Design
+    from pmsm_ctrl.design_parts import Compensation
+
+__all__ = ["completed_beside", "exported_design", "next_step"]
 
 
 def completed_beside(page: Path) -> Path:
@@ -23,7 +28,23 @@ def completed_beside(page: Path) -> Path:
     return page.with_suffix(".design.toml")
 
 
-def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Sequence[str] = ()) -> str:
+def exported_design(folder: Path) -> Path:
+    """Return where ``export`` writes the design whose compensation its options state: into the folder.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+    return folder / f"{folder.name}.design.toml"
+
+
+def next_step(
+    verb: str,
+    given: Mapping[str, Any],
+    verdict: str = "",
+    typed: Sequence[str] = (),
+    recommended: Design | None = None,
+) -> str:
     """Return the command that usually follows, fit to be pasted into a shell; empty where there is none.
 
     Parameters
@@ -35,6 +56,8 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
         That of a comparison or a diagnosis.
     typed : sequence of str
         The verb with its arguments and options, without what it writes: to run it again.
+    recommended : Design or None
+        The design with what a study of its compensation recommends.
     """
     design = given.get("output") if verb in WRITING and given.get("output") else given.get("design")
     logs = given.get("log") or ["LOG"]
@@ -70,18 +93,12 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
             words = ("identify", *evaluated, "--output", _new())
         case "frf":
             words = ("tune", design, "--output", _new())
-        case "fleet" if verdict == "set_aside":
-            words = _again(given)
-        case "fleet" if given["words"][:1] == ["example"] and not given.get("report"):
-            words = ("fleet", Path(given["words"][1]) / "run.toml")
-        case "fleet" if "report" not in given["words"][:1] and not given.get("report"):
-            words = ("fleet", "report", _results(given), "--output", "fleet.html")
-        case "fleet":  # an axis of the page that lacks an effect, or changes
-            words = ("diagnose", "LOG", "--design", given.get("design") or "DESIGN", "--output", _new())
+        case "fleet":
+            words = _after_fleet(given, verdict)
         case "compensate":
-            words = ("export", design, "--language", "st", "--output", Path(str(design)).stem)
+            words = _after_compensation(given, recommended)
         case "export":
-            words = ("verify", "BEFORE", "AFTER", "--design", design)
+            words = ("verify", "BEFORE", "AFTER", "--design", _exported(given))
         case "verify":
             after = ("track", given["after"], "--design", design, *_mapped(given))
             words = ("compensate", design) if verdict == "limit_cycle" else after
@@ -95,6 +112,52 @@ def next_step(verb: str, given: Mapping[str, Any], verdict: str = "", typed: Seq
     if own and words and words[0] not in WITHOUT_EFFECTS and "--effects" not in words:
         words = (*words, "--effects", own.path)
     return " ".join(["pmsm-ctrl", *(_shown(str(word)) for word in words)]) if words else ""
+
+
+def _after_fleet(given: Mapping[str, Any], verdict: str) -> tuple[Any, ...]:
+    """Return the words that evaluate what was set aside or written, report it, or look at one axis of the page."""
+    if verdict == "set_aside":
+        return _again(given)
+    if given["words"][:1] == ["example"] and not given.get("report"):
+        return ("fleet", Path(given["words"][1]) / "run.toml")
+    if "report" not in given["words"][:1] and not given.get("report"):
+        return ("fleet", "report", _results(given), "--output", "fleet.html")
+    # an axis of the page that lacks an effect, or changes
+    return ("diagnose", "LOG", "--design", given.get("design") or "DESIGN", "--output", _new())
+
+
+def _after_compensation(given: Mapping[str, Any], recommended: Design | None) -> tuple[Any, ...]:
+    """Return the words that export what is recommended: by options where it stands in no file."""
+    design, step = given["design"], given.get("step", FINE_STEP)
+    if recommended is None:  # a finer sweep may find a gain, or softer loops
+        finer = ("compensate", design, "--step", f"{FINE_STEP:g}")
+        return finer if step > FINE_STEP else ("tune", design, "--output", _new())
+    own = recommended.compensation
+    stated: tuple[str, ...] = ("--source", own.source, "--gain", f"{own.share:.6g}")
+    if own.source != "observer":  # which needs no model of the friction
+        stated = (*stated, "--feed", ",".join(own.effects))
+    if given.get("output") or _states(design, own):
+        design, stated = given.get("output") or design, ()
+    folder = unused_name(Path(Path(str(given["design"])).name.split(".")[0] or "axis"))
+    return ("export", design, *stated, "--language", "st", "--output", folder)
+
+
+def _states(path: Path, wanted: Compensation) -> bool:
+    """Whether a design states this compensation; one that cannot be read does not."""
+    from pmsm_ctrl.design import Design
+
+    try:
+        return Design.read(path).compensation == wanted
+    except DesignError:
+        return False
+
+
+def _exported(given: Mapping[str, Any]) -> Any:
+    """Return the design that was exported."""
+    options = (given.get(name) is not None for name in ("source", "gain", "feed"))
+    if any(options) and given.get("output") and not Path(given["output"]).suffix:
+        return exported_design(Path(given["output"]))
+    return given["design"]
 
 
 def _reader(given: Mapping[str, Any]) -> str:
@@ -142,6 +205,7 @@ def _after_study(given: Mapping[str, Any]) -> tuple[Any, ...]:
 EXCITED = ("multisine", "chirp", "noise", "prbs")  # motions whose logs hold a frequency response
 WRITING = ("tune", "sweep", "identify", "diagnose", "add", "frf")
 WITHOUT_EFFECTS = ("import", "init", "fleet")
+FINE_STEP = 2.0  # of the gain, per cent
 
 
 def _results(given: Mapping[str, Any]) -> Any:

@@ -177,7 +177,7 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
              _record({"scenario": TEXT, "metric": TEXT, "limit": NUMBER, "value": NUMBER, "passed": FLAG})
          ),
          **DOUBTS},
-        {},
+        {"recommended": _maybe(_record({"source": TEXT, "gain": NUMBER, "effects": TEXTS, "rms": NUMBER}))},
     ),
     "study": (
         "study",

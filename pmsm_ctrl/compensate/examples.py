@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compensate.motions import CIRCLE, Trial, study_trials
-from pmsm_ctrl.compensate.runs import compensated, run_trial
+from pmsm_ctrl.compensate.runs import run_trial
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
 
@@ -24,7 +23,7 @@ MOST = 1200  # samples that are kept of an example
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """A part of a trial without compensation and with all effects compensated.
+    """A part of a trial without compensation and with one.
 
     Attributes
     ----------
@@ -40,6 +39,8 @@ class Example:
         Place on the circle, rad, one turn.
     radius : float
         Of the circle; 0 for a single axis.
+    label : str
+        What is compensated, in words.
     """
 
     motion: str
@@ -49,9 +50,10 @@ class Example:
     compensated: Array
     angle: Array | None = None
     radius: float = 0.0
+    label: str = "compensated"
 
 
-def examples_of(base: Design, plant: Design, effects: Iterable[str], seed: int) -> tuple[Example, Example]:
+def examples_of(base: Design, plant: Design, drive: Design, seed: int) -> tuple[Example, Example]:
     """Simulate a reversal and a circle.
 
     Parameters
@@ -59,20 +61,23 @@ def examples_of(base: Design, plant: Design, effects: Iterable[str], seed: int) 
     base : Design
         Without compensation.
     plant : Design
-    effects : iterable of str
-        Ids of those that are compensated, by the reference speed.
+    drive : Design
+        With compensation.
     seed : int
 
     Returns
     -------
     (Example, Example)
     """
-    trials, full = study_trials(base), compensated(base, tuple(effects))
+    trials, chosen = study_trials(base), drive.compensation
     runs = {
-        name: [run_trial(drive, trials[name], truth=plant, seed=seed) for drive in (base, full)]
+        name: [run_trial(one, trials[name], truth=plant, seed=seed) for one in (base, drive)]
         for name in (REVERSAL, CIRCLE)
     }
-    return _reversal(runs[REVERSAL]), _circle(runs[CIRCLE], trials[CIRCLE])
+    by = "disturbance observer" if chosen.source == "observer" else f"{chosen.source} speed"
+    label = f"compensated, {by}, gain {100.0 * chosen.share:.0f} %"
+    found = _reversal(runs[REVERSAL]), _circle(runs[CIRCLE], trials[CIRCLE])
+    return replace(found[0], label=label), replace(found[1], label=label)
 
 
 def _reversal(runs: list[tuple[Log, ...]]) -> Example:

@@ -58,7 +58,7 @@ def reversal(example: Example, angle: str) -> Figure:
     figure, upper, lower = _panels((2, 1))
     figure.set_size_inches(6.4, 4.2)
     upper.plot(example.t, 1e3 * example.without, "--", color=RED, linewidth=1.2, label="without compensation")
-    upper.plot(example.t, 1e3 * example.compensated, color=BLUE, linewidth=1.2, label="all effects compensated")
+    upper.plot(example.t, 1e3 * example.compensated, color=BLUE, linewidth=1.2, label=example.label)
     upper.set_ylabel(f"position error [m{angle}]")
     upper.legend(fontsize="small", loc="best")
     lower.plot(example.t, example.speed, color="black", linewidth=1.2)
@@ -80,7 +80,7 @@ def circle(example: Example, angle: str) -> Figure:
     axes = figure.subplots()
     around = np.linspace(0.0, 2.0 * np.pi, 361)
     axes.plot(example.radius * np.cos(around), example.radius * np.sin(around), color="#888888", linewidth=0.8)
-    plain, full = (example.without, "--", RED, "without compensation"), (example.compensated, "-", BLUE, "compensated")
+    plain, full = (example.without, "--", RED, "without compensation"), (example.compensated, "-", BLUE, example.label)
     for error, style, colour, label in (plain, full):
         r = example.radius + magnified * error
         axes.plot(r * np.cos(example.angle), r * np.sin(example.angle), style, color=colour, linewidth=1.2, label=label)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compensate.metrics import UNITS
+from pmsm_ctrl.compensate.recommendation import first_unsafe
 from pmsm_ctrl.section import Template
 
 if TYPE_CHECKING:
     from pmsm_ctrl.compensate.acceptance import Verdict
+    from pmsm_ctrl.compensate.window import GainWindow
 
-__all__ = ["ACCEPTANCE", "CYCLES", "FLOOR", "NOT_COMPENSATED", "UNSAFE", "UNSAFE_DESIGN", "sentence"]
+__all__ = ["ACCEPTANCE", "CYCLES", "FLOOR", "NOT_COMPENSATED", "UNSAFE", "UNSAFE_DESIGN", "safe_gain", "sentence"]
 
 ACCEPTANCE = Template("acceptance_failed", "acceptance {line}")
 NOT_COMPENSATED = Template(
@@ -18,10 +20,9 @@ NOT_COMPENSATED = Template(
 )
 UNSAFE_DESIGN = Template(
     "design_gain_unsafe",
-    "the design's gain of {gain:.0f} % with {source}-speed feedforward is not safe; the highest safe gain is "
-    "{safe:.0f} %",
+    "the design's gain of {gain:.0f} % with {source}-speed feedforward is not safe; the highest safe gain is {safe}",
 )
-UNSAFE = Template("full_gain_unsafe", "with {source}-speed feedforward the highest safe gain is {safe:.0f} %")
+UNSAFE = Template("full_gain_unsafe", "with {source}-speed feedforward the highest safe gain is {safe}")
 CYCLES = Template(
     "cycle_without_compensation",
     "the axis has a limit cycle at rest also without compensation ({motions}); a gain that does not enlarge it counts "
@@ -33,6 +34,12 @@ FLOOR = Template(
     "noise of the current measurement and the encoder, which no compensation lowers; {own:.0f} % of the error due to "
     "friction is removed",
 )
+
+
+def safe_gain(window: GainWindow) -> str:
+    """Return the highest safe gain; where the first one of the sweep is not safe, that it is below that one."""
+    end = first_unsafe(window)
+    return f"{100.0 * window.safe:.0f} %" if end is None else f"below {100.0 * end:.0f} % (smallest gain of the sweep)"
 
 
 def sentence(verdict: Verdict) -> str:

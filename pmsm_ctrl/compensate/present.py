@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compensate.metrics import UNITS
 from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP
-from pmsm_ctrl.compensate.notices import sentence
+from pmsm_ctrl.compensate.notices import safe_gain, sentence
 from pmsm_ctrl.compensate.result import CompensationStudy, Variant
 from pmsm_ctrl.compensate.window import FACTORS
 from pmsm_ctrl.rendering.numbers import percent
@@ -44,8 +45,8 @@ METHOD = (
 def _(result: CompensationStudy) -> Section:
     return Section(
         f"Friction compensation of {result.design.name}",
-        (_verdict(result), *result.notices, *first_pictures(result), _gains(result), _windows(result),
-         _changes(result), *_observer(result), *_rest(result),
+        (_verdict(result), *result.notices, *_recommended(result), *first_pictures(result), _gains(result),
+         _windows(result), _changes(result), *_observer(result), *_rest(result),
          *_acceptance(result),
          METHOD, _sweep(result), _runs(result)),
     )  # fmt: skip
@@ -70,6 +71,33 @@ def first_pictures(result: CompensationStudy) -> tuple[Picture, ...]:
     return tuple(Picture(partial(drawn, e), words[e.angle is not None]) for e in result.examples)
 
 
+def _recommended(result: CompensationStudy) -> tuple[str, ...]:
+    """Return which source and gain to take, why, and the table of the design that says so."""
+    found, best = result.recommendation, result.recommended
+    if found is None or best is None:
+        return ("Why no compensation: no safe gain lowers the RMS error in the worst of the motions.",)
+    chosen = best.compensation
+    others = ", ".join(f"{_named(source)} {percent(left, 0)}" for source, left in found.others.items())
+    said = (
+        f"Why {_named(chosen.source)}: at safe gains no other source leaves less of the RMS error, "
+        f"{percent(found.rms, 0)} in the worst of the motions and parameter errors ({others})."
+    )
+    if chosen.source == "observer" and (observer := result.observer) is not None:
+        margins = f"{observer.before.phase_margin:.0f} to {observer.after.phase_margin:.0f} deg"
+        said = f"{said[:-1]}; at full gain it lowers the phase margin from {margins}."
+    if chosen == result.design.compensation:
+        return (f"{said} The design states it already.",)
+    fields = chosen.model_dump(exclude_none=True, exclude_defaults=True)
+    stated = {"source": chosen.source, "gain": chosen.gain, "effects": chosen.effects} | fields
+    if chosen.source == "observer":  # which needs no model of the friction
+        del stated["effects"]
+    return said, "[compensation]\n" + "\n".join(f"{key} = {json.dumps(value)}" for key, value in stated.items())
+
+
+def _named(source: str) -> str:
+    return "disturbance observer" if source == "observer" else f"{source} speed"
+
+
 def _gains(result: CompensationStudy) -> Picture:
     def drawn() -> Figure:
         from pmsm_ctrl.compensate.figures import gain_sweep
@@ -81,16 +109,20 @@ def _gains(result: CompensationStudy) -> Picture:
 
 def _verdict(result: CompensationStudy) -> str:
     speeds = [w for w in result.windows.values() if w.source != "observer"]
-    text = ", ".join(f"{percent(w.safe, 0)} with {w.source}-speed" for w in speeds) + " feedforward"
+    text = ", ".join(f"{safe_gain(w)} with {w.source}-speed" for w in speeds) + " feedforward"
+    if "observer" in result.windows:
+        text += f", {safe_gain(result.windows['observer'])} with the disturbance observer"
     if result.verdicts:
         met = sum(verdict.passed for verdict in result.verdicts)
         text += f"; acceptance: {met}/{len(result.verdicts)} limits met"
-    return f"Highest safe gain: {text}."
+    best = result.recommendation
+    chosen = "no compensation" if best is None else f"{_named(best.compensation.source)}, gain {percent(best.gain, 0)}"
+    return f"Recommended: {chosen}. Highest safe gain: {text}."
 
 
 def _windows(result: CompensationStudy) -> Table:
     rows = tuple(
-        (w.source if w.source == "observer" else f"{w.source} speed", percent(w.safe, 0), percent(w.best, 0),
+        (w.source if w.source == "observer" else f"{w.source} speed", safe_gain(w), percent(w.best, 0),
          w.limited_by or "end of the sweep", "none" if w.hint is None else f"from {percent(w.hint, 0)}")
         for w in result.windows.values()
     )  # fmt: skip
@@ -109,7 +141,10 @@ def _changes(result: CompensationStudy) -> Table:
          *(f"{100 * result.change(variant, metric, factor, motion):+.0f} %" for _, metric, motion in SHOWN))
         for variant, factor in pairs
     )  # fmt: skip
-    caption = "Change of the RMS position error against no compensation; peak, quadrant: largest error after a reversal"
+    caption = (
+        "Change of the RMS position error against no compensation, at a gain of 100 % unless as recommended; peak, "
+        "quadrant: largest error after a reversal"
+    )
     return Table(("compensated", *(title for title, *_ in SHOWN)), rows, caption)
 
 
@@ -126,16 +161,16 @@ def _observer(result: CompensationStudy) -> tuple[str | Table, ...]:
         )
         loop = found.after if variant == Variant.OBSERVER else found.before
         corner = found.worst.speed if variant == Variant.OBSERVER else found.worst_before
-        safe = result.windows["observer" if variant == Variant.OBSERVER else "reference"].safe
+        safe = safe_gain(result.windows["observer" if variant == Variant.OBSERVER else "reference"])
         rows.append(
             (variant, *changes, f"{loop.phase_margin:.0f} deg", f"{loop.sensitivity_peak:.2f}",
-             f"{corner.sensitivity_peak:.2f}", percent(safe, 0))
+             f"{corner.sensitivity_peak:.2f}", safe)
         )  # fmt: skip
     header = ("", "reversals", "peak", "noise", "phase margin", "abs(S)", "worst corner", "safe gain")
     caption = (
-        "Worst change with parameters right and 20 % wrong (of the observer: its inertia); bandwidth of the observer "
-        f"{found.bandwidth:.4g} rad/s ({found.bandwidth / (2.0 * math.pi):.0f} Hz); margins at the motor's current, "
-        f"position controlled; worst corner of the tolerances: {found.worst.name}"
+        "Worst change at a gain of 100 %, parameters right and 20 % wrong (of the observer: its inertia); bandwidth of "
+        f"the observer {found.bandwidth:.4g} rad/s ({found.bandwidth / (2.0 * math.pi):.0f} Hz); margins at the "
+        f"motor's current, position controlled; worst corner of the tolerances: {found.worst.name}"
     )
     return _worth(result), Table(header, tuple(rows), caption)
 
@@ -156,6 +191,8 @@ def _worth(result: CompensationStudy) -> str:
     )
     cycles = [r for r in result.table if r.variant == Variant.OBSERVER and r.metrics.cycle_amplitude > 0.0]
     rest = f". With the observer the axis has a limit cycle at rest ({cycles[0].motion})" if cycles else ""
+    if result.windows["reference"].safe < 1.0:
+        return f"At a gain of 100 %, which is not safe by reference speed here, {told}{rest}."
     if right <= observed and wrong[0] <= off[0]:
         verdict = "worth its model here"
     elif right >= observed and wrong[0] >= off[0]:

@@ -11,6 +11,7 @@ from pmsm_ctrl.compensate import notices
 from pmsm_ctrl.compensate.acceptance import Verdict
 from pmsm_ctrl.compensate.examples import Example
 from pmsm_ctrl.compensate.metrics import UNITS, Metrics
+from pmsm_ctrl.compensate.recommendation import Recommendation
 from pmsm_ctrl.compensate.theory import Hunting
 from pmsm_ctrl.compensate.window import GainWindow
 from pmsm_ctrl.design import Design
@@ -52,6 +53,7 @@ class Variant(StrEnum):
     ADAPTIVE = "adaptive"
     PERFECT = "perfect model"
     OBSERVER = "disturbance observer"
+    RECOMMENDED = "as recommended"
     FLOOR = "axis without friction"
 
 
@@ -95,7 +97,9 @@ class CompensationStudy(Result):
     observer : ObserverDesign or None
         The disturbance observer that friction feedforward is compared with; None where the loops leave no margin.
     examples : tuple of Example
-        A reversal and a circle, sample by sample.
+        A reversal and a circle, sample by sample, as recommended; with all effects at full gain where nothing is.
+    recommendation : Recommendation or None
+        None where no safe gain lowers the error.
     """
 
     design: Design
@@ -106,6 +110,17 @@ class CompensationStudy(Result):
     verdicts: tuple[Verdict, ...] = ()
     observer: ObserverDesign | None = None
     examples: tuple[Example, ...] = field(default=(), repr=False)
+    recommendation: Recommendation | None = None
+
+    @property
+    def recommended(self) -> Design | None:
+        """The design with the recommended compensation; None where nothing is recommended."""
+        if self.recommendation is None:
+            return None
+        chosen = self.recommendation.compensation
+        if chosen.source == "observer" and chosen.bandwidth is None and self.observer is not None:
+            chosen = chosen.model_copy(update={"bandwidth": float(f"{self.observer.bandwidth:.4g}")})
+        return self.design.model_copy(update={"compensation": chosen})
 
     @property
     def accepted(self) -> bool:
@@ -121,9 +136,9 @@ class CompensationStudy(Result):
         gain, source = self.design.compensation.share, self.design.compensation.source
         window = self.windows.get("reference" if source == "adaptive" else source)
         if window is not None and gain > window.safe:
-            out.append(notices.UNSAFE_DESIGN(gain=100.0 * gain, source=source, safe=100.0 * window.safe))
+            out.append(notices.UNSAFE_DESIGN(gain=100.0 * gain, source=source, safe=notices.safe_gain(window)))
         short = (window for source, window in self.windows.items() if window.safe < 1.0 and source != "observer")
-        out += [notices.UNSAFE(source=window.source, safe=100.0 * window.safe) for window in short]
+        out += [notices.UNSAFE(source=window.source, safe=notices.safe_gain(window)) for window in short]
         if (floor := self._at_floor()) is not None:
             out.append(notices.FLOOR(change=100.0 * floor, own=-100.0 * self.friction_change(Variant.ALL)))
         cycles = {r.motion for r in self.table if r.variant == Variant.NONE and r.metrics.cycle_amplitude > 0.0}
@@ -203,6 +218,10 @@ class CompensationStudy(Result):
             ],
             "windows": {
                 source: {**vars(window), "cycle_counts": window.cycle_counts} for source, window in self.windows.items()
+            },
+            "recommended": None if self.recommendation is None or self.recommended is None else {
+                **self.recommended.compensation.model_dump(include={"source", "gain", "effects", "bandwidth"}),
+                "rms": self.recommendation.rms, "rms_of_others": self.recommendation.others,
             },
             "observer": None if self.observer is None else {
                 "bandwidth": self.observer.bandwidth, "worst_corner": self.observer.worst.name,

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from pmsm_ctrl.compensate.acceptance import accept
 from pmsm_ctrl.compensate.examples import examples_of
 from pmsm_ctrl.compensate.metrics import Metrics
 from pmsm_ctrl.compensate.motions import Trial, study_trials
 from pmsm_ctrl.compensate.plants import judged
+from pmsm_ctrl.compensate.recommendation import Sweep, recommended, swept_window
 from pmsm_ctrl.compensate.result import CompensationStudy, Row, Variant
 from pmsm_ctrl.compensate.runs import baseline, compensated, count_angle, judge, run_trial
 from pmsm_ctrl.compensate.theory import describing_function_limit, hunting
-from pmsm_ctrl.compensate.window import FACTORS, GAINS, gain_window
+from pmsm_ctrl.compensate.window import FACTORS, GAINS, GainWindow, gain_window
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import DesignError, RequestError
@@ -108,8 +110,10 @@ def compensate(
     rows, table = _compared(runs, base, every, observer is not None), []
     for row in rows:
         table.append(row)
-        advance(0.5 * len(table) / (len(runs.trials) * (2 + (len(Variant) - 2) * len(FACTORS))))
-    windows, motions = {}, judged(runs.plant)
+        advance(0.5 * len(table) / (len(runs.trials) * (2 + (len(Variant) - 3) * len(FACTORS))))
+    windows: dict[str, GainWindow] = {}
+    sweeps: dict[str, Sweep] = {}
+    motions = judged(runs.plant)
     sources = SOURCES if observer is None else (*SOURCES, "observer")
     for done, source in enumerate(sources):
 
@@ -118,14 +122,22 @@ def compensate(
             return runs.metrics(on, motions[name].trial, motions[name].plant)
 
         at_rest = [name for name, motion in motions.items() if motion.at_rest]
-        window = gain_window(run, motions, source, gains=gains, at_rest=at_rest, resolution=count_angle(runs.plant))
-        windows[source] = replace(window, hint=describing_function_limit(base, source))
-        advance(0.5 + 0.5 * (done + 1) / len(sources))
+        sweeps[source] = partial(
+            gain_window, run, motions, source, at_rest=at_rest, resolution=count_angle(runs.plant)
+        )  # fmt: skip
+        windows[source] = replace(swept_window(sweeps[source], gains), hint=describing_function_limit(base, source))
+        advance(0.5 + 0.45 * (done + 1) / len(sources))
     stated = with_bandwidth(design, observer)
     verdicts = tuple(accept(stated, wanted, seed=seed) for wanted in design.acceptance)
-    examples = examples_of(base, runs.plant, every, seed)
+    found = recommended(windows, swept, design.compensation, sweeps)
+    chosen_drive = partial(compensated, base, every)
+    if found is not None:
+        own = found.compensation
+        chosen_drive = partial(compensated, base, own.effects, gain=found.gain, source=own.source)
+        table += _rows(runs, Variant.RECOMMENDED, chosen_drive)
+    examples = examples_of(base, runs.plant, chosen_drive(), seed)
     return CompensationStudy(
-        design, tuple(table), windows, full.left_out, hunting(base), verdicts, observer, examples
+        design, tuple(table), windows, full.left_out, hunting(base), verdicts, observer, examples, found
     )  # fmt: skip
 
 
@@ -167,6 +179,11 @@ def _compared(runs: _Runs, base: Design, every: tuple[str, ...], observed: bool)
     }
     yield from (Row(Variant.NONE, name, 1.0, runs.metrics(base, name)) for name in runs.trials)
     for variant, (start, chosen, source) in variants.items():
-        for factor in FACTORS:
-            believed = compensated(start, chosen, factor=factor, source=source)
-            yield from (Row(variant, name, factor, runs.metrics(believed, name)) for name in runs.trials)
+        yield from _rows(runs, variant, partial(compensated, start, chosen, source=source))
+
+
+def _rows(runs: _Runs, variant: Variant, drive: Callable[..., Design]) -> Iterator[Row]:
+    """Run a compensation on every trial, with the parameters right and wrong."""
+    for factor in FACTORS:
+        believed = drive(factor=factor)
+        yield from (Row(variant, name, factor, runs.metrics(believed, name)) for name in runs.trials)

@@ -159,8 +159,8 @@ def _require_safe(design: Design) -> str:
     if verdict.safe is False:
         raise UnsafeGainError(
             f"{design.source or design.name}: compensation.gain: {100.0 * gain:g} % with the "
-            f"{by} is not safe: {verdict.why}. `pmsm-ctrl compensate` prints the highest safe gain; the design states "
-            "it as gain in [compensation] (1 for 100 %), beside its source and effects; --force exports this one"
+            f"{by} is not safe: {verdict.why}. `pmsm-ctrl compensate` recommends a source and a safe gain and prints "
+            "the command that exports them; --force exports this one"
         )
     return verdict.why
 

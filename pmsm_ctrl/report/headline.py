@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pmsm_ctrl.compare import Comparison
 from pmsm_ctrl.compensate import CompensationStudy, Variant
+from pmsm_ctrl.compensate.notices import safe_gain
 from pmsm_ctrl.compensate.present import first_pictures as compensation_pictures
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import Diagnosis, Verdict
@@ -85,16 +86,24 @@ def of_compensation(found: CompensationStudy) -> Headline:
     -------
     Headline
     """
-    done = f"The axis {found.design.name} was simulated at low speed with and without friction feedforward."
+    done = f"The axis {found.design.name} was simulated at low speed with and without friction compensation."
     verdict = next(block for block in found.section().blocks if isinstance(block, str))
-    source = "reference" if "reference" in found.windows else next(iter(found.windows))
-    window = found.windows[source]
+    best = found.recommendation
+    if best is None:
+        gain = ("none", "recommended gain: no safe one lowers the error; changes below are at a gain of 100 %")
+        variant, meant = Variant.ALL, "at a gain of 100 %, which is not recommended"
+    else:
+        chosen = best.compensation
+        by = "of the disturbance observer" if chosen.source == "observer" else f"with {chosen.source}-speed feedforward"
+        window = found.windows["reference" if chosen.source == "adaptive" else chosen.source]
+        gain = (percent(best.gain, 0), f"recommended gain {by}; safe up to {safe_gain(window)}, the sweep ends at "
+                f"{percent(float(window.gains[-1]), 0)}")  # fmt: skip
+        variant, meant = Variant.RECOMMENDED, "at the recommended gain"
     numbers = (
-        (f"{100 * found.change(Variant.ALL):+.0f} %",
-         "change of the rms position error at reversals, the worst of the speeds, all effects compensated"),
-        (f"{100 * found.change(Variant.ALL, 'reversal_peak'):+.0f} %", "the same of the peak error after a reversal"),
-        (percent(window.safe, 0), f"highest safe gain with {source}-speed feedforward; the sweep ends at "
-         f"{percent(float(window.gains[-1]), 0)}"),
+        gain,
+        (f"{100 * found.change(variant):+.0f} %",
+         f"change of the rms position error at reversals {meant}, parameters right, the worst of the speeds"),
+        (f"{100 * found.change(variant, 'reversal_peak'):+.0f} %", "the same of the peak error after a reversal"),
     )  # fmt: skip
     good = found.accepted if found.verdicts else None
     return Headline(done, verdict, good, numbers, compensation_pictures(found))

@@ -16,6 +16,7 @@ from typer.main import get_command
 
 from pmsm_ctrl import console
 from pmsm_ctrl.cli import app, main
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.next_steps import next_step
 from pmsm_ctrl.rendering import to_text
 from pmsm_ctrl.section import Notice, Section, Table
@@ -143,6 +144,34 @@ def test_the_next_command_exists(verb: str, verdict: str) -> None:
     named = {name for option in command.params if option.param_type_name == "option" and option.required
              for name in option.opts}  # fmt: skip
     assert not named or named & set(words)
+
+
+def test_after_compensate_what_is_recommended_is_exported_and_then_verified(
+    designs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The gain of the design itself, or the full one that an export takes for it, may be one that is refused."""
+    monkeypatch.chdir(tmp_path)
+    axis = Design.read(designs / "seed_motor.toml").replace(compensation={"gain": 1.0, "source": "measured"})
+    axis.write("axis.toml")
+    best = axis.replace(compensation={"gain": 0.5, "source": "commanded"})
+    given: dict[str, Any] = {"design": Path("axis.toml"), "step": 50.0}
+    words = shlex.split(next_step("compensate", given, "", ["compensate"], best))
+    stated = ["--source", "commanded", "--gain", "0.5", "--feed", "coulomb,viscous"]
+    assert words == ["pmsm-ctrl", "export", "axis.toml", *stated, "--language", "st", "--output", "axis"]
+    with pytest.raises(SystemExit) as left:
+        main(words[1:])
+    assert not left.value.code
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == "next: pmsm-ctrl verify BEFORE AFTER --design axis/axis.design.toml"
+    assert Design.read("axis/axis.design.toml").compensation == best.compensation
+    # what a file states needs no options, and a folder that exists is not written into
+    best.write("best.toml")
+    written = next_step("compensate", given | {"output": Path("best.toml")}, "", ["compensate"], best)
+    assert written == "pmsm-ctrl export best.toml --language st --output axis-2"
+    own = next_step("compensate", given | {"design": Path("best.toml")}, "", ["compensate"], best)
+    assert own == "pmsm-ctrl export best.toml --language st --output best"
+    # nothing to recommend: a finer sweep may find a gain
+    assert next_step("compensate", given, "", ["compensate"]) == "pmsm-ctrl compensate axis.toml --step 2"
 
 
 @pytest.mark.parametrize("scenario", ["multisine", "chirp", "noise", "prbs"])

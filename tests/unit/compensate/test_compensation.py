@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from pmsm_ctrl.compensate import baseline, compensate, compensated, gain_window, judge, measure, run_trial, study_trials
+from pmsm_ctrl.compensate import (
+    baseline,
+    compensate,
+    compensated,
+    gain_verdict,
+    gain_window,
+    judge,
+    measure,
+    run_trial,
+    study_trials,
+)  # fmt: skip
 from pmsm_ctrl.compensate.acceptance import accept
 from pmsm_ctrl.compensate.metrics import Metrics, limit_cycle
 from pmsm_ctrl.compensate.plants import SWEEP_TRIALS, judged, with_bristle
@@ -21,6 +31,7 @@ from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.effects import lookup
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.report import headline_of
 from pmsm_ctrl.section import Table
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.feedforward import Feedforward, compensation_lines
@@ -234,13 +245,37 @@ def test_result_renders(study: CompensationStudy) -> None:
     assert told["warnings"] == list(study.warnings)
 
 
+def test_the_recommended_compensation_can_be_exported_and_is_what_the_first_screen_shows(
+    study: CompensationStudy,
+) -> None:
+    best = study.recommended
+    assert best is not None
+    assert gain_verdict(best, best.compensation.share).safe is True
+    told = study.to_dict()["recommended"]
+    assert (told["source"], told["gain"]) == (best.compensation.source, best.compensation.gain)
+    text = study.summary(width=1000, brief=True)
+    assert f"Recommended: {told['source']} speed, gain {100 * told['gain']:.0f} %. Highest safe gain: " in text
+    assert f"Why {told['source']} speed: at safe gains no other source leaves less of the RMS error, " in text
+    assert f'[compensation]\nsource = "{told["source"]}"\ngain = {told["gain"]}' in study.summary(width=1000)
+    headline = headline_of(study)
+    assert headline is not None
+    (gain, meant), (rms, of_rms), (peak, _) = headline.numbers
+    assert gain == f"{100 * told['gain']:.0f} %"
+    assert meant.startswith(f"recommended gain with {told['source']}-speed feedforward; safe up to ")
+    assert "at the recommended gain" in of_rms
+    assert rms == f"{100 * study.change('as recommended'):+.0f} %"
+    assert peak == f"{100 * study.change('as recommended', 'reversal_peak'):+.0f} %"
+    assert study.examples[0].label == f"compensated, {told['source']} speed, gain {gain}"
+
+
 @pytest.mark.slow
 def test_study_says_what_became_of_the_acceptance(study: CompensationStudy) -> None:
     assert not study.accepted
     # By measured speed full gain cycles; by commanded speed the bristle moves by less than a count, which is no cycle.
     codes = [notice.code for notice in study.notices]
     assert codes == ["acceptance_failed", "design_gain_unsafe", "full_gain_unsafe"]
-    assert "with measured-speed feedforward the highest safe gain is 0 %" in study.warnings[2]
+    said = "with measured-speed feedforward the highest safe gain is below 10 % (smallest gain of the sweep)"
+    assert said in study.warnings[2]
     assert study.windows["commanded"].safe == 1.0
     assert "acceptance FAILED: reversal 2 rad/s: rms = " in study.warnings[0]
     assert "the design's gain of 100 % with measured-speed feedforward is not safe" in study.warnings[1]

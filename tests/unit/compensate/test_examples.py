@@ -22,7 +22,8 @@ def design() -> Design:
 
 @pytest.fixture(scope="module")
 def found(design: Design) -> tuple[Example, Example]:
-    return examples_of(baseline(design), design, [entry.id for entry in design.effects], 3)
+    base = baseline(design)
+    return examples_of(base, design, compensated(base, [entry.id for entry in design.effects]), 3)
 
 
 def test_a_reversal_shows_the_peak_that_is_measured(design: Design, found: tuple[Example, Example]) -> None:

@@ -1,0 +1,128 @@
+"""Which source and gain to take: the safe one with which the least error is left, as simulated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from pmsm_ctrl.compensate.window import GainWindow
+from pmsm_ctrl.design_parts import Compensation
+
+__all__ = ["Recommendation", "Sweep", "first_unsafe", "recommended", "swept_window"]
+
+FINER = 0.1  # step of the gain below a first step that is not safe already
+Sweep = Callable[..., GainWindow]  # takes the gains by name
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """A compensation that is safe, and what it leaves.
+
+    Attributes
+    ----------
+    compensation : Compensation
+        For the design: source, gain and effects.
+    rms : float
+        Worst RMS error left over motions and parameter errors, as a share of that without compensation.
+    others : dict of str to float
+        The worst RMS error left by every other source at its own best safe gain; 1 where no gain is safe or lowers it.
+    """
+
+    compensation: Compensation
+    rms: float
+    others: Mapping[str, float]
+
+    @property
+    def gain(self) -> float:
+        """Share of the modelled friction that is fed forward."""
+        return self.compensation.share
+
+
+def first_unsafe(window: GainWindow) -> float | None:
+    """Return the smallest gain of a sweep where already that one is not safe, else None.
+
+    Parameters
+    ----------
+    window : GainWindow
+    """
+    return float(window.gains[1]) if window.safe == 0.0 and len(window.gains) > 1 else None
+
+
+def swept_window(sweep: Sweep, gains: Iterable[float]) -> GainWindow:
+    """Sweep the gain; where the first step is not safe, in finer steps up to the first one that is not.
+
+    Parameters
+    ----------
+    sweep : callable
+        Returns the window of these gains.
+    gains : iterable of float
+
+    Returns
+    -------
+    GainWindow
+    """
+    window = sweep(gains=gains)
+    end = first_unsafe(window)
+    between = [] if end is None else [round(FINER * k, 6) for k in range(1, math.ceil(end / FINER - 1e-9))]
+    for gain in between:
+        window = sweep(gains=(*window.gains.tolist(), gain))
+        if window.safe < gain:
+            break
+    return window
+
+
+def recommended(
+    windows: dict[str, GainWindow], effects: Iterable[str], stated: Compensation, sweeps: Mapping[str, Sweep]
+) -> Recommendation | None:
+    """Return the source that leaves the least error at a safe gain; of equals the first, which closes no loop.
+
+    Its half is tried as well, as an export does: the window of that source is replaced.
+
+    Parameters
+    ----------
+    windows : dict of str to GainWindow
+        By source.
+    effects : iterable of str
+        Those whose friction was fed forward in the sweep.
+    stated : Compensation
+        That of the design, for all but source, gain and effects.
+    sweeps : mapping of str to callable
+        Returns the window of other gains, by source.
+
+    Returns
+    -------
+    Recommendation or None
+        None where no safe gain lowers the error.
+    """
+    source = _least(windows)
+    while source and (window := _with_half(windows[source], sweeps[source])) is not windows[source]:
+        windows[source] = window
+        source = _least(windows)
+    if not source:
+        return None
+    kept = "adaptive" if (stated.source, source) == ("adaptive", "reference") else source  # judged by the reference
+    changed = {"source": kept, "gain": windows[source].best, "effects": tuple(effects)}
+    return Recommendation(
+        stated.model_copy(update=changed), _left(windows[source]),
+        {other: _left(window) for other, window in windows.items() if other != source},
+    )  # fmt: skip
+
+
+def _least(windows: Mapping[str, GainWindow]) -> str:
+    """Return the source that leaves least, in whole per cent: less is no reason to close a loop; "" where none does."""
+    left = {source: round(_left(window), 2) for source, window in windows.items()}
+    source = min(left, key=lambda one: left[one], default="")
+    return source if source and left[source] < 1.0 else ""
+
+
+def _left(window: GainWindow) -> float:
+    return float(window.rms[window.gains == window.best][0])
+
+
+def _with_half(window: GainWindow, sweep: Sweep) -> GainWindow:
+    """Return the window with half of its best gain, where it does not hold it."""
+    half = 0.5 * window.best
+    if half == 0.0 or any(math.isclose(half, gain) for gain in window.gains.tolist()):
+        return window
+    return replace(sweep(gains=(*window.gains.tolist(), half)), hint=window.hint)
