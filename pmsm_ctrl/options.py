@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -259,7 +260,7 @@ def confirmed_import(
     print(said.rstrip().removesuffix(proposal.table.rstrip()).rstrip() + "\n" if taken else said)
     if taken or (proposal.complete and _agreed()):
         keep_mapping(proposal.mapping)
-        return describe(file, axis, proposal.mapping)
+        return replace(describe(file, axis, proposal.mapping), accepted=proposal.notices)
     if json_file is not None:
         write_json(json_file, "proposal", proposal.to_dict())
     raise RequestError(_to_confirm(file, design, proposal))

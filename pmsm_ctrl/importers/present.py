@@ -22,6 +22,9 @@ LISTED = 20  # unused columns that are named
 def _(report: ImportReport) -> Section:
     count = len(report.notices)
     verdict = f"Plausibility checks: {count or 'no'} warning{'' if count == 1 else 's'}."
+    if accepted := len(report.accepted):
+        share = "" if accepted == count else f" {accepted} of them"
+        verdict = f"{verdict[:-1]},{share} accepted with the mapping."
     guessed = [c.channel for c in report.channels if c.how == "guessed" or c.assumed_unit]
     fixed = [f"Guessed: {', '.join(guessed)}. The [log] table at the end fixes the assignment."] if guessed else []
     more = ", ..." if len(report.unused) > LISTED else ""

@@ -67,6 +67,8 @@ class ImportReport(Result):
         The [log] table, as TOML, that reads this file without a guess.
     unused : tuple of str
         Columns that are no channel.
+    accepted : tuple of Notice
+        Doubts of the proposed mapping that were accepted with it: they still are reasons to doubt the log.
     """
 
     log: Log
@@ -78,17 +80,18 @@ class ImportReport(Result):
     delays: tuple[Delay, ...]
     table: str
     unused: tuple[str, ...] = field(default=())
+    accepted: tuple[Notice, ...] = ()
 
     @property
     def assumed(self) -> tuple[str, ...]:
         """Channels whose unit was assumed, of columns that are not named as the channels are."""
-        found = (notice for notice in self.notices if notice.code == UNIT_ASSUMED.code)
+        found = (notice for notice in self.log.provenance.notices if notice.code == UNIT_ASSUMED.code)
         return tuple(channel for notice in found for channel in notice.detail["channels"])
 
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Reasons to doubt the log."""
-        return self.log.provenance.notices
+        return tuple(dict.fromkeys((*self.accepted, *self.log.provenance.notices)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values fit for JSON."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pty
+import re
 import shlex
 import tomllib
 from collections.abc import Sequence
@@ -303,8 +305,17 @@ def test_import_leaves_with_the_exact_command(
     command = shown.err.partition("pmsm-ctrl import")[2].strip()
     assert run(app, ["import", *shlex.split(command)]) == 0
     assert "Import of" in capsys.readouterr().out
-    assert run(app, ["import", str(path), "--yes", "--output", str(tmp_path / "si.csv")]) == 0
+    told = tmp_path / "import.json"
+    assert run(app, ["import", str(path), "--yes", "--output", str(tmp_path / "si.csv"), "--json", str(told)]) == 0
     np.testing.assert_allclose(read_log(tmp_path / "si.csv")["omega"], axis["omega"], atol=1e-8)
+    # a doubt that was accepted unasked is a warning of the import, not "no warnings" below it
+    proposal, _, report = capsys.readouterr().out.partition("Import of")
+    assert "warning: " in proposal
+    assert "no warnings" not in report
+    assert re.search(r"Plausibility checks: \d+ warnings?,( \d of them)? accepted with the mapping\.", report)
+    codes = json.loads(told.read_text(encoding="utf-8"))["warning_codes"]
+    assert codes
+    assert all(f"[{code}]" in proposal for code in codes)
 
 
 @pytest.mark.parametrize(("answer", "status"), [(b"y\n", 0), (b"\n", 2), (b"n\n", 2)])
