@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from pmsm_ctrl.compare.comparison import ChannelError, Comparison, Record
 from pmsm_ctrl.compare.notices import OBJECTIONS, largest_words, motion_words, structure_words
 from pmsm_ctrl.regression.notices import sampling_text
-from pmsm_ctrl.regression.present import records_table
+from pmsm_ctrl.regression.present import records_table, torque_error_name
 from pmsm_ctrl.rendering.numbers import fit, number, percent, probability, with_prefix
 from pmsm_ctrl.result import Verdict
 from pmsm_ctrl.section import Picture, Section, Table, present
@@ -52,8 +52,9 @@ def _drift(records: Iterable[tuple[str, Record]]) -> Iterator[str]:
     """Yield what the error of a free run over the whole record says, and what it does not say."""
     if any(run.method == "free run" for _, record in records for run in record.simulated):
         yield (
-            "The free run has nothing that holds it to the measured motion: small errors of the torque add up, "
-            "and a good model drifts away as well. Judge the model by the prediction of the torque."
+            "The free run has nothing that holds it to the measured motion: small errors of the torque add up, and a "
+            "right model drifts away as well, one with friction that falls with speed all the sooner, because alone "
+            "such an axis is unstable. Judge the model by the torque error."
         )
 
 
@@ -62,10 +63,15 @@ def _whole(records: Iterable[tuple[str, Record]], motion: str) -> Iterator[str]:
     for label, run in ((label, run) for label, record in records for run in record.simulated):
         if math.isfinite(run.fit):
             position, speed = (run.errors[name] for name in ("theta", "omega"))
+            whole = f"Free run of the {run.record or label} over its whole length: "
             yield (
-                f"Free run of the {run.record or label} over its whole length: "
-                f"position {with_prefix(position.rms, position.unit)} rms (fit: {fit(run.fit)}), speed "
-                f"{with_prefix(speed.rms, speed.unit)} rms (fit: {fit(1.0 - speed.relative)})."
+                f"{whole}it drifts away."
+                if run.fit < 0.0
+                else (
+                    f"{whole}"
+                    f"position {with_prefix(position.rms, position.unit)} rms (fit: {fit(run.fit)}), speed "
+                    f"{with_prefix(speed.rms, speed.unit)} rms (fit: {fit(1.0 - speed.relative)})."
+                )
             )
 
 
@@ -88,7 +94,8 @@ _HEADER = ("channel", "method", "rms", "noise floor", "unit", "relative", "worst
 def _errors(records: Iterable[tuple[str, Record]], names: dict[str, str]) -> Table:
     """Every channel by every method; which record, where there is more than one."""
     rows = [row for label, record in records for row in _error_rows(label, record, names)]
-    title = "Errors (measured - predicted)"
+    error = torque_error_name(names["torque"])
+    title = f"Errors, measured less predicted; the relative one of the {names['torque']} by prediction is the {error}"
     if len({label for label, *_ in rows}) > 1:
         return Table(("record", *_HEADER), tuple(rows), title)
     return Table(_HEADER, tuple(row[1:] for row in rows), title)
@@ -116,8 +123,10 @@ def _error_rows(label: str, record: Record, names: dict[str, str]) -> Iterator[t
     methods = [("", "prediction", record.errors)]
     methods += [(run.record, run.method, run.errors) for run in record.simulated]
     for part, method, errors in methods:
+        drifting = any(e.relative > 1.0 for e in errors.values())  # a figure would say how long it has run
         for name, e in errors.items():
-            yield part or label, names.get(name, name), method, *_error_cells(e)
+            cells = ("drifts away", "", e.unit, *[""] * 3) if drifting and method == "free run" else _error_cells(e)
+            yield part or label, names.get(name, name), method, *cells
 
 
 def _error_cells(e: ChannelError) -> tuple[str, ...]:

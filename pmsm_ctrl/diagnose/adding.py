@@ -168,6 +168,7 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
         remarks=remarks,
         log_name=case.name,
         holdout_name=holdout_name if case.holdouts else "",
+        level_refitted=case.level_refitted,
     )
 
 

@@ -39,6 +39,8 @@ class Addition(Result):
     remarks : tuple of Notice
         Whether the parameters were refined by simulation, where that was asked for.
     log_name, holdout_name : str
+    level_refitted : bool
+        Whether held-out records are judged with the level of their friction refitted: where several are fitted.
     """
 
     effect: str
@@ -54,6 +56,7 @@ class Addition(Result):
     remarks: tuple[Notice, ...] = field(default=())
     log_name: str = "the given log"
     holdout_name: str = ""
+    level_refitted: bool = False
 
     @property
     def supported(self) -> bool:

@@ -14,7 +14,7 @@ from pmsm_ctrl.diagnose.explorer import traces_of
 from pmsm_ctrl.diagnose.notices import calibration_text, errors_caption
 from pmsm_ctrl.diagnose.result import Agreement, Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
 from pmsm_ctrl.regression.notices import sampling_text
-from pmsm_ctrl.regression.present import records_table, spread_sentence
+from pmsm_ctrl.regression.present import records_table, spread_sentence, torque_error_name
 from pmsm_ctrl.rendering.numbers import fit, number, percent, probability, with_error, with_prefix
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
@@ -100,13 +100,16 @@ def _(result: Addition) -> Section:
     a, drive = result, drives(result.design.motion)
     before, after = (percent(a.errors[which]["torque"]["relative"]) for which in ("base", "final"))
     verdict = f"The log does not support {a.title}: {a.against[0]}." if a.against else f"The log supports {a.title}."
-    verdict += f" The error of the {drive} is {before} without, {after} with it."
+    verdict += f" The {torque_error_name(drive)} is {before} without, {after} with it."
     channels = list(a.errors["base"])
     held = [c for c in channels if c in a.holdout.get("base", {})]
-    names = {"torque": drive}
     rows = (("design as given", "nominal"), ("parameters refitted", "base"), (f"+ {a.effect}", "final"))
     errors = Table(
-        ("model", *(names.get(c, c) for c in channels), *(f"held-out {names.get(c, c)}" for c in held)),
+        (
+            "model",
+            *(_error_name(c, drive) for c in channels),
+            *(_error_name(c, drive, True, a.level_refitted) for c in held),
+        ),
         tuple(
             (name, *_relative(a.errors[which], channels), *_relative(a.holdout.get(which, {}), held))
             for name, which in rows
@@ -139,7 +142,7 @@ def _beside_stated(symbol: str, found: Estimate) -> str:
 
 def _errors(d: Diagnosis) -> Table:
     """The falling error, model by model."""
-    channels, names = list(d.errors["base"]), {"torque": drives(d.design.motion)}
+    channels, drive = list(d.errors["base"]), drives(d.design.motion)
     other = [c for c in channels if d.steps and c in d.steps[0].holdout_before]
     first = d.steps[0].holdout_before if d.steps else {}
     run = d.free_run
@@ -153,21 +156,28 @@ def _errors(d: Diagnosis) -> Table:
     return Table(
         (
             "model",
-            *(names.get(c, c) for c in channels),
-            *(f"held-out {names.get(c, c)}" for c in other),
-            *(("free run", "fit") if simulated else ()),
+            *(_error_name(c, drive) for c in channels),
+            *(_error_name(c, drive, held_out=True, level_refitted=d.level_refitted) for c in other),
+            *(("free run, position", "fit") if simulated else ()),
         ),
         tuple(
             (name, *_relative(own, channels), *_relative(held, other), *(_run_cells(of_run) if simulated else ()))
             for name, own, held, of_run in rows
         ),
         errors_caption(d.record.cutoff)
-        + ("; free run: the position, simulated from the torque alone, whose small errors add up" if simulated else ""),
+        + (f"; free run: simulated from the {drive} alone, whose small errors add up" if simulated else ""),
     )
 
 
 def _run_cells(run: Mapping[str, Any]) -> tuple[str, str]:
-    return (with_prefix(run["rms"], run["unit"]), fit(run["fit"])) if run else ("", "")
+    if not run:
+        return "", ""
+    # the rms of a run that drifts says how long it has run, and a right effect may make it drift the sooner
+    return (fit(run["fit"]), "") if run["fit"] < 0.0 else (with_prefix(run["rms"], run["unit"]), fit(run["fit"]))
+
+
+def _error_name(channel: str, drive: str, held_out: bool = False, level_refitted: bool = False) -> str:
+    return torque_error_name(drive if channel == "torque" else channel, held_out, level_refitted)
 
 
 def _relative(errors: Errors, channels: list[str]) -> list[str]:

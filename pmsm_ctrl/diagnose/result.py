@@ -318,6 +318,11 @@ class Diagnosis(Result):
         fit, undone = self.selection.fit, self.record.timing
         return DriveTiming(undone.late + lateness(fit.model, fit.plain.values), undone.lag)
 
+    @property
+    def level_refitted(self) -> bool:
+        """Whether held-out records are judged with the level of their friction refitted: where several are fitted."""
+        return sum(not row.held_out for row in self.records) > 1
+
     def contributions(self, channel: str = "torque") -> Contributions:
         """Take the prediction of a balance apart: what every effect that was found contributes, over time.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import count, filterfalse
-from typing import Any, Literal, TypedDict, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.identify import notices as words
+from pmsm_ctrl.identify.as_compared import as_compared, sizes
 from pmsm_ctrl.identify.beside import apart, by_instruments
 from pmsm_ctrl.identify.between_samples import with_folded_errors
 from pmsm_ctrl.identify.doubts import contradictions_of, doubts, large, verdict
@@ -168,17 +169,6 @@ class _Solution:
     remarks: tuple[Notice, ...] = ()
 
 
-class _Sizes(TypedDict):
-    relative_error: float
-    rms: float
-
-
-def _sizes(residual: Array, torque: Array) -> _Sizes:
-    """Return the residual relative to the torque, and its rms value."""
-    error, rms = float(np.linalg.norm(residual) / np.linalg.norm(torque)), float(np.sqrt(np.mean(residual**2)))
-    return {"relative_error": error, "rms": rms}
-
-
 def identify(
     design: Design, log: Logs, *, method: Method = "regression", processing: Processing | None = None,
     check_cutoff: bool = False, check_method: bool = False, progress: Callable[[float], None] | None = None,
@@ -254,14 +244,16 @@ def identify(
         )
     else:
         shown, unexplained, worse = problem, fit.residual, worse_than_given(design, found, record)
-    sizes = _sizes(unexplained[shown.mask], shown.torque[shown.mask])
+    size, rows = sizes(unexplained[shown.mask], shown.torque[shown.mask]), several.rows
+    if base is not None:
+        size, rows = as_compared(found, timed_record(design, whole), rows)
     over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
     contradictions = (*believed.contradictions, *contradictions_of(design, fit))
     effective = None if contradictions else effective_only(found, record, several.log)
     advance(1.0)
     said = (
         *contradictions, *filter(None, (worse, effective)), *far, *record_notices(several.rows),
-        *large(sizes["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes, *folded,
+        *large(size["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes, *folded,
         *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *near, *doubts(design, fit),
         *moved(over, fit), *(_beside(design, whole, fit) if check_method and method == "regression" else ()),
     )  # fmt: skip
@@ -271,7 +263,7 @@ def identify(
         estimates=_estimates(problem, fit),
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=_why_not(design, fit),
-        **sizes,
+        **size,
         problem=problem,
         fit=fit,
         shown=shown,
@@ -279,7 +271,7 @@ def identify(
         log_name=names_of(logs, "the given log"),
         notices=said,
         contradictions=contradictions,
-        records=several.rows,
+        records=rows,
         spreads=several.spreads,
         method=method,
         bias=solution.bias,

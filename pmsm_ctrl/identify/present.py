@@ -13,7 +13,7 @@ from pmsm_ctrl.identify.paper import PaperRow, PaperTable
 from pmsm_ctrl.identify.policy import LARGE_ERROR
 from pmsm_ctrl.identify.staircase import SweepResult
 from pmsm_ctrl.regression.notices import sampling_text
-from pmsm_ctrl.regression.present import records_table, spread_sentence
+from pmsm_ctrl.regression.present import records_table, spread_sentence, torque_error_name
 from pmsm_ctrl.rendering.numbers import number, percent, with_error
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Block, Picture, Section, Table, present
@@ -38,8 +38,8 @@ def _(result: Identification) -> Section:
     simulated = any(note.code == OPEN_LOOP.code for note in result.remarks)
     method = "Simulation of the axis, driven by the logged torque" if simulated else METHODS[result.method]
     verdict = (
-        f"{method}: {len(result.estimates)} of {asked} parameters identified; the residual is "
-        f"{percent(result.relative_error)} of the {quantity}."
+        f"{method}: {len(result.estimates)} of {asked} parameters identified; {error_name(result, quantity)} "
+        f"{percent(result.relative_error)}."
     )
     if result.contradictions:
         verdict = f"Implausible, log and design do not belong together: {result.contradictions[0].text}. {verdict}"
@@ -74,6 +74,11 @@ def _(result: Identification) -> Section:
     )
 
 
+def error_name(result: Identification, quantity: str) -> str:
+    """Return what the error is called: that of `compare` and `diagnose`, or that of a fit by simulation."""
+    return f"error of the simulated {quantity}" if result.method == "output_error" else torque_error_name(quantity)
+
+
 _HEADER = ("parameter", "value", "standard error", "unit", "95 % interval")
 
 
@@ -87,9 +92,10 @@ def _figures(estimate: Estimate, interval: tuple[float, float]) -> tuple[str, ..
 
 def _fit_sentence(result: Identification, quantity: str) -> str:
     problem, fit = result.problem, result.fit
+    name = error_name(result, quantity)
     inertia = f", the inertia from {problem.inertia_cutoff:.3g} Hz" if problem.inertia_cutoff is not None else ""
     return (
-        f"Residual {number(result.rms, 3)} {problem.unit} rms, {percent(result.relative_error)} of the {quantity}: "
+        f"{name[0].upper()}{name[1:]} {percent(result.relative_error)} ({number(result.rms, 3)} {problem.unit} rms): "
         f"{int(problem.mask.sum())} samples at {problem.rate:.4g} Hz, low-pass {problem.cutoff:.3g} Hz{inertia}. "
         f"Condition number {number(fit.condition, 3)}; residual correlation of order {fit.noise.order}, allowed for in "
         f"the standard errors; {fit.dof:.0f} effective degrees of freedom."

@@ -9,10 +9,25 @@ from pmsm_ctrl.regression.record_result import Errors, RecordResult, RecordSprea
 from pmsm_ctrl.rendering.numbers import number, percent, probability, with_error, with_prefix
 from pmsm_ctrl.section import Table
 
-__all__ = ["records_table", "spread_sentence"]
+__all__ = ["records_table", "spread_sentence", "torque_error_name"]
 
 SYMBOLS = {"dF_c": "dry friction", "dF_v": "viscous friction", "offset": "constant torque"}
-CAPTION = "Records: relative rms errors; by how much friction deviates from the mean of the records"
+CAPTION = "Records: {error}s; by how much friction deviates from the mean of the records"
+
+
+def torque_error_name(drive: str, held_out: bool = False, level_refitted: bool = False) -> str:
+    """Return what every verb calls the rms of measured less predicted torque (force), by the rms of the measured.
+
+    Parameters
+    ----------
+    drive : str
+        The word for what drives the axis.
+    held_out : bool
+        Of records to which nothing was fitted.
+    level_refitted : bool
+        Whether dry friction, viscous friction and a constant torque of these were, nevertheless.
+    """
+    return f"{'held-out ' if held_out else ''}{drive} error{', level refitted' if level_refitted else ''}"
 
 
 def records_table(rows: Sequence[RecordResult], drive: str, before: str = "before", after: str = "after") -> Table:
@@ -26,14 +41,15 @@ def records_table(rows: Sequence[RecordResult], drive: str, before: str = "befor
     before, after : str
         Heads of the two columns of errors.
     """
-    head = ["record", "duration", "rate", f"{drive} error {before}", after]
+    error = torque_error_name(drive)
+    head = ["record", "duration", "rate", f"{error} {before}", after]
     head += [f"{before}, level refitted", f"{after}, level refitted"]
     head += [*SYMBOLS.values(), "added to the angle", "p (agrees)"]
     cells = [_cells(row) for row in rows]
     shown = [k for k in range(len(head)) if any(row[k] for row in cells)]
     return Table(
         tuple(head[k] for k in shown), tuple(tuple(row[k] for k in shown) for row in cells),
-        CAPTION,
+        CAPTION.format(error=error),
     )  # fmt: skip
 
 

@@ -151,7 +151,8 @@ def _errors(found: Diagnosis) -> tuple[tuple[str, str], ...]:
     ]
     if found.steps and "torque" in found.steps[-1].holdout_after:
         held = found.steps[-1].holdout_after["torque"]["relative"]
-        numbers.append((percent(held), "the same on held-out records, to which nothing was fitted"))
+        fitted = "nothing was fitted" if not found.level_refitted else "the level of the friction alone was fitted"
+        numbers.append((percent(held), f"the same on held-out records, to which {fitted}"))
     else:
         numbers.append((floor, "noise floor: the error that noise alone leaves"))
     return tuple(numbers)

@@ -243,7 +243,8 @@ def test_diagnosis_report_shows_the_way_down(hidden_cogging: Diagnosis) -> None:
         assert any(word in caption for caption in captions), word
     errors = next(block for block in section.blocks if isinstance(block, Table))
     balances = "torque", "u_d", "u_q"
-    assert errors.header == ("model", *balances, *(f"held-out {name}" for name in balances), "free run", "fit")
+    names = [f"{name} error" for name in balances]
+    assert errors.header == ("model", *names, *(f"held-out {name}" for name in names), "free run, position", "fit")
     falling = {row[0]: row[1:] for row in errors.rows}
     assert list(falling) == ["design as given", "parameters refitted", "+ cogging 24", "noise floor"]
     assert all(cell.endswith("%") for cell in falling["+ cogging 24"][:6]), "log and held-out record"

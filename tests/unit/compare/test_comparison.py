@@ -178,7 +178,7 @@ def test_text_json_and_page(seed_motor: Design) -> None:
     assert "of the residual depends on speed and direction; largest" in text
     assert "restarted from the measured state every 0.5 s (free run in windows)" in text
     assert "Worst stretches" in text
-    assert "a good model drifts away as well" in text  # what "free run 497 %" beside it means
+    assert "a right model drifts away as well" in text  # what "free run 497 %" beside it means
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert data["where"]["torque"]["coordinates"][0]["coordinate"] == "speed"
     assert data["worst_stretches"][0]["motion"]["kind"]

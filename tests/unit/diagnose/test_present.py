@@ -18,6 +18,7 @@ from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.result import Calibration, Diagnosis, DiagnosisStep, Ranked, Verdict
 from pmsm_ctrl.diagnose.unexplained import _repeated, resemblance
 from pmsm_ctrl.regression.drive_timing import LATENESS, DriveTiming
+from pmsm_ctrl.regression.record_result import RecordResult
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 
@@ -75,13 +76,32 @@ def test_every_other_verdict_has_words(found: Diagnosis, verdict: Verdict) -> No
 
 def test_the_error_falls_model_by_model(found: Diagnosis) -> None:
     table = _errors(found)
-    assert table.header == ("model", "torque", "held-out torque")
+    assert table.header == ("model", "torque error", "held-out torque error")
     assert table.caption.endswith("low-passed at 52.06 Hz, which the fitted log allows")
     assert table.rows == (
         ("design as given", "7.00 %", ""), ("parameters refitted", "5.00 %", "6.00 %"),
         ("+ stribeck", "2.00 %", "3.00 %"), ("noise floor", "1.90 %", ""),
     )  # fmt: skip
-    assert _errors(replace(found, steps=())).header == ("model", "torque")
+    assert _errors(replace(found, steps=())).header == ("model", "torque error")
+
+
+def test_held_out_errors_with_the_level_of_the_friction_refitted_are_called_that(found: Diagnosis) -> None:
+    """`compare` and the table of records print another number, without that fit, of the same record."""
+    rows = tuple(RecordResult(name, False, 15.0, 1e3, {}, {}) for name in ("monday", "tuesday"))
+    assert _errors(replace(found, records=rows)).header[2] == "held-out torque error, level refitted"
+    assert _errors(replace(found, records=rows[:1])).header[2] == "held-out torque error"
+
+
+def test_a_free_run_that_drifts_is_called_that_instead_of_a_growing_figure(found: Diagnosis) -> None:
+    """The right effect may make it drift the sooner: with friction that falls with speed the axis alone is unstable."""
+    runs = {"nominal": (400.0, -9.0), "base": (0.1, 0.9), "final": (75.0, -2.0)}
+    told = {name: {"rms": rms, "unit": "rad", "fit": share} for name, (rms, share) in runs.items()}
+    steps = (replace(STRIBECK, free_run=told["final"]),)
+    table = _errors(replace(found, steps=steps, free_run=told))
+    assert table.header[-2:] == ("free run, position", "fit")
+    assert [row[-2:] for row in table.rows] == [
+        ("drifts away", ""), ("0.1 rad", "90.00 %"), ("drifts away", ""), ("", "")
+    ]  # fmt: skip
 
 
 def test_no_error_is_written_over_the_name_of_its_model(found: Diagnosis) -> None:

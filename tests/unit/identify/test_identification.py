@@ -143,6 +143,20 @@ def test_a_current_of_the_wrong_sign_gives_no_inertia_and_the_error_of_the_desig
     assert result.relative_error == pytest.approx(written.relative, rel=0.1)
 
 
+def test_identify_and_compare_print_one_number_of_one_design_on_one_log() -> None:
+    """So far as the time of sampling is fitted beside it, the fit's own residual was another one."""
+    log = rich(0.05, 4, extra=lambda t, speed: 0.1 * np.sin(3.0 * t))
+    result = identify(ALL, log)
+    written = compare(result.design, log).log.errors["torque"]
+    assert result.relative_error == pytest.approx(written.relative, rel=1e-9)
+    assert result.rms == pytest.approx(written.rms, rel=1e-9)
+    said = result.summary(width=1000)
+    assert (
+        f"; torque error {100 * written.relative:.2f} %" in said
+        or f"; force error {100 * written.relative:.2f} %" in said
+    )
+
+
 def test_an_own_effect_takes_part() -> None:
     @kernel
     def term(omega: float, k: float) -> float:
