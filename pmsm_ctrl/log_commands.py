@@ -250,13 +250,19 @@ def frf(
     report: ReportOption = None,
     force: ForceOption = False,
 ) -> None:
-    """Measure the frequency response of the axis. From logs or a Bode file; compared with the design's."""
+    """Measure the frequency response of the axis. From logs or a Bode file; compared with the design's.
+
+    Status 1 where --output is given and the log holds no excitation: then no design is written.
+    """
     from pmsm_ctrl.frf import frf as measure
 
     axis = read_design(design, effects)
     given = measured_bode(log, axis, design, kind=response, unit=unit, yes=yes)
     result = measure(axis, load_logs(log, axis, mapping) if given is None else given)
     finish("frf", result, json_file=json_file, report=report)
+    if not result.trusted and output is not None:
+        print(f"pmsm-ctrl: {printable(output)}: not written: {result.notices[0].text}", file=sys.stderr)
+        raise typer.Exit(NEGATIVE)
     write_design(result.measured, output)
 
 

@@ -65,6 +65,8 @@ def next_step(
     evaluated = (*logs, "--design", design, *_mapped(given))
     words: Sequence[Any] = ()
     match verb:
+        case "frf" if verdict == "doubted":  # without excitation
+            words = ("identify", *evaluated, "--output", _new())
         case "tune" | "sweep" | "frf" if not given.get("output") and not given.get("keep") and not given.get("paper"):
             words = (*typed, "--output", _new())  # what was found is in no file yet
         case "diagnose" if verdict in ("effects_missing", "consistent") and not given.get("output"):

@@ -119,6 +119,9 @@ def _compared(
     estimates = _estimates(believed, axis, speed)
     measured = _measured_design(believed, axis)
     judged = _judged(believed, axis, estimates)
+    if (doubt := _unexcited(found, axis)) is not None:
+        # what differs from the design are values that are not to be taken
+        found, judged, measured = [doubt, *found], [n for n in judged if n.code == words.MISFIT.code], design
     if unknown:
         estimates["J"] = replace(estimates["J"], nominal=None)
     return FrequencyResponse(
@@ -127,6 +130,18 @@ def _compared(
         _margins(believed, measured, axis, speed), axis.misfit, (*found, *judged),
         _point_margins(measured, axis, speed, response),
     )  # fmt: skip
+
+
+def _unexcited(found: list[Notice], axis: Axis) -> Notice | None:
+    """Return why the fitted axis is not to be taken: without excitation friction and noise look like an axis."""
+    codes = {notice.code for notice in found}
+    if words.NO_REFERENCE.code not in codes:
+        return None
+    if words.REVERSES.code in codes:
+        return words.NO_EXCITATION(why="the axis reverses, where friction is not linear")
+    if axis.misfit > policy.MISFIT:
+        return words.NO_EXCITATION(why=f"the residual of the fitted axis is {axis.misfit:.2g} times the noise")
+    return None
 
 
 def _own_response(design: Design, speed: float, response: Response) -> Complex:
@@ -231,7 +246,7 @@ def _margins(design: Design, measured: Design, axis: Axis, speed: float) -> dict
 def _judged(design: Design, axis: Axis, estimates: dict[str, Estimate]) -> list[Notice]:
     """Return where the fitted axis is not the design's."""
     found: list[Notice] = []
-    if axis.misfit > math.sqrt(2.0):
+    if axis.misfit > policy.MISFIT:
         found.append(words.MISFIT(misfit=axis.misfit))
     limit = float(norm.isf(0.5 * policy.DEVIATION / 3.0))
 

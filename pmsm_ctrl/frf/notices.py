@@ -19,6 +19,12 @@ NO_REFERENCE = Template(
     "the log has no reference that follows the excitation: noise of the measured {quantity} makes the response too "
     "small, by about {bias:.1%} where the {quantity} is weakest; log i_q_ref as well",
 )
+NO_EXCITATION = Template(
+    "frf_no_excitation",
+    "the log holds no excitation that a reference shows, and {why}: inertia, delay and resonance of the fitted axis "
+    "are not to be taken; `simulate --scenario multisine` shows a motion that excites the axis, and `identify` takes the "
+    "inertia from a log like this one",
+)
 NOISE_ANSWERED = Template(
     "frf_noise_answered",
     "the response above {frequency:.4g} Hz is left out, because its phase is not that of a passive axis: the "

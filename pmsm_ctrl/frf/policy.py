@@ -23,6 +23,8 @@ RESONANCE = 0.001
 DEVIATION = 0.01
 # Share of a response below which a deviation from the design is not reported, however surely it is seen: 0.4 dB.
 SMALLEST_DEVIATION = 0.05
+# Residual of the fitted axis over the noise from which on the response is not that of the axis: twice its power.
+MISFIT = math.sqrt(2.0)
 # Relative error of the inertia from which on a response says nothing about the axis.
 UNDETERMINED = 1.0
 # Share of the excitation's power above HIGHEST from which on it may reach beyond half the log's rate and fold back:

@@ -42,12 +42,12 @@ def _(result: FrequencyResponse) -> Section:
         f"{plant.instrument or 'none, the ' + quantity + ' is taken as exact'}.",
         *([HELD] if plant.held else []),
         *([_resolution(result)] if result.window_bias else []),
-        *result.notices,
+        *(result.notices if result.trusted else result.notices[1:]),
         _axis(result),
     ]
-    if result.bands:
+    if result.bands and result.trusted:
         blocks.append(_bands(result))
-    if result.margins:
+    if result.margins and result.trusted:
         blocks.append(_margins(result))
     blocks.append(
         Picture(
@@ -66,6 +66,8 @@ def _(result: FrequencyResponse) -> Section:
 
 
 def _verdict(result: FrequencyResponse) -> str:
+    if not result.trusted:
+        return f"In doubt, no answer: {result.notices[0].text}."
     if not result.bands:
         return "The design's response agrees with the measured one."
     parts = " and ".join(f"{band.low:.3g} to {band.high:.4g} Hz" for band in result.bands)
@@ -95,7 +97,8 @@ def _axis(result: FrequencyResponse) -> Table:
         )
         for name, one in result.estimates.items()
     )
-    return Table(("of the fitted axis", "unit", "measured", "design"), rows, "Axis fitted to the measured response")
+    caption = "Axis fitted to the measured response" + ("" if result.trusted else ", not to be taken")
+    return Table(("of the fitted axis", "unit", "measured", "design"), rows, caption)
 
 
 def _bands(result: FrequencyResponse) -> Table:

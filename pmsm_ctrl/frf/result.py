@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.frf.notices import NO_EXCITATION
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 
@@ -109,7 +110,7 @@ class FrequencyResponse(Result):
     design : Design
         As given.
     measured : Design
-        With the inertia and the resonance that were fitted; for `tune`.
+        With the inertia and the resonance that were fitted, for `tune`; as given where these are not to be trusted.
     log_name : str
     speed : float
         Mean speed, rad/s (m/s).
@@ -158,6 +159,16 @@ class FrequencyResponse(Result):
         return f"FrequencyResponse({self.log_name or 'log'}: {found}; {len(self.bands)} deviations)"
 
     @property
+    def trusted(self) -> bool:
+        """Whether the fitted axis may be taken: false for a log without excitation whose response is no linear axis."""
+        return all(notice.code != NO_EXCITATION.code for notice in self.notices)
+
+    @property
+    def verdict(self) -> str:
+        """ "trusted" or "doubted": whether the fitted axis may be taken."""
+        return "trusted" if self.trusted else "doubted"
+
+    @property
     def plant(self) -> Response:
         """The response from drive torque to speed."""
         return self.responses["plant"]
@@ -175,6 +186,7 @@ class FrequencyResponse(Result):
         return {
             **self.doubts(),
             "log": self.log_name,
+            "trusted": self.trusted,
             "speed": self.speed,
             "estimates": jsonable(self.estimates),
             "misfit": jsonable(self.misfit),

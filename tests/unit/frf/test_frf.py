@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl import Design, Log, frf, simulate
+from pmsm_ctrl.cli import app
+from pmsm_ctrl.console import run
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.local_polynomial import Local
@@ -421,6 +423,34 @@ def test_a_log_without_excitation_is_refused(seed: Design) -> None:
     still = Log({"t": t, "theta": np.zeros_like(t), "i_q": np.zeros_like(t)})
     with pytest.raises(LogError, match="no stretch of 1 s in which the axis moves"):
         frf(seed, still)
+
+
+def reversing(seed: Design) -> Log:
+    """A log of reversals without any excitation, as a drive records it: no reference in it."""
+    log = simulate(seed.replace(sensor={"current_noise": 0.01}), "identification", seed=3)
+    return Log({name: log[name] for name in ("t", "theta", "omega", "i_q")})
+
+
+def test_a_log_without_excitation_offers_no_inertia(
+    seed: Design, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its response looks like an axis whose inertia is off; the warnings said so, and the value was offered."""
+    log = reversing(seed)
+    log.write_csv(tmp_path / "log.csv")
+    seed.write(tmp_path / "axis.toml")
+    result = frf(seed, log)
+    assert not result.trusted
+    assert result.notices[0].code == "frf_no_excitation"
+    assert result.measured == seed
+    assert not {"frf_inertia_deviates", "frf_delay"} & {one.code for one in result.notices}
+    assert result.summary(width=1000).splitlines()[3].startswith("In doubt, no answer: the log holds no excitation")
+    assert result.to_dict()["trusted"] is False
+    given = ["frf", str(tmp_path / "log.csv"), "--design", str(tmp_path / "axis.toml")]
+    assert run(app, given) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("next: pmsm-ctrl identify ")
+    assert run(app, [*given, "--output", str(tmp_path / "new.toml")]) == 1
+    assert not (tmp_path / "new.toml").exists()
+    assert "new.toml: not written: the log holds no excitation" in capsys.readouterr().err
 
 
 def test_figures_and_json(found: FrequencyResponse) -> None:
