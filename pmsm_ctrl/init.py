@@ -85,6 +85,7 @@ def _write_example(name: str, target: Path, *, force: bool, json_file: Path | No
     if json_file is not None:
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target)})
     print(printable(f"design: {target}"))
+    print(_recording())
     _print_next(target, simulated=design.motor.electrical and design.motor.J is not None)
 
 
@@ -117,7 +118,18 @@ def _write(
         said = {"warnings": [d.text for d in doubts], "warning_codes": [d.code for d in doubts]}
         write_json(json_file, "init", {"design": design.to_dict(), "path": str(target), **said})
     print(printable(f"design: {target}"))
+    print(_recording())
     _print_next(target, simulated=design.motor.electrical and design.motor.J is not None)
+
+
+def _recording() -> str:
+    """Return what to record, for all commands that follow, in lines of the terminal."""
+    import shutil
+    import textwrap
+
+    from pmsm_ctrl.importers.recording import RECORD
+
+    return textwrap.fill(f"record: {RECORD}", min(shutil.get_terminal_size().columns, 100), subsequent_indent="  ")
 
 
 def _print_next(target: Path, *, simulated: bool) -> None:

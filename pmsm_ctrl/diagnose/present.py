@@ -13,6 +13,7 @@ from pmsm_ctrl.diagnose.addition import Addition
 from pmsm_ctrl.diagnose.explorer import traces_of
 from pmsm_ctrl.diagnose.notices import calibration_text, errors_caption
 from pmsm_ctrl.diagnose.result import Agreement, Diagnosis, DiagnosisStep, Errors, Ranked, Verdict
+from pmsm_ctrl.importers.recording import RECORD
 from pmsm_ctrl.regression.notices import sampling_text
 from pmsm_ctrl.regression.present import records_table, spread_sentence, torque_error_name
 from pmsm_ctrl.rendering.numbers import fit, number, percent, probability, with_error, with_prefix
@@ -87,6 +88,8 @@ def _(result: Diagnosis) -> Section:
         blocks.append(f"Calibration: {calibration_text(d.calibration)}.")
     if d.next_experiment:
         blocks.append(f"Next experiment: {d.next_experiment['profile'] or 'none'}. {d.next_experiment['why']}.")
+        if d.next_experiment["profile"]:
+            blocks.append(f"Record {RECORD}.")
     blocks += [*_pictures(d), _candidates(d)]
     if d.parameter_deviations:
         blocks.append(_deviations(d, outside=False))

@@ -22,7 +22,7 @@ NO_REFERENCE = Template(
 NO_EXCITATION = Template(
     "frf_no_excitation",
     "the log holds no excitation that a reference shows, and {why}: inertia, delay and resonance of the fitted axis "
-    "are not to be taken; `simulate --scenario multisine` shows a motion that excites the axis, and `identify` takes the "
+    "are not to be taken; `simulate --scenario multisine` shows a motion that excites the axis; `identify` takes the "
     "inertia from a log like this one",
 )
 NOISE_ANSWERED = Template(

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from pmsm_ctrl.importers.proposal import Proposal
+from pmsm_ctrl.importers.recording import NEEDS
 from pmsm_ctrl.importers.report import ChannelReport, ImportReport
 from pmsm_ctrl.rendering.numbers import number
 from pmsm_ctrl.section import Picture, Section, Table, present
@@ -38,11 +39,26 @@ def _(report: ImportReport) -> Section:
             Table(("fact", "value"), _facts(report), "The file"),
             _channels(report),
             *unused,
+            _needs(report),
             Picture(lambda: _figure(report), "Every channel over time: check signs, sizes and units."),
             report.table,
             Section("Notes", report.log.provenance.notes, folded=True),
         ),
     )
+
+
+def _needs(report: ImportReport) -> Table:
+    """Return what later commands need, and what of it this log lacks."""
+    rows = tuple(
+        (f"{need.command}: {need.why}" if need.why else need.command, _listed(need.channels),
+         _listed(need.lacking(report.log)) or "-")
+        for need in NEEDS
+    )  # fmt: skip
+    return Table(("command", "needs", "not in this log"), rows, "What later commands need")
+
+
+def _listed(channels: tuple[tuple[str, ...], ...]) -> str:
+    return ", ".join(" or ".join(some) for some in channels)
 
 
 @present.register
