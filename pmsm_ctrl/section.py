@@ -192,6 +192,9 @@ class Traces:
         Of the record.
     held_out : tuple of Traces
         The same of records that nothing was fitted to; their balances and coordinates are among those of this one.
+    used : bool array, shape (m,), or None
+        The samples that count: neither at rest nor next to the begin or the end of a record, where the filters are not
+        in. The others are not drawn, and do not set a scale. None: all of them.
     """
 
     t: Array
@@ -200,6 +203,12 @@ class Traces:
     stretches: tuple[tuple[float, float, str], ...] = ()
     name: str = ""
     held_out: tuple[Traces, ...] = ()
+    used: NDArray[np.bool_] | None = None
+
+    @property
+    def counting(self) -> NDArray[np.intp]:
+        """The samples that count, ascending."""
+        return np.arange(len(self.t)) if self.used is None else np.flatnonzero(self.used)
 
 
 @dataclass(frozen=True)

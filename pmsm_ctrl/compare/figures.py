@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compare.notices import OBJECTIONS, motion_words
-from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION
+from pmsm_ctrl.identify.figures import BLACK, BLUE, VERMILION, scaled_by_most
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,6 +56,7 @@ def traces_figure(record: Record) -> Figure:
         lower.plot(*outline(trace.t, trace.residual * shown), color=VERMILION, linewidth=0.8)
         lower.axhline(0.0, color=BLACK, linewidth=0.5)
         lower.set_ylabel(f"residual [{trace.unit}]")
+        scaled_by_most(lower, trace.residual[trace.mask])
         for each in (upper, lower):
             each.grid(alpha=0.3)
             for stretch in record.stretches:
@@ -112,8 +113,6 @@ def _dependence_panel(axes: Axes, d: Dependence, residual: Array, found: Residua
     used = np.flatnonzero(found.mask)
     used = used[:: max(1, len(used) // DOTS)]
     axes.plot(d.values[used], residual[used], ".", ms=1.5, alpha=0.35, color=GREY, rasterized=True, zorder=0)
-    spread = float(np.quantile(np.abs(residual[used]), 0.995))
-    limit = 1.1 * max(spread, d.peak)
     faint = 1.0 if d.significant else 0.35
     if d.coordinate == "direction":
         axes.plot([-1.0, 1.0], [d.backward[0], d.forward[1]], "s", color=VERMILION, ms=8, alpha=faint)
@@ -139,7 +138,7 @@ def _dependence_panel(axes: Axes, d: Dependence, residual: Array, found: Residua
         axes.set_xlabel(("angle within a turn" if d.orders else d.coordinate) + f" [{d.unit}]")
         margin = 0.05 * float(d.x[-1] - d.x[0])
         axes.set_xlim(float(d.x[0]) - margin, float(d.x[-1]) + margin)
-    axes.set_ylim(-limit, limit)
+    scaled_by_most(axes, residual[used], d.peak)
     axes.set_ylabel(f"residual [{found.unit}]")
     said = f"over {d.coordinate}: {_state(d)}"
     axes.set_title("\n".join(wrap(said, PANEL_WIDTH, break_on_hyphens=False)), fontsize="small")

@@ -105,7 +105,7 @@ def _traces(record: Record, balances: tuple[Balance, ...], residual: Array, name
     stretches = worst_stretches(record.t, residual, record.mask, speed, STRETCHES)
     unit = "m/s" if record.linear else "rad/s"
     words = tuple((s.start, s.stop, motion_words(s.motion, unit)) for s in stretches)
-    return Traces(record.t, coordinates, balances, words, Path(name).name)
+    return Traces(record.t, coordinates, balances, words, Path(name).name, used=record.mask)
 
 
 def coordinates_of(record: Record) -> dict[str, Array]:

@@ -11,12 +11,47 @@ from pmsm_ctrl.regression.least_squares import t_quantile
 from pmsm_ctrl.units import axis_unit, drives
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
     from pmsm_ctrl.identify.identification import Identification
     from pmsm_ctrl.identify.staircase import SweepResult
 
-__all__ = ["BLACK", "BLUE", "GREEN", "VERMILION", "friction_over_speed", "residual_figure"]
+__all__ = ["BLACK", "BLUE", "GREEN", "VERMILION", "friction_over_speed", "residual_figure", "scaled_by_most"]
 
 BLACK, BLUE, VERMILION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
+MOST = 0.995  # share of the samples that set the scale of a residual
+ROOM = 1.5  # over that scale: so far a residual is shown whole
+
+
+def scaled_by_most(axes: Axes, residual: NDArray[np.float64], least: float = 0.0) -> int:
+    """Scale a residual by nearly all of its samples, so that a few do not hide it; say how many lie outside.
+
+    Parameters
+    ----------
+    axes : Axes
+    residual : array, shape (n,)
+        The samples that count.
+    least : float
+        What has to be shown in any case.
+
+    Returns
+    -------
+    int
+        Samples that lie outside.
+    """
+    size = np.abs(residual[np.isfinite(residual)])
+    if not size.size:
+        return 0
+    largest, limit = float(size.max()), max(ROOM * float(np.quantile(size, MOST)), 1.1 * least)
+    limit = 1.1 * largest if largest <= limit or limit == 0.0 else limit
+    if limit > 0.0:
+        axes.set_ylim(-limit, limit)
+    outside = int(np.sum(size > limit))
+    if outside:
+        said = f"{outside} of {size.size} samples outside, up to {largest:.2g}"
+        axes.text(0.01, 0.97, said, transform=axes.transAxes, fontsize="x-small", va="top")
+    return outside
 
 
 def residual_figure(result: Identification) -> Figure:
@@ -35,6 +70,7 @@ def residual_figure(result: Identification) -> Figure:
     lower.axhline(0.0, color=BLACK, linewidth=0.5)
     lower.set_ylabel(f"residual [{unit}]")
     lower.set_xlabel("time [s]")
+    scaled_by_most(lower, result.unexplained[shown.mask])
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     return figure

@@ -202,13 +202,16 @@ def _errors(name: str, records: Records) -> dict[str, Any]:
 
 
 def _note(every: Records) -> str:
-    drawn, m = (
+    drawn, m, left = (
         sum(counts) for counts in zip(
-            *((len(_chosen(one, most)), len(one.t)) for one, most in zip(every, _points(every), strict=True)),
+            *((len(_chosen(one, most)), len(one.counting), len(one.t) - len(one.counting))
+              for one, most in zip(every, _points(every), strict=True)),
             strict=True,
         )
     )  # fmt: skip
     thin = "" if drawn == m else f" {drawn} of {m} samples are drawn, the extremes of each curve among them."
+    if left:
+        thin += f" {left} more, at rest or where a record begins or ends, do not count and are not drawn."
     return (
         f"Drag to zoom, move over a curve for its values.{thin} Errors are computed from all samples. Switched off, an "
         "effect is taken out of the prediction and all other parameters are held; in the falling error they were "
@@ -235,7 +238,8 @@ def _chosen(traces: Traces, most: int) -> NDArray[np.intp]:
     for b in traces.balances:
         left = b.measured - b.predicted
         curves += [b.measured, left, left + sum(b.parts.values(), np.zeros_like(left))]
-    return thinned(np.array([*curves, next(iter(traces.coordinates.values()))]), most)
+    counting = traces.counting
+    return counting[thinned(np.array([*curves, next(iter(traces.coordinates.values()))])[:, counting], most)]
 
 
 def _document(traces: Traces, prefix: str) -> dict[str, Any]:

@@ -67,6 +67,22 @@ def with_held_out() -> Traces:
     return replace(traces(), held_out=tuple(held))
 
 
+def test_samples_that_do_not_count_are_neither_drawn_nor_do_they_set_a_scale() -> None:
+    """Where two logs are joined the filters swing: a peak there hid the residual of everything else."""
+    whole = traces()
+    used = np.ones(M, dtype=bool)
+    used[900:950], used[-1] = False, False
+    torque = whole.balances[0]
+    swings = np.where(used, torque.measured, 50.0)
+    joined = replace(whole, balances=(replace(torque, measured=swings), *whole.balances[1:]), used=used)
+    chosen = live._chosen(joined, 500)
+    assert used[chosen].all()
+    assert len(chosen) > 300
+    note = live._note((joined,))
+    assert "51 more, at rest or where a record begins or ends, do not count and are not drawn." in note
+    assert "do not count" not in live._note((whole,))
+
+
 def held_out_error(*names: str) -> float:
     """Rms of what is left over on both held-out records together, in percent of the measured rms."""
     balances = [one.balances[0] for one in with_held_out().held_out]
