@@ -191,7 +191,7 @@ def tune(
         if report is not None:  # the Nyquist plot of the loop shows more than the line on stderr
             write_report(report, error.section())
         raise
-    finish("tune", result, json_file=json_file, report=report)
+    finish("tune", result, json_file=json_file, report=report, design=result.design)
     write_design(result.design, output)
     if not result.defended:
         raise typer.Exit(NEGATIVE)
@@ -224,7 +224,7 @@ def sweep(
     plant = design_if_given(truth, effects)
     with progress_bar(f"sweep {axis.name}") as progress:
         result = run_sweep(axis, truth=plant, repeats=repeats, seed=seed, progress=progress)
-    finish("sweep", result, json_file=json_file, report=report)
+    finish("sweep", result, json_file=json_file, report=report, design=result.design)
     write_design(result.design, output)
 
 
@@ -266,14 +266,14 @@ def study(
     if holdout is not None and log is None:
         raise RequestError("--holdout: needs --log, from which the model is identified")
     page = report_path(axis, output)
-    beside = completed_beside(page) if output is not None and log is not None else None
+    if not force:
+        page = page if output is not None else unused_name(page)
+    beside = completed_beside(page) if log is not None else None
     if beside is not None:
         require_distinct([beside], [design])
         require_new(() if force else [beside])
-    if not force:
-        page = page if output is not None else unused_name(page)
-        if complete and page.with_suffix("").exists():
-            raise RequestError(f"{page.with_suffix('')}: exists; --force writes the exported files into it")
+    if complete and not force and page.with_suffix("").exists():
+        raise RequestError(f"{page.with_suffix('')}: exists; --force writes the exported files into it")
     measured = logs_if_given(log, axis, mapping)
     other = logs_if_given(holdout, axis, mapping)
     with progress_bar(f"study {axis.name}") as progress:

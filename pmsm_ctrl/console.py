@@ -18,6 +18,7 @@ from pmsm_ctrl.errors import CacheWarning, PmsmCtrlError, RequestError
 from pmsm_ctrl.files import printable, require_writable, write_text
 
 if TYPE_CHECKING:
+    from pmsm_ctrl.design import Design
     from pmsm_ctrl.report import Headline
     from pmsm_ctrl.result import Result
     from pmsm_ctrl.section import Notice, Section
@@ -48,7 +49,13 @@ TERMINATED = 128 + signal.SIGTERM
 BROKEN_PIPE = 128 + getattr(signal, "SIGPIPE", 13)
 STDOUT = Path("-")  # of --json
 ANYWHERE = ("--debug", "--verbose")  # global options that may stand anywhere
-_shown: dict[str, Any] = {"brief": True, "verdict": "", "mapping": {}, "recommended": None}  # of the command that runs
+_shown: dict[str, Any] = {
+    "brief": True,
+    "verdict": "",
+    "mapping": {},
+    "recommended": None,
+    "page": None,
+}  # of the command that runs
 _answers: list[TextIO] = []  # the standard output that `json_to_stdout` keeps
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # files that are written name themselves
 ISSUES = "the project's issue tracker"
@@ -61,7 +68,7 @@ def run(command: Callable[..., Any], arguments: Sequence[str] | None = None) -> 
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in words
-    _shown.update(brief="--verbose" not in words, verdict="", mapping={}, recommended=None)
+    _shown.update(brief="--verbose" not in words, verdict="", mapping={}, recommended=None, page=None)
     if not debug:
         # Warnings for users are notices of a result; warnings of libraries are for developers.
         warnings.simplefilter("ignore")
@@ -227,6 +234,7 @@ def say(result: Result, *, whole: bool = False) -> None:
     print(result.summary(brief=_shown["brief"] and not whole))
     _shown["verdict"] = str(getattr(result, "verdict", ""))
     _shown["recommended"] = getattr(result, "recommended", None)
+    _shown["page"] = getattr(result, "path", None)
 
 
 def keep_mapping(mapping: Mapping[str, str]) -> None:
@@ -240,6 +248,8 @@ def say_next(verb: str, given: Mapping[str, Any], typed: Sequence[str] = ()) -> 
 
     if _shown["mapping"]:  # confirmed while the command ran
         given = {**given, "mapping": [f"{channel}={column}" for channel, column in _shown["mapping"].items()]}
+    if verb == "study" and _shown["page"] is not None:
+        given = {**given, "output": _shown["page"]}
     line = next_step(verb, given, _shown["verdict"], typed, _shown["recommended"])
     if line:  # source code on standard output stays as it is
         print(
@@ -249,12 +259,19 @@ def say_next(verb: str, given: Mapping[str, Any], typed: Sequence[str] = ()) -> 
 
 
 def finish(
-    verb: str, result: Result, *, json_file: Path | None = None, report: Path | None = None, whole: bool = False
+    verb: str,
+    result: Result,
+    *,
+    json_file: Path | None = None,
+    report: Path | None = None,
+    whole: bool = False,
+    design: Design | None = None,
 ) -> None:
-    """Print a result's summary, and write its JSON and its one-section report where asked."""
+    """Print a result's summary, and write its JSON, with the design that was found, and its one-section report."""
     say(result, whole=whole)
     if json_file is not None:
-        write_json(json_file, verb, result.to_dict())
+        found = {} if design is None else {"design": design.to_dict()}
+        write_json(json_file, verb, {**result.to_dict(), **found})
     if report is not None:
         from pmsm_ctrl.report import headline_of
 

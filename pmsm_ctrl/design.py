@@ -35,7 +35,7 @@ from pmsm_ctrl.design_parts import (
     Sensor,
     SpeedLoop,
 )  # fmt: skip
-from pmsm_ctrl.design_text import edited_text, rounded
+from pmsm_ctrl.design_text import design_in_json, edited_text, rounded
 from pmsm_ctrl.errors import DesignError, NextCommand, nearest
 from pmsm_ctrl.files import example_design, write_text
 from pmsm_ctrl.units import psi_f_from
@@ -385,7 +385,7 @@ class Design(Part):
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Design:
-        """Read a design from a TOML file.
+        """Read a design from a TOML file, or from the JSON of a command that found one (`--json`).
 
         Parameters
         ----------
@@ -415,6 +415,8 @@ class Design(Part):
             raise DesignError(f"{path}: not UTF-8 text at byte {error.start}; a design in TOML was expected") from None
         except ValueError as error:  # a name with a zero byte
             raise DesignError(f"{os.fspath(path)!r}: cannot be read ({error})") from None
+        if Path(path).suffix == ".json":
+            return cls.from_dict(design_in_json(text, str(path)), source=str(path))
         return cls.from_toml(text, source=str(path))
 
     @classmethod

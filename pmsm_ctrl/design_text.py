@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.units import DATASHEET
 
-__all__ = ["edited_text", "rounded"]
+__all__ = ["design_in_json", "edited_text", "rounded"]
 
 DIGITS = 2  # of the standard error that a rounded value keeps, as the GUM (7.2.6) has it
 
@@ -29,6 +31,34 @@ def rounded(value: float, stderr: float) -> float:
     if not (math.isfinite(stderr) and stderr > 0.0 and math.isfinite(value)):
         return value
     return round(value, DIGITS - 1 - math.floor(math.log10(stderr)))
+
+
+def design_in_json(text: str, source: str) -> dict[str, Any]:
+    """Return the design that a command found, of the JSON that it wrote.
+
+    Parameters
+    ----------
+    text : str
+        JSON.
+    source : str
+        Its file, for messages.
+
+    Raises
+    ------
+    DesignError
+        When it is no JSON, or holds no design.
+    """
+    try:
+        told = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise DesignError(f"{source}: not JSON ({error}); a design in TOML was expected") from None
+    found = told.get("design") if isinstance(told, dict) else None
+    if not isinstance(found, dict):
+        raise DesignError(
+            f"{source}: no design in it; a design in TOML was expected, or the --json of a command that finds one: "
+            "tune, sweep, identify, diagnose, add, frf, compensate"
+        )
+    return found
 
 
 def edited_text(text: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> str | None:

@@ -64,7 +64,7 @@ def compensate(
         axis = read_design(design, effects)
         plant, gains = design_if_given(truth, effects), sweep_gains(0.01 * step)
         result = run_compensation(axis, truth=plant, gains=gains, seed=seed, progress=progress)
-    finish("compensate", result, json_file=json_file, report=report)
+    finish("compensate", result, json_file=json_file, report=report, design=result.recommended)
     if result.recommended is not None:
         write_design(result.recommended, output)
     elif output is not None:

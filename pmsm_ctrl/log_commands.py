@@ -80,7 +80,8 @@ def identify(
         result = run_identification(
             axis, records, method=chosen, processing=processing, check_cutoff=True, check_method=True, progress=progress
         )
-    finish("identify", result, json_file=json_file, report=report)
+    found = result.design if result.improved else None
+    finish("identify", result, json_file=json_file, report=report, design=found)
     if not result.improved:
         raise typer.Exit(NEGATIVE)
     write_design(result.design, output)
@@ -150,7 +151,8 @@ def diagnose(
         result = run_diagnosis(
             axis, measured, holdout=other, progress=progress, calibrate=calibrate, polish=polish, start=start
         )
-    finish("diagnosis", result, json_file=json_file, report=report)
+    found = result.design if result.improved else None
+    finish("diagnosis", result, json_file=json_file, report=report, design=found)
     if not result.improved:
         raise typer.Exit(NEGATIVE)
     write_design(result.design, output)
@@ -259,7 +261,8 @@ def frf(
     axis = read_design(design, effects)
     given = measured_bode(log, axis, design, kind=response, unit=unit, yes=yes)
     result = measure(axis, load_logs(log, axis, mapping) if given is None else given)
-    finish("frf", result, json_file=json_file, report=report)
+    found = result.measured if result.trusted else None
+    finish("frf", result, json_file=json_file, report=report, design=found)
     if not result.trusted and output is not None:
         print(f"pmsm-ctrl: {printable(output)}: not written: {result.notices[0].text}", file=sys.stderr)
         raise typer.Exit(NEGATIVE)

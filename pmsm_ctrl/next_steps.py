@@ -59,17 +59,17 @@ def next_step(
     recommended : Design or None
         The design with what a study of its compensation recommends.
     """
-    design = given.get("output") if verb in WRITING and given.get("output") else given.get("design")
+    design = (_written(given) if verb in WRITING else None) or given.get("design")
     logs = given.get("log") or ["LOG"]
     logs = [logs] if isinstance(logs, str | Path) else logs
     evaluated = (*logs, "--design", design, *_mapped(given))
     words: Sequence[Any] = ()
     match verb:
-        case "frf" if verdict == "doubted":  # without excitation
+        case "track" | "frf" if verb == "track" or verdict == "doubted":  # no design, or none to be trusted
             words = ("identify", *evaluated, "--output", _new())
-        case "tune" | "sweep" | "frf" if not given.get("output") and not given.get("keep") and not given.get("paper"):
+        case "tune" | "sweep" | "frf" if not _written(given) and not given.get("keep") and not given.get("paper"):
             words = (*typed, "--output", _new())  # what was found is in no file yet
-        case "diagnose" if verdict in ("effects_missing", "consistent") and not given.get("output"):
+        case "diagnose" if verdict in ("effects_missing", "consistent") and not _written(given):
             words = (*typed, "--output", _new())
         case "identify" | "compare" | "diagnose" if verdict == "implausible":
             words = ("import", logs[0], "--design", given.get("design"), *_mapped(given))
@@ -82,17 +82,13 @@ def next_step(
         case "import":
             words = _after_import(given)
         case "compare" | "diagnose" if verdict == "consistent":
-            words = ("compensate", design)
+            words = ("track", *evaluated) if _simulated(design) is False else ("compensate", design)
         case "identify" | "compare":
             words = ("diagnose", *evaluated, *_holdout(given), "--output", _new())
-        case "diagnose" if verdict == "effects_missing":
-            words = ("compare", (given.get("holdout") or logs)[0], "--design", design, *_mapped(given))
+        case "add" | "diagnose" if verb == "add" or verdict == "effects_missing":
+            words = _after_model(given, logs, design)
         case "diagnose":  # the log decides nothing: another motion may
             words = ("effects",)
-        case "add":
-            words = ("compare", (given.get("holdout") or logs)[0], "--design", design, *_mapped(given))
-        case "track":  # it writes no design
-            words = ("identify", *evaluated, "--output", _new())
         case "frf":
             words = ("tune", design, "--output", _new())
         case "fleet":
@@ -138,8 +134,8 @@ def _after_compensation(given: Mapping[str, Any], recommended: Design | None) ->
     stated: tuple[str, ...] = ("--source", own.source, "--gain", f"{own.share:.6g}")
     if own.source != "observer":  # which needs no model of the friction
         stated = (*stated, "--feed", ",".join(own.effects))
-    if given.get("output") or _states(design, own):
-        design, stated = given.get("output") or design, ()
+    if _written(given) or _states(design, own):
+        design, stated = _written(given) or design, ()
     folder = unused_name(Path(Path(str(given["design"])).name.split(".")[0] or "axis"))
     return ("export", design, *stated, "--language", "st", "--output", folder)
 
@@ -160,6 +156,30 @@ def _exported(given: Mapping[str, Any]) -> Any:
     if any(options) and given.get("output") and not Path(given["output"]).suffix:
         return exported_design(Path(given["output"]))
     return given["design"]
+
+
+def _written(given: Mapping[str, Any]) -> Any:
+    """Return the file that holds the design that was found: the design itself, or the JSON of the result."""
+    told = given.get("json_file")
+    return given.get("output") or (told if told is not None and Path(told).suffix == ".json" else None)
+
+
+def _simulated(design: Any) -> bool | None:
+    """Return whether a design can be simulated with its loops; None where it cannot be read."""
+    from pmsm_ctrl.design import Design
+
+    try:
+        found = Design.read(design)
+    except (DesignError, TypeError):
+        return None
+    return found.motor.electrical and found.loops is not None
+
+
+def _after_model(given: Mapping[str, Any], logs: Sequence[Any], design: Any) -> tuple[Any, ...]:
+    """Return the words after a fit whose errors are known: its compensation, or where it fails if it has no drive."""
+    if _simulated(design):
+        return ("compensate", design)
+    return ("compare", (given.get("holdout") or logs)[0], "--design", design, *_mapped(given))
 
 
 def _reader(given: Mapping[str, Any]) -> str:
@@ -199,7 +219,8 @@ def _after_study(given: Mapping[str, Any]) -> tuple[Any, ...]:
         return ("import", "LOG", "--design", design)
     beside = completed_beside(given["output"]) if given.get("output") else None
     if beside is not None and beside.exists():
-        return ("compensate", beside)
+        follows = ("compensate", beside), ("track", *logs, "--design", beside, *_mapped(given))
+        return follows[_simulated(beside) is False]
     return ("diagnose", *logs, "--design", design, *_mapped(given), *_holdout(given), "--output", _new())
 
 

@@ -92,7 +92,11 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
          "channels": _by_name(TEXT)},
         {},
     ),
-    "tune": ("tuning", {"defended": FLAG, "methods": _by_name(TEXT), "loops": {"type": "object"}, **DOUBTS}, {}),
+    "tune": (
+        "tuning",
+        {"defended": FLAG, "methods": _by_name(TEXT), "loops": {"type": "object"}, **DOUBTS},
+        {"design": DESIGN},
+    ),
     "identify": (
         "identification",
         {"log": TEXT, "method": TEXT, "plausible": FLAG, "parameters": ESTIMATES,
@@ -100,7 +104,7 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
          "relative_error": NUMBER, "improved": FLAG, "cutoff": NUMBER,
          "inertia_over_cutoff": _list(_record({"cutoff": NUMBER, "value": NUMBER, "unit": TEXT, "stderr": NUMBER})),
          **DOUBTS},
-        {"records": RECORDS},
+        {"records": RECORDS, "design": DESIGN},
     ),
     "compare": (
         "comparison",
@@ -115,7 +119,7 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
          "base": _record({"parameters": ESTIMATES}), "steps": _list(STEP), "ranking": _list(RANKED),
          "parameter_deviations": _list(DEVIATION), "next_experiment": _maybe(EXPERIMENT), "unexplained": TEXT,
          "records": RECORDS, "improved": FLAG, **DOUBTS},
-        {},
+        {"design": DESIGN},
     ),
     "add": (
         "add",
@@ -131,7 +135,11 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
          "stderr": _by_name(_list(NUMBER)), **DOUBTS},
         {},
     ),
-    "frf": ("frf", {"log": TEXT, "estimates": ESTIMATES, "responses": _by_name({"type": "object"}), **DOUBTS}, {}),
+    "frf": (
+        "frf",
+        {"log": TEXT, "estimates": ESTIMATES, "responses": _by_name({"type": "object"}), **DOUBTS},
+        {"design": DESIGN, "trusted": FLAG},
+    ),
     "fleet": (
         "fleet",
         {"results": TEXT, "axes": COUNT, "logs": COUNT, "evaluated": COUNT, "reused": COUNT,
@@ -167,7 +175,7 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
         "sweep",
         {"fits": _by_name(_record({"F_c": ESTIMATE, "F_v": ESTIMATE})), "rms_percent": NUMBER,
          "levels": _list({"type": "object"}), **DOUBTS},
-        {},
+        {"design": DESIGN},
     ),
     "compensate": (
         "compensation",
@@ -177,7 +185,8 @@ _KEYS: dict[str, tuple[str, dict[str, Schema], dict[str, Schema]]] = {
              _record({"scenario": TEXT, "metric": TEXT, "limit": NUMBER, "value": NUMBER, "passed": FLAG})
          ),
          **DOUBTS},
-        {"recommended": _maybe(_record({"source": TEXT, "gain": NUMBER, "effects": TEXTS, "rms": NUMBER}))},
+        {"recommended": _maybe(_record({"source": TEXT, "gain": NUMBER, "effects": TEXTS, "rms": NUMBER})),
+         "design": DESIGN},
     ),
     "study": (
         "study",

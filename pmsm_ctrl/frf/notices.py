@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from pmsm_ctrl.frf.result import NO_EXCITATION as NOT_TO_BE_TAKEN
 from pmsm_ctrl.section import Notice, Template
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ NO_REFERENCE = Template(
     "small, by about {bias:.1%} where the {quantity} is weakest; log i_q_ref as well",
 )
 NO_EXCITATION = Template(
-    "frf_no_excitation",
+    NOT_TO_BE_TAKEN,
     "the log holds no excitation that a reference shows, and {why}: inertia, delay and resonance of the fitted axis "
     "are not to be taken; `simulate --scenario multisine` shows a motion that excites the axis; `identify` takes the "
     "inertia from a log like this one",

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.frf.notices import NO_EXCITATION
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 
 __all__ = ["Band", "FrequencyResponse", "Response"]
 
+NO_EXCITATION = "frf_no_excitation"  # code of the notice that the fitted axis is not to be taken
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -161,7 +161,7 @@ class FrequencyResponse(Result):
     @property
     def trusted(self) -> bool:
         """Whether the fitted axis may be taken: false for a log without excitation whose response is no linear axis."""
-        return all(notice.code != NO_EXCITATION.code for notice in self.notices)
+        return all(notice.code != NO_EXCITATION for notice in self.notices)
 
     @property
     def verdict(self) -> str:

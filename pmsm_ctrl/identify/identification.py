@@ -239,14 +239,12 @@ def identify(
     found, far, near = _identified(design, problem, fit)
     record = base.record if base else timed_record(design, several.log)
     if base is None and method != "output_error":  # which has no columns of the given design
-        shown, unexplained, worse = _shown(
-            design, several.log, replace(processing, cutoff=problem.cutoff), problem, fit
-        )
+        cut = replace(processing, cutoff=problem.cutoff)
+        shown, unexplained, worse = _shown(design, several.log, cut, problem, fit)
     else:
         shown, unexplained, worse = problem, fit.residual, worse_than_given(design, found, record)
-    size, rows = sizes(unexplained[shown.mask], shown.torque[shown.mask]), several.rows
-    if base is not None:
-        size, rows = as_compared(found, timed_record(design, whole), rows)
+    told = as_compared(found, timed_record(design, whole), several.rows) if base else None
+    size, rows = told or (sizes(unexplained[shown.mask], shown.torque[shown.mask]), several.rows)
     over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
     contradictions = (*believed.contradictions, *contradictions_of(design, fit))
     effective = None if contradictions else effective_only(found, record, several.log)

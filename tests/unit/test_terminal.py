@@ -17,6 +17,7 @@ from typer.main import get_command
 from pmsm_ctrl import console
 from pmsm_ctrl.cli import app, main
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.next_steps import next_step
 from pmsm_ctrl.rendering import to_text
 from pmsm_ctrl.section import Notice, Section, Table
@@ -87,7 +88,8 @@ def test_a_study_is_its_verdict_three_numbers_and_the_next_command(
     assert any(line.startswith("No missing effect") for line in lines[:6])
     assert sum("not significant" in line for line in lines) == 0
     assert len(re.findall(r"^ *[-\d.]+ %  ", "\n".join(lines), re.MULTILINE)) == 3
-    assert lines[-1] == "next: pmsm-ctrl compensate 'a page.design.toml'"
+    # a design without winding data cannot be simulated, and its compensation not be studied
+    assert lines[-1] == "next: pmsm-ctrl track 'my log.csv' --design 'a page.design.toml'"
 
 
 def test_a_study_of_a_log_writes_the_completed_design_beside_its_page(
@@ -110,7 +112,7 @@ def test_a_study_of_a_log_writes_the_completed_design_beside_its_page(
     assert Path("d.toml").read_text(encoding="utf-8") == PLAIN
     said = capsys.readouterr().out
     assert "design: d.design.toml" in said
-    assert said.splitlines()[-1] == "next: pmsm-ctrl compensate d.design.toml"  # and not the design as it was
+    assert said.splitlines()[-1] == "next: pmsm-ctrl track 'my log.csv' --design d.design.toml"  # and not as it was
 
 
 GIVEN: dict[str, dict[str, Any]] = {
@@ -144,6 +146,41 @@ def test_the_next_command_exists(verb: str, verdict: str) -> None:
     named = {name for option in command.params if option.param_type_name == "option" and option.required
              for name in option.opts}  # fmt: skip
     assert not named or named & set(words)
+
+
+def test_what_was_computed_is_not_computed_again(
+    designs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The design stands in the JSON of the command that found it, which is read like a design."""
+    monkeypatch.chdir(tmp_path)
+    axis = Design.read(designs / "seed_motor.toml")
+    Path("r.json").write_text(json.dumps({"schema": "pmsm-ctrl/diagnosis/1", "design": axis.to_dict()}))
+    assert Design.read("r.json").to_dict() == axis.to_dict()
+    told = {"json_file": Path("r.json"), "design": Path("a.toml"), "log": [Path("l.csv")]}
+    for verb, verdict, follows in (
+        ("diagnose", "effects_missing", "compensate r.json"),
+        ("diagnose", "consistent", "compensate r.json"),
+        ("add", "", "compensate r.json"),
+        ("tune", "", "study r.json"),
+        ("sweep", "", "compensate r.json"),
+        ("frf", "trusted", "tune r.json --output new.toml"),
+        ("identify", "", "diagnose l.csv --design r.json --output new.toml"),
+    ):
+        assert next_step(verb, told, verdict, TYPED.get(verb, [verb])) == f"pmsm-ctrl {follows}", verb
+    # JSON on standard output is no file
+    assert "--output new.toml" in next_step("tune", told | {"json_file": Path("-")}, "", ["tune", "a.toml"])
+    # of what cannot be simulated `compare` says where it still fails
+    Path("plain.toml").write_text(PLAIN)
+    after = next_step("add", {"output": Path("plain.toml"), "log": [Path("l.csv")]}, "", [])
+    assert after == "pmsm-ctrl compare l.csv --design plain.toml"
+
+
+@pytest.mark.parametrize("content", ["{}", "[]", "no", '{"design": "text"}', '{"design": {}}'])
+def test_json_without_a_design_is_refused(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "r.json"
+    path.write_text(content)
+    with pytest.raises(DesignError, match=r"r\.json"):
+        Design.read(path)
 
 
 def test_after_compensate_what_is_recommended_is_exported_and_then_verified(
@@ -212,7 +249,7 @@ def test_a_command_that_is_to_be_repeated_keeps_its_options(here: Path, capsys: 
     (here / "m.toml").write_text("[motor]\nJ = 9e-5\np = 4\npsi_f = 0.172\nR = 19.0\nL_d = 0.049\nL_q = 0.049\n")
     line = ["tune", "m.toml", "--no-prove", "--phase-margin", "55", "--speed", "pole_placement"]
     with pytest.raises(SystemExit):
-        main([*line, "--json", "r.json", "--no-filters"])
+        main([*line, "--no-filters"])
     said = capsys.readouterr().out.splitlines()[-1]
     found = shlex.split(said)
     assert found[:4] == ["next:", "pmsm-ctrl", "tune", "m.toml"]
