@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 
-__all__ = ["CHANGE", "UNITS", "Metrics", "limit_cycle", "measure", "measure_contour", "turning_samples"]
+__all__ = ["CHANGE", "FINEST", "UNITS", "Metrics", "limit_cycle", "measure", "measure_contour", "turning_samples"]
 
 Array = NDArray[np.float64]
 
@@ -18,7 +19,11 @@ REVERSAL_WINDOW = 0.1  # s around a change of the reference speed's sign
 SETTLE = 0.8  # s of rest in which the axis still settles
 SHORTEST = 0.5  # s of rest in which a limit cycle can be detected
 SINE = 2.0**0.5  # amplitude of a sine over its rms value
-CYCLE_SWINGS = 4  # swings over most of the width, in either direction, that make a limit cycle
+CYCLE_SWINGS = 4  # swings, in either direction, that make a limit cycle
+FINEST = 1e-9  # rad (m): no encoder resolves it, and an ideal one shows the rounding of the simulation
+FINER = 2.0**0.5  # step of the size of swings that are counted
+ALIKE = 2.0  # ratio of the swings of one limit cycle, and of the pauses between them
+MOST = 0.75  # share of the swings that are alike in a limit cycle
 
 UNITS = {
     "rms": "rad", "peak": "rad", "reversal_peak": "rad", "stuck": "1", "cycle_amplitude": "rad",
@@ -176,8 +181,10 @@ def limit_cycle(
     """Return amplitude and frequency (Hz) of the largest limit cycle while the reference rests; zeros without one.
 
     It lasts to the end of the rest: it is searched in all of the rest (slow hunting), in its last half and in its
-    last quarter (a fast cycle after a last slip). Noise shakes an axis on an elastic contact: the longer one looks, the
-    larger its largest swing. So a motion is dither as well where a sine of the same rms value is.
+    last quarter (a fast cycle after a last slip). A resting axis also drifts, by the integral of the speed controller,
+    and a cycle may ride on it: swings are counted between turning points, which a drift does not move. Noise shakes an
+    axis on an elastic contact: the longer one looks, the larger its largest swing. So a motion is dither as well where
+    a sine of the same rms value is.
 
     Parameters
     ----------
@@ -188,7 +195,7 @@ def limit_cycle(
     period : float
         Of the samples, s.
     dither : float
-        Amplitude of a sine below which a motion is no limit cycle, in the unit of the position.
+        Amplitude of a sine below which a motion is no limit cycle, in the unit of the position; at least `FINEST`.
 
     Returns
     -------
@@ -201,17 +208,60 @@ def limit_cycle(
         if length < round(SHORTEST / period):
             continue
         for share in (1, 2, 4):
-            seen = theta[stop - length // share : stop]
-            swings, amplitude = _swings(seen), 0.5 * float(np.ptp(seen))
-            cycles = swings.size >= CYCLE_SWINGS and min(amplitude, SINE * float(np.std(seen))) >= dither
-            if cycles and amplitude > worst[0]:
+            amplitude, swings = _cycle(theta[stop - length // share : stop], max(dither, FINEST))
+            if amplitude > worst[0]:
                 worst = amplitude, float((swings.size - 1) / (2.0 * (swings[-1] - swings[0]) * period))
     return worst
 
 
-def _swings(theta: Array) -> NDArray[np.intp]:
-    """Samples at which the angle has swung from the lowest to the highest quarter of its range, or back."""
-    low, high = float(theta.min()), float(theta.max())
-    outside = np.flatnonzero((theta < low + 0.25 * (high - low)) | (theta > high - 0.25 * (high - low)))
-    above = theta[outside] > 0.5 * (low + high)
-    return np.asarray(outside[1:][above[1:] != above[:-1]])
+def _cycle(theta: Array, dither: float) -> tuple[float, NDArray[np.intp]]:
+    """Return the largest amplitude of which `CYCLE_SWINGS` swings last to the end, and the samples of its swings.
+
+    The swings of a limit cycle are alike. Smaller ones ride on it (noise), and are left out by raising the size of a
+    swing until too few are left; larger ones are drift, and few.
+    """
+    turns, size = np.arange(theta.size), 2.0 * dither
+    best: tuple[float, NDArray[np.intp]] = (0.0, np.zeros(0, dtype=np.intp))
+    while (turns := turns[_turning_points(theta[turns], size)]).size > CYCLE_SWINGS:
+        swing = np.abs(np.diff(theta[turns]))
+        smallest = float(swing.min())
+        alike, size = swing <= ALIKE * smallest, FINER * smallest
+        if np.count_nonzero(alike) < max(CYCLE_SWINGS, MOST * swing.size):
+            continue
+        crossed, middle = _crossings(theta, turns)
+        ends = np.append(crossed[alike], theta.size)
+        lasts = ends[-1] - ends[-2] <= ALIKE * np.diff(ends[:-1]).max()
+        inside = np.arange(turns[0], turns[-1] + 1)
+        around = theta[inside] - np.interp(inside, crossed, middle)  # without the drift
+        if lasts and SINE * float(np.std(around)) >= dither:
+            best = 0.5 * float(np.median(swing[alike])), crossed
+    return best
+
+
+def _crossings(theta: Array, turns: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+    """Return the samples at which an angle is half way between two turning points, and the angle there."""
+    middle = 0.5 * (theta[turns[1:]] + theta[turns[:-1]])
+    crossed = [
+        k + np.argmax((theta[k : stop + 1] > at) != (theta[k] > at))
+        for (k, stop), at in zip(pairwise(turns.tolist()), middle.tolist(), strict=True)
+    ]
+    return np.asarray(crossed, dtype=np.intp), middle
+
+
+def _turning_points(theta: Array, size: float) -> list[int]:
+    """Return the samples at which an angle turns between swings of at least a size, the ends of the outer ones too."""
+    low = high = 0
+    found: list[int] = []
+    values, rising, falling = theta.tolist(), True, True
+    for k, value in enumerate(values):
+        if value > values[high]:
+            high = k
+        elif value < values[low]:
+            low = k
+        if rising and values[high] - value >= size:
+            found.append(high)
+            rising, falling, low = False, True, k
+        elif falling and value - values[low] >= size:
+            found.append(low)
+            rising, falling, high = True, False, k
+    return [*found, high if rising else low] if found else found

@@ -16,8 +16,6 @@ from pmsm_ctrl.simulate.parameters import matched_filter
 
 __all__ = ["baseline", "compensated", "count_angle", "judge", "off_by", "run_trial", "scaled"]
 
-FINEST = 1e-9  # rad (m): no encoder resolves it, and an ideal one shows the rounding of the simulation
-
 
 def baseline(design: Design) -> Design:
     """Return a design without friction compensation, inertia and delay fed forward.
@@ -152,13 +150,12 @@ def judge(trial: Trial, logs: tuple[Log, ...], dither: float = 0.0) -> Metrics:
         Of its axes.
     dither : float
         Amplitude below which the motion at rest is no limit cycle, rad (m): one count of the encoder, which the loops
-        cannot resolve; at least `FINEST`.
+        cannot resolve; at least `metrics.FINEST`.
 
     Returns
     -------
     Metrics
     """
-    dither = max(dither, FINEST)
     if trial.radius > 0.0:
         return measure_contour(logs[0], logs[1], trial.radius, dither=dither)
     return measure(logs[0], dither=dither)

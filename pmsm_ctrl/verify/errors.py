@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.compensate.metrics import REVERSAL_WINDOW, SETTLE, SHORTEST, limit_cycle, turning_samples
-from pmsm_ctrl.compensate.runs import FINEST, count_angle
+from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import PmsmCtrlError
 from pmsm_ctrl.log import Log
@@ -68,9 +68,7 @@ def tracking(log: Log, count: float) -> Tracking:
     peaks = [float(np.max(np.abs(error[k : k + window]))) for k in turns.tolist()]
     amplitude, frequency = np.nan, np.nan
     if "theta" in log and _rests(moving, period):
-        amplitude, frequency = limit_cycle(log["theta"], moving, period)
-        if amplitude < max(count, FINEST):
-            amplitude, frequency = 0.0, 0.0
+        amplitude, frequency = limit_cycle(log["theta"], moving, period, dither=count)
     t, mean = _around(error, speed, turns, period)
     return Tracking(
         float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error))), float(np.median(peaks)) if peaks else np.nan,
