@@ -6,11 +6,14 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pmsm_ctrl.compensate.window import GainWindow
 from pmsm_ctrl.design_parts import Compensation
 
 __all__ = ["Recommendation", "Sweep", "first_unsafe", "recommended", "swept_window"]
 
+FULL = 1.0  # largest gain that is recommended
 FINER = 0.1  # step of the gain below a first step that is not safe already
 Sweep = Callable[..., GainWindow]  # takes the gains by name
 
@@ -102,7 +105,7 @@ def recommended(
     if not source:
         return None
     kept = "adaptive" if (stated.source, source) == ("adaptive", "reference") else source  # judged by the reference
-    changed = {"source": kept, "gain": windows[source].best, "effects": tuple(effects)}
+    changed = {"source": kept, "gain": _best(windows[source]), "effects": tuple(effects)}
     return Recommendation(
         stated.model_copy(update=changed), _left(windows[source]),
         {other: _left(window) for other, window in windows.items() if other != source},
@@ -116,13 +119,19 @@ def _least(windows: Mapping[str, GainWindow]) -> str:
     return source if source and left[source] < 1.0 else ""
 
 
+def _best(window: GainWindow) -> float:
+    """Return the safe gain that leaves least, at most 1: above it only parameters that are too low gain."""
+    allowed = window.gains <= min(window.safe, FULL)
+    return float(window.gains[int(np.argmin(np.where(allowed, window.rms, np.inf)))])
+
+
 def _left(window: GainWindow) -> float:
-    return float(window.rms[window.gains == window.best][0])
+    return float(window.rms[window.gains == _best(window)][0])
 
 
 def _with_half(window: GainWindow, sweep: Sweep) -> GainWindow:
     """Return the window with half of its best gain, where it does not hold it."""
-    half = 0.5 * window.best
+    half = 0.5 * _best(window)
     if half == 0.0 or any(math.isclose(half, gain) for gain in window.gains.tolist()):
         return window
     return replace(sweep(gains=(*window.gains.tolist(), half)), hint=window.hint)

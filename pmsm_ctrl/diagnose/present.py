@@ -156,15 +156,16 @@ def _errors(d: Diagnosis) -> Table:
         ("noise floor", d.errors["noise_floor"], {}, {}),
     ]
     simulated = any(of_run for *_, of_run in rows)
+    last = 2 if any(of_run and of_run["fit"] >= 0.0 for *_, of_run in rows) else int(simulated)  # cells of a free run
     return Table(
         (
             "model",
             *(_error_name(c, drive) for c in channels),
             *(_error_name(c, drive, held_out=True, level_refitted=d.level_refitted) for c in other),
-            *(("free run, position", "fit") if simulated else ()),
+            *("free run, position", "fit")[:last],
         ),
         tuple(
-            (name, *_relative(own, channels), *_relative(held, other), *(_run_cells(of_run) if simulated else ()))
+            (name, *_relative(own, channels), *_relative(held, other), *_run_cells(of_run)[:last])
             for name, own, held, of_run in rows
         ),
         errors_caption(d.record.cutoff)

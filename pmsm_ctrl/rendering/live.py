@@ -211,9 +211,10 @@ def _note(every: Records) -> str:
     )  # fmt: skip
     thin = "" if drawn == m else f" {drawn} of {m} samples are drawn, the extremes of each curve among them."
     if left:
-        thin += f" {left} more, at rest or where a record begins or ends, do not count and are not drawn."
+        thin += f" {left} samples at rest, or where a record begins or ends, do not count and are not drawn."
+    which = "all samples that count" if left else "all samples"
     return (
-        f"Drag to zoom, move over a curve for its values.{thin} Errors are computed from all samples. Switched off, an "
+        f"Drag to zoom, move over a curve for its values.{thin} Errors are computed from {which}. Switched off, an "
         "effect is taken out of the prediction and all other parameters are held; in the falling error they were "
         "fitted again at each step."
     )

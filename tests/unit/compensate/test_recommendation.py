@@ -71,6 +71,14 @@ def test_the_least_error_at_a_safe_gain_is_recommended_and_of_equals_what_closes
     assert found.rms == pytest.approx(least[("reference", "commanded").index(wanted)])
 
 
+def test_no_more_than_all_of_the_friction_is_recommended() -> None:
+    """Up to 130 % may be safe, and leave less where the parameters are 20 % low; of right ones it overcompensates."""
+    axes = {"reference": Axis("reference", 1.5, 0.1)}
+    found = recommended(windows_of(axes.values()), ("coulomb",), Compensation(), axes)
+    assert found is not None
+    assert found.gain == 1.0
+
+
 def test_half_of_the_gain_is_tried_as_an_export_does() -> None:
     """A gain is exported only where half of it is safe as well."""
     axis = Axis("reference", 0.5, 0.6)

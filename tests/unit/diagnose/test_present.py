@@ -102,6 +102,8 @@ def test_a_free_run_that_drifts_is_called_that_instead_of_a_growing_figure(found
     assert [row[-2:] for row in table.rows] == [
         ("drifts away", ""), ("0.1 rad", "90.00 %"), ("drifts away", ""), ("", "")
     ]  # fmt: skip
+    every = dict.fromkeys(told, told["final"])
+    assert _errors(replace(found, steps=steps, free_run=every)).header[-1] == "free run, position"
 
 
 def test_no_error_is_written_over_the_name_of_its_model(found: Diagnosis) -> None:

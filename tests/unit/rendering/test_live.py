@@ -79,7 +79,8 @@ def test_samples_that_do_not_count_are_neither_drawn_nor_do_they_set_a_scale() -
     assert used[chosen].all()
     assert len(chosen) > 300
     note = live._note((joined,))
-    assert "51 more, at rest or where a record begins or ends, do not count and are not drawn." in note
+    assert "51 samples at rest, or where a record begins or ends, do not count and are not drawn." in note
+    assert "Errors are computed from all samples that count." in note
     assert "do not count" not in live._note((whole,))
 
 
