@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.result import Deviation
 from pmsm_ctrl.diagnose.selection import Selection, name_of
 from pmsm_ctrl.regression.drive_timing import LATENESS
+from pmsm_ctrl.regression.model import LOAD_SCALE
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -33,11 +34,12 @@ def parameter_deviations(design: Design, fit: Fitted, policy: Policy = POLICY) -
     fit : Fitted
     policy : Policy
     """
-    return (*_torque_constant(design, fit, policy), *_machine(design, fit, policy), *_effects(fit), *_timing(fit))
+    constant = _torque_constant if "psi_f" in fit.model.names else _torque_constant_by_load
+    return (*constant(design, fit, policy), *_machine(design, fit, policy), *_effects(fit), *_timing(fit))
 
 
 def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
-    if "psi_f" not in fit.model.names or design.motor.p is None:
+    if design.motor.p is None:
         return
     k, factor = fit.model.names.index("psi_f"), 1.5 * design.motor.p
     estimate, error, nominal = factor * fit.plain.values[k], factor * fit.plain.stderr[k], design.K_t_assumed
@@ -46,6 +48,18 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
     flagged = outside and _is_seen(fit, k, _edge(nominal, estimate, policy.torque_constant) / factor, policy)
     note = f"beyond {100 * policy.torque_constant:.0f} %: it scales every torque" if flagged else _unseen(outside)
     yield Deviation("K_t", nominal, float(estimate), float(error), UNITS["K_t"], outside, flagged, note)
+
+
+def _torque_constant_by_load(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
+    """Return the torque constant by a known load, of which it makes a share too much or too little."""
+    if LOAD_SCALE in fit.model.names and "i_q" in fit.record.prepared.signals:
+        k, nominal = fit.model.names.index(LOAD_SCALE), design.K_t_assumed
+        estimate = nominal / (1.0 + float(fit.plain.values[k]))
+        error = estimate**2 / nominal * float(fit.plain.stderr[k])
+        unit = "N/A" if fit.record.linear else UNITS["K_t"]
+        outside = abs(estimate / nominal - 1.0) > policy.torque_constant
+        outside = outside and abs(estimate - nominal) > policy.sure_errors * error
+        yield Deviation("K_t", nominal, estimate, error, unit, outside, False, "by the known load")
 
 
 def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:

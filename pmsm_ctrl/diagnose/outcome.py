@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -22,6 +23,7 @@ from pmsm_ctrl.diagnose.search import Trial, amounts_that_gain, detection_limits
 from pmsm_ctrl.diagnose.selection import Evidence, Selection, name_of
 from pmsm_ctrl.diagnose.verdict import judged
 from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.regression.model import LOAD_SCALE
 from pmsm_ctrl.regression.prediction import errors
 from pmsm_ctrl.regression.record_result import RecordResult, errors_of, own_rows, record_notices, record_spreads
 from pmsm_ctrl.result import Estimate
@@ -171,6 +173,9 @@ def _free_run(case: Case, fit: Fitted | None) -> dict[str, Any]:
     if record.unseen - between > 0.5 / prepared.rate:
         return {}  # what bridges a gap drives nothing
     design = case.design if fit is None else fitted_design(case.design, fit)
+    if fit is not None and LOAD_SCALE in fit.model.names:
+        scale = 1.0 + float(fit.estimate.values[fit.model.names.index(LOAD_SCALE)])
+        prepared = replace(prepared, signals={**prepared.signals, "T_load": scale * prepared.signals["T_load"]})
     half = 0.5 / prepared.rate
     parts = [slice(*np.searchsorted(prepared.t, [one.start - half, one.stop + half])) for one in spans]
     found = over_parts(design, prepared, parts or [slice(None)])

@@ -26,6 +26,7 @@ __all__ = [
     "AGE",
     "FILTERED",
     "FIXED",
+    "LOAD_SCALE",
     "MOST_NOISE",
     "OWN",
     "Model",
@@ -44,6 +45,8 @@ Array = NDArray[np.float64]
 TURN, TURN_SAMPLES = 1e-4, 0.05
 # Age of a speed that the drive filtered before it was logged, s.
 AGE, FILTERED = "tau_speed", 3e-3
+# Share by which the torque constant of the design is too large beside a known load, which another sensor measured.
+LOAD_SCALE = "kappa_load"
 # Share of a term of the torque that must be its own for it to be estimated.
 OWN = 0.02
 # From this share of noise in the acceleration on, the inertia is held at its nominal value, to within a share of it.
@@ -314,6 +317,8 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
         )  # fmt: skip
     for at in record.changes:
         yield _Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf)
+    if "T_load" in s and np.ptp(s["T_load"]) > 0.0:
+        yield _Term(LOAD_SCALE, lambda: {"torque": s["T_load"]}, 0.0, design.motor.tolerance.get("psi_f", TOLERANCE))
     for lines in record.lines:
         for number, wave in enumerate(("sin", "cos")):
             yield _Term(f"{wave} {lines}", partial(_line_error, record, lines, number), 0.0, 1.0)
