@@ -36,6 +36,7 @@ __all__ = [
     "RESONANCE_NOT_MEASURED",
     "RESONANCE_NOT_NAMED",
     "RESONANCE_STATED",
+    "SINGLE_WAVE",
     "SLOW_TORQUE",
     "SPEED_LAG",
     "TOO_SHORT",
@@ -107,6 +108,11 @@ SLOW_TORQUE = Template(
     "slow_torque",
     "a part of the {balance} balance, {percent:.0f} % of it, changes slowly (over more than {seconds:.2g} s) and "
     "depends on no coordinate of the axis, as a load of the process does; no effect of the catalogue explains it",
+)
+SINGLE_WAVE = Template(
+    "single_wave",
+    "{percent:.0f} % of the residual of the {balance} balance is a single wave over {coordinate} ({period}, "
+    "{amplitude:.2g} {unit}); no effect of the catalogue explains it",
 )
 WINDING_IMPOSSIBLE = Template(
     "winding_impossible",

@@ -20,6 +20,7 @@ from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Structure
 from pmsm_ctrl.diagnose.search import Trial
 from pmsm_ctrl.diagnose.selection import Selection, name_of
+from pmsm_ctrl.diagnose.single_wave import single_wave
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.rendering.numbers import with_prefix
 from pmsm_ctrl.residuals.coordinates import Drive, accelerations
@@ -49,7 +50,7 @@ def unexplained(selection: Selection, policy: Policy = POLICY) -> Structure | No
     """
     fit = selection.fit
     found = dependence(fit, policy) or resemblance(selection, policy)
-    return found or impossible_winding(fit, policy) or slow_torque(fit, policy)
+    return found or impossible_winding(fit, policy) or slow_torque(fit, policy) or single_wave(fit, policy)
 
 
 def dependence(fit: Fitted, policy: Policy = POLICY) -> Structure | None:

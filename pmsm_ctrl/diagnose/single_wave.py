@@ -1,0 +1,114 @@
+"""A single wave over time, or over the position of a linear axis, that most of what is left of the torque consists of.
+
+A process force, and the force ripple of a linear motor, depend on no coordinate that a curve is drawn over. A noise
+model of some order takes them for noise, and the noise floor is then as high as the wave.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.diagnose import notices
+from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.diagnose.result import Structure
+from pmsm_ctrl.evidence.linalg import factored
+from pmsm_ctrl.regression.balances import Record
+from pmsm_ctrl.residuals import policy as residuals
+
+__all__ = ["single_wave"]
+
+Array = NDArray[np.float64]
+
+PERIODS = 4  # fewest of a wave
+FINER = 4  # waves that are looked at, per wave that the log can tell apart
+BINS = 8  # per period of the shortest wave
+BESIDE = 8  # waves on either side that a line stands out of
+POINTS = 49  # of the wave that is drawn
+
+
+def single_wave(fit: Fitted, policy: Policy = POLICY) -> Structure | None:
+    """Return the wave that explains more than half of what is left of the torque; None where there is none.
+
+    A periodic motion has lines in its spectrum, and so has any error of the model: a wave on one of them is no load
+    beside the motion.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    record = fit.record
+    places = [("time", "s", record.t, _highest_over_time(record))]
+    if record.linear and "theta" in record.signals:
+        theta = record.at_grid(record.signals["theta"])
+        places.append(("position", "m", theta, _highest_over_position(record)))
+    found = [one for place in places if (one := _over(fit, policy, *place)) is not None]
+    return max(found, key=lambda one: one.share, default=None)
+
+
+def _over(fit: Fitted, policy: Policy, name: str, unit: str, x: Array, highest: float) -> Structure | None:
+    """Return the strongest wave over a coordinate if it explains enough."""
+    record, weight = fit.record, fit.record.weight[0] * fit.record.mask
+    used = weight > 0.0
+    extent = float(np.ptp(x[used])) if np.any(used) else 0.0
+    if extent <= 0.0 or highest * extent <= PERIODS:
+        return None
+    left, whole = (values[0][used] * weight[used] for values in (fit.residual, record.target))
+    place = x[used] - float(x[used].min())
+    power = _spectrum(left * weight[used], place, extent, highest)
+    best = (PERIODS * FINER + int(np.argmax(power[PERIODS * FINER :]))) / (FINER * extent)
+    columns = _waves(2.0 * np.pi * best * place) * weight[used, None]
+    size = factored(columns).solve(left)
+    rest = left - columns @ size
+    share = 1.0 - float(rest @ rest) / max(float(left @ left), 1e-300)
+    if share < policy.explained_torque or float(left @ left) < policy.size**2 * float(whole @ whole):
+        return None  # whatever it is, nobody needs to know
+    independent = 2.0 * record.cutoff * float(used.sum()) / record.rate
+    p = highest * extent * (1.0 - share) ** (0.5 * (independent - 2.0))  # Fisher's test of a periodogram
+    line = _line((whole - left) * weight[used], place, extent, best)
+    if p > policy.significance or line < policy.significance:
+        return None
+    amplitude = float(np.hypot(*size[:2]))
+    period = f"{1e3 / best:.3g} mm" if name == "position" else f"{best:.3g} Hz"
+    notice = notices.SINGLE_WAVE(
+        percent=100.0 * share, balance=record.drive, coordinate=name, period=period, amplitude=amplitude,
+        unit=record.unit("torque"),
+    )  # fmt: skip
+    points = np.linspace(0.0, 1.0 / best, POINTS)
+    curve = _waves(2.0 * np.pi * best * points)[:, :2] @ size[:2]
+    return Structure(name, unit, "torque", share, p, (points, curve, curve), notice)
+
+
+def _waves(angle: Array) -> Array:
+    return np.column_stack([np.cos(angle), np.sin(angle), np.ones(len(angle))])
+
+
+def _spectrum(values: Array, place: Array, extent: float, highest: float) -> Array:
+    """Return the power of `FINER` waves per wave that the log can tell apart, up to `highest` waves per unit."""
+    bins = math.ceil(BINS * highest * extent)
+    sums = np.bincount(np.minimum((place * (bins / extent)).astype(np.int64), bins - 1), values, bins)
+    power: Array = np.abs(np.fft.rfft(sums, FINER * bins))[: math.floor(highest * extent * FINER) + 1] ** 2
+    return power
+
+
+def _line(values: Array, place: Array, extent: float, number: float) -> float:
+    """Return the p-value that a wave does not stand out of those beside it."""
+    at = round(number * extent * FINER)
+    power = _spectrum(values, place, extent, number + (BESIDE + 1) / extent)
+    reach, own = BESIDE * FINER, 2 * FINER  # with what a wave leaks into the next ones
+    beside = np.concatenate([power[max(at - reach, 0) : at - own], power[at + own : at + reach]])
+    return float(2 * BESIDE * np.exp(-power[at] / max(float(np.mean(beside)), 1e-300)))
+
+
+def _highest_over_time(record: Record) -> float:
+    return residuals.PASSED * record.cutoff
+
+
+def _highest_over_position(record: Record) -> float:
+    """Return the waves per metre that pass the filter in half of the motion: no others can be most of what is left."""
+    speed = np.abs(record.at_grid(record.signals["omega"]))[record.mask]
+    return residuals.PASSED * record.cutoff / max(float(np.median(speed)), 1e-12)
