@@ -20,6 +20,7 @@ from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.drive_timing import EMF, EMF_LATE, LATENESS, SPREAD, STATED_WITHIN, emf_left
 from pmsm_ctrl.regression.encoder_lines import line_swings
 from pmsm_ctrl.regression.records import level_groups
+from pmsm_ctrl.regression.slow_inertia import slow_inertia
 from pmsm_ctrl.regression.two_stage import HeldResponse
 
 __all__ = [
@@ -45,12 +46,11 @@ Array = NDArray[np.float64]
 TURN, TURN_SAMPLES = 1e-4, 0.05
 # Age of a speed that the drive filtered before it was logged, s.
 AGE, FILTERED = "tau_speed", 3e-3
-# Share by which the torque constant of the design is too large beside a known load, which another sensor measured.
+# Share by which the torque constant is too large beside a known load, which another sensor measured.
 LOAD_SCALE = "kappa_load"
 # Share of a term of the torque that must be its own for it to be estimated.
 OWN = 0.02
-# From this share of noise in the acceleration on, the inertia is held at its nominal value, to within a share of it.
-MOST_NOISE, HELD = 0.05, 0.01
+MOST_NOISE, HELD = 0.05, 0.01  # share of noise in the acceleration from which on the inertia is held, to within a share
 # What the friction of an axis at rest hangs on: not on its load, its angle or its age.
 DRY = frozenset(("omega", "direction", "p"))
 VAGUE = 100.0  # prior of the delay of the drive signal, in units of what is possible
@@ -255,10 +255,10 @@ def base_groups(
     groups = [Group(None, (term.name,), columns[term.name], {}) for term in terms]
     groups += [Group(None, (term.name,), columns[term.name], {}, sampling=True) for term in timing]
     terms += timing
-    nominal, sigma = [term.nominal for term in terms], [term.sigma for term in terms]
-    doubt = {}
+    nominal, sigma, doubt = [term.nominal for term in terms], [term.sigma for term in terms], {}
     if noise_share(record, record.acceleration()) >= MOST_NOISE:
-        doubt[0], sigma[0] = sigma[0], HELD * design.J
+        nominal[0], doubt[0] = slow_inertia(design, record, sigma[0])
+        sigma[0] = HELD * nominal[0]
     notes = []
     for entry, (effect, values) in enumerate(bound_effects(design)):
         if effect.structure.replaces_direction:
