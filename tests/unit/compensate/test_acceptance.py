@@ -8,11 +8,14 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from pmsm_ctrl.compensate import accept
+from pmsm_ctrl.compensate import Trial, accept, judge, run_trial, study_trials
+from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Acceptance, Design
 from pmsm_ctrl.errors import DesignError, RequestError
+from pmsm_ctrl.simulate import Scenario
 
 LINE = '\n[[acceptance]]\nscenario = "{}"\nmetric = "{}"\nlimit = {}\n'
 
@@ -57,11 +60,31 @@ def test_a_gain_made_too_high_and_a_wrong_name_fail_readably(tmp_path: Path, see
 
 
 def test_a_gain_that_shakes_the_axis_fails(seed_text: str) -> None:
-    """By measured speed 20 % is safe and 100 % is not: a push at rest starts a limit cycle."""
+    """By measured speed 10 % is safe and 100 % is not: a push at rest starts a limit cycle."""
     wanted = Acceptance(scenario="push", metric="cycle_amplitude", limit=0.0)
-    for gain, safe in ((0.2, True), (1.0, False)):
+    for gain, safe in ((0.1, True), (1.0, False)):
         design = Design.from_dict(tomllib.loads(with_gain(seed_text, gain, "measured")))
         assert accept(design, wanted).passed is safe
+
+
+@pytest.mark.parametrize(
+    ("gain", "size", "safe"),
+    [(0.1, -1.0, True), (0.1, 0.5, True), (0.1, -0.5, True), (0.1, 2.0, True), (0.1, -2.0, True), (0.2, -1.0, False)],
+)
+def test_a_gain_that_is_said_to_be_safe_cycles_after_no_other_push(
+    seed_text: str, gain: float, size: float, safe: bool
+) -> None:
+    """At 20 % the push of the trial starts no limit cycle, and the same push from the other side does."""
+    design = Design.from_dict(tomllib.loads(with_gain(seed_text, gain, "measured")))
+    motion = study_trials(design)["push"].motions[0]
+
+    def references(t: np.ndarray) -> dict[str, np.ndarray]:
+        given = motion.references(t)
+        return {**given, "T_load": size * given["T_load"]}
+
+    trial = Trial((Scenario("push", motion.duration, references, control="position"),))
+    found = judge(trial, run_trial(design, trial), count_angle(design))
+    assert (found.cycle_amplitude == 0.0) is safe
 
 
 def test_nobody_else_is_disturbed(tmp_path: Path, seed_text: str) -> None:
