@@ -5,7 +5,7 @@ Each returns a `Refusal`, or None where the effect passes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ __all__ = [
     "inside_tolerance",
     "left_inside",
     "no_balance_worse",
+    "no_contradiction",
     "no_plain_error_worse",
     "no_voltage_worse",
     "significance",
@@ -275,6 +276,22 @@ def inside_tolerance(
         outside = abs(one.value - one.nominal) - allowed > policy.sure_errors * one.stderr
         if outside and abs(one.value - was) > allowed >= abs(was - one.nominal):
             return Refusal(Reason.OUT_OF_TOLERANCE, {"parameter": name, "before": was, "value": one.value})
+    return None
+
+
+def no_contradiction(before: Iterable[str], after: Mapping[str, float]) -> Refusal | None:
+    """Check that a log which belongs to its design does not contradict it with an effect.
+
+    Parameters
+    ----------
+    before : iterable of str
+        Parameters that contradict the design without the effect.
+    after : dict of parameter to float
+        Those that do so with it, and their values.
+    """
+    new = {name: value for name, value in after.items() if name not in set(before)}
+    for name, value in new.items():
+        return Refusal(Reason.MODEL_OUT_OF_BOUNDS, {"parameter": name, "value": value})
     return None
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.contradictions import contradicting
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.measures import (
@@ -327,6 +328,13 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
     )
 
 
+def _judge_together(before: Fitted, after: Fitted, policy: Policy) -> Refusal | None:
+    """Return a parameter by which log and design do not belong together with an effect, though they do without it."""
+    after_names = contradicting(after, policy)
+    values = {name: float(after.plain.values[after.model.names.index(name)]) for name in after_names}
+    return criteria.no_contradiction(contradicting(before, policy), values) if values else None
+
+
 def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
     """Return which parameter of the refitted model speaks against an effect.
 
@@ -346,7 +354,7 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
 
     refusal = outside(inside, [k for k in columns if k not in base])
     was, now = (machine_of(after.record.design, fit, policy.tolerance) for fit in (before, after))
-    refusal = refusal or criteria.inside_tolerance(was, now, policy)
+    refusal = refusal or criteria.inside_tolerance(was, now, policy) or _judge_together(before, after, policy)
     if refusal is not None:
         return refusal
     last = after.accepted[-1]

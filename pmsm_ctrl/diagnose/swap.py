@@ -21,7 +21,7 @@ from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.search import Trial
-from pmsm_ctrl.diagnose.selection import Selection
+from pmsm_ctrl.diagnose.selection import Selection, name_of
 
 __all__ = ["Rest", "better", "equals", "rival_ids", "swap"]
 
@@ -37,12 +37,15 @@ class Rest:
     gain : float
         Fall of the plain sum of squares from the design, without the price.
     effects : Counter of id
+    unconfirmed : set of id
+        Effects that cross-validation alone refused beside these.
     """
 
     plain: float
     white: float
     gain: float
     effects: Counter[str]
+    unconfirmed: frozenset[str] = frozenset()
 
 
 def swap(case: Case, found: Selection, select: Callable[[Case, tuple[str, ...]], Selection]) -> Selection:
@@ -70,7 +73,8 @@ def swap(case: Case, found: Selection, select: Callable[[Case, tuple[str, ...]],
 def better(other: Rest, present: Rest, policy: Policy = POLICY) -> bool:
     """Whether a selection leaves less; where that is a tie, whether it leaves less of what prewhitening brings out.
 
-    One that has all effects of the other, and more that were not confirmed when they came last, must leave less.
+    One that has all effects of the other and more must leave less, and those were refused beside the other because they
+    were not confirmed: what is no effect beside the right one is none because it came first.
 
     Parameters
     ----------
@@ -80,7 +84,7 @@ def better(other: Rest, present: Rest, policy: Policy = POLICY) -> bool:
     less = present.plain - other.plain
     tie = policy.tie(max(other.gain, present.gain))
     if present.effects < other.effects:
-        return less > tie
+        return less > tie and present.unconfirmed.issuperset(other.effects - present.effects)
     return less > 0.0 if abs(less) > tie else other.white < present.white
 
 
@@ -179,4 +183,9 @@ def _rest(found: Selection) -> Rest:
     sizes = first.weights.sigma
     before, after = squares(first, first.residual, sizes), squares(last, last.residual, sizes)
     effects = Counter(one.effect.id for one in found.accepted)
-    return Rest(after + price, float(white @ white) + price, before - after, effects)
+    unconfirmed = [t.candidate.effect.id for t in last.trials if _unconfirmed(found, name_of(t))]
+    return Rest(after + price, float(white @ white) + price, before - after, effects, frozenset(unconfirmed))
+
+
+def _unconfirmed(found: Selection, name: str) -> bool:
+    return name in found.refused and found.refused[name].reason is Reason.NOT_CONFIRMED

@@ -6,12 +6,12 @@ structure is left that no effect explains; the log does not decide; and only the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from pmsm_ctrl.diagnose import notices
+from pmsm_ctrl.diagnose.contradictions import contradicting, told
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.level import level_of
 from pmsm_ctrl.diagnose.measures import excess_of
@@ -19,19 +19,12 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.result import Deviation, Verdict
 from pmsm_ctrl.diagnose.selection import Selection, name_of
-from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.plausibility import ACCOUNTED, Plausibility
-from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
 from pmsm_ctrl.regression.notices import DRIVE_LATE
 from pmsm_ctrl.regression.saturated import FEWEST_DIRECTIONS, SAMPLES_PER_DIRECTION
 from pmsm_ctrl.section import Notice
 
-__all__ = ["contradictions_of", "explains_most", "judged", "open_questions"]
-
-# Parameters that cannot be negative; those that cannot differ from the design by a large factor (friction can).
-POSITIVE, KNOWN, ELECTRICAL = ("J", "R", "psi_f", "F_c"), ("J", "R", "psi_f"), ("R", "psi_f")
-# A dead time looks like a resistance of four times the datasheet's: unexplained structure, and no contradiction.
-IMITATED = ("R",)
+__all__ = ["explains_most", "judged", "open_questions"]
 
 
 def explains_most(fit: Fitted, policy: Policy = POLICY) -> bool:
@@ -80,74 +73,24 @@ def judged(
 
 
 def contradictions_of(fit: Fitted, policy: Policy = POLICY) -> tuple[Notice, ...]:
-    """Return the parameters of a fit that contradict the design.
+    """Return why a fit contradicts the design: a parameter, or that it explains no torque to speak of.
 
     Parameters
     ----------
     fit : Fitted
     policy : Policy
     """
-    torque = level_of(fit, 0)
-    # a torque or an acceleration that is mostly noise says little about the axis
-    told = torque.explicable >= policy.explained_torque and _sharp(fit)
-    names = POSITIVE if told else ELECTRICAL
-    found = [notice for name in names if (notice := _impossible(fit, name, policy)) is not None]
+    found, torque = [], level_of(fit, 0)
+    for name, value in contradicting(fit, policy).items():
+        nominal = float(fit.model.nominal[fit.model.names.index(name)])
+        if value < 0.0:
+            found.append(notices.NEGATIVE_PARAMETER(parameter=name, value=value))
+        else:
+            found.append(notices.FACTOR_OFF(parameter=name, value=value, ratio=value / nominal, nominal=nominal))
     noise = torque.left**2 * policy.refused_share <= 1.0  # what is left: no model explains more then
-    if told and not noise and torque.explained < policy.explained_torque * torque.explicable:
+    if told(fit, policy) and not noise and torque.explained < policy.explained_torque * torque.explicable:
         found.append(notices.UNRELATED_TORQUE(percent=100.0 * max(torque.explained, 0.0)))
     return tuple(found)
-
-
-def _sharp(fit: Fitted) -> bool:
-    """Whether the acceleration is more than noise, which makes an inertia too small, and friction too."""
-    k = fit.model.names.index("J")
-    return noise_share(fit.record, fit.model.matrix[0][:, k]) < MOST_NOISE
-
-
-def unweighted(fit: Fitted, column: int) -> float:
-    """Return a parameter of the torque balance by least squares with every sample of the same weight.
-
-    Where only single edges accelerate the axis, and these have small weights, the weighted fit hardly determines J.
-
-    Parameters
-    ----------
-    fit : Fitted
-    column : int
-        Of the model.
-    """
-    used = fit.record.mask
-    matrix = fit.model.matrix[0][used]
-    inside = np.flatnonzero(np.any(matrix, axis=0))
-    if column not in inside:
-        return float(fit.plain.values[column])
-    values = factored(matrix[:, inside]).solve(fit.record.target[0][used])
-    return float(values[inside.tolist().index(column)])
-
-
-def _share(fit: Fitted, column: int) -> float:
-    """Return the share of a parameter in the torque: a very small friction may come out slightly below zero."""
-    used = fit.record.mask
-    part = fit.model.matrix[0][used, column] * fit.plain.values[column]
-    return float(np.linalg.norm(part) / max(float(np.linalg.norm(fit.record.target[0][used])), 1e-300))
-
-
-def _impossible(fit: Fitted, name: str, policy: Policy) -> Notice | None:
-    """Return why a parameter cannot be what was estimated: below zero, or so many times off the design's."""
-    if name not in fit.model.names:
-        return None
-    k = fit.model.names.index(name)
-    value, sure = float(fit.plain.values[k]), policy.sure_errors * float(fit.plain.stderr[k])
-    nominal = float(fit.model.nominal[k])
-    if not math.isfinite(sure):
-        return None
-    plain = value if name in ELECTRICAL else unweighted(fit, k)
-    if value < -sure and plain < 0.0 and (name in KNOWN or _share(fit, k) > policy.friction_share):
-        return notices.NEGATIVE_PARAMETER(parameter=name, value=value)
-    far = policy.implausible_factor
-    high = name in KNOWN and name not in IMITATED and min(plain, value - sure) > far * nominal
-    if high or (name in KNOWN and max(plain, value + sure) < nominal / far):
-        return notices.FACTOR_OFF(parameter=name, value=value, ratio=value / nominal, nominal=nominal)
-    return None
 
 
 def open_questions(

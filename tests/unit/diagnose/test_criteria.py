@@ -178,6 +178,15 @@ def test_a_base_parameter_beyond_its_bounds_counts_where_nothing_is_left(share: 
     assert criteria.left_inside(share, p, beyond) is (None if passes else beyond)
 
 
+def test_no_effect_makes_a_log_contradict_its_design() -> None:
+    """A friction that rises left F_c = -0.06 in the place of a presliding, and the verdict was implausible (440294)."""
+    assert criteria.no_contradiction((), {}) is None
+    assert criteria.no_contradiction(("F_c",), {"F_c": -0.06}) is None, "it contradicts the design without the effect"
+    refusal = criteria.no_contradiction(("R",), {"R": -1.0, "F_c": -0.06})
+    assert reason(refusal) is Reason.MODEL_OUT_OF_BOUNDS
+    assert refusal is not None and refusal.detail == {"parameter": "F_c", "value": -0.06}
+
+
 def test_the_log_has_to_determine_how_large_an_effect_is() -> None:
     assert criteria.determined({"a_s": (0.1, 0.2), "a_c": (0.3, 0.1)}, False) is None
     assert criteria.determined({}, False) is None

@@ -139,7 +139,7 @@ def test_a_known_look_alike_without_columns_of_its_own_is_equivalent() -> None:
 
 
 def rest(plain: float, white: float = 100.0, gain: float = 1000.0, effects: str = "a") -> Rest:
-    return Rest(plain, white, gain, Counter(effects))
+    return Rest(plain, white, gain, Counter(effects), frozenset("b"))
 
 
 @pytest.mark.parametrize(
@@ -152,6 +152,8 @@ def rest(plain: float, white: float = 100.0, gain: float = 1000.0, effects: str 
         (rest(1010.0, 99.0, effects="b"), True),
         (rest(981.0, 1.0, effects="ab"), False),  # the same and more has to leave less than a tie
         (rest(975.0, 200.0, effects="ab"), True),
+        (rest(500.0, 50.0, effects="ac"), False),  # what was no effect beside a is none because it came first
+        (rest(500.0, 50.0, effects="abc"), False),
     ],
 )
 def test_which_of_two_selections_is_kept(other: Rest, wins: bool) -> None:

@@ -1,0 +1,93 @@
+"""Parameters of a fit that contradict the design: log and design do not belong together, or an effect is wrong."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pmsm_ctrl.diagnose.fit import Fitted
+from pmsm_ctrl.diagnose.level import level_of
+from pmsm_ctrl.diagnose.policy import POLICY, Policy
+from pmsm_ctrl.evidence.linalg import factored
+from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
+
+__all__ = ["contradicting", "told"]
+
+# Parameters that cannot be negative; those that cannot differ from the design by a large factor (friction can).
+POSITIVE, KNOWN, ELECTRICAL = ("J", "R", "psi_f", "F_c"), ("J", "R", "psi_f"), ("R", "psi_f")
+# A dead time looks like a resistance of four times the datasheet's: unexplained structure, and no contradiction.
+IMITATED = ("R",)
+
+
+def contradicting(fit: Fitted, policy: Policy = POLICY) -> dict[str, float]:
+    """Return the parameters of a fit that contradict the design, and their values.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    names = POSITIVE if told(fit, policy) else ELECTRICAL
+    return {name: value for name in names if (value := _impossible(fit, name, policy)) is not None}
+
+
+def told(fit: Fitted, policy: Policy) -> bool:
+    """Whether J and F_c say something: a torque or an acceleration that is mostly noise says little about the axis.
+
+    Parameters
+    ----------
+    fit : Fitted
+    policy : Policy
+    """
+    return level_of(fit, 0).explicable >= policy.explained_torque and _sharp(fit)
+
+
+def _sharp(fit: Fitted) -> bool:
+    """Whether the acceleration is more than noise, which makes an inertia too small, and friction too."""
+    k = fit.model.names.index("J")
+    return noise_share(fit.record, fit.model.matrix[0][:, k]) < MOST_NOISE
+
+
+def unweighted(fit: Fitted, column: int) -> float:
+    """Return a parameter of the torque balance by least squares with every sample of the same weight.
+
+    Where only single edges accelerate the axis, and these have small weights, the weighted fit hardly determines J.
+
+    Parameters
+    ----------
+    fit : Fitted
+    column : int
+        Of the model.
+    """
+    used = fit.record.mask
+    matrix = fit.model.matrix[0][used]
+    inside = np.flatnonzero(np.any(matrix, axis=0))
+    if column not in inside:
+        return float(fit.plain.values[column])
+    values = factored(matrix[:, inside]).solve(fit.record.target[0][used])
+    return float(values[inside.tolist().index(column)])
+
+
+def _share(fit: Fitted, column: int) -> float:
+    """Return the share of a parameter in the torque: a very small friction may come out slightly below zero."""
+    used = fit.record.mask
+    part = fit.model.matrix[0][used, column] * fit.plain.values[column]
+    return float(np.linalg.norm(part) / max(float(np.linalg.norm(fit.record.target[0][used])), 1e-300))
+
+
+def _impossible(fit: Fitted, name: str, policy: Policy) -> float | None:
+    """Return a parameter that cannot be what was estimated: below zero, or so many times off the design's."""
+    if name not in fit.model.names:
+        return None
+    k = fit.model.names.index(name)
+    value, sure = float(fit.plain.values[k]), policy.sure_errors * float(fit.plain.stderr[k])
+    nominal = float(fit.model.nominal[k])
+    if not math.isfinite(sure):
+        return None
+    plain = value if name in ELECTRICAL else unweighted(fit, k)
+    if value < -sure and plain < 0.0 and (name in KNOWN or _share(fit, k) > policy.friction_share):
+        return value
+    far = policy.implausible_factor
+    high = name in KNOWN and name not in IMITATED and min(plain, value - sure) > far * nominal
+    return value if high or (name in KNOWN and max(plain, value + sure) < nominal / far) else None
