@@ -86,6 +86,8 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, estimates: Re
     undetermined = UNDETERMINED * record.sampling
     free = not (delayed or record.sampling_stated)
     by = estimates if free and estimates is not None and _biased(model, fit, estimates) else None
+    if by is not None and by.late[1] > undetermined >= stderr:
+        by = None  # a reference that does not determine the delay shows no bias of it, but an error of the model
     held: dict[int, tuple[float, float]] = {}
     late, error = (value, stderr) if by is None else by.late
     late += undone
