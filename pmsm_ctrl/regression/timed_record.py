@@ -51,7 +51,8 @@ WIDER = 1.25  # times the default band: less is not worth a second pass
 # what is worth a second pass.
 CLOSEST, CLOSER = 0.004, 0.7
 NOISIER = 3.0  # times the noise floor: white noise grows with the root of the band, by no more than this
-# Noise of the torque, as its share, that no wider band may reach: beside it a friction of 2 % lowers no error noticeably.
+# Noise of the torque, as its share, that no wider band may reach: beside it a friction of 2 % lowers no error
+# noticeably.
 LOUD = 0.1
 
 

@@ -184,7 +184,8 @@ def test_no_effect_makes_a_log_contradict_its_design() -> None:
     assert criteria.no_contradiction(("F_c",), {"F_c": -0.06}) is None, "it contradicts the design without the effect"
     refusal = criteria.no_contradiction(("R",), {"R": -1.0, "F_c": -0.06})
     assert reason(refusal) is Reason.MODEL_OUT_OF_BOUNDS
-    assert refusal is not None and refusal.detail == {"parameter": "F_c", "value": -0.06}
+    assert refusal is not None
+    assert refusal.detail == {"parameter": "F_c", "value": -0.06}
 
 
 def test_the_log_has_to_determine_how_large_an_effect_is() -> None:
