@@ -36,7 +36,7 @@ from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
-from pmsm_ctrl.regression.timed_record import sampling_of, timed_record
+from pmsm_ctrl.regression.timed_record import sampling_of, timed_record, with_friction
 from pmsm_ctrl.regression.total_inertia import with_total_inertia
 from pmsm_ctrl.regression.worse_than_given import worse_by_error, worse_than_given
 from pmsm_ctrl.result import Estimate, Result, jsonable
@@ -224,7 +224,8 @@ def identify(
     logs, advance = _checked(as_logs(log), method), progress or (lambda share: None)
     as_diagnosed = method == "regression" and processing is None and plain_terms(design)
     processing = _blanking(processing or Processing())
-    believed = doubts_about(design := with_inertia(design, logs), log)
+    given = design
+    believed = doubts_about(design := with_friction(with_inertia(design, logs)), log)
     checked = check_cutoff and method == "regression"
     log = whole = believed.log
     if checked or not as_diagnosed:
@@ -258,7 +259,7 @@ def identify(
     return Identification(
         design=found if worse is None else design,
         improved=worse is None,
-        estimates=_estimates(problem, fit),
+        estimates=_estimates(given, problem, fit),
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=_why_not(design, fit),
         **size,
@@ -305,9 +306,12 @@ def _rounds(advance: Callable[[float], None]) -> Callable[[], None]:
     return tell
 
 
-def _estimates(problem: Problem, fit: Fit) -> dict[str, Estimate]:
+def _estimates(given: Design, problem: Problem, fit: Fit) -> dict[str, Estimate]:
+    """Return the estimates beside what the given design states; None where that is nothing."""
     known = [column for column in problem.columns if column.name in fit.values]
-    return {c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], c.nominal) for c in known}
+    stated = {"", *(entry.id for entry in given.effects)}
+    nominal = {c.name: c.nominal if (c.effect or "") in stated else None for c in known}
+    return {c.name: Estimate(fit.values[c.name], c.unit, fit.stderr[c.name], nominal[c.name]) for c in known}
 
 
 def _blanking(processing: Processing) -> Processing:

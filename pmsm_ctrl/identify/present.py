@@ -49,7 +49,7 @@ def _(result: Identification) -> Section:
     blocks: list[Block] = [verdict, *shown, *(f"Note: {note.text}." for note in result.remarks)]
     if result.estimates:
         rows = tuple(
-            (name, *_figures(e, result.intervals[name]), number(e.nominal or 0.0, 5))
+            (name, *_figures(e, result.intervals[name]), "-" if e.nominal is None else number(e.nominal, 5))
             for name, e in result.estimates.items()
         )
         blocks.append(Table((*_HEADER, "design"), rows, "Identified parameters"))

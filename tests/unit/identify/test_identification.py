@@ -224,3 +224,18 @@ def test_friction_by_load_does_not_explain_the_torque_by_itself(designs: Path, s
     rich = identify(design, simulate(design, "identification", seed=seed))
     for name, true in (("mu", 0.06), ("F_c", 0.0213), ("J", design.J)):
         assert rich.estimates[name].value == pytest.approx(true, abs=3.5 * rich.estimates[name].stderr)
+
+
+def test_a_datasheet_without_friction_gets_that_of_every_axis() -> None:
+    """It answered "0 of 1 parameters identified" with 95 % of the torque left."""
+    t = np.arange(20000) / 1000.0
+    speed = 12 * np.sin(2.1 * t) + 6 * np.sin(5.3 * t)
+    acceleration = 12 * 2.1 * np.cos(2.1 * t) + 6 * 5.3 * np.cos(5.3 * t)
+    log = made_log(speed, acceleration, t, 0.01, extra=-TRUE["T_0"])
+    found = identify(design(), log)
+    for name in ("J", "F_c", "F_v"):
+        assert found.estimates[name].value == pytest.approx(TRUE[name], rel=0.02), name
+    assert found.estimates["F_v"].nominal is None, "the design states none"
+    assert found.estimates["J"].nominal == 0.0102
+    assert {entry.id for entry in found.design.effects} == {"coulomb", "viscous"}
+    assert "F_c" in found.summary()
