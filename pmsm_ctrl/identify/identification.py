@@ -224,10 +224,9 @@ def identify(
     logs, advance = _checked(as_logs(log), method), progress or (lambda share: None)
     as_diagnosed = method == "regression" and processing is None and plain_terms(design)
     processing = _blanking(processing or Processing())
-    given = design
-    believed = doubts_about(design := with_friction(with_inertia(design, logs)), log)
+    given, design = design, with_friction(with_inertia(design, logs))
+    log = whole = (believed := doubts_about(design, log)).log
     checked = check_cutoff and method == "regression"
-    log = whole = believed.log
     if checked or not as_diagnosed:
         log, processing = _sampled_log(design, whole, processing, method)
     several = joint(design, log) if method != "iv" else Joint(log)
