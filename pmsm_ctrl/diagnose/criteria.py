@@ -5,7 +5,7 @@ Each returns a `Refusal`, or None where the effect passes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -279,20 +279,18 @@ def inside_tolerance(
     return None
 
 
-def no_contradiction(before: Iterable[str], after: Mapping[str, float]) -> Refusal | None:
+def no_contradiction(before: Collection[str], after: Mapping[str, float]) -> Refusal | None:
     """Check that a log which belongs to its design does not contradict it with an effect.
 
     Parameters
     ----------
-    before : iterable of str
+    before : collection of str
         Parameters that contradict the design without the effect.
     after : dict of parameter to float
         Those that do so with it, and their values.
     """
-    new = {name: value for name, value in after.items() if name not in set(before)}
-    for name, value in new.items():
-        return Refusal(Reason.MODEL_OUT_OF_BOUNDS, {"parameter": name, "value": value})
-    return None
+    new = [name for name in after if name not in before]
+    return Refusal(Reason.MODEL_OUT_OF_BOUNDS, {"parameter": new[0], "value": after[new[0]]}) if new else None
 
 
 def left_inside(share: float, p_inside: float, beyond: Refusal, policy: Policy = POLICY) -> Refusal | None:

@@ -330,9 +330,8 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
 
 def _judge_together(before: Fitted, after: Fitted, policy: Policy) -> Refusal | None:
     """Return a parameter by which log and design do not belong together with an effect, though they do without it."""
-    after_names = contradicting(after, policy)
-    values = {name: float(after.plain.values[after.model.names.index(name)]) for name in after_names}
-    return criteria.no_contradiction(contradicting(before, policy), values) if values else None
+    found = contradicting(after, policy)
+    return criteria.no_contradiction(contradicting(before, policy), found) if found else None
 
 
 def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:
