@@ -145,7 +145,8 @@ def _metrics(
     quiet = np.ones(error.size - 1, dtype=bool)
     quiet[np.minimum(turned, error.size - 2)] = False
     quiet[np.maximum(turned - 1, 0)] = False
-    amplitude, frequency = limit_cycle(log["theta_true"][used], commanded, period, dither)
+    disturbed = _jumps(log["T_load"][used]) if "T_load" in log else np.zeros(error.size, dtype=bool)
+    amplitude, frequency = limit_cycle(log["theta_true"][used], commanded | disturbed, period, dither)
     return Metrics(
         rms=float(np.sqrt(np.mean(error**2))),
         peak=float(np.max(np.abs(error))),
@@ -156,6 +157,12 @@ def _metrics(
         effort=float(np.sqrt(np.mean(current**2))),
         noise=float(np.sqrt(np.mean(np.diff(current)[quiet] ** 2) / 2.0)) if quiet.any() else 0.0,
     )
+
+
+def _jumps(load: Array) -> NDArray[np.bool_]:
+    """Return where a load leaves a constant value: a rest ends there, and begins anew."""
+    changes = np.diff(load, prepend=load[0]) != 0.0
+    return np.asarray(changes & ~np.concatenate([[False], changes[:-1]]))
 
 
 def turning_samples(reference: Array) -> NDArray[np.intp]:

@@ -23,6 +23,7 @@ Array = NDArray[Any]
 CIRCLE, WARM_UP = "circle", "warm-up"
 RADIUS = 10.0 / math.pi  # rad: half a turn of the circle a second is 10 rad/s
 WARMER = 0.4  # share by which F_c and F_v fall during the warm-up
+PUSHES = ((1.0, 4.0), (-0.5, 4.0))  # size, as a share of twice the friction, and the rest after it, s
 WARMING = 6.0  # s; a real axis takes minutes, with as many reversals for the tracker as here, or more
 
 
@@ -158,14 +159,19 @@ def _circle(axis: int) -> Scenario:
 
 
 def _push(design: Design) -> Scenario:
-    """A slow sine, then rest; a load of twice the friction for 5 ms can start a limit cycle, which 4 s show."""
-    moving = _sine_then_rest(design, 2.0, cycles=1.0, rest=4.2)
-    start = moving.duration - 4.0
-    push = Limits.of(design).breakaway * design.K_t
+    """A slow sine, then rest, in which a load of 5 ms can start a limit cycle: `PUSHES`, in turns of either direction.
+
+    One push is not enough: an axis may cycle after it, or after one half or twice as large, or from the other side.
+    """
+    moving = _sine_then_rest(design, 2.0, cycles=1.0, rest=0.2 + sum(rest for _, rest in PUSHES))
+    load = Limits.of(design).breakaway * design.K_t
 
     def references(t: Array) -> Mapping[str, Array]:
-        inside = (t >= start) & (t < start + 0.005)
-        return {**moving.references(t), "T_load": np.where(inside, push, 0.0)}
+        pushed, start = np.zeros(np.shape(t)), moving.duration - sum(rest for _, rest in PUSHES)
+        for size, rest in PUSHES:
+            pushed = np.where((t >= start) & (t < start + 0.005), size * load, pushed)
+            start += rest
+        return {**moving.references(t), "T_load": pushed}
 
     return Scenario("push", moving.duration, references, control="position")
 

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from pmsm_ctrl.compensate import baseline, compensated, gain_verdict, judge, run_trial, study_trials
+from pmsm_ctrl.compensate.motions import PUSHES
 from pmsm_ctrl.compensate.plants import with_bristle
 from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Design
@@ -71,9 +72,9 @@ class Row:
 
 
 def pushed(design: Design) -> Scenario:
-    """Return a reference at rest with a push, half a second into it."""
+    """Return a reference at rest with the first push of the trial, half a second into it."""
     whole = study_trials(design)["push"].motions[0]
-    start = whole.duration - 4.5
+    start = whole.duration - sum(rest for _, rest in PUSHES) - 0.5
 
     def references(t: np.ndarray) -> dict[str, np.ndarray]:
         given = whole.references(t + start)
