@@ -23,7 +23,7 @@ Array = NDArray[Any]
 CIRCLE, WARM_UP = "circle", "warm-up"
 RADIUS = 10.0 / math.pi  # rad: half a turn of the circle a second is 10 rad/s
 WARMER = 0.4  # share by which F_c and F_v fall during the warm-up
-PUSHES = ((1.0, 4.0), (-0.5, 4.0))  # size, as a share of twice the friction, and the rest after it, s
+PUSHES = ((0.5, 4.0), (-1.0, 4.0))  # size, as a share of twice the friction, and the rest after it, s
 WARMING = 6.0  # s; a real axis takes minutes, with as many reversals for the tracker as here, or more
 
 
@@ -159,9 +159,10 @@ def _circle(axis: int) -> Scenario:
 
 
 def _push(design: Design) -> Scenario:
-    """A slow sine, then rest, in which a load of 5 ms can start a limit cycle: `PUSHES`, in turns of either direction.
+    """A slow sine, then rest, in which a load of 5 ms can start a limit cycle: `PUSHES`, one from either side.
 
-    One push is not enough: an axis may cycle after it, or after one half or twice as large, or from the other side.
+    One push is not enough: whether a cycle starts hangs on where the axis sticks after it. A cycle of 0.6 Hz needs the
+    4 s.
     """
     moving = _sine_then_rest(design, 2.0, cycles=1.0, rest=0.2 + sum(rest for _, rest in PUSHES))
     load = Limits.of(design).breakaway * design.K_t

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from pmsm_ctrl.compensate import baseline, compensated, gain_verdict, judge, run_trial, study_trials
-from pmsm_ctrl.compensate.motions import PUSHES
 from pmsm_ctrl.compensate.plants import with_bristle
 from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.simulate import Scenario
+from pmsm_ctrl.simulate.motions import Limits
 from tests.unit.compensate.random_drives import random_drive
 from tests.unit.export.compiled_c import Compensator, simulate_with
 
@@ -72,13 +72,12 @@ class Row:
 
 
 def pushed(design: Design) -> Scenario:
-    """Return a reference at rest with the first push of the trial, half a second into it."""
-    whole = study_trials(design)["push"].motions[0]
-    start = whole.duration - sum(rest for _, rest in PUSHES) - 0.5
+    """Return a reference at rest with a push of twice the friction, half a second into it, whatever the trial's are."""
+    load = Limits.of(design).breakaway * design.K_t
 
     def references(t: np.ndarray) -> dict[str, np.ndarray]:
-        given = whole.references(t + start)
-        return {"T_load": given["T_load"]} | {n: np.zeros_like(t) for n in ("theta_ref", "omega_ref", "alpha_ref")}
+        push = np.where((t >= 0.5) & (t < 0.505), load, 0.0)
+        return {"T_load": push} | {n: np.zeros_like(t) for n in ("theta_ref", "omega_ref", "alpha_ref")}
 
     return Scenario("push at rest", 0.5 + 0.8 + REST, references, control="position")
 
