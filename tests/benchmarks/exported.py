@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("reference", "commanded", "measured")
 EFFECTS = ("coulomb", "viscous", "stribeck")
 LARGER = 1.5  # as in the windows: a limit cycle of the axis itself does not count
-REST = 1.6  # s after the push that are run: a cycle is detected from 0.5 s on
+REST = 3.2  # s after the push has settled: a push ends a rest, and four swings at 0.6 Hz need as long
 
 
 @dataclass(frozen=True)
