@@ -419,9 +419,11 @@ def test_swings_of_a_cycle_need_not_be_equal() -> None:
     assert found.cycle_frequency == pytest.approx(0.8, rel=0.02)
 
 
-@pytest.mark.parametrize(("seed", "counts", "elastic"), [(4011, 2.3, True), (4100, 13.8, True), (4263, 1.3, False)])
+@pytest.mark.parametrize(
+    ("seed", "counts", "elastic"), [(4011, 2.0, True), (4100, 13.8, True), (4263, 1.3, False), (6079, 19.9, False)]
+)
 def test_whether_a_cycle_is_found_hangs_on_no_draw_of_the_noise(seed: int, counts: float, elastic: bool) -> None:
-    """Three drives whose gain by measured speed was declared safe while they cycled on a drift, or irregularly."""
+    """Gains by measured speed once declared safe: cycles on a drift, irregular ones, one after another push (6079)."""
     drive, source, gain, _ = drawn(seed)
     base, push = baseline(drive), study_trials(drive)["push"]
     plant = with_bristle(base) if elastic else base
@@ -431,8 +433,8 @@ def test_whether_a_cycle_is_found_hangs_on_no_draw_of_the_noise(seed: int, count
         assert found.cycle_amplitude == pytest.approx(counts * count_angle(drive), rel=0.15)
 
 
-@pytest.mark.parametrize("seed", [6079, slow(4011), slow(4100), slow(4263)])
-def test_a_gain_that_cycles_after_one_of_the_pushes_or_on_a_drift_is_not_safe(seed: int) -> None:
+@pytest.mark.parametrize("seed", [4011, slow(4100), slow(4263), slow(6079)])
+def test_a_gain_that_cycles_on_a_drift_or_after_one_of_the_pushes_is_not_safe(seed: int) -> None:
     drive, source, gain, _ = drawn(seed)
     verdict = gain_verdict(drive.replace(compensation={"source": source, "gain": gain, "effects": EFFECTS}), gain)
     assert verdict.safe is False
