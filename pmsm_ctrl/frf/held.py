@@ -19,7 +19,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.structures import SecondMass
 from pmsm_ctrl.frf import policy
 from pmsm_ctrl.frf.recorder import free_cascade, stated
-from pmsm_ctrl.tune.sampled import Cascade
+from pmsm_ctrl.tune.sampled import Cascade, responses
 
 __all__ = ["Steps", "beyond", "steps_of"]
 
@@ -160,8 +160,7 @@ class _Ticks:
     def of(cls, cascade: Cascade, source: str, count: int, ticks: int) -> _Ticks:
         omega = 2.0 * math.pi * np.fft.rfftfreq(count * ticks, cascade.period)
         coarse = np.linspace(omega[1], omega[-1], min(COARSE * ticks, len(omega)))
-        system = cascade.system((source,), SAMPLED)
-        at = system(np.exp(1j * coarse * cascade.period), squeeze=False)[:, 0]
+        at = responses(cascade.system((source,), SAMPLED), coarse)
         found = [np.interp(omega, coarse, one.real) + 1j * np.interp(omega, coarse, one.imag) for one in at]
         return cls(np.array(found), count, ticks)
 

@@ -1,27 +1,30 @@
 """Stability margins of a loop, modelled or measured.
 
-Gain, phase and delay margins come from `control.stability_margins`; the disk margin follows from its definition for one
-loop. A measured frequency response goes through the same function as an FRD.
+Gain, phase and delay margins are those of `control.stability_margins`, on the same spline through the response; the
+disk margin follows from its definition for one loop. A measured response goes through the same function as an FRD.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import control as ct
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
 
-from pmsm_ctrl.tune.sampled import frequencies
+from pmsm_ctrl.tune.sampled import frequencies, responses
 
 __all__ = ["Margins", "first_crossing", "margins", "measured", "resolved", "response"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 LIGHT = 0.1  # damping ratio below which a mode gets its own frequencies
-REACH = 16  # points on either side of a crossing: one point's effect on a cubic spline falls to a quarter with each
 
 
 @dataclass(frozen=True)
@@ -82,14 +85,8 @@ def response(system: Any, omega: Array) -> Complex:
     """Return the frequency response of a SISO system at omega (rad/s), shape (n,); an FRD returns its own points."""
     if isinstance(system, ct.FrequencyResponseData):
         return np.asarray(system.complex).reshape(-1)
-    period = system.dt
-    at = np.exp(1j * omega * period) if period else 1j * omega
-    if isinstance(system, ct.StateSpace) and system.nstates:
-        # All frequencies in one call: python-control solves them one by one.
-        pencil = at[:, None, None] * np.eye(system.nstates) - system.A
-        inner = system.C @ np.linalg.solve(pencil, np.broadcast_to(system.B, (len(at), *system.B.shape)))
-        return np.asarray(inner[:, 0, 0] + system.D[0, 0], dtype=np.complex128)
-    return np.asarray(system(at, squeeze=True), dtype=np.complex128).reshape(-1)
+    first: Complex = responses(system, omega)[0]
+    return first
 
 
 def measured(values: Complex, omega: Array) -> Any:
@@ -126,10 +123,7 @@ def margins(loop: Any, omega: Array | None = None) -> Margins:
     if not given:
         omega = resolved(loop, omega)
     L = response(loop, omega)
-    near = _near_crossings(L)
-    gain, phase, _, w_phase, w_gain, _ = ct.stability_margins(ct.frd(L[near], omega[near]), returnall=True)
-    gain, phase = np.asarray(gain, float), np.asarray(phase, float)
-    phase = (phase + 180.0) % 360.0 - 180.0  # a phase margin is counted to the nearer side
+    gain, phase, w_phase, w_gain = _crossings(L, omega)
     lag = np.where(phase >= 0.0, phase, phase + 360.0)
     up, down = gain > 1.0, gain < 1.0
     S, T = 1.0 / (1.0 + L), L / (1.0 + L)
@@ -166,16 +160,28 @@ def resolved(loop: Any, omega: Array) -> Array:
     return np.unique(np.concatenate([omega, inside]))
 
 
-def _near_crossings(L: Complex) -> NDArray[np.intp]:
-    """Return the places around which abs(L) crosses 1 or the phase -180 deg, or the first few without a crossing.
+def _crossings(L: Complex, omega: Array) -> tuple[Array, Array, Array, Array]:
+    """Return all gain margins, phase margins in deg to the nearer side, and the frequencies of both.
 
-    `control.stability_margins` evaluates its spline point by point; points further away do not change a crossing.
+    What `control.stability_margins` returns of an FRD, which takes 20 times as long over a scalar of its two splines.
     """
-    near = np.arange(len(L)) < 2 * REACH
-    for crossing in (np.abs(L) - 1.0, np.angle(-L)):
-        for k in np.flatnonzero(np.diff(np.sign(crossing))):
-            near[max(0, k - REACH) : k + REACH + 2] = True
-    return np.flatnonzero(near)
+    mod, arg = np.abs(L) - 1.0, np.angle(-L)
+    at_gain = np.flatnonzero(np.diff(np.sign(mod)))
+    at_phase = np.flatnonzero(np.diff(np.sign(arg)))
+    at_phase = at_phase[L[at_phase].real <= 0.0]
+    if not at_gain.size and not at_phase.size:
+        none = np.empty(0)
+        return none, none, none, none
+    through = CubicSpline(omega, L)
+
+    def roots(of: Callable[[complex], float], places: NDArray[np.intp]) -> Array:
+        return np.array([brentq(lambda w: of(complex(through(w))), omega[k], omega[k + 1]) for k in places])
+
+    w_gain = roots(lambda value: abs(value) - 1.0, at_gain)
+    w_phase = roots(lambda value: cmath.phase(-value), at_phase)
+    with np.errstate(divide="ignore"):
+        gain = 1.0 / np.abs(through(w_phase))
+    return gain, np.degrees(np.angle(-through(w_gain))), w_phase, w_gain
 
 
 def _stable(loop: Any) -> bool:

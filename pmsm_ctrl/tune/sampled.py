@@ -28,7 +28,7 @@ from pmsm_ctrl.tune.held import held_period
 from pmsm_ctrl.tune.linearise import STATES, Linearisation, linearise, passed_through
 from pmsm_ctrl.tune.reach import within_period
 
-__all__ = ["FAINT", "Cascade", "current_loop", "filters", "frequencies", "pi", "speed_plant"]
+__all__ = ["FAINT", "Cascade", "current_loop", "filters", "frequencies", "pi", "responses", "speed_plant"]
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -45,6 +45,19 @@ OUTPUTS = ("omega_hat", "omega", "i_q", "theta", "i_q_ref", "omega_load", "i_d")
 def pi(K_p: float, T_n: float, period: float) -> Any:
     """Return K_p (1 + (T/T_n) / (z - 1)), the PI as it runs: forward Euler, integrator added before its update."""
     return ct.tf([K_p, K_p * (period / T_n - 1.0)], [1.0, -1.0], period)
+
+
+def responses(system: Any, omega: Array) -> Complex:
+    """Return the frequency responses of all outputs to the first input at omega (rad/s), shape (outputs, n)."""
+    period = system.dt
+    at = np.exp(1j * omega * period) if period else 1j * omega
+    if isinstance(system, ct.StateSpace) and system.nstates:
+        # All frequencies in one call: python-control solves them one by one.
+        pencil = at[:, None, None] * np.eye(system.nstates) - system.A
+        states = np.linalg.solve(pencil, np.broadcast_to(system.B[:, :1], (len(at), system.nstates, 1)))
+        inner = system.C @ states
+        return np.asarray(inner[:, :, 0].T + system.D[:, :1], dtype=np.complex128)
+    return np.asarray(system(at, squeeze=False), dtype=np.complex128)[:, 0]
 
 
 def frequencies(period: float, low: float = 1e-4, points: int = 2000) -> Array:
@@ -226,7 +239,7 @@ class Cascade:
         system = ct.ss(
             states[keep][:, :n][:, keep], states[keep][:, n:], ticks[:, :n][:, keep], ticks[:, n:], self.period
         )
-        response = system(np.exp(1j * omega * self.period), squeeze=False)[:, 0, :]
+        response = responses(system, omega)
         turn = np.exp(-1j * np.outer(np.arange(len(ticks)), omega) * self.period / len(ticks))
         reference, current = turn.mean(axis=0), (turn * response).mean(axis=0)
         seen = np.abs(reference) > FAINT

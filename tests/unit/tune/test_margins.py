@@ -55,6 +55,21 @@ def test_sampled_integrator_with_one_period_of_delay(share):
     assert found.stable
 
 
+def test_margins_of_points_are_those_of_python_control():
+    """Of a loop that crosses 1 three times: the same spline, evaluated without its overhead."""
+    s = 1j * np.geomspace(0.3, 300.0, 400)
+    given = ct.frd(4.0 / s * 400.0 / (s * s + 1.2 * s + 400.0) * np.exp(-0.02 * s), s.imag)
+    gain, phase, _, at_phase, at_gain, _ = ct.stability_margins(given, returnall=True)
+    found = margins(given)
+    assert len(at_gain) == 3
+    assert found.phase_margin == pytest.approx(min(phase, key=abs), rel=1e-7)
+    assert found.crossover == pytest.approx(at_gain.min() / (2.0 * math.pi), rel=1e-9)
+    beyond = gain > 1.0
+    assert found.gain_margin == pytest.approx(gain[beyond].min(), rel=1e-7)
+    assert found.gain_reduction == pytest.approx(gain[~beyond].max(), rel=1e-7)
+    assert found.phase_crossover == pytest.approx(at_phase[beyond][np.argmin(gain[beyond])] / (2.0 * math.pi), rel=1e-9)
+
+
 def test_margins_agree_with_python_controls_polynomial_method():
     loop = ct.tf([25.0], [1.0, 10.0, 10.0, 10.0])
     gm, pm, sm, wpc, wgc, _ = ct.stability_margins(loop)
