@@ -30,6 +30,7 @@ from pmsm_ctrl.simulate.scenarios import chirp, multisine, noise
 from pmsm_ctrl.tune.linearise import linearise, mobility
 from pmsm_ctrl.tune.sampled import Cascade
 from tests.benchmarks.responses import motion as excitation_motion
+from tests.effort import seeds, slow
 
 SPRING = {"J_load": 4e-5, "k": 15.0, "d": 0.002}
 ANTIRESONANCE = math.sqrt(15.0 / 4e-5) / (2.0 * math.pi)
@@ -293,7 +294,7 @@ def test_a_binary_sequence_is_measured_at_the_rate_of_the_speed_loop(seed: Desig
     assert [one.code for one in result.notices] == ["frf_resonance_not_in_design"]
 
 
-@pytest.mark.parametrize("clock", [1e-3, 2e-3, 5e-3])
+@pytest.mark.parametrize("clock", seeds(5e-3, 2e-3, 1e-3))
 def test_a_binary_sequence_is_measured_at_a_quarter_of_that_rate(seed: Design, clock: float) -> None:
     spring = seed.with_effect("compliance", SPRING)
     result = frf(seed, simulate(seed, binary(seed, clock), truth=spring, seed=11))
@@ -303,17 +304,17 @@ def test_a_binary_sequence_is_measured_at_a_quarter_of_that_rate(seed: Design, c
     assert "held between the samples" in result.summary()
 
 
-def test_without_noise_nothing_is_left_of_the_steps(seed: Design) -> None:
+@pytest.mark.parametrize("J", seeds(7e-5, 9e-5, "unknown"))
+def test_without_noise_nothing_is_left_of_the_steps(seed: Design, J: float | str) -> None:
     """The inertia need not be known: what the controller answers is that of the axis that is found first."""
     quiet = seed.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
-    log = simulate(quiet, binary(seed, 2e-3))
-    for design in (quiet, quiet.replace(motor={"J": "unknown"}), quiet.with_parameters(J=7e-5)):
-        _, axis, _ = measured_axis(design, stretches(design, [log]))
-        assert pytest.approx(9e-5, rel=1e-3) == axis.J
-        assert axis.values[2] == pytest.approx(0.0, abs=1e-6)
+    design = quiet.replace(motor={"J": J})
+    _, axis, _ = measured_axis(design, stretches(design, [simulate(quiet, binary(seed, 2e-3))]))
+    assert pytest.approx(9e-5, rel=1e-3) == axis.J
+    assert axis.values[2] == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("noise_of", [11, 12, 13])
+@pytest.mark.parametrize("noise_of", seeds(11, 12, 13))
 def test_a_slow_sequence_leaves_a_wide_interval_at_the_resonance(seed: Design, noise_of: int) -> None:
     """Of 20 ms little power is left at 131 Hz: 0.62 % off with the first seed, 2.4 standard errors."""
     spring = seed.with_effect("compliance", SPRING)
@@ -326,7 +327,9 @@ def test_a_slow_sequence_leaves_a_wide_interval_at_the_resonance(seed: Design, n
     "filters",
     [
         [{"kind": "notch", "frequency": 140.0, "width": 100.0}],
-        [{"kind": "low_pass", "frequency": 400.0, "order": 2}, {"kind": "lead", "frequency": 150.0, "phase": 15.0}],
+        slow(
+            [{"kind": "low_pass", "frequency": 400.0, "order": 2}, {"kind": "lead", "frequency": 150.0, "phase": 15.0}]
+        ),
     ],
 )
 def test_a_sequence_in_front_of_filters_is_measured(seed: Design, filters: list[dict[str, float]]) -> None:
@@ -339,7 +342,7 @@ def test_a_sequence_in_front_of_filters_is_measured(seed: Design, filters: list[
     assert [one.code for one in result.notices] == ["frf_resonance_not_in_design"]
 
 
-@pytest.mark.parametrize("clock", [1.25e-3, 1.5e-3, 5.25e-3])
+@pytest.mark.parametrize("clock", seeds(1.25e-3, 1.5e-3, 5.25e-3))
 def test_a_clock_between_the_samples_is_found(seed: Design, clock: float) -> None:
     """Steps between the samples, of which a sample tells the values: 11 % of the inertia before, and no doubt."""
     spring = seed.with_effect("compliance", SPRING)
@@ -369,8 +372,9 @@ def test_what_folds_all_over_the_response_is_not_said_to_lack_excitation(seed: D
         frf(seed, simulate(seed, motion, truth=seed.with_effect("compliance", SPRING), seed=11))
 
 
-@pytest.mark.parametrize("filtered", [True, False])
-@pytest.mark.parametrize("clock", [2e-3, 5.25e-3])
+@pytest.mark.parametrize(
+    ("clock", "filtered"), [(2e-3, False), (5.25e-3, True), slow(2e-3, True), slow(5.25e-3, False)]
+)
 def test_a_binary_speed_reference_is_measured(seed: Design, clock: float, *, filtered: bool) -> None:
     """Without the filter of the reference 8 to 12 % of the inertia before. The signal is weak: two records."""
     loop = seed.loops.speed.model_dump() | ({} if filtered else {"reference_filter": 0.0})
@@ -397,8 +401,9 @@ def test_the_speed_loop_is_that_of_a_smooth_reference(seed: Design) -> None:
     np.testing.assert_allclose(loop.value[near], expected[near], rtol=2e-3)
 
 
-@pytest.mark.parametrize("seed_of_noise", [26500, 26501])
-@pytest.mark.parametrize("free", [True, False])
+@pytest.mark.parametrize(
+    ("seed_of_noise", "free"), [(26500, True), (26501, False), slow(26500, False), slow(26501, True)]
+)
 def test_noise_as_excitation(seed: Design, seed_of_noise: int, *, free: bool) -> None:
     spring = seed.with_effect("compliance", SPRING)
     motion = excitation_motion("noise", seed, free=free, seed=seed_of_noise)
