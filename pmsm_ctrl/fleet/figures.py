@@ -28,6 +28,8 @@ def series_figure(series: Sequence[Series], marks: Mapping[str, float]) -> Figur
     -------
     matplotlib.figure.Figure
     """
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
     figure = Figure(figsize=(8.0, 0.6 + 1.7 * len(series)), layout="constrained")
     for axes, one in zip(np.atleast_1d(figure.subplots(len(series), 1, sharex=True)), series, strict=True):
         when = [datetime.fromtimestamp(86400.0 * day, UTC) for day in one.days]
@@ -39,5 +41,8 @@ def series_figure(series: Sequence[Series], marks: Mapping[str, float]) -> Figur
         if axes.get_legend_handles_labels()[1]:
             axes.legend(loc="best", fontsize="small")
         axes.set_ylabel(f"{one.name} [{one.unit}]")
-        axes.tick_params(axis="x", labelrotation=20)
+        axes.margins(y=0.15)  # the design's line beside the frame
+        dates = AutoDateLocator(maxticks=8)  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_locator(dates)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(dates))  # type: ignore[no-untyped-call]
     return figure

@@ -28,21 +28,21 @@ def plant(result: FrequencyResponse) -> Figure:
     """Draw the response from torque to speed with its bars, the design's and the fitted one, and their ratio."""
     figure = _figure(9.0, 7.6)
     upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
-    one = result.plant
+    one, curves = result.plant, result.curves
     error = BARS * one.stderr / np.abs(one.value)
     _points(upper, one.frequency, _db(one.value), 8.686 * error, "measured, 95 %")
-    upper.plot(one.frequency, _db(result.model), color=ORANGE, label="design")
-    upper.plot(one.frequency, _db(result.fitted), color=GREEN, ls="--", zorder=4, label="fitted axis")
+    upper.plot(curves.frequency, _db(curves.model), color=ORANGE, label="design")
+    upper.plot(curves.frequency, _db(curves.fitted), color=GREEN, ls="--", zorder=4, label="fitted axis")
     linear = result.design.motion == "linear"
     upper.set(ylabel=f"dB of {'(m/s)/N' if linear else '(rad/s)/(N m)'}", title="Axis: from drive torque to speed")
     upper.legend(frameon=False)
     _points(middle, one.frequency, np.degrees(np.angle(one.value)), np.degrees(error), "")
-    middle.plot(one.frequency, np.degrees(np.angle(result.model)), color=ORANGE)
-    middle.plot(one.frequency, np.degrees(np.angle(result.fitted)), color=GREEN, ls="--", zorder=4)
+    middle.plot(curves.frequency, np.degrees(np.angle(curves.model)), color=ORANGE)
+    middle.plot(curves.frequency, np.degrees(np.angle(curves.fitted)), color=GREEN, ls="--", zorder=4)
     middle.set(ylabel="phase [deg]", yticks=[-180, -90, 0, 90])
     _points(lower, one.frequency, _db(one.value / result.model), 8.686 * error, "")
     lower.axhline(0.0, color=ORANGE)
-    lower.plot(one.frequency, _db(result.fitted / result.model), color=GREEN, ls="--", zorder=4)
+    lower.plot(curves.frequency, _db(curves.fitted / curves.model), color=GREEN, ls="--", zorder=4)
     lower.set(ylabel="measured / design [dB]", xlabel="frequency [Hz]")
     for axes in (upper, middle, lower):
         for band in result.bands:

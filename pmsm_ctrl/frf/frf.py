@@ -18,7 +18,7 @@ from pmsm_ctrl.frf.fit import Axis, fit_axis
 from pmsm_ctrl.frf.from_bode import MeasuredBode
 from pmsm_ctrl.frf.measured import LOOPS, closed_loop, guessed_inertia, measured_axis
 from pmsm_ctrl.frf.point_margins import point_margins
-from pmsm_ctrl.frf.result import Band, FrequencyResponse, Response
+from pmsm_ctrl.frf.result import Band, Curves, FrequencyResponse, Response
 from pmsm_ctrl.frf.stretches import mean_speed, stretches, without_steps
 from pmsm_ctrl.frf.window import largest, widths, window_bias
 from pmsm_ctrl.log import Logs, as_logs, names_of
@@ -43,6 +43,7 @@ UNITS = {
     "damping_ratio": "", "load_inertia": "kg m^2", "stiffness": "N m/rad", "damping": "N m s/rad",
 }  # fmt: skip
 CLOSE = 3000  # frequencies at which a loop around the points is evaluated
+DRAWN = 800  # frequencies of a curve between the measured points
 MARGINS = {"phase_margin": "deg", "gain_margin_db": "dB", "crossover": "Hz", "sensitivity_peak": ""}
 
 
@@ -115,7 +116,9 @@ def _compared(
             "than itself; excite more strongly, or over a wider range, and log the reference that is excited"
         )
     believed = design.with_parameters(J=axis.J) if unknown else design  # with the inertia found nothing else is hidden
-    own = _own_response(believed, speed, response)
+    own = _own_response(believed, speed, response.frequency)
+    between = np.geomspace(response.frequency[0], response.frequency[-1], DRAWN)
+    curves = Curves(between, _own_response(believed, speed, between), axis.response(between))
     estimates = _estimates(believed, axis, speed)
     measured = _measured_design(believed, axis)
     judged = _judged(believed, axis, estimates)
@@ -126,7 +129,7 @@ def _compared(
         estimates["J"] = replace(estimates["J"], nominal=None)
     return FrequencyResponse(
         design, measured, name, speed, responses, own,
-        axis.response(response.frequency), estimates, _bands(response, own, axis),
+        axis.response(response.frequency), curves, estimates, _bands(response, own, axis),
         _margins(believed, measured, axis, speed), axis.misfit, (*found, *judged),
         _point_margins(measured, axis, speed, response),
     )  # fmt: skip
@@ -144,8 +147,8 @@ def _unexcited(found: list[Notice], axis: Axis) -> Notice | None:
     return None
 
 
-def _own_response(design: Design, speed: float, response: Response) -> Complex:
-    s = np.asarray(2j * math.pi * response.frequency, dtype=np.complex128)
+def _own_response(design: Design, speed: float, frequency: Array) -> Complex:
+    s = np.asarray(2j * math.pi * frequency, dtype=np.complex128)
     return mobility(s, design.J, friction_slope(design, speed), second_mass(design))
 
 

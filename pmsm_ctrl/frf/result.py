@@ -14,7 +14,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 
-__all__ = ["Band", "FrequencyResponse", "Response"]
+__all__ = ["Band", "Curves", "FrequencyResponse", "Response"]
 
 NO_EXCITATION = "frf_no_excitation"  # code of the notice that the fitted axis is not to be taken
 Array = NDArray[np.float64]
@@ -102,6 +102,23 @@ class Band:
 
 
 @dataclass(frozen=True, eq=False)
+class Curves:
+    """Both models between the measured points, to be drawn: a resonance may lie between two of them.
+
+    Attributes
+    ----------
+    frequency : array, shape (n,)
+        Hz.
+    model, fitted : complex array, shape (n,)
+        As those of `FrequencyResponse`.
+    """
+
+    frequency: Array
+    model: Complex
+    fitted: Complex
+
+
+@dataclass(frozen=True, eq=False)
 class FrequencyResponse(Result):
     """Result of `frf`.
 
@@ -120,6 +137,8 @@ class FrequencyResponse(Result):
         The design's own response at the frequencies of ``plant``, (rad/s)/(N m).
     fitted : complex array, shape (n,)
         That of the fitted axis.
+    curves : Curves
+        Both, close enough to be drawn as lines.
     estimates : dict of name to Estimate
         Inertia, friction slope, delay; antiresonance, resonance, damping, load inertia, stiffness where there is one.
     bands : tuple of Band
@@ -145,6 +164,7 @@ class FrequencyResponse(Result):
     responses: Mapping[str, Response]
     model: Complex
     fitted: Complex
+    curves: Curves
     estimates: Mapping[str, Estimate]
     bands: tuple[Band, ...] = ()
     margins: Mapping[str, tuple[Estimate, float]] = field(default_factory=dict)
