@@ -4,41 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import count, filterfalse
-from typing import Any, Literal, get_args
+from itertools import count
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.design import Design, EffectEntry
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import RequestError, nearest
-from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.identify import notices as words
-from pmsm_ctrl.identify.as_compared import as_compared, sizes
 from pmsm_ctrl.identify.beside import apart, by_instruments
-from pmsm_ctrl.identify.between_samples import with_folded_errors
 from pmsm_ctrl.identify.doubts import contradictions_of, doubts, large, verdict
 from pmsm_ctrl.identify.effective import effective_only
-from pmsm_ctrl.identify.instrumental import BiasTest, instrumental
-from pmsm_ctrl.identify.open_loop_fit import by_open_loop
-from pmsm_ctrl.identify.output_error import output_error
+from pmsm_ctrl.identify.evaluation import as_diagnosed, by_method, sampled_log
+from pmsm_ctrl.identify.instrumental import BiasTest
 from pmsm_ctrl.identify.over_cutoff import inertia_over_cutoff, moved
-from pmsm_ctrl.identify.replay import Replay, build_replay, replayable
-from pmsm_ctrl.identify.several import Joint, joint, with_joint_errors
+from pmsm_ctrl.identify.replay import replayable
+from pmsm_ctrl.identify.solution import Method
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, with_inertia
-from pmsm_ctrl.regression.bandwidth import regression_problem, widest_band
-from pmsm_ctrl.regression.base_problem import Based, based, plain_terms
-from pmsm_ctrl.regression.conditioning import Processing, prepare
-from pmsm_ctrl.regression.drive_timing import LATENESS, SYNCHRONOUS, DriveTiming, Sampling
+from pmsm_ctrl.regression.base_problem import plain_terms
+from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS, DriveTiming, Sampling
 from pmsm_ctrl.regression.fast_orders import orders_beyond
-from pmsm_ctrl.regression.inverse_dynamics import Problem, build_problem
-from pmsm_ctrl.regression.least_squares import Fit, solve
+from pmsm_ctrl.regression.inverse_dynamics import Problem
+from pmsm_ctrl.regression.least_squares import Fit
 from pmsm_ctrl.regression.record_result import RecordResult, RecordSpread, record_notices
-from pmsm_ctrl.regression.timed_record import sampling_of, timed_record, with_friction
-from pmsm_ctrl.regression.total_inertia import with_total_inertia
-from pmsm_ctrl.regression.worse_than_given import worse_by_error, worse_than_given
+from pmsm_ctrl.regression.timed_record import with_friction
 from pmsm_ctrl.result import Estimate, Result, jsonable
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit
@@ -46,7 +39,6 @@ from pmsm_ctrl.units import axis_unit
 __all__ = ["Identification", "Method", "identify"]
 
 Array = NDArray[np.float64]
-Method = Literal["regression", "iv", "output_error"]
 SAMPLED, SOLVED = 0.2, 0.8  # share of the work that is done when the sampling is known, and when the fit is made
 ROUNDS = 10.0  # of a fit by simulation after which half of its share is told; how many it takes is not known before
 
@@ -158,17 +150,6 @@ class Identification(Result):
         return plain
 
 
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """What a method found."""
-
-    problem: Problem
-    fit: Fit
-    bias: BiasTest | None = None
-    notices: tuple[Notice, ...] = ()
-    remarks: tuple[Notice, ...] = ()
-
-
 def identify(
     design: Design, log: Logs, *, method: Method = "regression", processing: Processing | None = None,
     check_cutoff: bool = False, check_method: bool = False, progress: Callable[[float], None] | None = None,
@@ -222,70 +203,52 @@ def identify(
         When the design's loops are not stable on the plant that the log suggests.
     """
     logs, advance = _checked(as_logs(log), method), progress or (lambda share: None)
-    as_diagnosed = method == "regression" and processing is None and plain_terms(design)
-    processing = _blanking(processing or Processing())
     given, design = design, with_friction(with_inertia(design, logs))
-    log = whole = (believed := doubts_about(design, log)).log
-    checked = check_cutoff and method == "regression"
-    if checked or not as_diagnosed:
-        log, processing = _sampled_log(design, whole, processing, method)
-    several = joint(design, log) if method != "iv" else Joint(log)
+    whole = (believed := doubts_about(design, log)).log
+    blanked, usual = _blanking(processing or Processing()), method == "regression"
     advance(SAMPLED)
-    base = based(design, whole) if as_diagnosed else None
-    each = _rounds(advance)
-    solution = _Solution(base.problem, base.fit) if base else _solved(method, design, several.log, processing, each)
-    problem, (fit, folded) = solution.problem, _with_errors(method, design, several, base or processing, solution)
-    advance(SOLVED)
-    found, far, near = _identified(design, problem, fit)
-    record = base.record if base else timed_record(design, several.log)
-    if base is None and method != "output_error":  # which has no columns of the given design
-        cut = replace(processing, cutoff=problem.cutoff)
-        shown, unexplained, worse = _shown(design, several.log, cut, problem, fit)
+    if usual and processing is None and plain_terms(design):
+        made = as_diagnosed(design, whole)
     else:
-        shown, unexplained, worse = problem, fit.residual, worse_than_given(design, found, record)
-    told = as_compared(found, timed_record(design, whole), several.rows) if base else None
-    size, rows = told or (sizes(unexplained[shown.mask], shown.torque[shown.mask]), several.rows)
-    over = inertia_over_cutoff(design, several.log, processing, problem, fit) if checked else {}
+        made = by_method(method, design, *sampled_log(design, whole, blanked, method), _rounds(advance))
+    advance(SOLVED)
+    solution, used = made.solution, made.several.log
+    problem, fit = solution.problem, solution.fit
+    over: Mapping[float, Estimate] = {}
+    if check_cutoff and usual:
+        cut = (used, made.processing) if made.processing else sampled_log(design, used, blanked, method)
+        over = inertia_over_cutoff(design, *cut, problem, fit)
     contradictions = (*believed.contradictions, *contradictions_of(design, fit))
-    effective = None if contradictions else effective_only(found, record, several.log)
+    effective = None if contradictions else effective_only(made.found, made.record, used)
     advance(1.0)
     said = (
-        *contradictions, *filter(None, (worse, effective)), *far, *record_notices(several.rows),
-        *large(size["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes, *folded,
-        *orders_beyond(design, several.log, problem.cutoff), *solution.notices, *near, *doubts(design, fit),
-        *moved(over, fit), *(_beside(design, whole, fit) if check_method and method == "regression" else ()),
+        *contradictions, *filter(None, (made.worse, effective)), *made.far, *record_notices(made.several.rows),
+        *large(made.size["relative_error"]), *believed.notices[len(believed.contradictions) :], *problem.notes,
+        *made.folded, *orders_beyond(design, used, problem.cutoff), *solution.notices, *made.near, *doubts(design, fit),
+        *moved(over, fit), *(_beside(design, whole, fit) if check_method and usual else ()),
     )  # fmt: skip
     return Identification(
-        design=found if worse is None else design,
-        improved=worse is None,
+        design=made.found if made.worse is None else design,
+        improved=made.worse is None,
         estimates=_estimates(given, problem, fit),
         intervals={name: fit.interval(name) for name in fit.values},
         unidentifiable=_why_not(design, fit),
-        **size,
+        **made.size,
         problem=problem,
         fit=fit,
-        shown=shown,
-        unexplained=unexplained,
+        shown=made.shown,
+        unexplained=made.unexplained,
         log_name=names_of(logs, "the given log"),
         notices=said,
         contradictions=contradictions,
-        records=rows,
-        spreads=several.spreads,
+        records=made.rows,
+        spreads=made.several.spreads,
         method=method,
         bias=solution.bias,
-        sampling=_sampled(processing.sampling, fit) if base is None else base.sampling,
+        sampling=made.sampling,
         over_cutoff=over,
         remarks=(*solution.remarks, *verdict(solution.bias, fit)),
     )
-
-
-def _with_errors(
-    method: Method, design: Design, several: Joint, made: Based | Processing, solution: _Solution
-) -> tuple[Fit, tuple[Notice, ...]]:
-    """Return the fit with the errors that its residual does not show, and a notice of them."""
-    known = with_joint_errors(solution.fit, several.stderr)
-    how = made if method == "regression" else None
-    return with_folded_errors(design, several.log, how, solution.problem, known)
 
 
 def _beside(design: Design, log: Log, fit: Fit) -> tuple[Notice, ...]:
@@ -326,116 +289,6 @@ def _checked(logs: tuple[Log, ...], method: str) -> tuple[Log, ...]:
     if len(logs) > 1 and method == "iv":
         raise RequestError(f"method 'iv': {len(logs)} logs, but it simulates one; use 'regression' or 'output_error'")
     return logs
-
-
-def _shown(
-    design: Design, log: Log, processing: Processing, problem: Problem, fit: Fit
-) -> tuple[Problem, Array, Notice | None]:
-    """Return the regression with reversals, which are part of the error, and what the design that is written leaves.
-
-    Third comes what is to be said where the given design leaves less.
-    """
-    shown = build_problem(design, log, replace(processing, blank=False), problem.inertia is not None)
-    # what got no number is in there with the value that it had
-    found = {name: value for name, (value, _) in fit.nuisances.items()} | dict(fit.values)
-    left = shown.target - shown.matrix() @ [found.get(column.name, column.nominal) for column in shown.columns]
-    return shown, left, worse_by_error(_best_error(shown, fit.values), _best_error(shown, {}))
-
-
-def _sampled_log(design: Design, log: Log, processing: Processing, method: Method) -> tuple[Log, Processing]:
-    """Return the log with its filter undone, and the processing with what else is known of its sampling."""
-    if processing.sampling is not None:
-        return log, processing
-    log, sampling = sampling_of(design, log)
-    if method == "iv":  # derivatives of a motion without noise are weak instruments where the axis hardly speeds up
-        log = DriveTiming(sampling.late).undone(log)
-        sampling = Sampling(sampling.whole, stderr=sampling.stderr)
-    return log, replace(processing, sampling=sampling)
-
-
-def _best_error(shown: Problem, found: Mapping[str, float]) -> float:
-    """Return the error as a share of the torque, with the sampling that suits the parameters best.
-
-    What was not found is the given design's.
-    """
-    mask, own, x = shown.mask, shown.physical, shown.matrix()
-    values = np.array([found.get(column.name, column.nominal) for column in shown.columns])
-    left = (shown.target - x[:, own] @ values[own])[mask]
-    beside = x[mask][:, ~own]
-    if beside.shape[1]:
-        left = left - beside @ factored(beside).solve(left)
-    return float(np.linalg.norm(left) / np.linalg.norm(shown.torque[mask]))
-
-
-def _sampled(sampling: Sampling | None, fit: Fit) -> Sampling:
-    """Return how the drive signal was sampled, with the delay that the fit has."""
-    sampling = sampling or SYNCHRONOUS
-    late, stderr = fit.nuisances.get(LATENESS, (sampling.late, sampling.stderr))
-    return replace(sampling, late=late, stderr=stderr)
-
-
-def _solved(method: Method, design: Design, log: Log, processing: Processing, each: Callable[[], None]) -> _Solution:
-    if method == "regression":
-        problem = regression_problem(design, log, processing)
-        return _Solution(problem, solve(problem))
-    if method == "output_error" and not replayable(design, log):
-        plain = regression_problem(design, log, processing)
-        fit = solve(plain)
-        begin = design, _identified(design, plain, fit)[0]
-        simulated = by_open_loop(begin, log, fit, processing.sampling or SYNCHRONOUS, each)
-        return _Solution(simulated[0], simulated[1], notices=simulated[2], remarks=(words.OPEN_LOOP(),))
-    replay = build_replay(design, log)
-    solution = _by_simulation(method, design, log, replay, processing, each)
-    if lost := solution.fit.unidentifiable.get("J"):
-        # an inertia that the log does not show would take the others' errors with it
-        solution = _by_simulation(method, design, log, replay, processing, each, inertia=False)
-        held = {"J": replace(lost, held=True), **solution.fit.unidentifiable}
-        solution = replace(solution, fit=replace(solution.fit, unidentifiable=held))
-    return replace(solution, remarks=replay.notes)
-
-
-def _by_simulation(
-    method: Method, design: Design, log: Log, replay: Replay, processing: Processing, each: Callable[[], None],
-    inertia: bool = True,
-) -> _Solution:  # fmt: skip
-    wide = processing
-    if processing.cutoff is None:
-        wide = replace(processing, cutoff=widest_band(design, log))
-    if method == "iv":
-        plain = regression_problem(design, log, processing)
-        usual = replace(processing, cutoff=plain.cutoff, inertia_cutoff=plain.inertia_cutoff)
-        return _Solution(*instrumental(design, log, replay, (wide, usual), inertia))
-    wide = replace(wide, through_reversals=True)
-    prepared = prepare(design, log, wide, as_logged=True)
-    problem, fit, notices = output_error(design, build_problem(design, log, wide, inertia), prepared, replay, each)
-    return _Solution(problem, fit, notices=notices)
-
-
-def _identified(design: Design, problem: Problem, fit: Fit) -> tuple[Design, tuple[Notice, ...], tuple[Notice, ...]]:
-    """Return the design with the identified values, and which are at their bounds: beyond their error, or within it."""
-    changed: dict[int, EffectEntry] = {}
-    for column in problem.columns:
-        if column.name not in fit.values:
-            continue
-        value = fit.values[column.name]
-        if column.entry < 0:
-            design = with_total_inertia(design, value, fit.stderr.get(column.name, float("nan")))
-            continue
-        entry = changed.get(column.entry, design.effects[column.entry])
-        stderr = {s: e for s, e in entry.stderr.items() if s != column.symbol}
-        if column.name not in fit.at_bound:  # at a bound it is no estimate
-            stderr[column.symbol] = fit.stderr[column.name]
-        changed[column.entry] = EffectEntry(
-            id=entry.id, parameters={**entry.parameters, column.symbol: value}, stderr=stderr
-        )
-    effects = tuple(changed.get(k, entry) for k, entry in enumerate(design.effects))
-    units = {column.name: column.unit for column in problem.columns}
-    notices = tuple(
-        words.BOUND(name=name, value=held.free, stderr=held.stderr, unit=units[name], bound=held.bound)
-        for name, held in fit.at_bound.items()
-    )
-    far, near = filter(words.beyond_error, notices), filterfalse(words.beyond_error, notices)
-    return design.replace_effects(effects), tuple(far), tuple(near)
 
 
 def _why_not(design: Design, fit: Fit) -> dict[str, Notice]:
