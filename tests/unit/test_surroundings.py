@@ -154,7 +154,7 @@ def test_a_log_with_a_torque_is_not_asked_for_a_current(
     assert "--map" not in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("count", [1000, 100_000])
+@pytest.mark.parametrize("count", seeds(1000, 100_000))
 def test_any_number_of_effects_is_one_line_or_an_answer(
     count: int, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -23,7 +23,7 @@ from pmsm_ctrl.regression.evaluated import record_as_evaluated, with_evaluation
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import timed_record
 from pmsm_ctrl.simulate import simulate
-from tests.effort import slow
+from tests.effort import seeds, slow
 
 STRIBECK = {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0}
 PRESLIDING = {"z_s": 0.02}
@@ -125,7 +125,7 @@ def scattered(seed: int) -> tuple[Design, Log]:
     return design, Log({"t": t, "omega": speed, "torque": torque})
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_an_exact_design_is_not_made_worse(seed: int) -> None:
     design, log = scattered(seed)
     result = identify(design, log)

@@ -65,7 +65,7 @@ def test_an_effect_is_added_at_the_optimum_inside_the_bounds(seed: int) -> None:
         assert error(written.with_effect(name, moved), log) > error(written, log) - 1e-4, name
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_identify_reports_the_error_of_the_design_that_it_writes(seed: int) -> None:
     log = made(seed, lambda t, w, theta: np.sign(w) * (2.0 - 0.1 * np.abs(w)))
     synchronous = Processing(sampling=SYNCHRONOUS)  # a delay would take up some of what is missing
@@ -95,7 +95,7 @@ def test_the_sweep_fits_its_line_beside_a_friction_at_its_bound() -> None:
 # ---- what is refused, and for whose parameters ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_heavy_cogging_is_not_refused_for_a_friction_of_nearly_nothing(seed: int) -> None:
     # F_c comes out well below zero: a current that reads a little low where the axis turns forwards
     log = made(seed, lambda t, w, theta: -0.02 * np.sign(w) + 0.02 * w + 0.6 * np.sin(7 * theta))
@@ -105,7 +105,7 @@ def test_heavy_cogging_is_not_refused_for_a_friction_of_nearly_nothing(seed: int
     assert "estimate_at_bound" in found.to_dict()["warning_codes"]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_an_effect_that_needs_a_negative_friction_is_refused(seed: int) -> None:
     # all of the friction is dry: a candidate that takes its place leaves nothing that is possible
     log = made(seed, lambda t, w, theta: 0.4 * np.sign(w) + 0.02 * w)

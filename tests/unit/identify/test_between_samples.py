@@ -30,7 +30,7 @@ def recorded(share: float, noise: float = 1e-3, seed: int = 1) -> Log:
     return Log({"t": t, "theta": theta, "i_q": torque + noise * np.random.default_rng(seed).standard_normal(len(t))})
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_what_the_torque_holds_at_half_of_the_rate_is_an_error_of_the_inertia(seed: int) -> None:
     """A tenth of J alpha there: J would be off by as much, and half of it bounds what is folded."""
     plain, found = identify(DESIGN, recorded(0.0, seed=seed)), identify(DESIGN, recorded(0.1, seed=seed))

@@ -12,6 +12,7 @@ from pmsm_ctrl import Design, Log, identify, simulate
 from pmsm_ctrl.identify.notices import BOUND, beyond_error
 from pmsm_ctrl.log import Provenance
 from pmsm_ctrl.section import Notice
+from tests.effort import seeds
 
 DESIGN = Design.from_toml(
     "name = 'axis'\n[motor]\nJ = 1e-4\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 0.02\n"
@@ -47,7 +48,7 @@ def test_values_that_stand_for_a_missing_effect_are_effective_ones(hidden: dict[
 
 
 @pytest.mark.parametrize("noise", [1e-3, 0.02])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_noise_alone_is_none(noise: float, seed: int) -> None:
     """Four tenths of the torque at the drive are noise in the second case, some 9 % within the band."""
     found = identify(DESIGN, recorded(noise, seed=seed))

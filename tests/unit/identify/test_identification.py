@@ -17,7 +17,7 @@ from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS
 from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.section import Table
 from pmsm_ctrl.simulate import scenario, simulate
-from tests.effort import amount
+from tests.effort import amount, seeds
 
 TRUE = {"J": 0.01, "F_c": 0.4, "F_v": 0.02, "T_0": -0.05}
 
@@ -99,7 +99,7 @@ def test_without_acceleration_the_inertia_gets_no_number() -> None:
     assert abs(viscous.value - TRUE["F_v"]) < 3 * viscous.stderr
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_a_friction_below_zero_stays_at_its_bound_and_the_rest_is_fitted_beside_it(seed: int) -> None:
     log = rich(0.05, seed, extra=lambda t, speed: -0.5 * np.sign(speed))
     known = Processing(sampling=SYNCHRONOUS)  # what the time of sampling takes up hangs on the free fit
@@ -131,7 +131,7 @@ def free_viscous(log: Log) -> float:
     return float(np.linalg.lstsq(x, problem.target[problem.mask])[0][problem.names.index("F_v")])
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_a_current_of_the_wrong_sign_gives_no_inertia_and_the_error_of_the_design_that_is_written(seed: int) -> None:
     turned = rich(0.05, seed)
     log = Log({**turned.channels, "i_q": -turned.channels["i_q"]})

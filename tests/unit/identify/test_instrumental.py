@@ -15,7 +15,7 @@ from pmsm_ctrl.regression.inverse_dynamics import Column, Problem
 from pmsm_ctrl.regression.least_squares import solve
 from pmsm_ctrl.section import Table
 from pmsm_ctrl.simulate import scenario, simulate
-from tests.effort import amount
+from tests.effort import amount, seeds
 
 N = 1500
 
@@ -113,7 +113,7 @@ def test_a_noisy_encoder_in_a_wide_band_biases_least_squares(design) -> None:
     assert table.rows[0][4] == "biased"
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_a_clean_log_is_not_called_biased(design, seed) -> None:
     log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0), seed=seed)
     result = identify(design, log, method="iv")

@@ -15,6 +15,7 @@ from pmsm_ctrl.identify import identify
 from pmsm_ctrl.identify.open_loop import open_loop
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import scenario, simulate
+from tests.effort import seeds
 
 TRUE = {"J": 9e-5, "F_c": 0.0213, "F_v": 0.000168}
 
@@ -37,7 +38,7 @@ def recorded(design: Design, seed: int, truth: Design | None = None) -> Log:
     return Log({name: log[name] for name in ("t", "theta", "i_q")})
 
 
-@pytest.mark.parametrize("seed", [1, 2, 4])
+@pytest.mark.parametrize("seed", seeds(1, 2, 4))
 def test_a_log_without_references(design: Design, believed: Design, seed: int) -> None:
     result = identify(believed, recorded(design, seed), method="output_error")
     assert [note.code for note in result.remarks] == ["open_loop"]

@@ -45,7 +45,7 @@ def test_a_log_without_noise_gives_the_truth(design, believed, name) -> None:
         assert result.estimates[parameter].value == pytest.approx(true, rel=1e-3), parameter
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_a_noisy_log_within_its_errors(design, believed, seed) -> None:
     log = simulate(believed, scenario("triangle", design, speed=150.0, period=2.0), truth=design, seed=seed)
     result = identify(believed, log, method="output_error")

@@ -28,7 +28,7 @@ def log(noise: float, seed: int) -> Log:
     return Log({"t": t, "omega": omega + rng.normal(0, noise, t.size), "torque": torque})
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_noise_of_the_acceleration_is_seen_over_the_cutoff(seed: int) -> None:
     """Attenuation by white noise of the speed: J / (1 + noise/signal), the ratio growing with the cube of the band."""
     found = identify(AXIS, log(2.0, seed), processing=Processing(cutoff=100.0), check_cutoff=True)

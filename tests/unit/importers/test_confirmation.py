@@ -12,6 +12,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers import read_log, require_confirmed
 from pmsm_ctrl.importers.wraps import unwrapped, wrap_period
 from pmsm_ctrl.log import Log
+from tests.effort import seeds
 from tests.unit.plausibility.drives import believed, drawn
 
 
@@ -28,7 +29,7 @@ def refused(path: str, **mapping: str) -> str:
     return ""
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", seeds(3, 4))
 def test_a_speed_in_rpm_has_to_be_stated(tmp_path: Path, seed: int) -> None:
     log = drawn(seed)
     speed = np.gradient(log["theta"], log.t)
@@ -40,7 +41,7 @@ def test_a_speed_in_rpm_has_to_be_stated(tmp_path: Path, seed: int) -> None:
     assert refused(written(tmp_path, log, omega=speed)) == ""
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", seeds(3, 4))
 def test_a_minus_turns_the_sign_of_a_current(tmp_path: Path, seed: int) -> None:
     log = drawn(seed)
     path = written(tmp_path, log, i_q=-log["i_q"])

@@ -12,6 +12,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit
 from pmsm_ctrl.regression.timed_record import timed_record
+from tests.effort import seeds
 
 J, F_C, F_V = 9e-5, 0.02, 2e-4
 
@@ -42,7 +43,7 @@ def weighted_rest(fit: Estimated) -> float:
     return float(np.sqrt(np.mean((left * fit.record.weight[0])[fit.record.mask] ** 2)))
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize(("lines", "error"), [(64, 3e-4), (256, 1e-4)])
 def test_the_lines_of_an_encoder_are_found_and_become_part_of_the_model(
     design: Design, lines: int, error: float, seed: int

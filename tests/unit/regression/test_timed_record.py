@@ -14,6 +14,7 @@ from pmsm_ctrl.regression import timed_record as rule
 from pmsm_ctrl.regression.base_fit import base_fit
 from pmsm_ctrl.regression.drive_timing import UNDELAYED
 from pmsm_ctrl.regression.timed_record import timed_record
+from tests.effort import seeds
 
 J, F_C, F_V = 9e-5, 0.02, 2e-4
 DESIGN = Design.from_dict(
@@ -35,7 +36,7 @@ def swinging(counts: int, seed: int) -> Log:
     return Log({"t": t, "theta": step * np.floor(theta / step + rng.random()), "torque": torque})
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_coarse_encoder_narrows_the_band_and_a_fine_one_does_not(seed: int) -> None:
     coarse, fine = (timed_record(DESIGN, swinging(2**bits, seed)) for bits in (9, 20))
     assert fine.cutoff == 40.0

@@ -124,7 +124,7 @@ def test_at_constant_speed_the_split_is_kept_and_the_sum_followed(design: Design
     assert "constant_speed" in [notice.code for notice in track(design, alone).notices]
 
 
-@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize("seed", seeds(11, 12, 13))
 def test_online_and_offline_agree_within_their_errors(design: Design, seed: int) -> None:
     log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0, cycles=5.0), seed=seed)
     offline = identify(guessed(design), log).estimates
