@@ -27,6 +27,7 @@ from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.next_steps import next_step
 from pmsm_ctrl.report.history import read_history
+from tests.effort import seeds
 
 AXIS = (
     "[motor]\nJ = 1e-4\nK_t = 1.0\n[[effects]]\nid = 'coulomb'\nF_c = 0.02\n[[effects]]\nid = 'viscous'\nF_v = 2e-4\n"

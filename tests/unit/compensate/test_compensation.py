@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import asdict
 from pathlib import Path
 
@@ -22,7 +23,8 @@ from pmsm_ctrl.compensate import (
 )  # fmt: skip
 from pmsm_ctrl.compensate.acceptance import accept
 from pmsm_ctrl.compensate.metrics import Metrics, limit_cycle
-from pmsm_ctrl.compensate.plants import SWEEP_TRIALS, judged, with_bristle
+from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP
+from pmsm_ctrl.compensate.plants import BRISTLE_TRIALS, SWEEP_TRIALS, judged, with_bristle
 from pmsm_ctrl.compensate.result import CompensationStudy, own_change
 from pmsm_ctrl.compensate.runs import count_angle
 from pmsm_ctrl.compensate.study import SOURCES, with_bandwidth
@@ -64,6 +66,18 @@ def study(rich: Design) -> CompensationStudy:
     chosen = rich.compensation.model_copy(update={"gain": 1.0, "source": "measured", "effects": every})
     limit = Acceptance(scenario="reversal 2 rad/s", metric="rms", limit=1e-6)
     return compensate(rich.model_copy(update={"compensation": chosen, "acceptance": (limit,)}), gains=(0.0, 0.5, 1.0))
+
+
+@pytest.fixture(scope="module")
+def brief(design: Design) -> CompensationStudy:
+    """Return a study of Coulomb and viscous friction on fewer trials: triangle and warm-up are reversals here."""
+    every = study_trials(design)
+    few = {name: every[name] for name in {*SWEEP_TRIALS, *BRISTLE_TRIALS, CIRCLE}}
+    few |= dict.fromkeys(("triangle", WARM_UP), every["reversal 2 rad/s"])
+    module = importlib.import_module("pmsm_ctrl.compensate.study")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "study_trials", lambda design: few)
+        return compensate(design, gains=(0.0, 0.5, 1.0))
 
 
 @pytest.mark.slow
@@ -113,15 +127,23 @@ def test_an_observer_without_a_bandwidth_takes_the_one_that_the_margins_allow(de
     assert with_bandwidth(design, found) is design
 
 
-def test_study_compares_with_a_disturbance_observer(study: CompensationStudy) -> None:
-    """On this axis the model is worth its while: the observer leaves more of the error and spends phase margin."""
-    assert study.observer is not None
-    assert study.observer.after.phase_margin < study.observer.before.phase_margin - 5.0
+def test_study_compares_with_a_disturbance_observer(brief: CompensationStudy) -> None:
+    """The observer leaves more of the error, spends phase margin, and knows no parameter that could be wrong."""
+    assert brief.observer is not None
+    assert brief.observer.after.phase_margin < brief.observer.before.phase_margin - 5.0
+    left, model = (brief.change(name, "reversal_peak") for name in ("disturbance observer", "all effects"))
+    assert left > model + 0.05
+    assert brief.change("disturbance observer", factor=1.2) < brief.change("all effects", factor=1.2) - 0.05
+    assert "Friction feedforward is worth its model where the friction is known well" in brief.summary(width=1000)
+    told = brief.to_dict()["observer"]
+    assert told["bandwidth"] == brief.observer.bandwidth
+    assert "observer" in brief.windows
+
+
+@pytest.mark.slow
+def test_with_stribeck_friction_and_cogging_the_model_is_worth_its_while(study: CompensationStudy) -> None:
     assert study.change("disturbance observer", "rms") > study.change("all effects", "rms") + 0.05
-    assert "Friction feedforward is worth its model" in study.summary(width=1000)
-    told = study.to_dict()["observer"]
-    assert told["bandwidth"] == study.observer.bandwidth
-    assert "observer" in study.windows
+    assert "Friction feedforward is worth its model here" in study.summary(width=1000)
 
 
 @pytest.mark.slow
@@ -247,26 +269,26 @@ def test_result_renders(study: CompensationStudy) -> None:
 
 
 def test_the_recommended_compensation_can_be_exported_and_is_what_the_first_screen_shows(
-    study: CompensationStudy,
+    brief: CompensationStudy,
 ) -> None:
-    best = study.recommended
+    best = brief.recommended
     assert best is not None
     assert gain_verdict(best, best.compensation.share).safe is True
-    told = study.to_dict()["recommended"]
+    told = brief.to_dict()["recommended"]
     assert (told["source"], told["gain"]) == (best.compensation.source, best.compensation.gain)
-    text = study.summary(width=1000, brief=True)
+    text = brief.summary(width=1000, brief=True)
     assert f"Recommended: {told['source']} speed, gain {100 * told['gain']:.0f} %. Highest safe gain: " in text
     assert f"Why {told['source']} speed: at safe gains no other source leaves less of the RMS error, " in text
-    assert f'[compensation]\nsource = "{told["source"]}"\ngain = {told["gain"]}' in study.summary(width=1000)
-    headline = headline_of(study)
+    assert f'[compensation]\nsource = "{told["source"]}"\ngain = {told["gain"]}' in brief.summary(width=1000)
+    headline = headline_of(brief)
     assert headline is not None
     (gain, meant), (rms, of_rms), (peak, _) = headline.numbers
     assert gain == f"{100 * told['gain']:.0f} %"
     assert meant.startswith(f"recommended gain with {told['source']}-speed feedforward; safe up to ")
     assert "at the recommended gain" in of_rms
-    assert rms == f"{100 * study.change('as recommended'):+.0f} %"
-    assert peak == f"{100 * study.change('as recommended', 'reversal_peak'):+.0f} %"
-    assert study.examples[0].label == f"compensated, {told['source']} speed, gain {gain}"
+    assert rms == f"{100 * brief.change('as recommended'):+.0f} %"
+    assert peak == f"{100 * brief.change('as recommended', 'reversal_peak'):+.0f} %"
+    assert brief.examples[0].label == f"compensated, {told['source']} speed, gain {gain}"
 
 
 @pytest.mark.slow
