@@ -34,11 +34,13 @@ def inline_svg(draw: Callable[[], Figure], prefix: str, label: str) -> str:
         Text for screen readers.
     """
     import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     buffer = io.StringIO()
     # Text as outlines looks the same on every device. The salt fixes ids that would otherwise be random.
     with matplotlib.rc_context(_SETTINGS | {"svg.hashsalt": prefix}):
-        draw().savefig(buffer, format="svg", metadata=_NO_METADATA)
+        # `savefig` draws a figure once more before, to lay it out: drawing does that as well, with the same bytes.
+        FigureCanvasSVG(draw()).print_svg(buffer, metadata=_NO_METADATA)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

@@ -151,7 +151,7 @@ def look(folder: Path, outputs: list[str]) -> list[bool]:
     return new
 
 
-@pytest.mark.parametrize("command", ["simulate", "identify", "import", *map(slow, ("add", "tune", "export"))])
+@pytest.mark.parametrize("command", ["simulate", "import", *map(slow, ("identify", "add", "tune", "export"))])
 def test_killed_where_it_writes(run: Callable[..., int], tmp_path: Path, record: Path, command: str) -> None:
     outputs = COMMANDS[command][1]
     for name in outputs:

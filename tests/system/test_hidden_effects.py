@@ -63,6 +63,7 @@ FURTHER = {
     "viscous", "viscous_power", "position_dependent_friction", "unbalance", "torque_saturation", "iron_loss",
     "current_gain", "backlash", "torque_ripple", "viscous_asymmetry", "quadratic_drag", "constant_load",
     "current_offset", "coulomb",
+    "delay", "cogging",  # found below, and in the report of a diagnosis (tests/unit/test_report.py)
 }  # fmt: skip
 
 
@@ -195,7 +196,7 @@ def test_same_answer_twice(blind: ModuleType) -> None:
 def test_add_fits_the_effect_and_says_what_it_cannot(designs: Path) -> None:
     design = Design.read(designs / "hand_tuned.toml")
     truth = design.with_effect("constant_load", {"T_0": 0.003})
-    log = simulate(design, "identification", truth=truth, seed=1)
+    log = simulated(design, scenario("identification", design), truth=truth, seed=1)
     added = add(design, log, "constant_load")
     entry = next(e for e in added.effects if e.id == "constant_load")
     assert entry.parameters["T_0"] == pytest.approx(0.003, abs=4.0 * entry.stderr["T_0"])

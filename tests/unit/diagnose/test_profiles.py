@@ -13,8 +13,9 @@ from pmsm_ctrl.diagnose.adding import added
 from pmsm_ctrl.diagnose.profiles import NORMAL, _end
 from pmsm_ctrl.rendering.numbers import with_error
 from pmsm_ctrl.result import Estimate, jsonable
-from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate import scenario, simulate
 from tests.effort import seeds
+from tests.unit.simulate.composed import simulate_composed
 
 DESIGNS = Path(__file__).resolve().parents[3] / "designs"
 
@@ -48,7 +49,8 @@ def test_a_power_of_speed_has_the_interval_of_its_profile(seed: int) -> None:
     """
     design = Design.read(DESIGNS / "hand_tuned.toml")
     truth = {"k": 0.0009, "n": 0.57}
-    log = simulate(design, "identification", truth=design.with_effect("viscous_power", truth), seed=seed)
+    motion = scenario("identification", design)
+    log = simulate_composed(design, motion, design.with_effect("viscous_power", truth), seed=seed, keep_truth=False)
     found = added(design, log, "viscous_power")
     true = {**truth, "F_c": design.parameters("coulomb")["F_c"], "F_v": design.parameters("viscous")["F_v"]}
     every = {**found.base, **found.parameters}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -34,6 +35,7 @@ def believed(F_c: float = F_C, F_v: float = F_V) -> Design:
     return drive.with_effect("coulomb", {"F_c": F_c}).with_effect("viscous", {"F_v": F_v})
 
 
+@cache
 def made(
     seed: int, *, late: float = 0.0, mean: bool = False, lag: float = 0.0, pieces: int = 1, wave: float = 0.0
 ) -> Log:  # fmt: skip
@@ -150,7 +152,7 @@ def names(found: Diagnosis) -> list[str]:
 @pytest.mark.parametrize("seed", seeds(1, 2))
 @pytest.mark.parametrize(
     ("sampled", "delay"),
-    [({"late": 0.5e-3}, 0.5e-3), ({"mean": True}, 0.5e-3), ({"late": 0.25e-3, "mean": True}, 0.75e-3)],
+    [slow({"late": 0.5e-3}, 0.5e-3), slow({"mean": True}, 0.5e-3), ({"late": 0.25e-3, "mean": True}, 0.75e-3)],
 )  # fmt: skip
 def test_what_sampling_can_do_is_no_effect_and_is_reported(seed: int, sampled: dict, delay: float) -> None:
     found = diagnose(believed(), made(seed, **sampled), plan=False)
@@ -282,7 +284,7 @@ def test_a_command_is_early_and_never_late() -> None:
 
 @pytest.mark.parametrize("seed", seeds(5, 6))
 @pytest.mark.parametrize(
-    ("sampled", "delay"), [({"late": 0.5e-3}, 0.5e-3), ({"mean": True}, 0.5e-3), ({"lag": 3e-3}, 3e-3)]
+    ("sampled", "delay"), [slow({"late": 0.5e-3}, 0.5e-3), ({"mean": True}, 0.5e-3), ({"lag": 3e-3}, 3e-3)]
 )
 def test_identify_is_not_biased_by_when_the_current_was_sampled(seed: int, sampled: dict, delay: float) -> None:
     found = identify(believed(), made(seed, **sampled))

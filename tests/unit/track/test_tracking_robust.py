@@ -21,6 +21,7 @@ from pmsm_ctrl.track.settings import numbers
 from pmsm_ctrl.track.tracking import filter_samples
 from pmsm_ctrl.tune import tune
 from tests.benchmarks.machines import machine
+from tests.unit.simulate.composed import simulate_composed
 from tests.unit.track.tracking_axes import step_of_F_c, with_known_effects
 
 F_C, F_V = 0.0213, 0.000168
@@ -108,7 +109,7 @@ def test_twin_agrees_with_filterpy_through_a_change_and_constant_speed(design: D
 
 def test_twin_agrees_with_filterpy_through_known_effects(design: Design) -> None:
     full = with_known_effects(design)
-    log = simulate(full, scenario("triangle", design, speed=60.0, period=1.0, cycles=2.0), seed=2)
+    log = simulate_composed(full, scenario("triangle", design, speed=60.0, period=1.0, cycles=2.0), full, seed=2)
     readings = feed(FrictionTracker(full), log)
     assert np.allclose([r.F_c for r in readings], track(full, log, Settings()).history["F_c"], rtol=1e-9)
 
