@@ -40,7 +40,8 @@ def inline_svg(draw: Callable[[], Figure], prefix: str, label: str) -> str:
     # Text as outlines looks the same on every device. The salt fixes ids that would otherwise be random.
     with matplotlib.rc_context(_SETTINGS | {"svg.hashsalt": prefix}):
         # `savefig` draws a figure once more before, to lay it out: drawing does that as well, with the same bytes.
-        FigureCanvasSVG(draw()).print_svg(buffer, metadata=_NO_METADATA)
+        canvas: Any = FigureCanvasSVG(draw())
+        canvas.print_svg(buffer, metadata=_NO_METADATA)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

@@ -107,7 +107,17 @@ def test_tuning_scenarios_and_tables_take_it_for_what_it_is(effect: Effect, desi
     assert cogging_table(mine) == cogging_table(plain)
 
 
-@each_effect
+# Of each structure and each channel, and of terms with a parameter that is searched; each compiles its own columns.
+ALIKE = {
+    "coulomb", "viscous", "rising_friction", "viscous_asymmetry", "constant_load", "quadratic_drag", "unbalance",
+    "load_dependent_friction", "position_dependent_friction", "torque_saturation", "current_offset", "torque_ripple",
+    "inductance_saturation",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "effect", [pytest.param(e, id=e.id, marks=[pytest.mark.slow] * (e.id in ALIKE)) for e in CATALOGUE.values()]
+)
 def test_the_columns_the_search_and_the_bounds_are_the_same(effect: Effect, record: Record) -> None:
     own, names = renamed(effect), names_of(effect)
     assert effect.structure.available(record, effect) == own.structure.available(record, own)
