@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pytest
 
-from tests.effort import seeds
+from tests.effort import seeds, slow
 
 html5lib = pytest.importorskip("html5lib", reason="HTML5LIB ABSENT: the gallery was not parsed (pip install html5lib)")
 
@@ -152,7 +152,7 @@ def test_phone_needs_no_sideways_scrolling(page: Path, tmp_path: Path) -> None:
 
 
 @no_browser
-@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)], ids=["desk", "phone"])
+@pytest.mark.parametrize(("width", "height"), [(390, 844), slow(1280, 800)], ids=["phone", "desk"])
 def test_the_first_screen_shows_the_error_falling_and_the_residual(width: int, height: int, tmp_path: Path) -> None:
     """Both pictures end within the window that issue 22 names, below the verdict, with no table above them."""
     bottoms = "[...document.querySelectorAll('.verdict, .hero svg')].map((e) => e.getBoundingClientRect().bottom)"

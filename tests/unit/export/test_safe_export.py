@@ -69,7 +69,7 @@ def test_structured_text_turns_the_friction_over_the_ramp(seed_motor: Design, fl
         assert not block["fault"]
 
 
-@pytest.mark.parametrize(("source", "gain", "safe"), [("commanded", 0.5, True), ("measured", 1.0, False)])
+@pytest.mark.parametrize(("source", "gain", "safe"), [("measured", 1.0, False), slow("commanded", 0.5, True)])
 def test_the_compiled_c_cycles_where_the_window_says_so(
     seed_motor: Design, tmp_path: Path, source: str, gain: float, safe: bool
 ) -> None:
@@ -134,11 +134,15 @@ def test_the_reason_is_that_of_the_gain_and_not_of_the_axis_without(seed_motor: 
     assert "the RMS error is " in gain_verdict(eager, 2.5).why
 
 
-def test_what_compensate_judges_and_export_leaves_out_is_said(seed_motor: Design, tmp_path: Path) -> None:
+def test_what_compensate_judges_and_export_leaves_out_is_said(
+    seed_motor: Design, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Without a table of its own a design exports Coulomb and viscous friction alone, whatever was diagnosed."""
     from typer.testing import CliRunner
 
     from pmsm_ctrl.cli import app
+
+    monkeypatch.setattr("pmsm_ctrl.export.code._require_safe", lambda design: "")  # not asked here, and seconds long
 
     whole, said = seed_motor.with_effect("stribeck", {"dF_s": 0.01, "w_s": 2.0, "delta": 2.0}), []
     for k, effects in enumerate((SIMPLE, (*SIMPLE, "stribeck"))):

@@ -200,7 +200,7 @@ def test_structured_text_runs_as_the_twin_does(design: Design, log: Any, flavour
     block(restart=False)
 
 
-@pytest.mark.parametrize("variant", ["angle", "speed, load and inertia"])
+@pytest.mark.parametrize("variant", ["speed, load and inertia", slow("angle")])
 def test_every_variable_has_a_name_a_unit_and_a_use(design: Design, variant: str) -> None:
     c = export(design, "c", part="tracker", settings=VARIANTS[variant])
     st = export(design, "st", part="tracker", settings=VARIANTS[variant])

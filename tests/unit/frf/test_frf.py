@@ -24,7 +24,7 @@ from pmsm_ctrl.frf.measured import _beside, _passive, _ratio, measured_axis
 from pmsm_ctrl.frf.notices import NOISE_ANSWERED
 from pmsm_ctrl.frf.recorder import recorded
 from pmsm_ctrl.frf.stretches import stretches, without_steps
-from pmsm_ctrl.simulate import Scenario
+from pmsm_ctrl.simulate import Scenario, scenario
 from pmsm_ctrl.simulate.motions import binary_signal
 from pmsm_ctrl.simulate.scenarios import chirp, multisine, noise
 from pmsm_ctrl.tune.linearise import linearise, mobility
@@ -432,7 +432,8 @@ def test_a_log_without_excitation_is_refused(seed: Design) -> None:
 
 def reversing(seed: Design) -> Log:
     """A log of reversals without any excitation, as a drive records it: no reference in it."""
-    log = simulate(seed.replace(sensor={"current_noise": 0.01}), "identification", seed=3)
+    noisy = seed.replace(sensor={"current_noise": 0.01})
+    log = simulate(noisy, scenario("identification", seed, duration=12.0), seed=3)
     return Log({name: log[name] for name in ("t", "theta", "omega", "i_q")})
 
 
@@ -465,7 +466,7 @@ def test_figures_and_json(found: FrequencyResponse) -> None:
     assert json.loads(json.dumps(found.to_dict()))["responses"]["plant"]["instrument"] == "i_q_add"
 
 
-@pytest.mark.parametrize(("damping", "expected"), [(2e-3, 0.0535), (5e-4, 0.188)])
+@pytest.mark.parametrize(("damping", "expected"), [(2e-3, 0.0535), slow(5e-4, 0.188)])
 def test_the_bias_of_a_coarse_resolution_is_told(seed: Design, damping: float, expected: float) -> None:
     """Without noise the windows of a chirp of 2.5 s are all that is wrong with the damping.
 

@@ -19,6 +19,7 @@ from pmsm_ctrl.regression.inverse_dynamics import build_problem
 from pmsm_ctrl.regression.least_squares import solve
 from pmsm_ctrl.simulate import scenario, simulate
 from tests.benchmarks.identification import cases, exogenous_log
+from tests.effort import seeds
 
 J, F_C, F_V = 0.01, 0.4, 0.02
 PLAIN = (
@@ -55,7 +56,7 @@ def worst(log: Log, processing: Processing) -> float:
     return max(abs(found[name].value / value - 1.0) for name, value in (("J", J), ("F_c", F_C), ("F_v", F_V)))
 
 
-@pytest.mark.parametrize("stick", [0.005, 0.012, 0.02])
+@pytest.mark.parametrize("stick", seeds(0.012, 0.005, 0.02))
 def test_friction_at_rest_does_not_reach_its_neighbours(stick: float) -> None:
     log = sticking_log(stick, rate=4000.0)
     blanked, left_out_afterwards = (worst(log, Processing(cutoff=40.0, blank=blank)) for blank in (True, False))

@@ -15,6 +15,7 @@ from pmsm_ctrl import Design
 from pmsm_ctrl.cli import main
 from pmsm_ctrl.track import Alarm, Reading
 from pmsm_ctrl.workbench.live import ENDED, MOST, Live
+from tests.effort import seeds
 from tests.unit.track.ads_server import StandIn
 from tests.unit.track.test_ads import HOST, MAPPING, SOURCE, SYMBOLS, samples
 from tests.unit.workbench.harness import DESIGN, TOKEN, Bench, Page
@@ -105,7 +106,7 @@ def tracked(live: Live) -> dict[str, Any]:
     return shown
 
 
-@pytest.mark.parametrize("ending", ["", "0.5,0.1"])
+@pytest.mark.parametrize("ending", seeds("0.5,0.1", ""))
 def test_standard_input_is_followed(ending: str, designs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Through the server, in pieces that end anywhere; the last line may lack its end."""
     begun, given = os.pipe()
