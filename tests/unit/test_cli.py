@@ -712,9 +712,12 @@ def test_one_bad_record_among_good_ones_is_named_in_one_line(
     assert not page.exists()
 
 
-def test_a_study_of_two_logs_has_both(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_study_of_two_logs_has_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     from tests.unit.several import DESIGN, record
 
+    monkeypatch.setattr("pmsm_ctrl.rendering.html.inline_svg", lambda *given: "<svg></svg>")  # seconds, not asked here
     axis, page = tmp_path / "axis.toml", tmp_path / "page.html"
     axis.write_text(DESIGN.to_toml(), encoding="utf-8")
     files = [tmp_path / f"run_{k}.csv" for k in (1, 2)]
