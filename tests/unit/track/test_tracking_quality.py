@@ -12,6 +12,7 @@ from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.track import Settings, model, track
 from pmsm_ctrl.track.settings import numbers
 from tests.effort import seeds
+from tests.unit.simulate.composed import simulate_composed
 from tests.unit.track.tracking_axes import consistency, ramp_of_F_v, settling, step_of_F_c, wander, with_known_effects
 
 F_C, F_V = 0.0213, 0.000168
@@ -143,10 +144,9 @@ def test_load_torque_and_inertia_can_be_tracked_too(design: Design) -> None:
     assert found["J"].value == pytest.approx(truth.J, rel=0.01)
 
 
-@pytest.mark.slow
 def test_known_effects_are_not_taken_for_friction(design: Design) -> None:
     full = with_known_effects(design)
-    log = simulate(full, scenario("triangle", design, speed=60.0, period=2.0, cycles=5.0), seed=2)
+    log = simulate_composed(full, scenario("triangle", design, speed=60.0, period=2.0, cycles=5.0), full, seed=2)
     found = track(full, log)
     assert found.history["F_c"][log.t > 4.0].mean() == pytest.approx(F_C, rel=0.015)
     # a tracker that does not know them says that there is more than it models
