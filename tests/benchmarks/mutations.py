@@ -120,7 +120,7 @@ MUTATIONS = (
              "unit/export/test_export.py -k agrees_with_the_terms"),
     Mutation("verify: any gain is the one that was asked for", "verify/verify.py",
              "max(policy.WRONG * expected, half)", "max(10.0 * expected, half)",
-             "unit/verify/test_verify.py -k does_what_it_does"),
+             "unit/verify/test_verify.py -k drive_is_found_to"),
     Mutation("import: an angle that wraps at its own period is unwrapped at a turn", "importers/wraps.py",
              "np.unwrap(theta, period=period)", "np.unwrap(theta)", "unit/importers"),
 )  # fmt: skip
