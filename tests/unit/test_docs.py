@@ -98,6 +98,7 @@ def test_commands_of_a_long_page_exist(page: Path) -> None:
 
     from pmsm_ctrl.cli import app
 
+    commands = get_command(app).commands  # type: ignore[attr-defined]
     for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
         if block["language"] == "python":
             compile(block["code"], page.name, "exec")
@@ -105,7 +106,7 @@ def test_commands_of_a_long_page_exist(page: Path) -> None:
         for line in block["code"].replace("\\\n", " ").splitlines():
             words = shlex.split(line, comments=True)
             if words[:1] == ["pmsm-ctrl"]:
-                verb = get_command(app).commands[words[1]]  # type: ignore[attr-defined]
+                verb = commands[words[1]]
                 verb.make_context(words[1], words[2:], resilient_parsing=False)
 
 
