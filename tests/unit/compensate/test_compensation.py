@@ -143,7 +143,7 @@ def test_study_compares_with_a_disturbance_observer(brief: CompensationStudy) ->
 @pytest.mark.slow
 def test_with_stribeck_friction_and_cogging_the_model_is_worth_its_while(study: CompensationStudy) -> None:
     assert study.change("disturbance observer", "rms") > study.change("all effects", "rms") + 0.05
-    assert "Friction feedforward is worth its model here" in study.summary(width=1000)
+    assert "Friction feedforward is worth its model" in study.summary(width=1000)
 
 
 @pytest.mark.slow
