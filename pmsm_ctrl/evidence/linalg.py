@@ -356,7 +356,7 @@ def added_each(grams: Sequence[Array], shared: Array, along: Array) -> list[Adde
         size = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
         size = np.where(size > 0.0, size, 1.0)
         left = (gram - np.einsum("rgi,rgj->gij", beside, beside)) / (size[:, :, None] * size[:, None, :])
-        values, vectors = np.linalg.eigh(left) if k > 1 else (left[:, 0], np.ones_like(left))  # most have one
+        values, vectors = np.linalg.eigh(left) if k != 1 else (left[:, 0], np.ones_like(left))  # most have one
         for i, size_i, values_i, vectors_i, right_i in zip(places.tolist(), size, values, vectors, right, strict=True):
             kept = values_i > OWN_SHARE**2
             back = vectors_i[:, kept] / np.sqrt(values_i[kept]) / size_i[:, None]

@@ -141,3 +141,9 @@ def test_orthonormal_rows_of_a_column_of_zeros(rng: np.random.Generator) -> None
     columns[1] = 0.0
     basis, triangle = orthonormal_rows(columns.copy())
     np.testing.assert_allclose(triangle.T @ basis, columns, atol=1e-13)
+
+
+def test_no_columns_add_nothing() -> None:
+    # as of a curve over a coordinate that a very short log does not vary
+    found = added(np.zeros((0, 0)), np.zeros((2, 0)), np.zeros(0))
+    assert (found.rank, found.gain, found.values.shape) == (0, 0.0, (0,))
