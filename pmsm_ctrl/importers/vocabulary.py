@@ -136,6 +136,8 @@ def _understood(words: list[str]) -> Meaning | None:
         return None
     quantities = list(dict.fromkeys(quantity for kind, quantity in kinds if kind == "quantity"))
     axis = next((axis for axis, own in _AXES.items() if set(words) & set(own.split())), "")
+    if quantities[:1] == ["current"] and "current" in words:  # the current position is the present one
+        quantities = quantities[1:] or quantities
     if set(quantities) == {"torque", "current"}:  # the torque current
         quantities, axis = ["current"], axis or "q"
     if set(quantities) == {"position", "speed"}:  # the speed of the angle

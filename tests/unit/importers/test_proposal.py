@@ -277,6 +277,16 @@ def test_words_of_five_languages(name: str, channel: str | None) -> None:
     assert (found.channel if found is not None else None) == channel
 
 
+@pytest.mark.parametrize(
+    ("name", "channel"),
+    [("CurrentPosition", "theta"), ("current_vel", "omega"), ("Current Torque", "torque"), ("Motor Current", "i_q"),
+     ("torque current", "i_q"), ("CurrentPosition error", None)],
+)  # fmt: skip
+def test_current_before_another_quantity_means_present(name: str, channel: str | None) -> None:
+    found = meaning_of(name)
+    assert (found.channel if found is not None else None) == channel
+
+
 def test_a_stated_wrap_and_a_window(tmp_path: Path, axis: dict[str, np.ndarray]) -> None:
     # a joint that reports -12.5 to 12.5 rad
     wrapped = (axis["theta"] * 3.0 + 12.5) % 25.0 - 12.5
