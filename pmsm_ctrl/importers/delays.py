@@ -31,23 +31,29 @@ class Delay:
 def delays(log: Log) -> tuple[Delay, ...]:
     """Estimate the delays of omega behind dtheta/dt and of torque behind i_q.
 
-    The first holds the filter of the speed signal as well. Empty where a channel is missing, the time stamps are
-    irregular, or the two are not correlated.
+    The first holds the filter of the speed signal as well. Empty where a channel is missing, the log has gaps, or the
+    two are not correlated. Of irregular time stamps only a delay beyond their jitter is told.
     """
     out = []
     base = time_base(log.t)
-    if len(log) < 64 or base.irregular:
+    if len(log) < 64 or base.gaps:
         return ()
+    least = base.jitter_max if base.irregular else 0.0
+    pairs = (("omega", "dtheta/dt", "theta", "omega"), ("torque", "i_q", "i_q", "torque"))
     with np.errstate(all="ignore"):
-        if "theta" in log and "omega" in log:
-            found = lag(np.gradient(log["theta"], base.period), log["omega"])
-            if found is not None:
-                out.append(Delay("omega", "dtheta/dt", found[0] * base.period, found[1]))
-        if "i_q" in log and "torque" in log:
-            found = lag(log["i_q"], log["torque"])
-            if found is not None:
-                out.append(Delay("torque", "i_q", found[0] * base.period, found[1]))
+        for later, earlier, first, second in pairs:
+            if first not in log or second not in log:
+                continue
+            a, b = (_evenly(log.t, log[name]) if base.irregular else log[name] for name in (first, second))
+            found = lag(np.gradient(a, base.period) if first == "theta" else a, b)
+            if found is not None and abs(found[0]) * base.period > least:
+                out.append(Delay(later, earlier, found[0] * base.period, found[1]))
     return tuple(out)
+
+
+def _evenly(t: Array, values: Array) -> Array:
+    """Return as many values at equal steps of time."""
+    return np.interp(np.linspace(t[0], t[-1], t.size), t, values)
 
 
 def lag(first: Array, second: Array) -> tuple[float, float] | None:

@@ -97,8 +97,8 @@ def _facts(report: ImportReport) -> tuple[tuple[str, str], ...]:
         rows.append(("dtheta/dt over omega", f"{report.velocity[0]:.4g} (spread {100 * report.velocity[1]:.2g} %)"))
     if math.isfinite(report.torque[0]):
         rows.append(("torque over K_t i_q", f"{report.torque[0]:.4g} (correlation {report.torque[1]:.3f})"))
-    if base.irregular:
-        rows.append(("delays", "not estimated: the time stamps are irregular"))
+    if base.irregular and not report.delays:
+        rows.append(("delays", "not estimated, or within the jitter: the time stamps are irregular"))
     rows += [(f"delay of {d.later} behind {d.earlier}", f"{1e3 * d.seconds:.3g} ms") for d in report.delays]
     return tuple(rows)
 

@@ -38,7 +38,7 @@ class TimeBase:
 
     @property
     def irregular(self) -> bool:
-        """Whether delays cannot be estimated: gaps, or jitter above 20 % of the period."""
+        """Whether small delays cannot be estimated: gaps, or jitter above 20 % of the period."""
         return self.gaps > 0 or self.jitter_max > 0.2 * self.period
 
 

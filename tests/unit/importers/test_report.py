@@ -168,3 +168,14 @@ def test_neither_noise_nor_a_coarse_encoder_changes_a_delay(rng: np.random.Gener
         omega = speed(t - late) + rng.normal(0, noise, t.size)
         (found,) = delays(Log({"t": t, "theta": theta, "omega": omega}))
         assert found.seconds == pytest.approx(late, abs=1e-5 + 5e-5 * noise)
+
+
+def test_a_delay_beyond_the_jitter_of_the_time_stamps_is_told(rng: np.random.Generator) -> None:
+    t = 0.01 * np.arange(3000)
+    omega = np.sin(1.3 * t) + 0.6 * np.sin(2.9 * t)
+    theta = -np.cos(1.3 * t) / 1.3 - 0.6 * np.cos(2.9 * t) / 2.9
+    stamps = t + rng.uniform(-0.002, 0.002, t.size)
+    late = np.interp(t - 0.15, t, omega)
+    (found,) = delays(Log({"t": stamps, "theta": theta, "omega": late}))
+    assert found.seconds == pytest.approx(0.15, abs=0.002)
+    assert delays(Log({"t": stamps, "theta": theta, "omega": omega})) == ()
