@@ -13,7 +13,7 @@ from pmsm_ctrl.importers.mapping import FACTOR, Assignment
 from pmsm_ctrl.importers.names import says_rms, split_header, unit_spelling
 from pmsm_ctrl.importers.notices import PEAK_OR_RMS
 from pmsm_ctrl.importers.plausibility import CERTAIN, INTERVAL, MIN_SAMPLES, torque_factor
-from pmsm_ctrl.importers.relations import drive_balance
+from pmsm_ctrl.importers.relations import axis_balance
 from pmsm_ctrl.importers.table import Table
 from pmsm_ctrl.log import CHANNELS, Log
 from pmsm_ctrl.section import Notice
@@ -73,8 +73,8 @@ def _inertia(log: Log, design: Design | None) -> tuple[float, float]:
     """Return the inertia that current and acceleration give, over that of the design, and its uncertainty."""
     if design is None or design.motor.J is None or len(log) < MIN_SAMPLES:
         return math.nan, math.nan
-    motion = {"position": log["theta"]} if "theta" in log else {"speed": log["omega"]}
-    found = drive_balance(log.t, design.K_t_assumed * log["i_q"], **motion)
+    torque, linear = design.K_t_assumed * log["i_q"], log.motion == "linear"
+    found = axis_balance(log.t, torque, speed=log.get("omega"), position=log.get("theta"), linear=linear)
     if not math.isfinite(found.inertia) or found.certain < CERTAIN:
         return math.nan, math.nan
     return found.inertia / design.J, INTERVAL * found.stderr / design.J

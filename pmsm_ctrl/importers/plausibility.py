@@ -15,7 +15,7 @@ import numpy as np
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import notices as say
 from pmsm_ctrl.importers.lost import lost_samples
-from pmsm_ctrl.importers.relations import BLOCKS, block_edges, drive_balance, drive_factor, integral, rate_factor, ratio
+from pmsm_ctrl.importers.relations import BLOCKS, axis_balance, block_edges, drive_factor, integral, rate_factor, ratio
 from pmsm_ctrl.importers.timebase import growing_steps, quantum, saturated_share, time_base
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.section import Notice
@@ -187,8 +187,8 @@ def _sign(log: Log, design: Design | None) -> list[Notice]:
         return []
     if np.ptp(torque) == 0.0:
         return []
-    motion = {"position": log["theta"]} if "theta" in log else {"speed": log["omega"]}
-    found = drive_balance(log.t, torque, **motion)
+    linear = log.motion == "linear"
+    found = axis_balance(log.t, torque, speed=log.get("omega"), position=log.get("theta"), linear=linear)
     inertia = found.inertia
     # the scatter over stretches of time is itself uncertain, so the limit is far above the nominal 2
     if not math.isfinite(inertia) or found.certain < CERTAIN:
@@ -200,7 +200,7 @@ def _sign(log: Log, design: Design | None) -> list[Notice]:
     factor, error = inertia / design.J, INTERVAL * found.stderr / design.J
     if factor + error >= 0.5 and factor - error <= 2.0:
         return []
-    unit = "kg" if log.motion == "linear" else "kg m^2"
+    unit = "kg" if linear else "kg m^2"
     return [say.UNLIKELY_INERTIA(channel=name, inertia=inertia, unit=unit, factor=factor)]
 
 

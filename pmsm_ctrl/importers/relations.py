@@ -14,7 +14,7 @@ import numpy as np
 from pmsm_ctrl.importers.table import Array
 
 __all__ = [
-    "NOTHING", "Balance", "block_edges", "drive_balance", "drive_factor", "integral", "rate_factor",
+    "NOTHING", "Balance", "axis_balance", "block_edges", "drive_balance", "drive_factor", "integral", "rate_factor",
     "rate_likeness", "ratio", "roughness",
 ]  # fmt: skip
 
@@ -124,7 +124,9 @@ def roughness(values: Array) -> float:
     return float(np.std(np.diff(values, 2))) / size if size > 0.0 and values.size > 2 else 0.0
 
 
-def drive_balance(t: Array, drive: Array, *, speed: Array | None = None, position: Array | None = None) -> Balance:
+def drive_balance(
+    t: Array, drive: Array, *, speed: Array | None = None, position: Array | None = None, loads: Array | None = None
+) -> Balance:
     """Return the inertia that a drive signal and a motion give, in their units.
 
     Both sides are integrals over blocks, which need no derivative: the change of the speed against the integral of
@@ -136,6 +138,8 @@ def drive_balance(t: Array, drive: Array, *, speed: Array | None = None, positio
     t, drive : array, shape (n,)
     speed, position : array, shape (n,), optional
         One of them; a position is measured more exactly.
+    loads : array, shape (k, n), optional
+        What else the drive signal may hold, of unknown size: the sine and the cosine of the angle, as of gravity.
     """
     source = position if position is not None else speed
     if source is None or t.size < 4 * FEWEST_BLOCKS // 2:
@@ -154,8 +158,32 @@ def drive_balance(t: Array, drive: Array, *, speed: Array | None = None, positio
     rough = np.gradient(_smooth(source, SMOOTHED), t) if position is not None else _smooth(source, SMOOTHED)
     moved = source[last] - source[first] if position is not None else _over(t, source, first, last)
     shared = [_over(t, np.sign(rough), first, last), moved, t[last] - t[first]]
+    shared += [] if loads is None else [_over(t, load, first, last) for load in loads]
     target = _over(t, drive, first, last)
     return _instrumented(target, np.column_stack([change, *shared]), np.column_stack([other, *shared]))
+
+
+def axis_balance(t: Array, drive: Array, *, speed: Array | None, position: Array | None, linear: bool) -> Balance:
+    """Return the inertia that a torque and the motion of an axis give, of which a mass may hang.
+
+    The weight of a mass that turns with the axis follows its angle, as the acceleration of a swing does: left out, it
+    makes the inertia too small or negative. Of the balance with it and the one without, the surer one counts.
+
+    Parameters
+    ----------
+    t, drive : array, shape (n,)
+    speed, position : array, shape (n,), or None
+        One of them at least; a position is measured more exactly.
+    linear : bool
+        Whether the position is no angle.
+    """
+    if position is None:
+        return drive_balance(t, drive, speed=speed)
+    plain = drive_balance(t, drive, position=position)
+    if linear:
+        return plain
+    hung = drive_balance(t, drive, position=position, loads=np.stack([np.sin(position), np.cos(position)]))
+    return min(plain, hung, key=lambda found: found.stderr)
 
 
 def _block(t: Array, source: Array, is_position: bool) -> int:

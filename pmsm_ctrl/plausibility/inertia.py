@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers.relations import NOTHING, Balance, drive_balance
+from pmsm_ctrl.importers.relations import NOTHING, Balance, axis_balance
 from pmsm_ctrl.log import Log, Logs, as_logs
 
 __all__ = ["with_inertia"]
@@ -51,6 +51,7 @@ def _balance(design: Design, log: Log) -> Balance:
         return NOTHING
     if "T_load" in log:
         torque = torque - log["T_load"]
-    known = {"position": log["theta"]} if "theta" in log else {"speed": log["omega"]}
-    found = drive_balance(log.t, torque, **known)
+    found = axis_balance(
+        log.t, torque, speed=log.get("omega"), position=log.get("theta"), linear=log.motion == "linear"
+    )
     return found if found.inertia == found.inertia else NOTHING

@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose import stepwise
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.errors import DesignError, LogError
 from pmsm_ctrl.identify import identify
+from pmsm_ctrl.importers.plausibility import check
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import with_inertia
 from pmsm_ctrl.regression.signals import missing_signals, term_signals
@@ -70,6 +71,28 @@ def test_a_log_that_does_not_tell_it_is_refused() -> None:
     steady = Log({"t": t, "theta": 20.0 * t, "i_q": 0.1 + 0.01 * np.random.default_rng(1).normal(size=t.size)})
     with pytest.raises(LogError, match=r"motor\.J is unknown and the log does not tell it"):
         with_inertia(Design.from_dict({"motor": {"J": "unknown", "K_t": 0.5}}), steady)
+
+
+def swinging(J: float, weight: float = 2.8, seed: int = 1) -> Log:
+    """Return a log of a pendulum by closed form: two sines up to 1.9 rad, with friction, K_t = 0.5 N m/A."""
+    t = np.arange(4000) * 2e-3
+    parts = [(1.4, np.pi, 0.0), (0.5, 2.2 * np.pi, 1.0)]
+    theta, omega, alpha = (
+        sum(size * rate**k * np.sin(rate * t + at + k * np.pi / 2) for size, rate, at in parts) for k in range(3)
+    )
+    torque = J * alpha + weight * np.sin(theta) + 0.1 * np.sign(omega) + 0.05 * omega
+    return Log({"t": t, "theta": theta, "i_q": torque / 0.5 + np.random.default_rng(seed).normal(0, 0.02, t.size)})
+
+
+@pytest.mark.parametrize("J", [0.05, 0.15])
+def test_the_inertia_of_a_pendulum_shows_beside_its_weight(J: float) -> None:
+    found = with_inertia(Design.from_dict({"motor": {"J": "unknown", "K_t": 0.5}}), swinging(J))
+    assert pytest.approx(J, rel=0.03) == found.motor.J
+
+
+def test_the_weight_of_a_pendulum_is_no_doubt_about_its_inertia() -> None:
+    design = Design.from_dict({"motor": {"J": 0.15, "K_t": 0.5}})
+    assert [notice.code for notice in check(swinging(0.15), design)] == []
 
 
 def test_what_needs_a_number_asks_for_it(tmp_path: Path, designs: Path) -> None:
