@@ -81,7 +81,9 @@ def candidates_for(
 
     def orders(highest: int) -> Array:
         slow = order_spectrum(record.prepared, residual, record.mask, record.weight[0], highest, friction=False)[1]
-        return np.maximum(slow, passing_orders(record, residual, highest))
+        score = np.maximum(slow, passing_orders(record, residual, highest))
+        score[np.arange(1, highest + 1) * view.travel < TWO_PERIODS] = 0.0  # a part of a turn, however often
+        return score
 
     view = LogView(record, residual, orders)
     present = set(present)

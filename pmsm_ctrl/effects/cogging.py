@@ -26,7 +26,7 @@ def search(log: LogView) -> Search:
     best = np.argsort(score)[::-1][:TRIED]
     shapes = tuple({"order": float(k + 1)} for k in best if k > 0 and score[k] > 0.0)
     if not shapes:
-        return Search((), 1, "no turn is slow enough to see an order above the first")
+        return Search((), 1, "no motion is slow and long enough to see two periods of an order above the first")
     return Search(shapes, max(int(np.sum(score > 0.0)), 1))
 
 
