@@ -11,6 +11,7 @@ from pmsm_ctrl.diagnose.level import level_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.evidence.linalg import factored
 from pmsm_ctrl.regression.model import MOST_NOISE, noise_share
+from pmsm_ctrl.regression.slow_inertia import slow_friction
 
 __all__ = ["contradicting", "told"]
 
@@ -28,7 +29,7 @@ def contradicting(fit: Fitted, policy: Policy = POLICY) -> dict[str, float]:
     fit : Fitted
     policy : Policy
     """
-    names = POSITIVE if told(fit, policy) else ELECTRICAL
+    names = POSITIVE if told(fit, policy) else ELECTRICAL + _by_direction(fit, policy)
     return {name: value for name in names if (value := _impossible(fit, name, policy)) is not None}
 
 
@@ -41,6 +42,14 @@ def told(fit: Fitted, policy: Policy) -> bool:
     policy : Policy
     """
     return level_of(fit, 0).explicable >= policy.explained_torque and _sharp(fit)
+
+
+def _by_direction(fit: Fitted, policy: Policy) -> tuple[str, ...]:
+    """Return F_c where it is below zero whatever the inertia: its sign needs the direction, and no acceleration."""
+    if level_of(fit, 0).explicable < policy.explained_torque:
+        return ()
+    value, stderr = slow_friction(fit.record)
+    return ("F_c",) if value < -policy.sure_errors * stderr else ()
 
 
 def _sharp(fit: Fitted) -> bool:

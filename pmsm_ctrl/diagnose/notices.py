@@ -22,6 +22,7 @@ __all__ = [
     "FACTOR_OFF",
     "LARGE_REFUSED",
     "LITTLE_EXPLAINED",
+    "LITTLE_KNOWN",
     "NEGATIVE_PARAMETER",
     "NOT_CALIBRATED",
     "NOT_EXCITED",
@@ -156,6 +157,11 @@ TOO_SHORT = Template(
 LITTLE_EXPLAINED = Template(
     "little_explained",
     "the model explains {percent:.0f} % of the mean square of the torque, less than half: most of this log is noise",
+)
+LITTLE_KNOWN = Template(
+    "little_known",
+    "the model explains {percent:.0f} % of the mean square of the torque, less than half, and what is left is no "
+    "noise: a load that no channel holds, or a wrong sign or channel of the torque",
 )
 ABOVE_FLOOR = Template(
     "above_noise_floor",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.level import Level, level_of
 from pmsm_ctrl.diagnose.policy import POLICY
@@ -117,7 +118,7 @@ def test_a_torque_that_does_not_belong_to_the_motion_is_implausible() -> None:
     assert verdict_of(fit_of(measured=10.0, left=9.0)) == ("implausible", ["unrelated_torque"])
     # most of a torque near its noise floor is noise, not another axis'
     # (and most of what is left lies above the floor: 1 - 1 / 1.9^2)
-    assert verdict_of(fit_of(measured=2.4, left=1.9)) == ("inconclusive", ["little_explained", "above_noise_floor"])
+    assert verdict_of(fit_of(measured=2.4, left=1.9)) == ("inconclusive", ["little_known", "above_noise_floor"])
 
 
 def test_a_log_of_noise_decides_nothing() -> None:
@@ -203,3 +204,19 @@ def test_no_effect_is_named_where_most_of_the_torque_is_unexplained(seed: int) -
     assert found.reasons[0].code == "little_explained"
     named = diagnose(believed(), pushed, plan=False, policy=replace(POLICY, explained_torque=0.0))
     assert [step.effect for step in named.steps] == ["cogging"]
+
+
+@pytest.mark.parametrize(("sign", "verdict"), [(1.0, "inconclusive"), (-1.0, "implausible")])
+def test_a_torque_of_the_wrong_sign_shows_in_friction_where_the_acceleration_is_noise(
+    sign: float, verdict: str
+) -> None:
+    rng, t = np.random.default_rng(1), np.arange(2000) / 200.0
+    slow, fast = 2.0 * np.pi * 0.23, 2.0 * np.pi * 0.61
+    theta = np.sin(slow * t) + 0.4 * np.sin(fast * t) + rng.normal(0.0, 3e-4, t.size)
+    omega = slow * np.cos(slow * t) + 0.4 * fast * np.cos(fast * t)
+    torque = sign * (0.5 * np.sign(omega) + 0.1 * omega) + rng.normal(0.0, 0.05, t.size)
+    design = Design.from_dict({"motor": {"J": 3e-3, "K_t": 1.0}})
+    found = diagnose(design, Log({"t": t, "theta": theta, "torque": torque}), candidates=["constant_load"], plan=False)
+    assert found.verdict == verdict
+    if sign < 0.0:
+        assert [notice.code for notice in found.reasons] == ["negative_parameter"]
