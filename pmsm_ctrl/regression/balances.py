@@ -286,6 +286,23 @@ class Record:
             self.kept[key] = np.array(self.noise_of(self.acceleration()))
         return float(self.kept[key])
 
+    def noise_beside(self, load: Array) -> float:
+        """Largest noise of the acceleration, rms, that is allowed by what is left of the torque beside a load.
+
+        Above its own frequency the load stays behind, and the rotor alone turns noise into torque. `load`, shape (m,),
+        is its acceleration against the rotor's.
+        """
+        key = ("plain motion",)
+        if key not in self.kept:
+            plain = [self.signals["alpha"], self.signals["direction"], self.signals["omega"], np.ones_like(self.signals["t"])]
+            self.kept[key] = self.prepared.columns(plain)
+        weight = self.weight[0] * self.mask
+        columns = np.vstack([load, self.kept[key]]) * weight
+        values, *_ = np.linalg.lstsq(columns.T, self.target[0] * weight, rcond=None)
+        left = float(np.linalg.norm(self.target[0] * weight - values @ columns) / np.linalg.norm(weight))
+        rotor = float(values[1] - values[0])
+        return left / rotor if rotor > 0.0 else math.inf
+
     def slope_behind(self, values: Array) -> Array:
         """Slope over the time from `late` ago until now, at the log's rate: so a delay of `late` is met exactly."""
         if self.late is None or abs(self.late) < LATE * self.period:

@@ -168,9 +168,9 @@ class Transmission(Structure):
         """
         if self.gap and shape[self.gap] * shape[FREQUENCY] ** 2 < FIRM * _mean_acceleration(balances):
             return np.zeros_like(values)
-        noise = balances.shaft_noise()
+        noise = min(balances.shaft_noise(), balances.noise_beside(values[0][:, 0]))
         if not self.gap:  # behind one, a load in contact follows the shaft nearly always
-            noise *= _passed(shape, balances.cutoff)
+            noise *= _apart(shape, balances.cutoff)
         out = values.copy()
         for part in out[0].T:
             part[np.abs(part) <= ABOVE_NOISE * noise] = 0.0
@@ -344,12 +344,14 @@ def _of(effect: Effect) -> Transmission:
     return effect.structure
 
 
-def _passed(shape: Mapping[str, float], cutoff: float) -> float:
-    """What a spring makes of white noise in the band, rms: one that rings is shaken by little."""
-    f = np.linspace(0.0, cutoff, 4001)[1:]
-    flat = np.zeros((5, len(f)))
-    flat[4] = 1.0 / len(f)
-    return float(np.sqrt(_sums(f, flat, np.array([[shape[FREQUENCY], shape[DAMPING]]]))[0, 2]))
+def _apart(shape: Mapping[str, float], cutoff: float) -> float:
+    """Share of white noise in the band that a load takes no part in, rms: above its own frequency it stays behind.
+
+    Below, it does what the shaft does and more, which raises the error that noise makes. In quadrature it does neither.
+    """
+    x = 2.0 * np.pi / shape[FREQUENCY] * np.linspace(0.0, cutoff, 4001)[1:]
+    behind = x**2 * (1.0 - x**2) / ((1.0 - x**2) ** 2 + (2.0 * shape[DAMPING] * x) ** 2)
+    return float(np.sqrt(np.mean(np.minimum(behind, 0.0) ** 2)))
 
 
 def _sums(f: Array, products: Array, springs: Array) -> Array:

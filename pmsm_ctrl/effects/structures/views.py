@@ -102,5 +102,9 @@ class Balances(Protocol):
     def noise_of(self, values: Array) -> float:
         """Noise of a thinned signal, rms."""
 
+    def noise_beside(self, load: Array) -> float:
+        """Noise of the acceleration that is allowed by what is left beside a load, rms."""
+        ...
+
     def shaft_noise(self) -> float:
         """Noise of the acceleration, rms."""
