@@ -294,8 +294,8 @@ class Record:
         """
         key = ("plain motion",)
         if key not in self.kept:
-            plain = [self.signals["alpha"], self.signals["direction"], self.signals["omega"], np.ones_like(self.signals["t"])]
-            self.kept[key] = self.prepared.columns(plain)
+            plain = [self.signals[name] for name in ("alpha", "direction", "omega")]
+            self.kept[key] = self.prepared.columns([*plain, np.ones_like(plain[0])])
         weight = self.weight[0] * self.mask
         columns = np.vstack([load, self.kept[key]]) * weight
         values, *_ = np.linalg.lstsq(columns.T, self.target[0] * weight, rcond=None)
