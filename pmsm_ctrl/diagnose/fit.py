@@ -15,13 +15,13 @@ from pmsm_ctrl.diagnose.search import (
     Offer,
     Rows,
     Trial,
+    as_judged,
     beyond_each,
     offer,
     plain_evidence,
     tried,
     try_all,
     try_group,
-    with_columns,
 )
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.evidence.linalg import Added
@@ -177,7 +177,7 @@ def fit_design(
     if explore:
         every = try_all(laid, fit.plain, fit.weights)
         closed = tuple(one for (one, _), trial in zip(laid.candidates, every, strict=True) if trial is None)
-        refined = _refined(fit, [with_columns(fit.record, trial) for trial in every if trial is not None])
+        refined = _refined(fit, [as_judged(fit.record, trial) for trial in every if trial is not None])
         trials = in_order(judged((fit.solved, fit.whitener), fit.covariance, refined))
     _forget(record, fit.record)
     return Fitted(
@@ -201,7 +201,7 @@ def ranked(
     effects : dict of id to Effect
     """
     _, fit, laid = _laid_out(design, record, accepted, effects)
-    every = [with_columns(fit.record, t) for t in try_all(laid, fit.plain, fit.weights) if t is not None]
+    every = [as_judged(fit.record, t) for t in try_all(laid, fit.plain, fit.weights) if t is not None]
     trials = in_order([replace(trial, plain_gain=trial.gain) for trial in _refined(fit, every)])
     while trials and not trials[0].singular:
         first = trials[0]

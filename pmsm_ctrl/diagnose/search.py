@@ -26,6 +26,7 @@ __all__ = [
     "Rows",
     "Trial",
     "amounts_that_gain",
+    "as_judged",
     "beyond",
     "beyond_each",
     "blocked_gain",
@@ -159,8 +160,10 @@ class Offer:
         return replace(self, candidates=bare)
 
 
-def with_columns(record: Record, trial: Trial) -> Trial:
-    """Return an offered trial with its columns, which a long log's offer left out, beside what the model holds.
+def as_judged(record: Record, trial: Trial) -> Trial:
+    """Return an offered trial with the columns by which it is judged, beside what the model holds.
+
+    A long log's offer left all columns out, and some effects are judged by others than they are offered with.
 
     Parameters
     ----------
@@ -168,6 +171,8 @@ def with_columns(record: Record, trial: Trial) -> Trial:
     trial : Trial
         As `try_all` returns it.
     """
+    if trial.candidate.effect.structure.offered_apart:
+        return try_candidate(record, *trial.judge, trial.candidate) or trial
     group = trial.group
     if not group.rows:
         group = candidate_groups(record, trial.candidate.effect, [group.shape])[0]
@@ -189,7 +194,7 @@ def offer(record: Record, model: Model, candidates: Iterable[Candidate]) -> tupl
     left : Saturated
     """
     some = tuple(candidates)
-    groups = groups_of_candidates(record, [(one.effect, one.grid) for one in some])
+    groups = groups_of_candidates(record, [(one.effect, one.grid) for one in some], offered=True)
     laid = tuple((one, tuple(own)) for one, own in zip(some, groups, strict=True))
     left = saturated(record, model, [group for _, some in laid for group in some])
     return Offer(laid, left.grams, left.entering, left.places), left

@@ -145,7 +145,7 @@ def candidate_groups(record: Record, effect: Effect, shapes: Sequence[Mapping[st
 
 
 def groups_of_candidates(
-    record: Record, wanted: Sequence[tuple[Effect, Sequence[Mapping[str, float]]]]
+    record: Record, wanted: Sequence[tuple[Effect, Sequence[Mapping[str, float]]]], offered: bool = False
 ) -> list[list[Group]]:
     """Do what `candidate_groups` does for several effects.
 
@@ -155,36 +155,42 @@ def groups_of_candidates(
     ----------
     record : Record
     wanted : sequence of (Effect, shapes)
+    offered : bool
+        Whether the columns are those of the model of all candidates.
     """
     lacking = set()
     for number, (effect, shapes) in enumerate(wanted):
         if effect.structure.available(record, effect):
             lacking.add(number)
             continue
-        new = [shape for shape in shapes if (found := _seen(record, effect, shape))[1] not in found[0]]
         structure = effect.structure
+        kinds = (True, False) if structure.offered_apart else (False,)
+        new = [shape for shape in shapes if (found := _seen(record, effect, shape, kinds[0]))[1] not in found[0]]
         try:
             for shape, parts in zip(new, structure.columns_each(record, effect, new), strict=True):
                 rows = record.stack_all(parts, structure.filtered(record))
-                seen = seen_as_candidate(record, Group(effect, structure.symbols(effect), rows, shape))
-                memo, key = _seen(record, effect, shape)
-                memo[key] = tuple(map(_small, seen.rows))
+                whole = Group(effect, structure.symbols(effect), rows, shape)
+                for kind in kinds:
+                    memo, key = _seen(record, effect, shape, kind)
+                    memo[key] = tuple(map(_small, seen_as_candidate(record, whole, kind).rows))
         except UnavailableError:
             lacking.add(number)
     return [
-        [] if number in lacking else [_remembered(record, effect, shape) for shape in shapes]
+        [] if number in lacking else [_remembered(record, effect, shape, offered) for shape in shapes]
         for number, (effect, shapes) in enumerate(wanted)
     ]
 
 
-def _seen(record: Record, effect: Effect, shape: Mapping[str, float]) -> tuple[Memo, tuple[object, ...]]:
+def _seen(
+    record: Record, effect: Effect, shape: Mapping[str, float], offered: bool
+) -> tuple[Memo, tuple[object, ...]]:  # fmt: skip
     """Where the columns of a candidate are remembered, and under which name."""
-    key = ("seen", *_key(effect, shape))
+    key = ("seen", offered and effect.structure.offered_apart, *_key(effect, shape))
     return _memo(record, effect, key), key
 
 
-def _remembered(record: Record, effect: Effect, shape: Mapping[str, float]) -> Group:
-    memo, key = _seen(record, effect, shape)
+def _remembered(record: Record, effect: Effect, shape: Mapping[str, float], offered: bool) -> Group:
+    memo, key = _seen(record, effect, shape, offered)
     return Group(effect, effect.structure.symbols(effect), memo[key], dict(shape))
 
 
@@ -194,18 +200,21 @@ def _small(columns: Array | None) -> Array | None:
     return columns.astype(np.float32) if columns is not None and long else columns
 
 
-def seen_as_candidate(record: Record, group: Group) -> Group:
+def seen_as_candidate(record: Record, group: Group, offered: bool = False) -> Group:
     """Return the columns by which an effect that is not in the model yet is judged: nothing made of noise.
 
     Parameters
     ----------
     record : Record
     group : Group
+    offered : bool
+        Whether the columns are those of the model of all candidates.
     """
     if group.effect is None:
         return group
-    values = group.values
-    seen = group.effect.structure.judged(record, group.effect, values, group.shape)
+    values, structure = group.values, group.effect.structure
+    of = structure.offered if offered else structure.judged
+    seen = of(record, group.effect, values, group.shape)
     if seen is values:
         return group
     rows = tuple(None if columns is None else seen[row].T.copy() for row, columns in enumerate(group.rows))

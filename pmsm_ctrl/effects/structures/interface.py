@@ -271,6 +271,15 @@ class Structure(ABC):
         """
         return values
 
+    @property
+    def offered_apart(self) -> bool:
+        """Whether the columns of the model of all candidates are others than those by which the effect is judged."""
+        return False
+
+    def offered(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
+        """Return the columns for the model of all candidates, whose residual is the noise; as in `judged`."""
+        return self.judged(balances, effect, values, shape)
+
     def direction(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> Array:
         """Return what stands for the direction along the measured motion, shape (n,)."""
         return balances.signals["direction"]

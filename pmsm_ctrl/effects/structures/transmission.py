@@ -166,11 +166,24 @@ class Transmission(Structure):
         One that takes no part in the noise of the acceleration lowers every error, there or not. Nothing is left of a
         gap whose contact gives way further than the gap is wide.
         """
+        noise = min(balances.shaft_noise(), balances.noise_beside(values[0][:, 0]))
+        return self._beyond_noise(
+            balances, values, shape, noise * (1.0 if self.gap else _apart(shape, balances.cutoff))
+        )
+
+    @property
+    def offered_apart(self) -> bool:
+        """Loads at all frequencies together take up noise whatever each of them does with it."""
+        return True
+
+    def offered(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
+        """Return the columns where the load would accelerate otherwise than the shaft by more than all that is fast."""
+        noise = balances.shaft_noise() * (1.0 if self.gap else _passed(shape, balances.cutoff))
+        return self._beyond_noise(balances, values, shape, noise)
+
+    def _beyond_noise(self, balances: Balances, values: Array, shape: Mapping[str, float], noise: float) -> Array:
         if self.gap and shape[self.gap] * shape[FREQUENCY] ** 2 < FIRM * _mean_acceleration(balances):
             return np.zeros_like(values)
-        noise = min(balances.shaft_noise(), balances.noise_beside(values[0][:, 0]))
-        if not self.gap:  # behind one, a load in contact follows the shaft nearly always
-            noise *= _apart(shape, balances.cutoff)
         out = values.copy()
         for part in out[0].T:
             part[np.abs(part) <= ABOVE_NOISE * noise] = 0.0
@@ -352,6 +365,14 @@ def _apart(shape: Mapping[str, float], cutoff: float) -> float:
     x = 2.0 * np.pi / shape[FREQUENCY] * np.linspace(0.0, cutoff, 4001)[1:]
     behind = x**2 * (1.0 - x**2) / ((1.0 - x**2) ** 2 + (2.0 * shape[DAMPING] * x) ** 2)
     return float(np.sqrt(np.mean(np.minimum(behind, 0.0) ** 2)))
+
+
+def _passed(shape: Mapping[str, float], cutoff: float) -> float:
+    """What a spring makes of white noise in the band, rms: one that rings is shaken by little."""
+    f = np.linspace(0.0, cutoff, 4001)[1:]
+    flat = np.zeros((5, len(f)))
+    flat[4] = 1.0 / len(f)
+    return float(np.sqrt(_sums(f, flat, np.array([[shape[FREQUENCY], shape[DAMPING]]]))[0, 2]))
 
 
 def _sums(f: Array, products: Array, springs: Array) -> Array:
