@@ -166,20 +166,21 @@ class Transmission(Structure):
         One that takes no part in the noise of the acceleration lowers every error, there or not. Nothing is left of a
         gap whose contact gives way further than the gap is wide.
         """
+        if self.gap:  # a load in contact follows the shaft nearly always
+            return self._beyond_noise(balances, values, shape, balances.shaft_noise())
         noise = min(balances.shaft_noise(), balances.noise_beside(values[0][:, 0]))
-        return self._beyond_noise(
-            balances, values, shape, noise * (1.0 if self.gap else _apart(shape, balances.cutoff))
-        )
+        return self._beyond_noise(balances, values, shape, noise * _apart(shape, balances.cutoff))
 
     @property
     def offered_apart(self) -> bool:
-        """Loads at all frequencies together take up noise whatever each of them does with it."""
-        return True
+        """Springs of all frequencies together take up noise whatever each of them does with it."""
+        return not self.gap
 
     def offered(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns where the load would accelerate otherwise than the shaft by more than all that is fast."""
-        noise = balances.shaft_noise() * (1.0 if self.gap else _passed(shape, balances.cutoff))
-        return self._beyond_noise(balances, values, shape, noise)
+        if self.gap:
+            return self.judged(balances, effect, values, shape)
+        return self._beyond_noise(balances, values, shape, balances.shaft_noise() * _passed(shape, balances.cutoff))
 
     def _beyond_noise(self, balances: Balances, values: Array, shape: Mapping[str, float], noise: float) -> Array:
         if self.gap and shape[self.gap] * shape[FREQUENCY] ** 2 < FIRM * _mean_acceleration(balances):
