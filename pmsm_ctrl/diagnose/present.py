@@ -70,7 +70,8 @@ def _(result: Diagnosis) -> Section:
     doubts = [notice for notice in d.notices if notice not in d.reasons[:1]]
     blocks: list[Block] = [sentence(d), *doubts, traces_of(d), _errors(d)]
     if d.base:
-        blocks.append(f"Base model: {', '.join(_beside_stated(s, e) for s, e in d.base.items())}.")
+        without = " without the effects found" if d.steps else ""
+        blocks.append(f"Base model{without}: {', '.join(_beside_stated(s, e) for s, e in d.base.items())}.")
     blocks += [f"Note: {note.text}." for note in d.remarks]
     if (sampled := sampling_text(d.timing, drives(d.design.motion))) is not None:
         blocks.append(sampled)
