@@ -104,7 +104,6 @@ class Balances(Protocol):
 
     def noise_beside(self, load: Array) -> float:
         """Noise of the acceleration that is allowed by what is left beside a load, rms."""
-        ...
 
     def shaft_noise(self) -> float:
         """Noise of the acceleration, rms."""
