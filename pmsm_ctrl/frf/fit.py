@@ -35,6 +35,7 @@ STARTS, TRIED = 60, 5  # antiresonances on a grid, and the best that are refined
 RATIOS = (1.05, 1.3, 2.5)  # resonance over antiresonance, of the grid
 DAMPINGS = (0.005, 0.05)
 LATEST, DELAYS = 3.0, 121  # delays to start from, in periods of the log, and how many
+STEP = float(np.sqrt(np.finfo(float).eps))  # of differences, for parameters of the size of 1
 BEYOND = 3.0  # antiresonances outside of the measured range by more are not looked for
 
 
@@ -124,7 +125,7 @@ def second_mass(values: Array) -> SecondMass | None:
     if len(values) == RIGID:
         return None
     antiresonance, ratio, damping = np.exp(values[RIGID:])
-    load = math.exp(values[0]) * (1.0 - 1.0 / (1.0 + ratio) ** 2)
+    load = np.exp(values[0]) * (1.0 - 1.0 / (1.0 + ratio) ** 2)
     stiffness = antiresonance**2 * load
     return SecondMass(J_load=load, k=stiffness, d=2.0 * damping * stiffness / antiresonance)
 
@@ -142,7 +143,8 @@ def _physical(values: Array) -> tuple[tuple[str, ...], Array]:
 
 
 def _response(values: Array, omega: Array, spread: float) -> Complex:
-    moved = mobility(np.asarray(1j * omega, np.complex128), math.exp(values[0]), values[1], second_mass(values))
+    """Return the response of an axis, shape (n,); of axes side by side, shape (parameters, k, 1), shape (k, n)."""
+    moved = mobility(np.asarray(1j * omega, np.complex128), np.exp(values[0]), values[1], second_mass(values))
     return np.asarray(moved * np.exp(-1j * omega * values[2] - 0.5 * values[3] * spread * omega**2))
 
 
@@ -205,7 +207,14 @@ class _Task:
         """Return the residual in standard errors, the last one being the prior of the spread."""
         errors = self.response.stderr * (self.size / np.abs(self.response.value))
         residual = (self.response.value - _response(values, self.omega, self.spread)) * (math.sqrt(2.0) / errors)
-        return np.concatenate([residual.real, residual.imag, values[3:4]])
+        prior = values[3:4] if values.ndim == 1 else values[3]
+        return np.concatenate([residual.real, residual.imag, prior], axis=-1)
+
+    def slope(self, values: Array) -> Array:
+        """Return the derivatives of the residual by differences of all parameters at once, shape (rows, parameters)."""
+        step = STEP * np.maximum(np.abs(values), 1.0)
+        moved = values[:, None] + np.diag(step)
+        return np.asarray((self.left(moved[..., None]) - self.left(values)).T / step)
 
     def sized(self, *axes: Array) -> _Task:
         """Return the task with the modulus that an axis has; of several the largest."""
@@ -232,10 +241,11 @@ class _Task:
         slowest, fastest = math.log(self.omega[0] / BEYOND), math.log(self.omega[-1] * BEYOND)
         lower = np.array([-math.inf] * RIGID + [slowest, -7.0, -9.0])[: len(start)]
         upper = np.array([math.inf] * RIGID + [fastest, 3.0, 1.0])[: len(start)]
-        return np.asarray(least_squares(self.left, start, x_scale=scale, bounds=(lower, upper), max_nfev=200).x)
+        found = least_squares(self.left, start, self.slope, x_scale=scale, bounds=(lower, upper), max_nfev=200)
+        return np.asarray(found.x)
 
     def axis(self, values: Array, p: float = math.nan) -> Axis:
-        slope: Array = np.asarray(least_squares(self.left, values, max_nfev=1, x_scale="jac").jac)
+        slope = self.slope(values)
         misfit = math.sqrt(self.cost(values) / max(1, 2 * len(self.response) - len(values)))
         information = slope.T @ slope
         size = np.sqrt(np.maximum(np.diag(information), 1e-24))  # what nothing depends on gets an error beyond reason

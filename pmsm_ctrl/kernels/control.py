@@ -38,11 +38,11 @@ def current_control(gains, I_d, I_q, i_ref, i_m, omega_e, angle, u_dc):
 
 
 @inlined
-def record(out, row, t, y, theta_m, omega_hat, i_m, i_ref, u_d, u_q, reference):
+def record(row, t, y, theta_m, omega_hat, i_m, i_ref, u_d, u_q, reference):
     """Write one row of the log."""
-    out[row, 0], out[row, 1], out[row, 2] = t, theta_m, omega_hat
-    out[row, 3], out[row, 4] = i_m
-    out[row, 5], out[row, 6] = i_ref
-    out[row, 7], out[row, 8] = u_d, u_q
-    out[row, 9], out[row, 10], out[row, 11] = reference[1], reference[0], reference[5]
-    out[row, 12], out[row, 13] = y[3], y[2]
+    row[0], row[1], row[2] = t, theta_m, omega_hat
+    row[3], row[4] = i_m
+    row[5], row[6] = i_ref
+    row[7], row[8] = u_d, u_q
+    row[9], row[10], row[11] = reference[1], reference[0], reference[5]
+    row[12], row[13] = y[3], y[2]

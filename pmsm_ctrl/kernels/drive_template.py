@@ -212,7 +212,7 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
             to_log = log_divider
             if not (isfinite(y[0]) and isfinite(y[1]) and isfinite(y[2])):
                 return -1 - k
-            record(out, row, t, y, theta_m, omega_hat, i_m, i_ref, u_d, u_q, inputs[j])
+            record(out[row], t, y, theta_m, omega_hat, i_m, i_ref, u_d, u_q, inputs[j])
             # <log current>
             # <log>
             row += 1

@@ -124,12 +124,12 @@ def zero_phase(values: Array, sections: Array, settled: Array, pad: int, step: i
             for c in range(lanes):
                 rows[i, c] = 2.0 * rows[pad, c] - rows[2 * pad - i, c]
                 rows[pad + n + i, c] = 2.0 * rows[pad + n - 1, c] - rows[pad + n - 2 - i, c]
-        if few:
-            _four_sections(rows, sections, settled, False)
-            _four_sections(rows[pad:], sections, settled, True)
-        else:
-            _recursive(rows, sections, settled, False)
-            _recursive(rows[pad:], sections, settled, True)
+        for backward in (False, True):  # a variable: numba compiles a function anew for every constant
+            part = rows[pad:] if backward else rows
+            if few:
+                _four_sections(part, sections, settled, backward)
+            else:
+                _recursive(part, sections, settled, backward)
         for first in range(0, out.shape[1], TILE):
             for c in range(count):
                 for j in range(first, min(first + TILE, out.shape[1])):

@@ -162,7 +162,7 @@ def step_all(x, t, h):
 
 
 @kernel
-def record_all(x, out, row, t):
+def record_all(x, rows, t):
     """Write one row of every lane's log; return False when a state is not finite."""
     fine = True
     for l in range(LANES):
@@ -170,7 +170,7 @@ def record_all(x, out, row, t):
         fine = fine and isfinite(y[0]) and isfinite(y[1]) and isfinite(y[2])
         i_ref, i_m = (x[10 * LANES + l], x[9 * LANES + l]), (x[I_D_M + l], x[I_Q_M + l])
         reference = reference_of(x, l)
-        record(out[l], row, t, y, x[THETA_M + l], x[8 * LANES + l], i_m, i_ref, x[U_D + l], x[U_Q + l], reference)
+        record(rows[l], t, y, x[THETA_M + l], x[8 * LANES + l], i_m, i_ref, x[U_D + l], x[U_Q + l], reference)
     return fine
 
 
@@ -197,7 +197,7 @@ def run(n, k, x, timing, inputs, noise, out):
         current_all(x, T, delay)
         if to_log == 0:
             to_log = log_divider
-            if not record_all(x, out, row, t):
+            if not record_all(x, out[row], t):
                 return -1
             row += 1
         for i in range(steps):

@@ -121,7 +121,7 @@ def simulate_group(group: Group, seed: int, keep_truth: bool) -> list[Log] | Non
     noisy = any(drive.plant.current_noise > 0.0 for drive in group.drives)
     generators = [np.random.default_rng(seed + number) for number in group.numbers] if noisy else []
     noise = np.zeros((CHUNK if noisy else 1, 2, LANES))
-    out = np.empty((LANES, -(-total // plant.log_divider), len(LOGGED)))
+    out = np.empty((-(-total // plant.log_divider), LANES, len(LOGGED)))
     row = 0
     for k in range(0, total, CHUNK):
         n = min(CHUNK, total - k)
@@ -130,12 +130,12 @@ def simulate_group(group: Group, seed: int, keep_truth: bool) -> list[Log] | Non
             first = k // divider
         for lane, generator in enumerate(generators):
             draw(noise[:n], lane, generator)
-        wrote = module.run(n, k, x, timing, inputs[k // divider - first :], noise, out[:, row:])
+        wrote = module.run(n, k, x, timing, inputs[k // divider - first :], noise, out[row:])
         if wrote < 0:
             return None
         row += wrote
-    found = zip(group.numbers, group.drives, out, strict=False)  # without the empty lanes
-    return [drive.log(table[:row], seed + number, keep_truth) for number, drive, table in found]
+    found = zip(group.numbers, group.drives, out[:row].swapaxes(0, 1), strict=False)  # without the empty lanes
+    return [drive.log(table, seed + number, keep_truth) for number, drive, table in found]
 
 
 def _rows(group: Group, module: ModuleType) -> Array:

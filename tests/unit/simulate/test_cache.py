@@ -2,6 +2,7 @@
 
 import ast
 import builtins
+import gc
 import importlib
 import os
 import shutil
@@ -9,10 +10,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
 
 import pmsm_ctrl
-from pmsm_ctrl import kernels
+from pmsm_ctrl import Design, kernels, simulate
+from pmsm_ctrl.regression.filters import low_pass
 from tests.effort import amount
 
 PACKAGE = Path(pmsm_ctrl.__file__).parent
@@ -188,3 +192,15 @@ def test_a_kernel_reads_nothing_from_outside_the_hash():
                 if module.startswith("pmsm_ctrl") and not hasattr(builtins, node.id):
                     file = importlib.import_module(module).__file__
                     assert Path(file) in compiled, f"{path}: {function.name} reads {node.id} from {module}"
+
+
+def test_no_kernel_is_compiled_anew_for_a_constant():
+    """numba compiles a function again for every constant that it is called with."""
+    simulate(Design.read("designs/seed_motor.toml"), "hold")
+    low_pass(np.ones((1, 100)), 100.0, 10.0)
+    dispatchers = (one for one in gc.get_objects() if isinstance(one, Dispatcher))
+    kept = [one for one in dispatchers if one.__module__.startswith("pmsm_ctrl.kernels")]
+    used = {f"{one.__module__}.{one.__name__}": one.signatures for one in kept if one.signatures}
+    assert {"pmsm_ctrl.kernels.control.record", "pmsm_ctrl.kernels.filters.zero_phase"} <= set(used)
+    constant = [name for name, signatures in used.items() if "Literal" in str(signatures)]
+    assert constant == []
