@@ -1,11 +1,54 @@
-"""What no effect changes: the current controller and a row of the log. Compiled once for all combinations."""
+"""What no effect changes: the current controller, its memory, and a row of the log. Compiled once for all combinations.
+
+Every number that is read from an array costs milliseconds to compile, wherever it is inlined.
+"""
 
 # mypy: ignore-errors
 
 from pmsm_ctrl.kernels import inlined, kernel
-from pmsm_ctrl.kernels.rotation import hexagon_scale
+from pmsm_ctrl.kernels.rotation import hexagon_scale, normal
 
-__all__ = ["current_control", "integrate", "record", "voltage_demand"]
+__all__ = [
+    "control_memory",
+    "current_control",
+    "integrate",
+    "keep_control_memory",
+    "noisy",
+    "record",
+    "settings",
+    "voltage_demand",
+]
+
+
+@inlined
+def settings(plant):
+    """Return the machine; voltage, period, encoder counts and noise; steps, both dividers and the delay in periods."""
+    machine = plant[0], plant[1], plant[2], plant[3], plant[4], plant[5]
+    whole = int(plant[10]), int(plant[11]), int(plant[12]), int(plant[13])
+    return machine, (plant[6], plant[7], plant[8], plant[9]), whole
+
+
+@inlined
+def control_memory(states):
+    """Return integrators and references of the currents, and the voltage and its angle for the next period."""
+    return (states[4], states[5]), (states[10], states[9]), (states[11], states[12], states[13])
+
+
+@inlined
+def keep_control_memory(states, integrators, i_ref, ahead):
+    """Store what `control_memory` returns."""
+    states[4], states[5] = integrators
+    states[10], states[9] = i_ref
+    states[11], states[12], states[13] = ahead
+
+
+@inlined
+def noisy(i_d, i_q, current_noise, noise):
+    """Return the currents with white noise of this standard deviation, A."""
+    if current_noise > 0.0:
+        i_d += current_noise * normal(noise)
+        i_q += current_noise * normal(noise)
+    return i_d, i_q
 
 
 @kernel
@@ -29,20 +72,23 @@ def integrate(gains, I_d, I_q, i_ref, i_m, u_d, u_q, scale):
 
 
 @inlined
-def current_control(gains, I_d, I_q, i_ref, i_m, omega_e, angle, u_dc):
-    """The current controller inside the voltage hexagon: return the integrators and the voltage."""
-    u_d, u_q = voltage_demand(gains, I_d, I_q, i_ref, i_m, omega_e)
+def current_control(gains, integrators, i_ref, i_m, omega_e, angle, u_dc):
+    """The current controller inside the voltage hexagon: return the integrators, and the voltage and its angle."""
+    u_d, u_q = voltage_demand(gains, integrators[0], integrators[1], i_ref, i_m, omega_e)
     scale = hexagon_scale(u_d, u_q, angle, u_dc)
-    I_d, I_q = integrate(gains, I_d, I_q, i_ref, i_m, u_d, u_q, scale)
-    return I_d, I_q, u_d * scale, u_q * scale
+    return integrate(gains, integrators[0], integrators[1], i_ref, i_m, u_d, u_q, scale), (
+        u_d * scale,
+        u_q * scale,
+        angle,
+    )
 
 
 @inlined
-def record(row, t, y, theta_m, omega_hat, i_m, i_ref, u_d, u_q, reference):
+def record(row, t, y, theta_m, omega_hat, i_m, i_ref, u, reference):
     """Write one row of the log."""
     row[0], row[1], row[2] = t, theta_m, omega_hat
     row[3], row[4] = i_m
     row[5], row[6] = i_ref
-    row[7], row[8] = u_d, u_q
+    row[7], row[8] = u[0], u[1]
     row[9], row[10], row[11] = reference[1], reference[0], reference[5]
     row[12], row[13] = y[3], y[2]

@@ -14,8 +14,8 @@ from math import isfinite
 
 from pmsm_ctrl.kernels import inlined, kernel
 from pmsm_ctrl.kernels.balance import torque_em, voltage_d, voltage_q
-from pmsm_ctrl.kernels.control import current_control, record
-from pmsm_ctrl.kernels.rotation import cos_small, normal, quantise, sin_small
+from pmsm_ctrl.kernels.control import control_memory, current_control, keep_control_memory, noisy, record, settings
+from pmsm_ctrl.kernels.rotation import cos_small, quantise, sin_small
 
 # <imports>
 
@@ -132,19 +132,16 @@ def step_smooth(y, t, h, held, machine, effects):
 
 
 @inlined
-def measure(y, p, counts, current_noise, noise, effects):
+def measure(y, p, counts, sensed):
     """Measured angle, and the currents in the frame of that angle."""
-    i_d, i_q, omega, theta = y[0], y[1], y[2], y[3]  # noqa: F841 - an effect may read them
-    # <parameters>
+    i_d, i_q, omega, theta = y
+    # <measurement parameters>
     theta_m = quantise(theta, counts)  # <encoder>
     angle = p * (theta - theta_m)
     c, s = cos_small(angle), sin_small(angle)
     i_d_m = c * i_d - s * i_q
     i_q_m = s * i_d + c * i_q
     # <measure current>
-    if current_noise > 0.0:
-        i_d_m += current_noise * normal(noise)
-        i_q_m += current_noise * normal(noise)
     return theta_m, i_d_m, i_q_m
 
 
@@ -179,16 +176,13 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
 
     Returns the rows written, or ``-1 - tick`` when a state stops being finite.
     """
-    machine = plant[0], plant[1], plant[2], plant[3], plant[4], plant[5]
-    p = plant[3]
-    u_dc, T, counts, current_noise = plant[6], plant[7], plant[8], plant[9]
-    steps, divider, log_divider, delay = int(plant[10]), int(plant[11]), int(plant[12]), int(plant[13])
+    machine, (u_dc, T, counts, current_noise), (steps, divider, log_divider, delay) = settings(plant)
+    p = machine[3]
     # <parameters>
+    sensed = ()  # <sensed>
     y = (states[0], states[1], states[2], states[3])  # <load states>
-    I_d, I_q = states[4], states[5]
+    integrators, i_ref, ahead = control_memory(states)
     speed_memory = (states[6], states[7], states[8], states[14])  # <load speed memory>
-    i_ref = (states[10], states[9])
-    u_d_next, u_q_next, angle_next = states[11], states[12], states[13]
     # <load memory>
     h = T / steps
     row = 0
@@ -197,8 +191,9 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
     j = -1 if to_speed == 0 else 0
     for _ in range(n):
         t = k * T
-        theta_m, i_d_m, i_q_m = measure(y, p, counts, current_noise, noise, effects)
-        i_m = (i_d_m, i_q_m)
+        seen = y[:4]
+        theta_m, i_d_m, i_q_m = measure(seen, p, counts, sensed)
+        i_m = noisy(i_d_m, i_q_m, current_noise, noise)
         # <delay line>
         if to_speed == 0:
             to_speed = divider
@@ -207,20 +202,18 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
             i_ref = (inputs[j, 4], i_q_ref)
         omega_hat = speed_memory[2]
         angle = p * (theta_m + (delay + 0.5) * T * omega_hat)
-        I_d, I_q, u_d, u_q = current_control(controller, I_d, I_q, i_ref, i_m, p * omega_hat, angle, u_dc)
+        integrators, u = current_control(controller, integrators, i_ref, i_m, p * omega_hat, angle, u_dc)
         if to_log == 0:
             to_log = log_divider
             if not (isfinite(y[0]) and isfinite(y[1]) and isfinite(y[2])):
                 return -1 - k
-            record(out[row], t, y, theta_m, omega_hat, i_m, i_ref, u_d, u_q, inputs[j])
+            record(out[row], t, seen, theta_m, omega_hat, i_m, i_ref, u, inputs[j])
             # <log current>
             # <log>
             row += 1
         if delay == 1:
-            held = (u_d_next, u_q_next, angle_next, inputs[j, 5])
-            u_d_next, u_q_next, angle_next = u_d, u_q, angle
-        else:
-            held = (u_d, u_q, angle, inputs[j, 5])
+            u, ahead = ahead, u
+        held = (u[0], u[1], u[2], inputs[j, 5])
         for m in range(steps):
             y = step_smooth(y, t + m * h, h, held, machine, effects)  # <step>
         k += 1
@@ -228,8 +221,7 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
         to_log -= 1
 
     states[0], states[1], states[2], states[3] = y[0], y[1], y[2], y[3]  # <store states>
-    states[4], states[5], states[10], states[9] = I_d, I_q, i_ref[0], i_ref[1]
     states[6], states[7], states[8], states[14] = speed_memory  # <store speed memory>
-    states[11], states[12], states[13] = u_d_next, u_q_next, angle_next
+    keep_control_memory(states, integrators, i_ref, ahead)
     # <store memory>
     return row

@@ -28,12 +28,6 @@ EFFECTS = INPUTS + 6 * LANES  # <rows>
 
 
 @inlined
-def normal(noise):
-    """Replaces the drive's own: the noise is drawn beforehand and added after `measure`."""
-    return noise
-
-
-@inlined
 def gains_of(x, l):
     """The controller of lane `l`."""
     return (
@@ -76,7 +70,7 @@ def measure_all(x, counts, noise, j):
     """Measured angle and currents of all lanes; row `j` of `noise` is that of the two currents."""
     for l in range(LANES):
         y, p = four(x, 0, l), x[MACHINE + 3 * LANES + l]
-        theta_m, i_d_m, i_q_m = measure(y, p, counts, 0.0, 0.0, effects_of(x, l))
+        theta_m, i_d_m, i_q_m = measure(y, p, counts, ())  # <measure>
         x[THETA_M + l] = theta_m
         x[I_D_M + l] = i_d_m + x[CURRENT_NOISE + l] * noise[j, 0, l]
         x[I_Q_M + l] = i_q_m + x[CURRENT_NOISE + l] * noise[j, 1, l]
@@ -170,7 +164,7 @@ def record_all(x, rows, t):
         fine = fine and isfinite(y[0]) and isfinite(y[1]) and isfinite(y[2])
         i_ref, i_m = (x[10 * LANES + l], x[9 * LANES + l]), (x[I_D_M + l], x[I_Q_M + l])
         reference = reference_of(x, l)
-        record(rows[l], t, y, x[THETA_M + l], x[8 * LANES + l], i_m, i_ref, x[U_D + l], x[U_Q + l], reference)
+        record(rows[l], t, y, x[THETA_M + l], x[8 * LANES + l], i_m, i_ref, (x[U_D + l], x[U_Q + l]), reference)
     return fine
 
 

@@ -125,6 +125,9 @@ def lines_of(effects: Sequence[Effect]) -> dict[str, list[str]]:
         for mark in ("load memory", "store memory"):
             new[mark] = [*lines.get(mark, []), *new.get(mark, [])]
         lines |= new
+    if lines.get("encoder") or lines.get("measure current"):
+        lines["sensed"] = ["sensed = effects"]
+        lines["measurement parameters"] = [lines["parameters"][0].replace("effects", "sensed")]
     return lines
 
 
@@ -135,7 +138,7 @@ def _reuse(text: str) -> str:
     """
     bare = source(())
     unchanged = []
-    for name in ("advance", "speed_control"):
+    for name in ("advance", "measure", "speed_control"):
         block = re.compile(rf"@inlined\ndef {name}\(.*?\n\n\n", flags=re.DOTALL)
         found, original = block.search(text), block.search(bare)
         if found and original and found.group() == original.group():

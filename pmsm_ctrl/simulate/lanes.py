@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.effects import Effect
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.simulate.compose import BARE_STATES, module_of, source
+from pmsm_ctrl.simulate.compose import BARE_STATES, lines_of, module_of, source
 from pmsm_ctrl.simulate.feedforward import FIRST
 from pmsm_ctrl.simulate.run import LOGGED, Prepared
 
@@ -93,6 +93,8 @@ def _load(active: tuple[Effect, ...], compensated: tuple[Effect, ...], parameter
     }
     if any(effect.dry for effect in active):
         lines["direction"] = ["direction = direction_of(y, t, held, machine, effects)"]
+    if "sensed" in lines_of(active):
+        lines["measure"] = ["theta_m, i_d_m, i_q_m = measure(y, p, counts, effects_of(x, l))"]
     text = _TEMPLATE.read_text(encoding="utf-8")
     for name, new in lines.items():
 
