@@ -16,6 +16,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.design_parts import Part, SheetPart
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.units import DATASHEET, UNITS
+from tests.characters import ANY_CHARACTER
 from tests.effort import amount
 
 # ---- the reference machine, from which every datasheet number is worked out as a test bench would measure it ----
@@ -168,7 +169,7 @@ def test_committed_designs_read(designs: Path) -> None:
 # ---- TOML ------------------------------------------------------------------------------------------------------
 
 positive = st.floats(min_value=1e-15, max_value=1e15)
-word = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,12}", fullmatch=True)
+word = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,12}", fullmatch=True, alphabet=ANY_CHARACTER)
 number = st.floats(min_value=-1e15, max_value=1e15)
 
 
@@ -214,7 +215,7 @@ def test_design_survives_toml_without_loss(data: dict[str, Any]) -> None:
     assert again.to_toml() == text
 
 
-scalar = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+scalar = st.none() | st.booleans() | st.integers() | st.floats() | st.text(ANY_CHARACTER, max_size=5)
 field = st.sampled_from(["motor", "J", "p", "R", "effects", "id", "loops", "K_t_rms", "x"])
 nonsense = st.recursive(
     scalar, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(field, inner, max_size=4), max_leaves=10

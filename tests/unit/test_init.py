@@ -30,6 +30,7 @@ from pmsm_ctrl.datasheet import (
 )  # fmt: skip
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.init import _asking
+from tests.characters import ANY_CHARACTER
 
 ROOT = Path(__file__).resolve().parents[2]
 BY_KEY = {question.key: question for question in QUESTIONS}
@@ -379,11 +380,11 @@ def test_a_heavy_load_leaves_a_motion_to_identify_it() -> None:
         scenario("identification", heavy, speed_max=400.0)
 
 
-LIKE_AN_ANSWER = st.from_regex(r"-?\d{1,4}(\.\d)?(e-?\d{1,3})? ?[A-Za-z/²Ω ]*")
+LIKE_AN_ANSWER = st.from_regex(r"-?\d{1,4}(\.\d)?(e-?\d{1,3})? ?[A-Za-z/²Ω ]*", alphabet=ANY_CHARACTER)
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.sampled_from(QUESTIONS), st.text(max_size=30) | LIKE_AN_ANSWER)
+@given(st.sampled_from(QUESTIONS), st.text(ANY_CHARACTER, max_size=30) | LIKE_AN_ANSWER)
 def test_any_text_is_read_or_refused(question: Question, text: str) -> None:
     try:
         value = read_answer(question, text).value

@@ -16,6 +16,7 @@ from pmsm_ctrl.errors import DesignError, PmsmCtrlError
 from pmsm_ctrl.importers import describe, numbers
 from pmsm_ctrl.importers.names import guess_channel, split_header, unit_spelling
 from pmsm_ctrl.log import CHANNELS, Log
+from tests.characters import ANY_CHARACTER
 from tests.effort import amount
 
 BOUNDED = settings(
@@ -70,7 +71,7 @@ def test_any_bytes(magic: bytes, rest: bytes) -> None:
 
 
 @BOUNDED
-@given(st.text(max_size=300), st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32"]))
+@given(st.text(ANY_CHARACTER, max_size=300), st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32"]))
 def test_any_text(text: str, encoding: str) -> None:
     judge(text.encode(encoding, errors="ignore"))
 
@@ -128,7 +129,7 @@ KEYS = st.sampled_from([*CHANNELS, "nonsense"])
 
 
 @BOUNDED
-@given(st.dictionaries(KEYS, st.text(max_size=20) | st.sampled_from(SPECS), max_size=4))
+@given(st.dictionaries(KEYS, st.text(ANY_CHARACTER, max_size=20) | st.sampled_from(SPECS), max_size=4))
 def test_any_mapping(mapping: dict[str, str]) -> None:
     judge(GOOD.encode(), mapping)
 
@@ -139,7 +140,7 @@ def test_any_mapping(mapping: dict[str, str]) -> None:
         st.sampled_from(["t", "theta", "omega", "torque", "x"]), st.sampled_from(["Time", "#2", "Iq [V]", "y"])
     ),
     st.dictionaries(st.sampled_from(["theta", "torque", "x"]), st.floats(allow_nan=False, allow_infinity=False)),
-    st.none() | st.text(max_size=2),
+    st.none() | st.text(ANY_CHARACTER, max_size=2),
     st.none() | st.sampled_from([".", ","]),
 )
 def test_any_log_table(channels: dict, scale: dict, separator: str | None, decimal: str | None) -> None:
@@ -161,7 +162,7 @@ def test_one_byte_changed(place: int, byte: int, drop: int) -> None:
 
 
 @BOUNDED
-@given(st.text(max_size=30))
+@given(st.text(ANY_CHARACTER, max_size=30))
 def test_any_header_cell(cell: str) -> None:
     name, unit = split_header(cell)
     assert len(name) <= len(cell)
