@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 
 from pmsm_ctrl.effects.base import Effect, Parameter
-from pmsm_ctrl.effects.structures import Transmission
+from pmsm_ctrl.effects.structures import Gap
 from pmsm_ctrl.kernels import kernel
 
 
@@ -26,7 +26,7 @@ effect = Effect(
     equation=r"T_s = k\,\mathrm{dz}_{g/2}(\theta - \theta_l) + d\,(\omega - \omega_l)",
     source="M. Nordin, P.-O. Gutman, Automatica 38 (2002) 1633",
     enters="torque",
-    structure=Transmission(load="J_load", stiffness="k", damping="d", gap="gap"),
+    structure=Gap(load="J_load", stiffness="k", damping="d", gap="gap"),
     amplitudes=("gap",),
     parameters=(
         Parameter("gap", "rad", 0.0, 0.0, 1.0, "total gap at the motor shaft"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 
 from pmsm_ctrl.effects.base import Effect, Parameter
-from pmsm_ctrl.effects.structures import Transmission
+from pmsm_ctrl.effects.structures import Spring
 from pmsm_ctrl.kernels import kernel
 
 
@@ -21,7 +21,7 @@ effect = Effect(
     equation=r"T_s = k\,(\theta - \theta_l) + d\,(\omega - \omega_l)",
     source="W. Leonhard, Control of Electrical Drives, 3rd ed. (2001), ch. 2",
     enters="torque",
-    structure=Transmission(load="J_load", stiffness="k", damping="d"),
+    structure=Spring(load="J_load", stiffness="k", damping="d"),
     amplitudes=("J_load",),
     parameters=(
         Parameter("J_load", "kg m^2", 0.0, 0.0, inf, "inertia behind the spring, taken out of the total"),

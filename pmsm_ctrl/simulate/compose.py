@@ -100,10 +100,9 @@ def module_of(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect,
 
 def structures(effects: Sequence[Effect]) -> list[tuple[type[Structure], int]]:
     """Return the structures of effects and the first state of each, in the order of the kernel's states."""
-    present = {type(effect.structure) for effect in effects}
     found, offset = [], BARE_STATES
     for kind in STRUCTURES:
-        if kind in present:
+        if any(isinstance(effect.structure, kind) for effect in effects):
             found.append((kind, offset))
             offset += kind.memory
     return found
@@ -121,7 +120,7 @@ def lines_of(effects: Sequence[Effect]) -> dict[str, list[str]]:
         lines["step"] = ["y = step_dry(y, t + m * h, h, held, machine, effects)"]
     dry = [(k, effect) for k, effect in numbered if effect.dry and not effect.has_state]
     for kind, offset in structures(effects):
-        new = kind.lines([(k, effect) for k, effect in numbered if type(effect.structure) is kind], offset, dry)
+        new = kind.lines([(k, effect) for k, effect in numbered if isinstance(effect.structure, kind)], offset, dry)
         for mark in ("load memory", "store memory"):
             new[mark] = [*lines.get(mark, []), *new.get(mark, [])]
         lines |= new

@@ -173,7 +173,7 @@ class Mechanics:
         memory = np.zeros((len(starts), BARE_STATES + sum(kind.memory for kind, _ in kinds)))
         memory[:, 2], memory[:, 3] = omega[starts], theta[starts]
         for kind, offset in ((kind, offset) for kind, offset in kinds if kind.memory):
-            effect, values = next((e, v) for e, v in self.bound if type(e.structure) is kind)
+            effect, values = next((e, v) for e, v in self.bound if isinstance(e.structure, kind))
             along = effect.structure.memory_along(effect, values, omega, theta)
             memory[:, offset : offset + kind.memory] = along[starts]
         out = np.empty((len(starts), length, 2))

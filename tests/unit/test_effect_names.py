@@ -18,7 +18,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "pmsm_ctrl"
 # The design page names them, they are what the toolbox tracks: F_c and F_v, of these two effects.
 TRACKED = {"coulomb", "viscous", "F_c", "F_v"}
 IDS = set(CATALOGUE) - TRACKED
-STRUCTURES = {"term", "transmission", "bristle"}
+STRUCTURES = {"term", "transmission", "spring", "bristle"}
 # What columns call a parameter that is none of the effect's own.
 INTERNAL = {"w_a", "zeta", "frame", "level"}
 PARAMETERS = {p.symbol for effect in CATALOGUE.values() for p in effect.parameters} - TRACKED | INTERNAL

@@ -43,12 +43,15 @@ class Bristle(Structure):
         The parameter of the breakaway deflection, rad (m); 0 for an axis without the effect.
     damping : str
         The parameter of the bristle's damping over its stiffness, s.
+    amounts_are_linear : bool
+        The size of the column is the amount of the dry friction.
     """
 
     deflection: str
     damping: str
     memory: ClassVar[int] = 1
     replaces_direction: ClassVar[bool] = True
+    amounts_are_linear: ClassVar[bool] = False
 
     def fixed(self, effect: Effect) -> frozenset[str]:
         """Return all but the deflection: a log hardly tells the others beside it."""
@@ -157,11 +160,6 @@ class Bristle(Structure):
     def bounds(self, effect: Effect, known: Known) -> dict[str, tuple[float, float]]:
         """Return the bounds of the factor: a bristle carries the dry friction and nothing else."""
         return {LEVEL: (0.5 * known.dry, 2.0 * known.dry) if known.dry > 0.0 else (0.0, np.inf)}
-
-    @property
-    def amounts_are_linear(self) -> bool:
-        """Whether the size of the column is the amount of the effect: it is that of the dry friction."""
-        return False
 
 
 def _deflection(effect: Effect) -> tuple[str, tuple[str, ...]]:

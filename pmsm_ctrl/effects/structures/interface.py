@@ -164,12 +164,25 @@ class Structure(ABC):
         Whether it is a delay of the logged currents.
     replaces_direction : bool
         Whether it stands for the direction in every dry friction, and so has no column of its own in a model.
+    amounts_are_linear : bool
+        Whether the size of a column is the amount of the effect.
+    offered_apart : bool
+        Whether the columns of the model of all candidates are others than those by which the effect is judged.
+    unlike_rivals : bool
+        Whether no rival can resemble the effect's column: most of what it explains must be left beside them. Not that
+        of a spring: far below its resonance its response is as smooth in the frequency as theirs.
+    refined_when_taken : bool
+        Whether the shape is refined as soon as the effect is in: its candidate left out what is noise.
     """
 
     memory: ClassVar[int] = 0
     splits_inertia: ClassVar[bool] = False
     replaces_direction: ClassVar[bool] = False
     delays: ClassVar[bool] = False
+    amounts_are_linear: ClassVar[bool] = True
+    offered_apart: ClassVar[bool] = False
+    unlike_rivals: ClassVar[bool] = False
+    refined_when_taken: ClassVar[bool] = False
 
     @property
     def has_memory(self) -> bool:
@@ -271,11 +284,6 @@ class Structure(ABC):
         """
         return values
 
-    @property
-    def offered_apart(self) -> bool:
-        """Whether the columns of the model of all candidates are others than those by which the effect is judged."""
-        return False
-
     def offered(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns for the model of all candidates, whose residual is the noise; as in `judged`."""
         return self.judged(balances, effect, values, shape)
@@ -359,19 +367,6 @@ class Structure(ABC):
         """Whether the shape is refined again once further effects are in the model."""
         return bool(set(shape) - self.fixed(effect))
 
-    @property
-    def unlike_rivals(self) -> bool:
-        """Whether no rival can resemble the effect's column: most of what it explains must be left beside them.
-
-        Not that of a spring: far below its resonance its response is as smooth in the frequency as theirs.
-        """
-        return False
-
-    @property
-    def refined_when_taken(self) -> bool:
-        """Whether the shape is refined as soon as the effect is in: its candidate left out what is noise."""
-        return False
-
     # -- parameters
 
     def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
@@ -396,11 +391,6 @@ class Structure(ABC):
             if p.shares_of_F_c is not None and known.F_c > 0.0:
                 out[symbol] = (p.shares_of_F_c[0] * known.F_c, p.shares_of_F_c[1] * known.F_c)
         return out
-
-    @property
-    def amounts_are_linear(self) -> bool:
-        """Whether the size of a column is the amount of the effect."""
-        return True
 
     # -- what a result or the tuning asks
 

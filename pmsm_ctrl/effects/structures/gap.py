@@ -1,0 +1,157 @@
+"""A gap between motor and load: the load is followed by the effect's own contact law, searched over gap and contact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.effects.evaluate import called, compiled_loop
+from pmsm_ctrl.effects.structures.interface import Balances, LogView, Search, SecondMass
+from pmsm_ctrl.effects.structures.transmission import (
+    DAMPING,
+    FREQUENCY,
+    Transmission,
+    beyond_noise,
+    mean_acceleration,
+)
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.effects.base import Effect
+
+__all__ = ["Gap"]
+
+Array = NDArray[np.float64]
+
+# A contact damped more than this does not bounce at all.
+STUCK = 2.0
+AT_ONCE, FEWEST_LANES = 4e6, 8  # bytes of columns that are made side by side, and the fewest of them
+# Times in which the mean acceleration of a log carries the shaft across a gap, s, and how many gaps are searched: one
+# that is crossed faster looks like an error of the moment of reversal, one that is crossed slower like a free load.
+SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
+# Gap over what the contact gives way under the mean acceleration: behind less, a load hangs on a damper, not on flanks.
+FIRM = 2.0
+
+
+@dataclass(frozen=True)
+class Gap(Transmission):
+    """Flanks with a gap between motor and load, and a spring and a damper where they touch.
+
+    The sum of squares is rough over the frequency and the damping of a load that bounces between the flanks: there are
+    no ranges in which all shapes could be looked at. A frequency response tells nothing of a gap.
+
+    Attributes
+    ----------
+    gap : str
+        The parameter of the gap between the flanks, rad.
+    unlike_rivals : bool
+        No rival opens and closes.
+    amounts_are_linear : bool
+        The size of the column is that of the load, not that of the gap.
+    """
+
+    gap: str
+    has_gap: ClassVar[bool] = True
+    most_damped: ClassVar[float] = STUCK
+    unlike_rivals: ClassVar[bool] = True
+    amounts_are_linear: ClassVar[bool] = False
+
+    def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
+        """T = J alpha + J_load (alpha_load - alpha): the load's acceleration less that of the rotor, shape (n,)."""
+        return next(self.columns_each(balances, effect, [shape]))
+
+    def columns_each(
+        self, balances: Balances, effect: Effect, shapes: Sequence[Mapping[str, float]]
+    ) -> Iterator[list[dict[str, Array]]]:
+        """Yield the columns of several gaps, which are followed side by side, as many as the memory allows."""
+        lanes = max(FEWEST_LANES, int(AT_ONCE / (8 * len(balances.signals["theta"]))))
+        for start in range(0, len(shapes), lanes):
+            for column in self._followed(balances, effect, shapes[start : start + lanes]):
+                yield [{"torque": column}]
+
+    def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
+        """Return the columns where the load would accelerate otherwise than the shaft by more than noise.
+
+        Nothing is left of a gap whose contact gives way further than the gap is wide. A load in contact follows the
+        shaft nearly always, so it takes part in all of the noise.
+        """
+        if shape[self.gap] * shape[FREQUENCY] ** 2 < FIRM * mean_acceleration(balances):
+            return np.zeros_like(values)
+        return beyond_noise(values, balances.shaft_noise())
+
+    def search(self, effect: Effect, log: LogView) -> Search:
+        """Return gaps with stiff and soft contacts.
+
+        A load that bounces off its flanks cannot be followed: small errors of the motion grow with each bounce. One
+        that stays where it struck explains most of the same torque, so contacts are searched as well damped ones.
+        """
+        return Search(tuple(
+            {self.gap: float(gap), FREQUENCY: 2.0 * np.pi * f, DAMPING: zeta}
+            for gap in _gaps(log.balances)
+            for f in (80.0, 300.0)
+            for zeta in (0.4, 1.2)
+        ))  # fmt: skip
+
+    def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the gap, and the load's own frequency and damping in contact."""
+        return {self.gap: values[self.gap], **super().shape(effect, values)}
+
+    def second_mass(self, values: Mapping[str, float]) -> SecondMass | None:
+        """Return the load behind the gap; None where it has no inertia."""
+        mass = super().second_mass(values)
+        return None if mass is None else replace(mass, gap=values[self.gap])
+
+    def _followed(self, balances: Balances, effect: Effect, shapes: Sequence[Mapping[str, float]]) -> Iterator[Array]:
+        """Yield the acceleration of a load behind each of several gaps less that of the rotor, shape (n,).
+
+        The effect's own contact law is used with stiffness and damping per inertia.
+        """
+        loop, symbols = compiled_loop(effect, "load", _loop)
+        s = balances.signals
+        values = {p.symbol: np.full(len(shapes), p.start) for p in effect.parameters}
+        w, zeta = (np.array([shape[name] for shape in shapes]) for name in (FREQUENCY, DAMPING))
+        values[self.gap] = np.array([shape[self.gap] for shape in shapes])
+        values[self.stiffness], values[self.damping] = w * w, 2.0 * zeta * w
+        steps = np.maximum(4, np.ceil(balances.period * w * 4.0).astype(int))
+        out = np.empty((len(shapes), len(s["theta"])))
+        for substeps in np.unique(steps).tolist():
+            lanes = np.flatnonzero(steps == substeps)
+            own = (np.ascontiguousarray(values[symbol][lanes]) for symbol in symbols)
+            loop(out, lanes, s["theta"], s["omega"], balances.period, substeps, *own)
+        return (row - s["alpha"] for row in out)
+
+
+def _gaps(balances: Balances) -> Array:
+    """Return the gaps that a log can show, rad (m): what is crossed in a given time grows with the acceleration."""
+    return 0.5 * mean_acceleration(balances) * np.geomspace(SHORTEST, LONGEST, GAPS) ** 2
+
+
+def _loop(effect: Effect) -> tuple[str, tuple[str, ...]]:
+    """Source of the loop that follows loads along the motion, side by side, and the parameters it takes."""
+    symbols = tuple(p.symbol for p in effect.parameters)
+    own = {symbol: f"{symbol}[_c]" for symbol in symbols}
+    call = called(effect, twist="_position - _load[_c]", twist_rate="_rate - _speed[_c]", **own)
+    return (
+        "import numpy as np\n\n\n"
+        f"def loop(_out, _rows, _theta, _omega, _period, _substeps, {', '.join(symbols)}):\n"
+        "    _h, _lanes = _period / _substeps, len(_rows)\n"
+        "    _load, _speed, _before = np.empty(_lanes), np.empty(_lanes), np.empty(_lanes)\n"
+        "    for _c in range(_lanes):\n"
+        "        _load[_c], _speed[_c] = _theta[0], _omega[0]\n"
+        "    for _n in range(len(_theta)):\n"
+        "        _last = min(_n + 1, len(_theta) - 1)\n"
+        "        for _c in range(_lanes):\n"
+        "            _before[_c] = _speed[_c]\n"
+        "        for _m in range(_substeps):\n"
+        "            _x = _m / _substeps\n"
+        "            _position = (1.0 - _x) * _theta[_n] + _x * _theta[_last]\n"
+        "            _rate = (1.0 - _x) * _omega[_n] + _x * _omega[_last]\n"
+        "            for _c in range(_lanes):\n"
+        f"                _speed[_c] += _h * {call}\n"
+        "                _load[_c] += _h * _speed[_c]\n"
+        "        for _c in range(_lanes):\n"
+        "            _out[_rows[_c], _n] = (_speed[_c] - _before[_c]) / _period\n"
+    ), symbols
