@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from pmsm_ctrl.effects import (
     lookup,
 )
 from pmsm_ctrl.effects.evaluate import columns
+from pmsm_ctrl.effects.structures.interface import Known
 from pmsm_ctrl.errors import DesignError, RequestError
 
 # The ids the project has agreed on, built or not yet: look-alikes may name any of them.
@@ -341,3 +343,12 @@ def test_a_term_is_split_into_its_columns_and_what_is_none_of_theirs() -> None:
     assert parts["F"] == pytest.approx(omega, abs=1e-12)
     assert parts["T"] == pytest.approx(1.0)
     assert rest == pytest.approx(0.1 * np.abs(omega) * omega, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name, one in CATALOGUE.items() if one.structure.splits_inertia])
+def test_a_load_at_either_bound_can_be_simulated(name: str) -> None:
+    effect, machine = CATALOGUE[name], SimpleNamespace(J=2e-4, period=1e-4)
+    for symbol, bounds in effect.structure.bounds(effect, Known(J=machine.J)).items():
+        for value in bounds:
+            found = effect.structure.simulated(effect, {**effect.example, symbol: value}, machine, 0.0, effect.id)
+            assert 0.0 < found[symbol] < machine.J

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 FREQUENCY, DAMPING = "(w_a)", "(zeta)"
 LEAST_DAMPED = 1e-3
 ABOVE_NOISE = 4.0
-LEAST_LOAD = 0.02  # a load is a share of the inertia that is worth the name
+LEAST_LOAD = 0.02  # share of the inertia that is worth the name of a load, and that the rotor has in any case
 # Amplitude of a wave of a turn, in the torque's rms, of which nothing is known.
 UNBOUNDED = 1e3
 
@@ -156,7 +156,7 @@ class Transmission(Structure):
 
     def bounds(self, effect: Effect, known: Known) -> dict[str, tuple[float, float]]:
         """Return the bounds of the load's inertia: a part of the total."""
-        return {self.load: (LEAST_LOAD * known.J, known.J)}
+        return {self.load: (LEAST_LOAD * known.J, (1.0 - LEAST_LOAD) * known.J)}
 
     def second_mass(self, values: Mapping[str, float]) -> SecondMass | None:
         """Return the load; None where it has no inertia."""
