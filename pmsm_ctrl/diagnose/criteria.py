@@ -48,12 +48,15 @@ class CrossValidation:
     blocks : int
     p_rank : float
         Wilcoxon's one-sided p-value of the blocks' gains: it sees effects that show in a few short stretches.
+    limited : float
+        Standard errors by which the mean exceeds zero where no block counts as more than twice its share.
     """
 
     gain: float
     stderr: float
     blocks: int
     p_rank: float
+    limited: float = 0.0
 
 
 class Machine(NamedTuple):
@@ -152,6 +155,7 @@ def cross_validation(
     expected = policy.expected_share * float(np.sqrt(max(whole, 0.0)))
     asked = min(max(expected, policy.first_block_errors), policy.block_errors) if first else policy.block_errors
     sure = found.gain > asked * found.stderr or found.p_rank < 0.5 * policy.significance or returned > policy.impossible
+    sure = sure or found.limited > policy.block_errors
     if sure and found.gain > 0.0:
         return None
     return Refusal(Reason.NOT_CONFIRMED, {"gain": found.gain, "stderr": found.stderr})

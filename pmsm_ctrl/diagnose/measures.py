@@ -11,7 +11,8 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.criteria import CrossValidation, Machine
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.refine import refine
-from pmsm_ctrl.diagnose.search import Trial, blocked_gain, try_group
+from pmsm_ctrl.diagnose.search import BLOCKS, Trial, blocked_gain, try_group
+from pmsm_ctrl.evidence.tests import limited_gain_errors, mean_gain, rank_test
 from pmsm_ctrl.regression.columns import Group, effect_group
 from pmsm_ctrl.regression.model import Model, Solved, solve_model, solve_on_factors
 from pmsm_ctrl.regression.prediction import errors
@@ -44,6 +45,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+MOST_SHARES = 2.0  # blocks hold equal shares of what a candidate could explain; none counts as more than this many
+
 WINDING = ("R", "L_d", "L_q", "psi_f")
 
 
@@ -54,11 +57,11 @@ def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, 
     """
     solved, whitener = (fit.plain, fit.weights) if trial.by_weights else (fit.solved, fit.whitener)
     direction = trial.plain_direction if trial.by_weights else trial.direction
-    gain, stderr, blocks, p_rank = blocked_gain(
-        fit.record, solved, whitener, trial.group, direction, fit.whitener.memory
-    )
-    found = CrossValidation(gain, stderr, blocks, p_rank)
-    return found, gain_of_rows(solved, direction), winding_return(solved, direction)
+    gains = blocked_gain(fit.record, solved, whitener, trial.group, direction, fit.whitener.memory)
+    whole = gain_of_rows(solved, direction)
+    limited = limited_gain_errors(gains, MOST_SHARES * whole / BLOCKS)
+    found = CrossValidation(*mean_gain(gains), len(gains), rank_test(gains), limited)
+    return found, whole, winding_return(solved, direction)
 
 
 def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidation] | None:
@@ -80,13 +83,14 @@ def beside_rivals(fit: Fitted, trial: Trial) -> tuple[float, float, CrossValidat
     model = fit.model.plus(Group(None, symbols, record.stack_all(parts), {}), 1.0)
     solved = solve_model(record, model, fit.whitener)
     own = try_group(solved, fit.whitener, trial.candidate, trial.group)
-    found = blocked_gain(record, solved, fit.whitener, trial.group, own.direction, fit.whitener.memory)
+    gains = blocked_gain(record, solved, fit.whitener, trial.group, own.direction, fit.whitener.memory)
+    found = CrossValidation(*mean_gain(gains), len(gains), rank_test(gains))
     share = 1.0
     if effect.structure.unlike_rivals:
         whole, plain = as_a_whole(fit, trial), solve_model(record, model, fit.weights)
         left = try_group(plain, fit.weights, trial.candidate, whole.group)
         share = left.gain / max(whole.gain, 1e-300)
-    return min(1.0, own.p_value * len(fit.trials)), share, CrossValidation(*found)
+    return min(1.0, own.p_value * len(fit.trials)), share, found
 
 
 def machine_of(design: Design, fit: Fitted, tolerance: float) -> dict[str, Machine]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.evidence.blocks import FEWEST_RECORDS, equal_blocks, left_out_gains, record_blocks
 from pmsm_ctrl.evidence.linalg import Added, added_each
-from pmsm_ctrl.evidence.tests import f_tail, noncentrality, rank_test
+from pmsm_ctrl.evidence.tests import f_tail, noncentrality
 from pmsm_ctrl.evidence.whitening import Whitener
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.columns import Group, candidate_groups, groups_of_candidates
@@ -46,6 +46,7 @@ LONGEST_GAP = 1.0  # s left out on either side of a block that is judged
 # The gap in memories of the noise, and in periods of the filter: both have died away by then.
 GAP_MEMORIES, GAP_PERIODS = 3.0, 4.0
 BLOCKS = 16
+EVEN = 0.5  # part of a block's share that counts samples: none holds more than twice the usual one of the squares
 NEGLIGIBLE = 1e-6  # length of a column beside noise of variance 1: by less a value is beyond a bound by rounding alone
 
 
@@ -448,12 +449,12 @@ def _wrong_sign(group: Group, own: Added, solved: Solved) -> bool:
 
 def blocked_gain(
     record: Record, solved: Solved, whitener: Whitener, group: Group, direction: Array, memory: float
-) -> tuple[float, float, int, float]:
-    """Return the mean gain of left-out blocks, its standard error, their number, and the rank test's p-value.
+) -> Array:
+    """Return the gains of left-out blocks, shape (blocks,); empty where too few can be judged.
 
-    Contiguous blocks that hold equal shares of what the candidate could explain; around each, samples within
-    the gap (1 s, or less where the noise forgets sooner) are used neither to fit nor to judge. Of three records or more
-    each is left out as a whole. Model and candidate are
+    Contiguous blocks that hold equal shares of what the candidate could explain and of the samples; around each,
+    samples within the gap (1 s, or less where the noise forgets sooner) are used neither to fit nor to judge. Of three
+    records or more each is left out as a whole. Model and candidate are
     fitted again in the coordinates of their orthonormal directions, in which the priors stay what they are.
 
     Parameters
@@ -483,12 +484,9 @@ def blocked_gain(
     gap = min(LONGEST_GAP, max(GAP_MEMORIES * memory, GAP_PERIODS / record.prepared.cutoff))
     left_out = None
     if len(record.records) < FEWEST_RECORDS:
-        edges = equal_blocks(explained, t, BLOCKS)
+        edges = equal_blocks(explained, t, BLOCKS, EVEN)
     else:
         half = 0.5 * record.period
         spans = [(one.start - half, one.stop + half) for one in record.records]
         edges, left_out = record_blocks(explained, t, spans, BLOCKS)
-    gains, _ = left_out_gains(columns, full, t, edges, gap, solved.rank, left_out=left_out)
-    if len(gains) == 0:
-        return 0.0, float("inf"), 0, 1.0
-    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))), len(gains), rank_test(gains)
+    return left_out_gains(columns, full, t, edges, gap, solved.rank, left_out=left_out)[0]

@@ -20,11 +20,15 @@ FEWEST_ROWS = 3  # of a block that is judged
 ROWS_PER_COLUMN = 5  # of the data that a block's fit is made from
 BLOCKS = 24  # of equal length, whose scatter gives a standard error
 LEAST_LEFT = 0.1  # share of a direction that the other blocks must tell
+LEAK = 1e-3  # weight of left-out rows in the fit that judges them: a hundredth of what `LEAST_LEFT` asks of the others
 RIDGE = 1e-10  # keeps a column solvable that shows in the left-out block alone
 
 
-def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float]]:
-    """Cut time into contiguous blocks that each hold the same share of the squares to be explained.
+def equal_blocks(weight: Array, t: Array, count: int, even: float = 0.0) -> list[tuple[float, float]]:
+    """Cut time into contiguous blocks that each hold the same share of the squares to be explained, or of samples.
+
+    Where a single slow move holds most of what is to be explained, blocks of equal shares are shorter than the gap
+    around them, and none can be judged.
 
     Parameters
     ----------
@@ -33,6 +37,9 @@ def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float
     t : array, shape (n,)
         Increasing, s.
     count : int
+    even : float
+        Part of a block's share that is its share of the samples, 0 to 1. A block holds 1 / (1 - even) / count of the
+        squares at most.
 
     Returns
     -------
@@ -43,6 +50,7 @@ def equal_blocks(weight: Array, t: Array, count: int) -> list[tuple[float, float
     total = np.cumsum(rows.T.ravel())
     if total[-1] <= 0.0:
         return []
+    total = (1.0 - even) * total / total[-1] + even * np.arange(1, len(total) + 1) / len(total)
     cuts = np.interp(np.linspace(0.0, 1.0, count + 1)[1:-1] * total[-1], total, np.repeat(t, len(rows)))
     edges = np.concatenate([[t[0] - 1.0], cuts, [t[-1] + 1.0]])
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
@@ -94,7 +102,8 @@ def left_out_gains(
 ) -> tuple[Array, float]:  # fmt: skip
     """Return the fall of the sum of squares by columns in blocks that were left out of the fit.
 
-    The training data of a block are all rows except its own and those of the gap on either side. Their Gram matrix is
+    The training data of a block are all rows except its own and those of the gap on either side, which count `LEAK`:
+    what no other row tells of the base is as in the whole, and not extrapolated. Their Gram matrix is
     the whole one less that of these few rows. A direction of the own columns that has less than a tenth of its
     information in the training data is left at zero, because its value would be an extrapolation. This does not apply
     where whole records are left out.
@@ -134,7 +143,7 @@ def left_out_gains(
         if channels * (test.stop - test.start) < FEWEST_ROWS or left < ROWS_PER_COLUMN * columns:
             continue
         excluded = rows[:, near].reshape(-1, columns)
-        grams.append(full - excluded.T @ excluded)
+        grams.append(full - (1.0 - LEAK) * (excluded.T @ excluded))
         judged.append(rows[:, test].reshape(-1, columns))
     if len(grams) < FEWEST_BLOCKS:
         return np.zeros(0), 0.0

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["f_tail", "holm", "noncentrality", "rank_test"]
+__all__ = ["f_tail", "holm", "limited_gain_errors", "mean_gain", "noncentrality", "rank_test"]
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,36 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return out.tolist()
 
 
+def mean_gain(gains: Array) -> tuple[float, float]:
+    """Return the mean of gains and its standard error; infinite without any gains.
+
+    Parameters
+    ----------
+    gains : array, shape (blocks,)
+    """
+    if len(gains) == 0:
+        return 0.0, float("inf")
+    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+
+
+def limited_gain_errors(gains: Array, most: float) -> float:
+    """Return by how many standard errors the mean of gains exceeds zero, where none counts as more than `most`.
+
+    A block that the others do not determine is extrapolated. Its gain may be a million times theirs, which leaves the
+    plain mean as uncertain as it is large. The standard error is no smaller than that of a gain of this size in normal
+    noise.
+
+    Parameters
+    ----------
+    gains : array, shape (blocks,)
+    most : float
+        In units of the noise.
+    """
+    mean, stderr = mean_gain(np.minimum(gains, most))
+    stderr = max(stderr, 2.0 * float(np.sqrt(max(mean, 0.0) / max(len(gains), 1))))
+    return mean / stderr if stderr > 0.0 else 0.0
+
+
 def rank_test(gains: Array) -> float:
     """Return the one-sided p-value of Wilcoxon's signed-rank test that gains are above zero.
 
@@ -57,7 +87,10 @@ def rank_test(gains: Array) -> float:
     Parameters
     ----------
     gains : array, shape (blocks,)
+        Without any the p-value is 1.
     """
+    if len(gains) == 0:
+        return 1.0
     size = np.sort(np.abs(gains))
     if size[0] == 0.0 or np.any(np.diff(size) == 0.0) or len(gains) > MOST_EXACT:
         from scipy.stats import wilcoxon

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pmsm_ctrl.evidence.blocks import BLOCKS, block_sums, equal_blocks, left_out_gains
+from pmsm_ctrl.evidence.blocks import BLOCKS, LEAK, block_sums, equal_blocks, left_out_gains
 
 
 def test_gains_are_those_of_fits_without_the_block_and_its_gap(rng: np.random.Generator) -> None:
@@ -22,12 +22,12 @@ def test_gains_are_those_of_fits_without_the_block_and_its_gap(rng: np.random.Ge
     gains, total = left_out_gains(rows, full, t, edges, gap, base)
     expected = []
     for start, stop in edges:
-        train = (t < start - gap) | (t >= stop + gap)
+        weight = np.where((t < start - gap) | (t >= stop + gap), 1.0, np.sqrt(LEAK))
         test = (t >= start) & (t < stop)
         errors = []
         for k in (base, base + own):
-            x = np.vstack([columns[:, train, :k].reshape(-1, k), prior[:, :k]])
-            y = np.concatenate([target[:, train].ravel(), [15.0]])
+            x = np.vstack([(columns[..., :k] * weight[:, None]).reshape(-1, k), prior[:, :k]])
+            y = np.concatenate([(target * weight).ravel(), [15.0]])
             left = target[:, test] - columns[:, test, :k] @ np.linalg.lstsq(x, y)[0]
             errors.append(float(np.sum(left**2)))
         expected.append(errors[0] - errors[1])
@@ -96,3 +96,28 @@ def test_what_one_block_alone_tells_is_not_extrapolated(seed: int) -> None:
     # the common one gains about half a square a sample; of the other nothing is known where it is left out
     assert gains[-1] > 0.0
     assert np.mean(gains) == pytest.approx(50.0, rel=0.4)
+
+
+def test_what_one_block_alone_tells_of_the_base_is_not_extrapolated(rng: np.random.Generator) -> None:
+    """Without the base's spike, a block whose model nothing else determines would lose or gain a million."""
+    n = 800
+    t = np.arange(n) * 1.0
+    only = np.where((t >= 200.0) & (t < 260.0), 1.0, 1e-6 * rng.standard_normal(n))
+    own = rng.standard_normal(n)
+    target = rng.standard_normal(n) + 50.0 * only + 0.5 * own
+    rows = np.stack([target, only, own], axis=1)[None]
+    full = rows[0].T @ rows[0]
+    gains, _ = left_out_gains(rows, full, t, equal_blocks(own**2, t, 16), 2.0, 1)
+    assert len(gains) == 16
+    assert np.all(np.abs(gains) < 100.0)
+    assert gains.mean() > 2.8 * gains.std(ddof=1) / 4.0
+
+
+def test_blocks_of_a_single_burst_are_no_shorter_than_half_of_equal_ones() -> None:
+    t = np.linspace(0.0, 16.0, 16001)
+    burst = np.where(np.abs(t - 5.0) < 0.05, 1.0, 1e-6)
+    plain, even = (np.array(equal_blocks(burst, t, 16, part)) for part in (0.0, 0.5))
+    assert np.sum(np.diff(plain) < 0.1) >= 12
+    assert np.sum(np.diff(even) < 0.1) <= 8
+    shares = [burst[(t >= a) & (t < b)].sum() / burst.sum() for a, b in even]
+    assert max(shares) < 2.1 / 16.0

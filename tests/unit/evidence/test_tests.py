@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, ncx2, wilcoxon
+from scipy.stats import chi2, ncx2, t, wilcoxon
 
-from pmsm_ctrl.evidence.tests import f_tail, holm, noncentrality, rank_test
+from pmsm_ctrl.evidence.tests import f_tail, holm, limited_gain_errors, noncentrality, rank_test
 
 
 def test_holm_against_the_published_example() -> None:
@@ -37,3 +37,30 @@ def test_noncentrality_gives_half_the_power() -> None:
     for k in (1, 2, 5):
         threshold = chi2.isf(1e-3, k)
         assert ncx2.sf(threshold, k, noncentrality(1e-3, k)) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_blocks_that_are_extrapolated_do_not_hide_the_gain_of_all_others() -> None:
+    gains = np.array([7e8, 505.0, 203.0, 2104.0, 355.0, 1.2e9])
+    assert gains.mean() < 2.0 * gains.std(ddof=1) / np.sqrt(6)
+    assert limited_gain_errors(gains, 475.0) > 5.0
+
+
+def test_few_blocks_alone_confirm_nothing() -> None:
+    assert limited_gain_errors(np.array([1e9, -1.0, 2.0, -3.0, 1.0]), 50.0) < 2.0
+    assert limited_gain_errors(np.array([0.4, 49.0, 139.0, -5.9, 20.5, 602.0, 19.2]), 85.0) < 2.8
+    assert limited_gain_errors(np.zeros(0), 1.0) == 0.0
+
+
+def test_gains_within_the_noise_are_no_surer_for_being_equal() -> None:
+    """The gain g of a true amplitude in unit normal noise scatters by 2 sqrt(g)."""
+    assert limited_gain_errors(np.ones(9), 2.0) == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize("n", [5, 16])
+def test_gains_of_nothing_are_confirmed_no_more_often_than_students_t_says(rng: np.random.Generator, n: int) -> None:
+    """Where there is nothing the gains of left-out blocks scatter around zero, some a thousand times as large."""
+    for heavy in (False, True):
+        size = np.exp(rng.normal(0.0, 3.0, (20_000, n))) if heavy else 1.0
+        gains = size * rng.standard_normal((20_000, n))
+        found = [limited_gain_errors(one, float(np.median(np.abs(one)))) for one in gains]
+        assert np.mean(np.array(found) > 2.8) < 1.3 * t.sf(2.8, n - 1)
