@@ -17,8 +17,11 @@ __all__ = ["contradicting", "told"]
 
 # Parameters that cannot be negative; those that cannot differ from the design by a large factor (friction can).
 POSITIVE, KNOWN, ELECTRICAL = ("J", "R", "psi_f", "F_c"), ("J", "R", "psi_f"), ("R", "psi_f")
-# A dead time looks like a resistance of four times the datasheet's: unexplained structure, and no contradiction.
-IMITATED = ("R",)
+# A dead time looks like a resistance of four times the datasheet's, one that the drive compensates by more than there
+# is like one below zero: unexplained structure, and no contradiction where the flux linkage is as it should be.
+IMITATED, BESIDE = ("R",), "psi_f"
+
+DETERMINED = 0.1  # standard error of a parameter that is told, as a share of the design's value
 
 
 def contradicting(fit: Fitted, policy: Policy = POLICY) -> dict[str, float]:
@@ -30,7 +33,17 @@ def contradicting(fit: Fitted, policy: Policy = POLICY) -> dict[str, float]:
     policy : Policy
     """
     names = POSITIVE if told(fit, policy) else ELECTRICAL + _by_direction(fit, policy)
+    if _determined(fit, BESIDE) and _impossible(fit, BESIDE, policy) is None:
+        names = tuple(name for name in names if name not in IMITATED)
     return {name: value for name in names if (value := _impossible(fit, name, policy)) is not None}
+
+
+def _determined(fit: Fitted, name: str) -> bool:
+    """Whether a parameter's standard error is a small share of the design's value."""
+    if name not in fit.model.names:
+        return False
+    k = fit.model.names.index(name)
+    return bool(fit.plain.stderr[k] < DETERMINED * fit.model.nominal[k])
 
 
 def told(fit: Fitted, policy: Policy) -> bool:

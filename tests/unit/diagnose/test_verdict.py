@@ -26,6 +26,7 @@ from tests.unit.regression.test_drive_timing import believed, made
 DOUBT, HANDLED = Notice("torque_sign", "opposite sign"), Notice("time_gaps", "gaps")
 LOG = Log({"t": np.arange(3.0)})
 NOMINAL = {"J": 1e-4, "F_c": 0.02, "R": 19.0}
+PSI_F = 0.172
 
 
 def fit_of(
@@ -38,7 +39,7 @@ def fit_of(
         mask=np.ones(samples, dtype=bool), weight=np.ones((1, samples)), target=measured * row, channels=("torque",),
         cutoff=40.0, rate=200.0, drive="torque", noise_of=lambda values: 0.0, timing=DriveTiming(),
     )  # fmt: skip
-    nominal = np.array(list(NOMINAL.values()))
+    nominal = np.array([PSI_F if name == "psi_f" else NOMINAL[name] for name in at])
     matrix = np.zeros((1, samples, len(nominal)))
     matrix[0, :, list(at).index("F_c")] = -100.0 * friction * measured * row[0]  # of the torque, where F_c is -0.01
     return SimpleNamespace(
@@ -108,6 +109,17 @@ def test_a_dry_friction_of_nearly_nothing_may_come_out_below_zero() -> None:
 
 def test_a_resistance_far_above_the_design_may_be_a_dead_time() -> None:
     assert verdict_of(fit_of(R=80.0)) == ("consistent", [])  # its structure is for `unexplained` to find
+
+
+@pytest.mark.parametrize(
+    ("share", "code"), [(1.0, None), (1.03, None), (-1.0, "negative_parameter"), (0.2, "parameter_factor_off")]
+)
+def test_a_resistance_below_zero_is_a_dead_time_where_the_flux_linkage_is_right(share: float, code: str | None) -> None:
+    """A drive may compensate more dead time than it has. Voltages of the wrong sign or factor show in psi_f as well."""
+    verdict, reasons = verdict_of(fit_of(R=-2.0, psi_f=share * PSI_F))
+    assert (verdict == "implausible") == (code is not None)
+    assert code is None or code in reasons
+    assert verdict_of(fit_of(R=-2.0)) == ("implausible", ["negative_parameter"])  # where psi_f is not told
 
 
 def test_friction_may_be_anything_above_zero() -> None:
