@@ -150,6 +150,20 @@ class Fitted:
             trials=(), closed=(), covariance=None, free=(), rough=frozenset(), profiles={},
         )  # fmt: skip
 
+    def held_alike(self, after: Fitted) -> Fitted:
+        """Return this fit with the nuisance parameters held that a fit with one more effect holds.
+
+        With the effect a fit may find that noise biases the timing by least squares, and hold the one by the reference.
+        A biased timing makes the error smaller, whatever the model.
+
+        Parameters
+        ----------
+        after : Fitted
+        """
+        if set(self.model.doubt) >= set(after.model.doubt):
+            return self
+        return after.without_last() or self
+
     def position(self, number: int, model: Model | None = None) -> int | None:
         """Where an accepted effect stands among the model's groups; None where it has no columns of its own.
 

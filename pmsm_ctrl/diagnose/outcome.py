@@ -48,7 +48,8 @@ def outcome(
         The next experiment.
     """
     final, policy = selection.fit, case.policy
-    steps = list(_steps(case, selection))
+    told = selection.held_alike()
+    steps = list(_steps(case, told))
     design = fitted_design(case.design, final)
     left = structure.notice if structure is not None else None
     if left is None and case.events:
@@ -57,13 +58,14 @@ def outcome(
     offered = {name: effect for name, effect in case.effects.items() if name not in {step.effect for step in steps}}
     hidden = hidden_by_motion(final, offered, policy)
     deviations = parameter_deviations(case.design, final, policy)
-    records = _records(case, selection)
+    records = _records(case, told)
     asides = (blind, *((None, left) if structure is not None and not structure.confirmed else (left, None)))
     verdict, reasons = judged(selection, case.believed, asides, deviations, policy)
     if steps and verdict not in (Verdict.IMPLAUSIBLE, Verdict.EFFECTS_MISSING):
         verdict, reasons = Verdict.EFFECTS_MISSING, ()
     if verdict is Verdict.IMPLAUSIBLE:  # no name and no parameter would mean anything
         selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.as_given, None, None
+        told = selection
     warned = (
         *reasons,
         *(case.believed.notices if case.believed else ()),
@@ -82,7 +84,7 @@ def outcome(
     return Diagnosis(
         verdict=verdict,
         design=design,
-        errors=_errors(case.record, selection),
+        errors=_errors(case.record, told),
         steps=tuple(steps),
         ranking=tuple(_ranking(selection, hidden, policy)),
         parameter_deviations=deviations,
@@ -94,14 +96,14 @@ def outcome(
         events=case.events,
         free_run={
             "nominal": _free_run(case, None),
-            "base": (base_run := _free_run(case, selection.fits[0])),
+            "base": (base_run := _free_run(case, told.fits[0])),
             "final": steps[-1].free_run if steps else base_run,
         },
-        base=base_parameters(case.as_given, selection.fits[0]),
+        base=base_parameters(case.as_given, told.fits[0]),
         records=records,
         spreads=record_spreads(final.record, final.estimate),
         record=case.record,
-        selection=selection,
+        selection=told,
         holdouts=case.holdouts,
     )
 

@@ -140,6 +140,24 @@ class Selection:
         step = replace(found.step, trial=found.step.trial.light())  # its model's bases are large
         return Selection((*(fit.spared() for fit in self.fits), found.fit), (*self.steps, step), found.refused)
 
+    def largest_beside(self, trial: Trial) -> float:
+        """Return the largest contribution of the accepted effects to the balances in which a candidate acts; 0 of none.
+
+        Parameters
+        ----------
+        trial : Trial
+        """
+        own = {row for row, _ in trial.group.entering}
+        beside = (step for step in self.steps if own & {row for row, _ in step.trial.group.entering})
+        return max((step.evidence.size for step in beside), default=0.0)
+
+    def held_alike(self) -> Selection:
+        """Return the selection whose fits hold the nuisance parameters that the last one holds: they are compared."""
+        fits = [self.fit]
+        for fit in reversed(self.fits[:-1]):
+            fits.insert(0, fit.held_alike(fits[0]))
+        return replace(self, fits=tuple(fits))
+
     def with_last_candidates(self) -> Selection:
         """Return the selection without what all rounds but the last were tested by: on a long log it is large."""
         steps = tuple(replace(step, trial=step.trial.light()) for step in self.steps)
@@ -175,13 +193,12 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
     if number == case.policy.most_steps:
         return Found(None, None, selection.refused)
     only = start[number] if number < len(start) else ""
-    largest = max((step.evidence.size for step in selection.steps), default=0.0)
     refused: dict[str, Refusal] = {}
     for trial, p_holm in zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True):
         name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
-        judged = _judge_trial(fit, trial, p_holm, case.policy, largest)
+        judged = _judge_trial(fit, trial, p_holm, case.policy, selection.largest_beside(trial))
         if isinstance(judged, Refusal):
             refused[name] = judged
             continue
@@ -314,8 +331,9 @@ def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) ->
         # what shows in a voltage as well may change the torque's error by chance: its balances were judged together
         was, now = (sound_error(fit, policy.sound_weight) for fit in (beside, after))
         refusal = criteria.no_plain_error_worse(was, now, policy=policy)
-        was, now = (plain_errors(fit)["torque"] for fit in (before, after))  # what is reported, edges included
-        typical = typical_error(after) / max(typical_error(before), 1e-300)
+        reported = before.held_alike(after)  # edges included
+        was, now = (plain_errors(fit)["torque"] for fit in (reported, after))
+        typical = typical_error(after) / max(typical_error(reported), 1e-300)
         refusal = refusal or criteria.no_plain_error_worse(was, now, typical, policy)
     old, new = (
         plain | {f"{name}, weighted": rms for name, rms in weighted_errors(fit).items()}

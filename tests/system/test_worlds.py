@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.benchmarks.worlds.hidden import EFFECTS, possible, simulate_with_truth, simulate_world
+from pmsm_ctrl.diagnose import diagnose
+from tests.benchmarks.worlds.hidden import EFFECTS, hidden_log, possible, simulate_with_truth, simulate_world
 from tests.benchmarks.worlds.margin import HALF, margin, seen
 from tests.benchmarks.worlds.plant import COLUMNS, HIDDEN, PLACE, TRUTH, run
 from tests.benchmarks.worlds.world import draw
@@ -107,3 +108,15 @@ def test_a_world_moves_and_its_log_is_one(seed: int) -> None:
     speed = np.abs(np.diff(log["theta"]) / np.diff(log.t))
     assert 0.3 * world.top < np.quantile(speed, 0.999) < 3.0 * world.top
     assert set(possible(world)) <= set(EFFECTS)
+
+
+def test_an_effect_is_named_though_noise_biases_the_timing_that_is_fitted_without_it() -> None:
+    """Errors are compared with the timing held alike: a biased one makes them smaller, whatever the model."""
+    world = draw(470186)
+    made = hidden_log(world, "position_dependent_friction", 4.9)
+    assert made is not None
+    found = diagnose(world.design, made[0], plan=False)
+    assert [step.effect for step in found.steps] == ["position_dependent_friction"]
+    errors = [found.errors[model]["torque"]["rms"] for model in ("base", "final")]
+    assert errors[1] < errors[0]
+    assert found.steps[0].error_before["torque"]["rms"] == errors[0]

@@ -20,7 +20,7 @@ from pmsm_ctrl.effects.catalogue import catalogue_of
 
 
 def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> Any:
-    values = {"look_alikes": {}, "free": 0, "p_value": 0.0, "singular": False, "wrong_sign": False} | changed
+    values = {"look_alikes": {}, "free": 0, "p_value": 0.0, "singular": False, "wrong_sign": False, "row": 0} | changed
     candidate = SimpleNamespace(
         effect=SimpleNamespace(
             id=effect, look_alikes=values["look_alikes"], enters="torque", label=lambda shape: effect
@@ -28,7 +28,8 @@ def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> 
         free=values["free"],
     )
     return SimpleNamespace(
-        candidate=candidate, group=SimpleNamespace(shape={}), direction=np.array(direction or [0.0]),
+        candidate=candidate, group=SimpleNamespace(shape={}, entering=((values["row"], None),)),
+        direction=np.array(direction or [0.0]),
         p_value=values["p_value"], singular=values["singular"], wrong_sign=values["wrong_sign"],
     )  # fmt: skip
 
@@ -65,7 +66,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(rounds, "equivalents", lambda *a: ())
         accepted = given.get("accepted", ())
         fit = SimpleNamespace(accepted=accepted, trials=tuple(trial(name) for name in names))
-        steps: Any = tuple(SimpleNamespace(evidence=SimpleNamespace(size=0.1)) for _ in accepted)
+        steps: Any = tuple(SimpleNamespace(evidence=SimpleNamespace(size=0.1), trial=trial(one)) for one in accepted)
         so_far = Selection((fit,), steps, {"z": Refusal(Reason.TOO_SMALL)})  # type: ignore[arg-type]
         return best(FakeCase(), so_far, given.get("start", ()))  # type: ignore[arg-type]
 
@@ -236,3 +237,16 @@ def test_a_wave_of_the_order_of_an_accepted_effect_is_what_that_effect_leaves(or
     assert rounds._own_order(fit, wave) is own
     load: Any = SimpleNamespace(candidate=SimpleNamespace(effect=catalogue["constant_load"]), group=wave.group)
     assert not rounds._own_order(fit, load)
+
+
+def test_only_what_acts_in_the_same_balance_makes_a_contribution_small() -> None:
+    """A dead time is 30 % of a voltage, and no model error of it is in the torque."""
+    sizes = {"dead_time": (1, 0.3), "cogging": (0, 0.02)}
+    steps: Any = tuple(
+        SimpleNamespace(evidence=SimpleNamespace(size=size), trial=trial(name, row=row))
+        for name, (row, size) in sizes.items()
+    )
+    found = Selection((), steps)
+    assert found.largest_beside(trial("stribeck", row=0)) == 0.02
+    assert found.largest_beside(trial("inductance_saturation", row=1)) == 0.3
+    assert found.largest_beside(trial("something", row=2)) == 0.0
