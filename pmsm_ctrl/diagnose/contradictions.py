@@ -21,8 +21,6 @@ POSITIVE, KNOWN, ELECTRICAL = ("J", "R", "psi_f", "F_c"), ("J", "R", "psi_f"), (
 # is like one below zero: unexplained structure, and no contradiction where the flux linkage is as it should be.
 IMITATED, BESIDE = ("R",), "psi_f"
 
-DETERMINED = 0.1  # standard error of a parameter that is told, as a share of the design's value
-
 
 def contradicting(fit: Fitted, policy: Policy = POLICY) -> dict[str, float]:
     """Return the parameters of a fit that contradict the design, and their values.
@@ -33,17 +31,19 @@ def contradicting(fit: Fitted, policy: Policy = POLICY) -> dict[str, float]:
     policy : Policy
     """
     names = POSITIVE if told(fit, policy) else ELECTRICAL + _by_direction(fit, policy)
-    if _determined(fit, BESIDE) and _impossible(fit, BESIDE, policy) is None:
+    if _sound(fit, BESIDE, policy):
         names = tuple(name for name in names if name not in IMITATED)
     return {name: value for name in names if (value := _impossible(fit, name, policy)) is not None}
 
 
-def _determined(fit: Fitted, name: str) -> bool:
-    """Whether a parameter's standard error is a small share of the design's value."""
+def _sound(fit: Fitted, name: str, policy: Policy) -> bool:
+    """Whether a parameter of the machine is surely no large factor off the design's."""
     if name not in fit.model.names:
         return False
     k = fit.model.names.index(name)
-    return bool(fit.plain.stderr[k] < DETERMINED * fit.model.nominal[k])
+    nominal, value = float(fit.model.nominal[k]), float(fit.plain.values[k])
+    sure, far = policy.sure_errors * float(fit.plain.stderr[k]), policy.implausible_factor
+    return nominal / far < value - sure and value + sure < far * nominal
 
 
 def told(fit: Fitted, policy: Policy) -> bool:

@@ -11,7 +11,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose.criteria import CrossValidation, Machine
 from pmsm_ctrl.diagnose.fit import Fitted
 from pmsm_ctrl.diagnose.refine import refine
-from pmsm_ctrl.diagnose.search import BLOCKS, Trial, blocked_gain, try_group
+from pmsm_ctrl.diagnose.search import BLOCKS, EVEN, Trial, blocked_gain, try_group
 from pmsm_ctrl.evidence.tests import limited_gain_errors, mean_gain, rank_test
 from pmsm_ctrl.regression.columns import Group, effect_group
 from pmsm_ctrl.regression.model import Model, Solved, solve_model, solve_on_factors
@@ -45,8 +45,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-MOST_SHARES = 2.0  # blocks hold equal shares of what a candidate could explain; none counts as more than this many
-
 WINDING = ("R", "L_d", "L_q", "psi_f")
 
 
@@ -59,7 +57,7 @@ def cross_validated(fit: Fitted, trial: Trial) -> tuple[CrossValidation, float, 
     direction = trial.plain_direction if trial.by_weights else trial.direction
     gains = blocked_gain(fit.record, solved, whitener, trial.group, direction, fit.whitener.memory)
     whole = gain_of_rows(solved, direction)
-    limited = limited_gain_errors(gains, MOST_SHARES * whole / BLOCKS)
+    limited = limited_gain_errors(gains, whole / BLOCKS / (1.0 - EVEN))  # no block holds more of it
     found = CrossValidation(*mean_gain(gains), len(gains), rank_test(gains), limited)
     return found, whole, winding_return(solved, direction)
 

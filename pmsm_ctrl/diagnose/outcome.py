@@ -51,9 +51,7 @@ def outcome(
     told = selection.held_alike()
     steps = list(_steps(case, told))
     design = fitted_design(case.design, final)
-    left = structure.notice if structure is not None else None
-    if left is None and case.events:
-        left = case.events[0].notice
+    left = structure.notice if structure is not None else next((event.notice for event in case.events), None)
     blind = not_excited(final, policy)
     offered = {name: effect for name, effect in case.effects.items() if name not in {step.effect for step in steps}}
     hidden = hidden_by_motion(final, offered, policy)
@@ -64,8 +62,8 @@ def outcome(
     if steps and verdict not in (Verdict.IMPLAUSIBLE, Verdict.EFFECTS_MISSING):
         verdict, reasons = Verdict.EFFECTS_MISSING, ()
     if verdict is Verdict.IMPLAUSIBLE:  # no name and no parameter would mean anything
-        selection, steps, design, left, structure = Selection(selection.fits[:1]), [], case.as_given, None, None
-        told = selection
+        selection = told = Selection(selection.fits[:1])
+        steps, design, left, structure = [], case.as_given, None, None
     warned = (
         *reasons,
         *(case.believed.notices if case.believed else ()),
