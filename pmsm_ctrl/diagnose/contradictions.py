@@ -18,7 +18,7 @@ __all__ = ["contradicting", "told"]
 # Parameters that cannot be negative; those that cannot differ from the design by a large factor (friction can).
 POSITIVE, KNOWN, ELECTRICAL = ("J", "R", "psi_f", "F_c"), ("J", "R", "psi_f"), ("R", "psi_f")
 # A dead time looks like a resistance of four times the datasheet's, one that the drive compensates by more than there
-# is like one below zero: unexplained structure, and no contradiction where the flux linkage is as it should be.
+# is like one below zero: unexplained structure, and no contradiction where the flux linkage is no large factor off.
 IMITATED, BESIDE = ("R",), "psi_f"
 
 
