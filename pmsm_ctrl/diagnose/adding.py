@@ -140,9 +140,10 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
         written, remarks = polished(written, case.record, case.believed.log)
     written = with_evaluation(written, case.record, case.believed.log)
     prediction = predict(case.as_given, case.record)
+    base = fit.held_alike(made)
     table = {
         "nominal": errors_table(case.record, errors(prediction.record, prediction.residual)),
-        "base": errors_table(case.record, errors(fit.record, fit.residual)),
+        "base": errors_table(case.record, errors(base.record, base.residual)),
         "final": errors_table(case.record, errors(made.record, made.residual)),
     }
     rms, relative = torque_error(written, case.record)
@@ -152,7 +153,7 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
     against = [str(refusal)] if (refusal := not_supported(case, fit, made, trial)) is not None else []
     against += [one.text for one in case.believed.contradictions]
     held = {
-        which: errors_table(case.record, case.holdout_errors(one)) for which, one in (("base", fit), ("final", made))
+        which: errors_table(case.record, case.holdout_errors(one)) for which, one in (("base", base), ("final", made))
     }
     return Addition(
         effect=trial.candidate.effect.id,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.adding import added
 from tests.benchmarks.worlds.hidden import EFFECTS, hidden_log, possible, simulate_with_truth, simulate_world
 from tests.benchmarks.worlds.margin import HALF, margin, seen
 from tests.benchmarks.worlds.plant import COLUMNS, HIDDEN, PLACE, TRUTH, run
@@ -120,3 +121,5 @@ def test_an_effect_is_named_though_noise_biases_the_timing_that_is_fitted_withou
     errors = [found.errors[model]["torque"]["rms"] for model in ("base", "final")]
     assert errors[1] < errors[0]
     assert found.steps[0].error_before["torque"]["rms"] == errors[0]
+    alone = added(world.design, made[0], "position_dependent_friction").errors
+    assert alone["final"]["torque"]["rms"] < alone["base"]["torque"]["rms"]
