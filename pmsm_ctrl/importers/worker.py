@@ -60,6 +60,8 @@ def _bound_memory() -> None:
 
 def read_mat(path: str, words: Sequence[str]) -> Answer:
     """Return name and shape of every variable, and the values of the numeric ones."""
+    # scipy imports all that numpy offers, its tests and its Fortran tool too: half of the time that starting takes
+    vars(np).update(testing=None, f2py=None)
     import scipy.io
 
     _bound_expansion(path)
