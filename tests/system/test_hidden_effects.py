@@ -196,7 +196,7 @@ def test_same_answer_twice(blind: ModuleType) -> None:
 def test_add_fits_the_effect_and_says_what_it_cannot(designs: Path) -> None:
     design = Design.read(designs / "hand_tuned.toml")
     truth = design.with_effect("constant_load", {"T_0": 0.003})
-    log = simulated(design, scenario("identification", design), truth=truth, seed=1)
+    log = simulated(design, scenario("identification", design, duration=15.0), truth=truth, seed=1)
     added = add(design, log, "constant_load")
     entry = next(e for e in added.effects if e.id == "constant_load")
     assert entry.parameters["T_0"] == pytest.approx(0.003, abs=4.0 * entry.stderr["T_0"])

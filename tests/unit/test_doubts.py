@@ -21,7 +21,7 @@ from pmsm_ctrl.rendering import to_html
 from pmsm_ctrl.report import chain, study
 from pmsm_ctrl.result import Result, Verdict
 from pmsm_ctrl.section import Notice
-from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate import scenario, simulate
 from pmsm_ctrl.track import track
 from tests.effort import slow
 
@@ -136,7 +136,7 @@ def test_an_inertia_below_zero_is_implausible_where_nothing_else_is_left(
     design: Design, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # friction and inertia of this log all end at their bounds
-    log = simulate(design, "identification", seed=1)
+    log = simulate(design, scenario("identification", design, duration=12.0), seed=1)
     module = importlib.import_module("pmsm_ctrl.identify.identification")  # the verb hides its room
     monkeypatch.setattr(module, "doubts_about", lambda design, log: Plausibility(log))
     found = identify(design, log.with_channels(i_q=-log["i_q"]))

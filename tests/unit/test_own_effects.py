@@ -73,7 +73,7 @@ def test_the_kernel_has_the_same_lines(effect: Effect) -> None:
 def test_the_simulation_starts_from_the_same_numbers(effect: Effect, design: Design) -> None:
     own = renamed(effect)
     design = design.without_effect(effect.id)
-    motion = scenario("identification", design)
+    motion = scenario("identification", design, duration=15.0)
     plain = prepare(design, motion, truth=design.with_effect(effect.id, dict(effect.example)))
     mine = prepare(design, motion, truth=design.with_own_effects(own).with_effect(own.id, dict(own.example)))
     assert mine.effects == plain.effects
@@ -152,7 +152,7 @@ def seen(record: Record, effect: Effect, shape: Mapping[str, float]) -> Group:
 
 def wrong_log(design: Design, effect: Effect, values: Mapping[str, float]) -> Log:
     truth = design.with_effect(effect.id, dict(values))
-    motion = scenario("identification", design)
+    motion = scenario("identification", design, duration=15.0)
     if effect.has_state:
         return simulate(design, motion, truth=truth, seed=3)
     return simulate_composed(design, motion, truth, seed=3)

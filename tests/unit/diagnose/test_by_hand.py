@@ -10,6 +10,7 @@ import pytest
 from pmsm_ctrl import Design, simulate
 from pmsm_ctrl.diagnose import Stepwise, stepwise
 from pmsm_ctrl.errors import RequestError
+from pmsm_ctrl.simulate import scenario
 
 STRIBECK = {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0}
 COGGING = {"a_s": 0.004, "a_c": 0.0, "order": 24.0}
@@ -19,7 +20,8 @@ COGGING = {"a_s": 0.004, "a_c": 0.0, "order": 24.0}
 def begun() -> Stepwise:
     design = Design.read("designs/seed_motor.toml")
     truth = design.with_effect("stribeck", STRIBECK).with_effect("cogging", COGGING)
-    log, other = (simulate(design, "identification", truth=truth, seed=seed) for seed in (1, 2))
+    motion = scenario("identification", design, duration=15.0)
+    log, other = (simulate(design, motion, truth=truth, seed=seed) for seed in (1, 2))
     return stepwise(design, log, holdout=other)
 
 

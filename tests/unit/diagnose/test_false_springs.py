@@ -54,7 +54,7 @@ def test_a_wave_of_a_turn_is_no_spring(seed_motor: Design, hidden: str, values: 
 def test_a_spring_is_still_found(seed_motor: Design, seed: int) -> None:
     J = 0.5 * seed_motor.J
     true = seed_motor.with_effect("compliance", {"J_load": J, "k": J * (2.0 * np.pi * 25.0) ** 2, "d": 1e-4})
-    log = simulate(seed_motor, scenario("identification", seed_motor), truth=true, seed=seed)
+    log = simulate(seed_motor, scenario("identification", seed_motor, duration=15.0), truth=true, seed=seed)
     result = diagnose(seed_motor, log, plan=False, candidates=(*SPRINGS, "delay"))
     assert [step.effect for step in result.steps][:1] == ["compliance"]
     found = result.steps[0].parameters

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2, ncx2, t, wilcoxon
 
 from pmsm_ctrl.evidence.tests import f_tail, holm, limited_gain_errors, noncentrality, rank_test
+from tests.effort import amount
 
 
 def test_holm_against_the_published_example() -> None:
@@ -59,8 +60,9 @@ def test_gains_within_the_noise_are_no_surer_for_being_equal() -> None:
 @pytest.mark.parametrize("n", [5, 16])
 def test_gains_of_nothing_are_confirmed_no_more_often_than_students_t_says(rng: np.random.Generator, n: int) -> None:
     """Where there is nothing the gains of left-out blocks scatter around zero, some a thousand times as large."""
+    draws = amount(10_000, 20_000)
     for heavy in (False, True):
-        size = np.exp(rng.normal(0.0, 3.0, (20_000, n))) if heavy else 1.0
-        gains = size * rng.standard_normal((20_000, n))
+        size = np.exp(rng.normal(0.0, 3.0, (draws, n))) if heavy else 1.0
+        gains = size * rng.standard_normal((draws, n))
         found = [limited_gain_errors(one, float(np.median(np.abs(one)))) for one in gains]
         assert np.mean(np.array(found) > 2.8) < 1.3 * t.sf(2.8, n - 1)

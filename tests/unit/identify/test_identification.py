@@ -39,8 +39,8 @@ def made_log(speed, acceleration, t, noise: float = 0.0, seed: int = 0, extra=0.
     return Log({"t": t, "omega": speed, "i_q": force / 1.3})
 
 
-def rich(noise: float = 0.0, seed: int = 0, extra=None) -> Log:
-    t = np.arange(20000) / 1000.0
+def rich(noise: float = 0.0, seed: int = 0, extra=None, samples: int = 20000) -> Log:
+    t = np.arange(samples) / 1000.0
     speed = 12 * np.sin(2.1 * t) + 6 * np.sin(5.3 * t)
     acceleration = 12 * 2.1 * np.cos(2.1 * t) + 6 * 5.3 * np.cos(5.3 * t)
     return made_log(speed, acceleration, t, noise, seed, 0.0 if extra is None else extra(t, speed))
@@ -60,7 +60,7 @@ def test_intervals_cover_with_noise() -> None:
     hits = dict.fromkeys(TRUE, 0)
     count = amount(12, 60)
     for seed in range(count):
-        result = identify(ALL, rich(0.3, seed))
+        result = identify(ALL, rich(0.3, seed, samples=8000))
         for name, value in TRUE.items():
             low, high = result.intervals[name]
             hits[name] += low <= value <= high

@@ -33,7 +33,8 @@ def spoiled(design: Design, effect: str, seed: int) -> tuple[Design, Log]:
     truth = design.with_effect(effect, KNOWN[effect])
     # two kernels that other tests have compiled as well
     composed = DELAYED if effect == "delay" else TERMS
-    return truth, simulate_composed(design, scenario("identification", design), truth, composed=composed, seed=seed)
+    motion = scenario("identification", design, duration=15.0)
+    return truth, simulate_composed(design, motion, truth, composed=composed, seed=seed)
 
 
 def test_a_delay_is_undone_exactly(design: Design) -> None:
