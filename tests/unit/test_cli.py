@@ -41,7 +41,7 @@ def design(tmp_path: Path) -> Path:
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     """Torque of a known axis in closed form: J = 1e-4, F_c = 0.02, F_v = 2e-4, and white noise."""
-    t = np.arange(0, 20, 1e-3)
+    t = np.arange(0, 8, 1e-3)
     omega = 80 * np.sin(2 * np.pi * 0.5 * t) + 40 * np.sin(2 * np.pi * 1.3 * t + 1)
     alpha = 80 * np.pi * np.cos(2 * np.pi * 0.5 * t) + 40 * 2.6 * np.pi * np.cos(2 * np.pi * 1.3 * t + 1)
     noise = np.random.default_rng(5).normal(0, 1e-3, t.size)

@@ -38,7 +38,7 @@ def design(designs: Path) -> Design:
 
 @pytest.fixture(scope="module")
 def clean(design: Design) -> Log:
-    return simulate(design, "triangle", seed=1)
+    return simulate(design, scenario("triangle", design, cycles=2.0), seed=1)
 
 
 @pytest.fixture(scope="module")

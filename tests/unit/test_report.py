@@ -23,6 +23,7 @@ from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.report import Headline, headline_of, render
 from pmsm_ctrl.section import Notice, Picture, Section, Table
+from pmsm_ctrl.simulate import scenario
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 
@@ -230,9 +231,8 @@ def test_study_says_where_it_cannot_write(tmp_path: Path, monkeypatch: pytest.Mo
 def hidden_cogging() -> Diagnosis:
     design = Design.read(Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml")
     truth = design.with_effect("cogging", {"a_s": 0.004, "a_c": 0.003, "order": 24.0})
-    log, other = (
-        simulate(design, motion, truth=truth, seed=s) for motion, s in (("identification", 3), ("triangle", 4))
-    )
+    motions = scenario("identification", design, duration=15.0), scenario("triangle", design, cycles=2.0)
+    log, other = (simulate(design, motion, truth=truth, seed=s) for motion, s in zip(motions, (3, 4), strict=True))
     return diagnose(design, log, holdout=other)
 
 

@@ -44,27 +44,35 @@ def made(
     `wave` is a torque once a turn, N m.
     """
     rng = np.random.default_rng(seed)
-    step, parts = PERIOD / FINE, ((14.0, 2.1), (6.0, 5.3), (0.8, 41.0), (0.3, 77.0))
+    parts = ((14.0, 2.1), (6.0, 5.3), (0.8, 41.0), (0.3, 77.0))
     phases = rng.uniform(0.0, 6.28, len(parts))
-    t = step * np.arange(-FINE * 200, round(24.0 / step))
-    speed, alpha, theta = (
-        sum(f(a, w, w * t + p) for (a, w), p in zip(parts, phases, strict=True))
-        for f in (
-            lambda a, w, x: a * np.sin(x), lambda a, w, x: a * w * np.cos(x), lambda a, w, x: -a / w * np.cos(x)
-        )
-    )  # fmt: skip
-    torque = J * alpha + F_C * np.sign(speed) + F_V * speed + wave * np.sin(theta + 1.0)
+
+    def motion(t: np.ndarray) -> list[np.ndarray]:
+        """Return speed, acceleration and angle."""
+        return [
+            sum(f(a, w, w * t + p) for (a, w), p in zip(parts, phases, strict=True))
+            for f in (
+                lambda a, w, x: a * np.sin(x), lambda a, w, x: a * w * np.cos(x), lambda a, w, x: -a / w * np.cos(x)
+            )
+        ]  # fmt: skip
+
+    clock = PERIOD * np.arange(24_000)
+    speed, _, theta = motion(clock)
+    step, before = PERIOD / FINE, 200 * FINE
+    fine = step * np.arange(-before, FINE * len(clock)) if mean or lag > 0.0 else clock
+    at, alpha, angle = motion(fine - late)
+    torque = J * alpha + F_C * np.sign(at) + F_V * at + wave * np.sin(angle + 1.0)
     if mean:
         torque = lfilter(np.full(FINE, 1.0 / FINE), 1.0, torque)
     if lag > 0.0:
         share = 1.0 - np.exp(-step / lag)
         torque = lfilter([share], [1.0, share - 1.0], torque, zi=[(1.0 - share) * torque[0]])[0]
-    logged = np.arange(FINE * 200, len(t), FINE)
-    torque = torque[logged - round(late / step)] + 0.02 * rng.normal(size=len(logged))
-    clock = t[logged]
+    if fine is not clock:
+        torque = torque[before::FINE]
+    torque = torque + 0.02 * rng.normal(size=len(clock))
     if pieces > 1:  # runs one after the other, seconds apart
         clock = clock + 4.0 * np.floor(pieces * clock / 24.0)
-    return Log({"t": clock, "theta": theta[logged], "omega": speed[logged], "i_q": torque / K_T})
+    return Log({"t": clock, "theta": theta, "omega": speed, "i_q": torque / K_T})
 
 
 # ---- closed forms -----------------------------------------------------------------------------------------------
