@@ -43,11 +43,14 @@ class Based:
         Not weighted.
     fit : Fit
         By the weights of the record; its residual is not weighted.
+    timed : Record
+        The record as it was conditioned, before the base model was settled on it.
     """
 
     record: Record
     problem: Problem
     fit: Fit
+    timed: Record
 
     @property
     def sampling(self) -> Sampling:
@@ -87,8 +90,8 @@ def based(design: Design, log: Log) -> Based:
     LogError
         When a channel is missing or the axis hardly moves.
     """
-    record = timed_record(design, log)
-    found = settled_model(design, record)
+    timed = timed_record(design, log)
+    found = settled_model(design, timed)
     problem = _problem(design, found)
     weight = found.record.weight[0]
     columns = tuple(replace(column, values=weight * column.values) for column in problem.columns)
@@ -97,7 +100,8 @@ def based(design: Design, log: Log) -> Based:
         weighted = with_sound_inertia(design, log, weighted)
         problem = replace(problem, inertia_cutoff=weighted.inertia_cutoff)
     fit = solve(weighted, by_blocks=True)
-    return Based(found.record, problem, replace(fit, residual=problem.target - problem.matrix() @ fit.coefficients))
+    fit = replace(fit, residual=problem.target - problem.matrix() @ fit.coefficients)
+    return Based(found.record, problem, fit, replace(timed, memo={}, kept={}))
 
 
 def _problem(design: Design, found: Settled) -> Problem:
