@@ -151,8 +151,9 @@ def left_out_gains(
     small = _ridge_solutions(training[:, : base + 1, : base + 1], ridge) if base else np.zeros((len(grams), 0))
     big = _ridge_solutions(training, ridge)
     if left_out is None:  # else the levels of a record are held by their priors
-        for k in np.flatnonzero(_undetermined(training, full, base)):
-            big[k] = _determined_alone(training[k], full, base, ridge)
+        share, along = _shares(training, full, base)
+        for k in np.flatnonzero(share[:, 0] < LEAST_LEFT):
+            big[k] = _determined_alone(training[k], along[k][:, share[k] >= LEAST_LEFT], base, ridge)
     gains, total = [], 0.0
     for block, few, all_of_them in zip(judged, small, big, strict=True):
         y = block[:, 0]
@@ -179,15 +180,8 @@ def _shares(training: Array, full: Array, base: int) -> tuple[Array, Array]:
     return share, whole @ along
 
 
-def _undetermined(training: Array, full: Array, base: int) -> NDArray[np.bool_]:
-    """Whether a block's training data do not determine a direction of the own columns, shape (blocks,)."""
-    return np.asarray(_shares(training, full, base)[0][:, 0] < LEAST_LEFT)
-
-
-def _determined_alone(gram: Array, full: Array, base: int, ridge: float) -> Array:
-    """Coefficients of one block, with undetermined directions left at zero."""
-    share, along = _shares(gram, full, base)
-    kept = along[:, share >= LEAST_LEFT]
+def _determined_alone(gram: Array, kept: Array, base: int, ridge: float) -> Array:
+    """Coefficients of one block, but for the base in those directions of the own columns that are determined."""
     mixed = np.zeros((len(gram), 1 + base + kept.shape[1]))
     mixed[: 1 + base, : 1 + base] = np.eye(1 + base)
     mixed[1 + base :, 1 + base :] = kept
