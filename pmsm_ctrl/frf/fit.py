@@ -288,15 +288,13 @@ def _two_mass_starts(response: Response, omega: Array, late: float) -> list[Arra
     weight = np.gradient(np.log(omega))
     found: list[tuple[float, Array]] = []
     for antiresonance in np.geomspace(0.7 * omega[0], 1.2 * omega[-1], STARTS):
-        tried = []
-        for ratio in RATIOS:
-            for damping in DAMPINGS:
-                start = np.array(
-                    [0.0, 0.0, late, 0.0, math.log(antiresonance), math.log(ratio - 1.0), math.log(damping)]
-                )
-                away = np.log(_response(start, omega, 0.0) / response.value)
-                start[0] = np.sum(weight * away.real) / weight.sum()
-                distance = np.minimum(np.abs(away - start[0]) ** 2, 4.0)
-                tried.append((float(np.sum(weight * distance)), start))
-        found.append(min(tried, key=lambda one: one[0]))
+        tried = np.array([
+            [0.0, 0.0, late, 0.0, math.log(antiresonance), math.log(ratio - 1.0), math.log(damping)]
+            for ratio in RATIOS for damping in DAMPINGS
+        ])  # fmt: skip
+        away = np.log(_response(tried.T[..., None], omega, 0.0) / response.value)
+        tried[:, 0] = away.real @ weight / weight.sum()
+        distance = np.minimum(np.abs(away - tried[:, :1]) ** 2, 4.0) @ weight
+        best = int(np.argmin(distance))
+        found.append((float(distance[best]), tried[best]))
     return [start for _, start in sorted(found, key=lambda one: one[0])[:TRIED]]

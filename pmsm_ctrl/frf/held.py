@@ -170,9 +170,16 @@ class _Ticks:
 
     def sampled(self, steps: Array) -> Complex:
         """Return the spectra of the samples for a source that is known in every tick, shape (4, count // 2 + 1)."""
-        content = np.fft.rfft(steps)
-        over = np.fft.irfft(np.where(np.arange(len(content)) > 0, self.response * content, 0.0), len(steps), axis=1)
-        return np.fft.rfft(over[:, :: self.ticks], axis=1)
+        over = self.response * np.fft.rfft(steps)
+        over[:, 0] = 0.0
+        if len(steps) % 2 == 0:
+            over[:, -1] = over[:, -1].real  # of a real signal
+        # a sample in every so many ticks adds up what lies a whole number of its rates apart
+        every, n = len(steps), self.count
+        place = np.arange(n // 2 + 1) + n * np.arange(self.ticks)[:, None]
+        mirrored = place > every // 2
+        folded = over[:, np.where(mirrored, every - place, place)]
+        return np.asarray(np.where(mirrored, folded.conj(), folded).sum(axis=1) / self.ticks)
 
 
 def _candidates(sent: Array, ticks: int) -> Iterator[Array]:

@@ -53,7 +53,9 @@ def responses(system: Any, omega: Array) -> Complex:
     at = np.exp(1j * omega * period) if period else 1j * omega
     if isinstance(system, ct.StateSpace) and system.nstates:
         # All frequencies in one call: python-control solves them one by one.
-        pencil = at[:, None, None] * np.eye(system.nstates) - system.A
+        pencil = np.empty((len(at), system.nstates, system.nstates), np.complex128)
+        pencil[:] = -system.A
+        pencil.reshape(len(at), -1)[:, :: system.nstates + 1] += at[:, None]  # the diagonals
         states = np.linalg.solve(pencil, np.broadcast_to(system.B[:, :1], (len(at), system.nstates, 1)))
         inner = system.C @ states
         return np.asarray(inner[:, :, 0].T + system.D[:, :1], dtype=np.complex128)
