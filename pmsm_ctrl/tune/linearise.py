@@ -122,10 +122,15 @@ def _opposing_torque(design: Design) -> Callable[..., float]:
     return total
 
 
-def _derivative(design: Design, direction: float) -> Derivative:
-    """Return the derivative of the states as a function of states and inputs."""
+def _nothing(*signals: float) -> float:
+    """Return the torque of no effects."""
+    return 0.0
+
+
+def _derivative(design: Design, direction: float, *, effects: bool = True) -> Derivative:
+    """Return the derivative of the states as a function of states and inputs, with or without torque effects."""
     m = Plant.of(design)
-    opposing = _opposing_torque(design)
+    opposing = _opposing_torque(design) if effects else _nothing
 
     def derivative(x: Array, u: Array) -> Array:
         i_d, i_q, omega, theta = (float(v) for v in x)
@@ -258,18 +263,18 @@ def linearise(
     """
     point = operating_point(design, speed, load)
     x, u = np.array([point.i_d, point.i_q, speed, 0.0]), np.array([point.u_d, point.u_q, load])
-    A, B = _jacobian(_derivative(design, _direction(speed)), x, u)
+    derivative = _derivative(design, _direction(speed))
+    A = _by_states(derivative, x, u)
+    B = np.column_stack([0.5 * (derivative(x, u + h) - derivative(x, u - h)) for h in np.eye(3)])
     if point.case == "stuck":
         A[2:], B[2:] = 0.0, 0.0
     return _with_second_mass(design, Linearisation(point, A, B), mass or second_mass(design))
 
 
-def _jacobian(derivative: Derivative, x: Array, u: Array) -> tuple[Array, Array]:
-    """Return the derivatives with respect to states and inputs by central differences."""
+def _by_states(derivative: Derivative, x: Array, u: Array) -> Array:
+    """Return the derivatives with respect to the states by central differences."""
     steps = np.diag(np.array(STEPS) * [1.0, 1.0, max(1.0, abs(x[2])), 1.0])
-    A = np.column_stack([(derivative(x + h, u) - derivative(x - h, u)) / (2.0 * h.sum()) for h in steps])
-    B = np.column_stack([0.5 * (derivative(x, u + h) - derivative(x, u - h)) for h in np.eye(3)])
-    return A, B
+    return np.column_stack([(derivative(x + h, u) - derivative(x - h, u)) / (2.0 * h.sum()) for h in steps])
 
 
 def passed_through(design: Design, model: Linearisation, speed: float, i_q: float, i_d: float = 0.0) -> Linearisation:
@@ -291,7 +296,7 @@ def passed_through(design: Design, model: Linearisation, speed: float, i_q: floa
         Its point has no voltages.
     """
     x = np.array([i_d, i_q, speed, 0.0])
-    bare, _ = _jacobian(_derivative(design.replace_effects(()), 0.0), x, np.zeros(3))
+    bare = _by_states(_derivative(design, 0.0, effects=False), x, np.zeros(3))
     A = model.A.copy()
     A[:2, :4] = bare[:2]
     A[2, :2] = bare[2, :2] * model.A[2, 1] * design.J / design.K_t  # the motor's share of the inertia; 0 when stuck
