@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -219,7 +220,7 @@ def _score(lines: list[str], separator: str) -> tuple[float, int]:
     fitting = [row for row in rows if len(row) == width]
     numeric = sum(is_number(cell) for row in fitting for cell in row)
     # cells that are neither empty nor a number count against a separator
-    text = sum(bool(cell) and not is_number(cell) for row in fitting for cell in row)
+    text = sum(bool(cell) for row in fitting for cell in row) - numeric
     return (numeric - text) / len(rows), width
 
 
@@ -262,7 +263,8 @@ def place_header(lines: list[str], separator: str, encoding: str, file: str) -> 
         When there are no rows of numbers, or rows between header and numbers hold text where numbers belong.
     """
     rows = [split_line(line, separator) for line in lines]
-    widths = Counter(len(row) for row in rows if sum(map(is_number, row)) >= 2 and len(row) > 1)
+    numbered = [row for row in rows if len(list(islice(filter(is_number, row), 2))) == 2]
+    widths = Counter(map(len, numbered))
     if not widths:
         count = sum(1 for row in rows if any(row))
         raise LogError(
@@ -270,7 +272,7 @@ def place_header(lines: list[str], separator: str, encoding: str, file: str) -> 
             "a header line and rows of numbers were expected"
         )
     width = widths.most_common(1)[0][0]
-    text_columns = _text_columns(rows, width)
+    text_columns = _text_columns([row for row in numbered if len(row) == width])
     first = next((i for i, row in enumerate(rows) if _is_data(row, width, text_columns)), None)
     if first is None:
         raise LogError(f"{file}: line 1: no row below it holds numbers only; a header line and numbers were expected")
@@ -298,11 +300,10 @@ def place_header(lines: list[str], separator: str, encoding: str, file: str) -> 
     )
 
 
-def _text_columns(rows: list[list[str]], width: int) -> tuple[int, ...]:
-    """Columns without a single number in the rows that are mostly numbers."""
-    fitting = [row for row in rows if len(row) == width and sum(map(is_number, row)) >= 2]
+def _text_columns(fitting: list[list[str]]) -> tuple[int, ...]:
+    """Columns without a single number in the rows that are mostly numbers, all of one width."""
     return tuple(
-        c for c in range(width)
+        c for c in range(len(fitting[0]))
         if not any(is_number(row[c]) for row in fitting) and all(row[c] for row in fitting[-3:])
     )  # fmt: skip
 
