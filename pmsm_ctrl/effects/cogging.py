@@ -11,7 +11,7 @@ from pmsm_ctrl.effects.structures import LogView, Search
 from pmsm_ctrl.kernels import kernel
 
 # Mechanical orders that are looked at, and how many of them are tried.
-HIGHEST, TRIED = 240, 6
+HIGHEST, TRIED = 600, 6
 
 
 @kernel
