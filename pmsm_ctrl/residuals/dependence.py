@@ -397,6 +397,14 @@ def _dependence(
     )
 
 
+def _beside(there: Array, x: Array, reach: float) -> Mask:
+    """Whether a sample lies within reach of each x, and samples on both sides: in a gap a curve is free to swing."""
+    ordered = np.sort(there)
+    after = np.searchsorted(ordered, x)
+    near = np.minimum(x - ordered[np.maximum(after - 1, 0)], ordered[np.minimum(after, len(ordered) - 1)] - x)
+    return np.asarray((x >= ordered[0]) & (x <= ordered[-1]) & (near <= reach))
+
+
 def _drawn(case: _Case, curve: Curve) -> tuple[Array, Array, Array]:
     """The curve over its coordinate for either direction, where the log has samples."""
     mask = case.mask
@@ -423,7 +431,7 @@ def _drawn(case: _Case, curve: Curve) -> tuple[Array, Array, Array]:
         if len(there) < 8:
             y = np.full(len(x), np.nan)
         elif not curve.orders:
-            y = np.where((x >= there.min()) & (x <= there.max()), y, np.nan)
+            y = np.where(_beside(there, x, (high - low) / count), y, np.nan)
         out.append(y)
     return x, out[0], out[1]
 
