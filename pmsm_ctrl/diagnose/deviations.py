@@ -42,12 +42,18 @@ def _torque_constant(design: Design, fit: Fitted, policy: Policy) -> Iterator[De
     if design.motor.p is None:
         return
     k, factor = fit.model.names.index("psi_f"), 1.5 * design.motor.p
+    allowed = _allowed(design, policy)
     estimate, error, nominal = factor * fit.plain.values[k], factor * fit.plain.stderr[k], design.K_t_assumed
     sure = abs(estimate - nominal) > policy.sure_errors * error
-    outside = bool(abs(estimate / nominal - 1.0) > policy.torque_constant and sure)
-    flagged = outside and _is_seen(fit, k, _edge(nominal, estimate, policy.torque_constant) / factor, policy)
-    note = f"beyond {100 * policy.torque_constant:.0f} %: it scales every torque" if flagged else _unseen(outside)
+    outside = bool(abs(estimate / nominal - 1.0) > allowed and sure)
+    flagged = outside and _is_seen(fit, k, _edge(nominal, estimate, allowed) / factor, policy)
+    note = f"beyond {100 * allowed:.0f} %: it scales every torque" if flagged else _unseen(outside)
     yield Deviation("K_t", nominal, float(estimate), float(error), UNITS["K_t"], outside, flagged, note)
+
+
+def _allowed(design: Design, policy: Policy) -> float:
+    """Return the tolerance of the torque constant, as a share: that of psi_f where the design states one."""
+    return design.motor.tolerance.get("psi_f", policy.torque_constant)
 
 
 def _torque_constant_by_load(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]:
@@ -57,7 +63,7 @@ def _torque_constant_by_load(design: Design, fit: Fitted, policy: Policy) -> Ite
         estimate = nominal / (1.0 + float(fit.plain.values[k]))
         error = estimate**2 / nominal * float(fit.plain.stderr[k])
         unit = "N/A" if fit.record.linear else UNITS["K_t"]
-        outside = abs(estimate / nominal - 1.0) > policy.torque_constant
+        outside = abs(estimate / nominal - 1.0) > _allowed(design, policy)
         outside = outside and abs(estimate - nominal) > policy.sure_errors * error
         yield Deviation("K_t", nominal, estimate, error, unit, outside, False, "by the known load")
 

@@ -97,7 +97,8 @@ class Policy:
         Tolerance of a parameter for which the design states none, as a share. Hot copper, or a resistance measured
         between two phases, is one and a half times or twice the design's.
     torque_constant : float
-        Tolerance of the torque constant, as a share, which scales every torque. It is less than a datasheet's.
+        Tolerance of the torque constant, as a share, which scales every torque, where the design states none of psi_f.
+        It is less than a datasheet's.
     sound_weight : float
         Samples of less weight are not searched for structure, and do not count where the error with and without an
         effect is compared: edges of the torque are aliased. Set on: a speed sweep; a friction that is an offset at one
