@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,10 +41,20 @@ class Candidate:
     searched: int = 1
     why_not: str = ""
 
-    @property
-    def free(self) -> int:
-        """Number of nonlinear parameters that the search settles."""
-        return sum(len({s[name] for s in self.grid}) > 1 for name in (self.grid[0] if self.grid else {}))
+    def free(self, shape: Mapping[str, float]) -> list[str]:
+        """Return the nonlinear parameters of a shape that the search settles."""
+        return varied(self.grid, shape)
+
+
+def varied(grid: Sequence[Mapping[str, float]], shape: Mapping[str, float]) -> list[str]:
+    """Return the names of a shape that have several values in a grid, in which not all shapes have the same names.
+
+    Parameters
+    ----------
+    grid : sequence of mapping
+    shape : mapping
+    """
+    return [name for name in shape if len({one[name] for one in grid if name in one}) > 1]
 
 
 def passing_orders(record: Record, residual: Array, highest: int) -> Array:

@@ -340,7 +340,11 @@ def in_order(trials: list[Trial]) -> list[Trial]:
             for t in left
             if t.plain_gain >= PARSIMONY * first.plain_gain and not (t.wrong_sign or t.singular or t.at_bound)
         ]
-        chosen = min(alike, key=lambda t: (len(t.values) + t.candidate.free, -t.plain_gain)) if alike else first
+        chosen = (
+            min(alike, key=lambda t: (len(t.values) + len(t.candidate.free(t.group.shape)), -t.plain_gain))
+            if alike
+            else first
+        )
         out.append(chosen)
         left.remove(chosen)
     return out

@@ -34,7 +34,7 @@ def refine(
     grid = trial.candidate.grid
     effect = trial.candidate.effect
     structure, fixed = effect.structure, effect.structure.fixed(effect)
-    free = [n for n in trial.group.shape if n not in fixed and len({s[n] for s in grid}) > 1]
+    free = [n for n in trial.candidate.free(trial.group.shape) if n not in fixed]
     if not free:
         return trial
     step = {name: _spacing(name, trial.group.shape, grid) for name in free}
@@ -83,7 +83,7 @@ def _tried(
 
 
 def _spacing(name: str, shape: Mapping[str, float], grid: tuple[Mapping[str, float], ...]) -> float:
-    values = sorted({s[name] for s in grid})
+    values = sorted({s[name] for s in grid if name in s})
     # The nearest of the grid: a trial that was refined before has left it.
     position = int(np.argmin(np.abs(np.log(np.array(values) / shape[name]))))
     near = values[position + 1] if position + 1 < len(values) else values[position - 1]

@@ -241,16 +241,16 @@ def _best_of(
     candidate: Candidate, shapes: Sequence[tuple[Group, Added]], judge: tuple[Solved, Whitener]
 ) -> Trial | None:
     """Return the trial of the highest score, one of the right sign where there is any; None without a shape."""
-    order = sorted(shapes, key=lambda shape: -_score(candidate, shape[1], judge[0]))
+    order = sorted(shapes, key=lambda shape: -_score(candidate, shape[0], shape[1], judge[0]))
     signed = (shape for shape in order if not shape[1].rank or not _wrong_sign(*shape, judge[0]))
     best = next(signed, order[0] if order else None)
     return None if best is None else tried(candidate, *best, judge)
 
 
-def _score(candidate: Candidate, own: Added, solved: Solved) -> float:
+def _score(candidate: Candidate, group: Group, own: Added, solved: Solved) -> float:
     """Return the gain less what the parameters cost; 0 for columns that the model has already."""
     price = float(np.log(max(len(solved.rest), 2)))
-    return own.gain - (own.rank + candidate.free) * price if own.rank else 0.0
+    return own.gain - (own.rank + len(candidate.free(group.shape))) * price if own.rank else 0.0
 
 
 def try_candidate(record: Record, solved: Solved, whitener: Whitener, candidate: Candidate) -> Trial | None:
@@ -284,7 +284,7 @@ def tried(candidate: Candidate, group: Group, own: Added, judge: tuple[Solved, W
     if k == 0:
         none = np.zeros(len(own.size))
         return Trial(candidate, group, 0.0, 0.0, 1.0, none, np.full(len(none), np.inf), judge, singular=True)
-    score = _score(candidate, own, solved)
+    score = _score(candidate, group, own, solved)
     p = f_tail(own.gain / k, k, max(solved.rows - solved.rank - k, 1)) * max(candidate.searched, 1)
     values = own.values
     return Trial(
@@ -438,7 +438,7 @@ def plain_evidence(
 def _wrong_sign(group: Group, own: Added, solved: Solved) -> bool:
     """Whether a linear parameter lies where physics does not allow it; not where rounding alone puts it there."""
     assert group.effect is not None
-    bounds = group.effect.structure.bounds(group.effect, solved.known)
+    bounds = group.effect.structure.bounds(group.effect, solved.known, group.shape)
     for symbol, value, size in zip(group.symbols, own.values.tolist(), own.size.tolist(), strict=True):
         low, high = bounds[symbol]
         slack = NEGLIGIBLE / max(size, 1e-300)

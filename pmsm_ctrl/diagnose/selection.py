@@ -29,7 +29,7 @@ from pmsm_ctrl.diagnose.measures import (
 )
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refine import refine
-from pmsm_ctrl.diagnose.refusal import Refusal
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial, try_group
 from pmsm_ctrl.evidence.tests import f_tail, holm
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
@@ -200,7 +200,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
             continue
         judged = _judge_trial(fit, trial, p_holm, case.policy, selection.largest_beside(trial))
         if isinstance(judged, Refusal):
-            refused[name] = judged
+            refused[name] = _by_sampling(case, fit, trial, judged)
             continue
         after = with_trial(case, fit, trial)
         # an effect that is still to come may be what brings a parameter back inside its bounds
@@ -212,6 +212,28 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         refused[name] = refusal
         del after  # a fit of a long log is large: the next one takes its place
     return Found(None, None, refused)
+
+
+def _by_sampling(case: Case, fit: Fitted, trial: Trial, judged: Refusal) -> Refusal:
+    """Return why a significant delay is refused: if it lies within sampling, that is the reason before any other.
+
+    A delay is judged where the torque changes faster than noise, and the sampling of the base model everywhere. What
+    the one explains beside the other is then an error of the model around edges.
+    """
+    if not trial.candidate.effect.structure.delays or judged.reason in (Reason.NOT_INDEPENDENT, Reason.NOT_SIGNIFICANT):
+        return judged
+    return _judge_sampling(with_trial(case, fit, trial), case.policy) or judged
+
+
+def _judge_sampling(after: Fitted, policy: Policy) -> Refusal | None:
+    """Return what speaks against a delay that was accepted last: that sampling can cause it."""
+    effect, number = after.accepted[-1].effect, len(after.accepted) - 1
+    position = after.position(number)
+    if not effect.structure.delays or position is None:
+        return None
+    first = after.model.columns_of(position).start
+    value, error = float(after.estimate.values[first]), float(after.plain.stderr[first])
+    return criteria.beyond_sampling(value, error, (-after.record.early, after.record.sampling), policy)
 
 
 def judged_trials(fit: Fitted, policy: Policy = POLICY) -> list[tuple[Trial, float, Refusal | None]]:
@@ -377,10 +399,7 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
     last = after.accepted[-1]
     own = columns[-len(trial.values) :] if after.position(len(after.accepted) - 1) is not None else ()
     amplitudes = {model.names[k]: (float(inside.values[k]), stderr[k]) for k in own}
-    refusal = criteria.determined(amplitudes, _ran_out(last))
-    if refusal is None and last.effect.structure.delays:
-        value, error = next(iter(amplitudes.values()))
-        refusal = criteria.beyond_sampling(value, error, (-after.record.early, after.record.sampling), policy)
+    refusal = criteria.determined(amplitudes, _ran_out(last)) or _judge_sampling(after, policy)
     beyond = outside(after.plain, base)
     if refusal is not None or beyond is None:
         return refusal
@@ -444,7 +463,7 @@ def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) 
     for other in trials:
         rival = other.candidate.effect.id
         if other.singular:
-            singular += [rival] if not other.candidate.free else []
+            singular += [rival] if not other.candidate.free(other.group.shape) else []
         elif other is not trial and not other.wrong_sign and rival != effect.id:
             theirs = other.direction
             shared = float(along @ theirs) ** 2 / max(float(theirs @ theirs), 1e-300)

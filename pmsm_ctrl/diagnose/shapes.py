@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose.candidates import varied
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.regression.balances import Record, with_direction
 from pmsm_ctrl.regression.base_fit import assembled
@@ -120,11 +121,7 @@ def searched(one: Accepted) -> list[str]:
     one : Accepted
     """
     fixed = one.effect.structure.fixed(one.effect)
-    return [
-        name
-        for name, value in one.shape.items()
-        if len({at[name] for at in one.grid}) > 1 and name not in fixed and value > 0.0
-    ]
+    return [name for name in varied(one.grid, one.shape) if name not in fixed and one.shape[name] > 0.0]
 
 
 def shifted(accepted: Sequence[Accepted], free: Sequence[Free], step: Array) -> tuple[Accepted, ...]:

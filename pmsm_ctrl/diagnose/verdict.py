@@ -144,7 +144,7 @@ def _refused(selection: Selection, policy: Policy) -> Iterator[Notice]:
         refusal = selection.refused.get(name_of(trial))
         if share < policy.refused_share or refusal is None or trial.p_value >= policy.significance:
             continue
-        if refusal.reason is not Reason.NOT_SIGNIFICANT:
+        if refusal.reason not in (Reason.NOT_SIGNIFICANT, Reason.WITHIN_SAMPLING):
             found.append((share, trial, refusal))
     if found:
         share, trial, refusal = max(found, key=lambda one: one[0])

@@ -37,6 +37,7 @@ def shaft_torque(y, t, direction, held, machine, effects):
     opposing = held[3]  # <coupling>
     # <bristle>
     # <torque>
+    # <behind>
     return torque - opposing
 
 
@@ -214,8 +215,11 @@ def run(n, k, states, plant, controller, effects, inputs, out, noise):
         if delay == 1:
             u, ahead = ahead, u
         held = (u[0], u[1], u[2], inputs[j, 5])
+        # <held>
         for m in range(steps):
+            # <load at rest>
             y = step_smooth(y, t + m * h, h, held, machine, effects)  # <step>
+            # <load landed>
         k += 1
         to_speed -= 1
         to_log -= 1

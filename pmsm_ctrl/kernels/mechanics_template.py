@@ -36,7 +36,10 @@ def run(inputs, starts, memory, period, steps, p, J, effects, out):
                 y = (i_d, i_q) + y[2:]  # noqa: RUF005 - the compiler knows no star here
                 machine = (torque, 1.0, 1.0, p, 0.0, J)
                 held = (0.0, 0.0, 0.0, load)
+                # <held>
+                # <load at rest>
                 y = step_smooth(y, t + m * h, h, held, machine, effects)  # <step>
+                # <load landed>
             out[stretch, n + 1, 0], out[stretch, n + 1, 1] = y[2], y[3]
         states[2], states[3] = y[2], y[3]  # <store states>
         # <store memory>

@@ -28,7 +28,7 @@ def column_bounds(model: Model, values: Array) -> list[tuple[float, float]]:
     out: list[tuple[float, float]] = []
     for group in model.groups:
         effect = group.effect
-        bounds = {} if effect is None else effect.structure.bounds(effect, found)
+        bounds = {} if effect is None else effect.structure.bounds(effect, found, group.shape)
         out += [bounds.get(symbol, (-np.inf, np.inf)) for symbol in group.symbols]
     return out
 

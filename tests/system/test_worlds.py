@@ -96,6 +96,29 @@ def test_load_on_a_spring_rings_at_its_own_frequency() -> None:
     assert found == pytest.approx(free / (2 * math.pi), rel=0.02)
 
 
+def test_a_load_whose_friction_holds_it_is_a_wall() -> None:
+    """The shaft swings on the spring alone, at sqrt(k / J_m), as long as that pulls by less than the friction."""
+    J_l, k = 1.0, 2e4
+    out = axis(0.5 * F_C / K, 1.0, load_inertia=J_l, stiffness=k, load_dry=2.0 * F_C)
+    middle, swing = 0.5 * F_C / k, out["theta"][100:]
+    assert np.mean(swing) == pytest.approx(middle, rel=0.1)
+    rising = np.flatnonzero((swing[:-1] < middle) & (swing[1:] >= middle))
+    period = float(np.mean(np.diff(out["t"][100:][rising])))
+    assert period == pytest.approx(2.0 * math.pi * math.sqrt((J - J_l) / k), rel=0.02)
+
+
+def test_a_load_that_rubs_is_named_with_its_friction() -> None:
+    """Friction behind the spring holds the load and lets it go; without it in the model the rest was unexplained."""
+    world = draw(650022)
+    made = hidden_log(world, "compliance", 2.7)
+    assert made is not None
+    found = diagnose(world.design, made[0], plan=False)
+    assert [step.effect for step in found.steps] == ["compliance"]
+    own = found.steps[0].parameters
+    for name, true in (("J_load", "load_inertia"), ("k", "stiffness"), ("F_load", "load_dry")):
+        assert own[name].value == pytest.approx(made[2][true], rel=0.1)
+
+
 def test_a_world_is_drawn_the_same_twice_and_others_differ() -> None:
     assert draw(7).properties == draw(7).properties
     seen = {name: {str(draw(seed).properties[name]) for seed in range(80)} for name in draw(0).properties}

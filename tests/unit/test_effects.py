@@ -348,7 +348,7 @@ def test_a_term_is_split_into_its_columns_and_what_is_none_of_theirs() -> None:
 @pytest.mark.parametrize("name", [name for name, one in CATALOGUE.items() if one.structure.splits_inertia])
 def test_a_load_at_either_bound_can_be_simulated(name: str) -> None:
     effect, machine = CATALOGUE[name], SimpleNamespace(J=2e-4, period=1e-4)
-    for symbol, bounds in effect.structure.bounds(effect, Known(J=machine.J)).items():
+    for symbol, bounds in effect.structure.bounds(effect, Known(J=machine.J), {}).items():
         for value in bounds:
             found = effect.structure.simulated(effect, {**effect.example, symbol: value}, machine, 0.0, effect.id)
             assert 0.0 < found[symbol] < machine.J

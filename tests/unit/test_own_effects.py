@@ -129,7 +129,9 @@ def test_the_columns_the_search_and_the_bounds_are_the_same(effect: Effect, reco
     entered = effect.structure.shape(effect, effect.example)
     assert back(effect, own.structure.shape(own, own.example)) == entered
     known = Known(J=1e-4, F_c=0.02, dry=0.03)
-    assert back(effect, own.structure.bounds(own, known)) == effect.structure.bounds(effect, known)
+    assert back(effect, own.structure.bounds(own, known, own.structure.shape(own, own.example))) == (
+        effect.structure.bounds(effect, known, entered)
+    )
     for shape in (found.shapes[0], found.shapes[-1], entered):
         mine = {names.get(symbol, symbol): value for symbol, value in shape.items()}
         for build in (effect_group, seen):

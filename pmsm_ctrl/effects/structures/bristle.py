@@ -157,7 +157,7 @@ class Bristle(Structure):
         """Return all parameters: none multiplies a column."""
         return dict(values)
 
-    def bounds(self, effect: Effect, known: Known) -> dict[str, tuple[float, float]]:
+    def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
         """Return the bounds of the factor: a bristle carries the dry friction and nothing else."""
         return {LEVEL: (0.5 * known.dry, 2.0 * known.dry) if known.dry > 0.0 else (0.0, np.inf)}
 

@@ -382,8 +382,8 @@ class Structure(ABC):
             p.symbol: float(min(max(found[p.symbol], p.lower), p.upper)) for p in effect.parameters if p.symbol in found
         }
 
-    def bounds(self, effect: Effect, known: Known) -> dict[str, tuple[float, float]]:
-        """Return where each of its `symbols` may lie, some of which hang on what else is known."""
+    def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """Return where each of its `symbols` may lie, some of which hang on what else is known, or on the shape."""
         out = {}
         for symbol in self.symbols(effect):
             p = effect.parameter(symbol)

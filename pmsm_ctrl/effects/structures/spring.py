@@ -1,4 +1,4 @@
-"""A spring without a gap between motor and load: followed by its response, searched over frequency and damping."""
+"""A spring without a gap between motor and load: followed by its response, or in time where the load rubs."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.effects.structures.interface import Balances, LogView, Search, SecondMass, Structure
+from pmsm_ctrl.effects.structures.interface import Balances, Known, LogView, Search, SecondMass, Structure
+from pmsm_ctrl.effects.structures.rubbing import DECELERATIONS, RUBBING, bristle_column, rubbing_column, rubbing_shapes
 from pmsm_ctrl.effects.structures.transmission import (
     DAMPING,
     FREQUENCY,
     LEAST_DAMPED,
+    UNBOUNDED,
     Transmission,
     beyond_noise,
     mean_acceleration,
@@ -29,6 +31,8 @@ Array = NDArray[np.float64]
 # A load damped more than this hangs on no spring: it shifts the phase like a delay or a filter. Elastomer couplings
 # lose up to psi = 2 of their energy in a swing, zeta = psi / (4 pi) = 0.16.
 OVERDAMPED = 0.25
+# One that rubs and is damped more than by an elastomer does not swing, and is a bristle.
+SWINGS = 0.16
 # How often the steps of the refinement are halved: the frequency of a spring that is hardly damped is as sharp as its
 # damping.
 SHARP = 7
@@ -46,12 +50,15 @@ class Spring(Transmission):
 
     Attributes
     ----------
+    dry : str
+        The parameter of the load's part of the Coulomb friction, N m; empty where the load has none.
     measured : tuple of SecondMass
         What a frequency response has shown: its spring is among the shapes that are searched.
     offered_apart : bool
         Springs of all frequencies together take up noise whatever each of them does with it.
     """
 
+    dry: str = ""
     measured: tuple[SecondMass, ...] = ()
     has_gap: ClassVar[bool] = False
     most_damped: ClassVar[float] = OVERDAMPED
@@ -62,10 +69,12 @@ class Spring(Transmission):
 
         By the spectrum, of a signal that is limited to the band: exact at every frequency, where a sampled filter has
         the load's own one right or the band. The load is at rest against the rotor at first; zeros behind the log let
-        its swings die away, for at most as long as the log is.
+        its swings die away, for at most as long as the log is. A load that rubs is followed in time.
         """
         from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
+        if RUBBING in shape:
+            return [{"torque": rubbing_column(balances, shape)}]
         alpha, period = balances.signals["alpha"], balances.period
         w, zeta = shape[FREQUENCY], shape[DAMPING]
         count = len(alpha)
@@ -74,17 +83,58 @@ class Spring(Transmission):
         follow = -(s**2) / (s**2 + 2.0 * zeta * s + 1.0)
         return [{"torque": np.asarray(irfft(rfft(alpha, length) * follow, length)[:count])}]
 
+    def shape(self, effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the load's own frequency and damping, and the deceleration by its friction where it has any."""
+        rubbing = values.get(self.dry, 0.0)  # a frequency response tells none
+        found = super().shape(effect, values)
+        return found if rubbing == 0.0 else {**found, RUBBING: rubbing / max(values[self.load], 1e-12)}
+
+    def parameters(self, effect: Effect, found: Mapping[str, float]) -> dict[str, float]:
+        """Return stiffness, damping and friction from the load's inertia, frequency, damping and deceleration."""
+        own = {self.dry: found[self.load] * found.get(RUBBING, 0.0)} if self.dry else {}
+        return super().parameters(effect, {**found, **own})
+
+    def inside(self, effect: Effect, shape: Mapping[str, float], name: str, value: float) -> float:
+        """Return the value inside the bounds; those of a load that rubs, which is followed in time, are narrower."""
+        if RUBBING in shape:
+            within = {
+                RUBBING: DECELERATIONS,
+                FREQUENCY: self.ranges(effect)[FREQUENCY],
+                DAMPING: (LEAST_DAMPED, SWINGS),
+            }
+            return float(min(max(value, within[name][0]), within[name][1]))
+        return super().inside(effect, shape, name, value)
+
+    def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+        """Return the bounds of the load's inertia: a part of the total, whose friction is a part of the total."""
+        low, high = super().bounds(effect, known, shape)[self.load]
+        if shape.get(RUBBING, 0.0) > 0.0 and known.F_c > 0.0:
+            high = min(high, max(known.F_c / shape[RUBBING], float(np.nextafter(low, np.inf))))
+        return {self.load: (low, high)}
+
+    def carried(self) -> str:
+        """The load's part of the Coulomb friction."""
+        return self.dry
+
     def judged(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns where the load would accelerate otherwise than the shaft by more than noise.
 
-        One that takes no part in the noise of the acceleration lowers every error, there or not.
+        One that takes no part in the noise of the acceleration lowers every error, there or not. Nothing is left of one
+        that rubs and swings above the band: it is held and let go like a bristle.
         """
+        if RUBBING in shape and shape[FREQUENCY] > 2.0 * np.pi * balances.cutoff:
+            return np.zeros_like(values)
         noise = min(balances.shaft_noise(), balances.noise_beside(values[0][:, 0]))
         return beyond_noise(values, noise * _apart(shape, balances.cutoff))
 
     def offered(self, balances: Balances, effect: Effect, values: Array, shape: Mapping[str, float]) -> Array:
         """Return the columns where the load would accelerate otherwise than the shaft by more than all that is fast."""
         return beyond_noise(values, balances.shaft_noise() * _passed(shape, balances.cutoff))
+
+    def rivals(self, effect: Effect, shape: Mapping[str, float], balances: Balances) -> list[dict[str, Array]]:
+        """Return the rivals of a transmission; of one that rubs also a bristle, which is the same without a mass."""
+        found = super().rivals(effect, shape, balances)
+        return [*found, {"torque": UNBOUNDED * bristle_column(balances, shape)}] if RUBBING in shape else found
 
     def search(self, effect: Effect, log: LogView) -> Search:
         """Return springs over a coarse grid, and the best of a fine one, in which none that rings can be missed."""
@@ -98,7 +148,13 @@ class Spring(Transmission):
             return Search(
                 (), why_not=f"any spring of these frequencies would twist by more than {MOST_TWIST:g} rad rms"
             )
-        return Search(tuple({FREQUENCY: w, DAMPING: zeta} for w, zeta in grid), len(grid) + len(ringing))
+        shapes = [{FREQUENCY: w, DAMPING: zeta} for w, zeta in grid]
+        looked = len(shapes) + len(ringing)
+        if self.dry:
+            rubbing, tried = rubbing_shapes(log, max(softest, 2.0 * np.pi * LOWEST))
+            shapes += rubbing
+            looked += tried
+        return Search(tuple(shapes), looked)
 
     def starting_from(self, mass: SecondMass) -> Structure:
         """Return the spring whose search also starts from this one."""
@@ -119,7 +175,8 @@ class Spring(Transmission):
 
     def at_bound(self, effect: Effect, shape: Mapping[str, float]) -> bool:
         """Whether a spring is damped so much that it is none, or a parameter ran into its bound."""
-        return shape.get(DAMPING, 0.0) >= OVERDAMPED or super().at_bound(effect, shape)
+        most = SWINGS if RUBBING in shape else OVERDAMPED
+        return shape.get(DAMPING, 0.0) >= most or super().at_bound(effect, shape)
 
     def resonance(self, shape: Mapping[str, float]) -> float | None:
         """Frequency at which the load rings on its spring, Hz."""

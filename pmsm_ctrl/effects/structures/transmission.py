@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 # d / (2 sqrt(k J_load)). With these the load's inertia multiplies a column.
 FREQUENCY, DAMPING = "(w_a)", "(zeta)"
 LEAST_DAMPED = 1e-3
+ROUNDING = 1e-6  # of a friction that a fit holds at its bound, and a design file states with few digits
 ABOVE_NOISE = 4.0
 LEAST_LOAD = 0.02  # share of the inertia that is worth the name of a load, and that the rotor has in any case
 # Amplitude of a wave of a turn, in the torque's rms, of which nothing is known.
@@ -71,11 +72,18 @@ class Transmission(Structure):
         shared = {mine.stiffness: f"e{n}_{theirs.stiffness}", mine.damping: f"e{n}_{theirs.damping}"}
         torque = kernel_call(k, effect, twist="theta - theta_l", twist_rate="omega - omega_l", **shared)
         J_load = f"e{n}_{theirs.load}"
+        load = [f"domega_l = ({torque} - held[3]) / {J_load}"]
+        rubbing = _rubbing_lines(k, effect, shared, f"e{n}_{theirs.carried()}", J_load) if theirs.carried() else {}
+        if rubbing:
+            load = [
+                f"domega_l = ({torque} - held[3] - held[4] * e{n}_{theirs.carried()}) / {J_load}",
+                *rubbing.pop("load"),
+            ]
         return {
             "states": ["omega_l, theta_l = y[4], y[5]"],
             "coupling": [f"opposing = {torque}"],
             "acceleration": [f"domega = shaft_torque(y, t, direction, held, machine, effects) / (J - {J_load})"],
-            "load": [f"domega_l = ({torque} - held[3]) / {J_load}"],
+            "load": load,
             "rates": ["return di_d, di_q, domega, omega, domega_l, omega_l"],
             "advance": ["return " + ", ".join(f"y[{n}] + h * k[{n}]" for n in range(6))],
             "landed": ["new = (new[0], new[1], 0.0, new[3], new[4], new[5])"],
@@ -87,7 +95,12 @@ class Transmission(Structure):
                 f"states[{offset}], states[{offset + 1}] = y[4], y[5]",
             ],
             "log": ["out[row, 14] = y[5]"],
+            **rubbing,
         }
+
+    def carried(self) -> str:
+        """The parameter of the dry friction behind it, N m; empty without one."""
+        return ""
 
     @staticmethod
     def start(omega: float, theta: float) -> tuple[float, ...]:
@@ -112,6 +125,12 @@ class Transmission(Structure):
             raise DesignError(
                 f"{label}.{self.load}: found {values[self.load]:g}, but the load's share should lie between 0 and the "
                 f"total inertia of {machine.J:g} kg m^2"
+            )
+        rubbing = values[self.carried()] if self.carried() else 0.0
+        if rubbing > dry * (1.0 + ROUNDING):
+            raise DesignError(
+                f"{label}.{self.carried()}: found {rubbing:g}, but the load's share should lie between 0 and the dry "
+                f"friction of {dry:g} N m of the whole axis"
             )
         return dict(values)
 
@@ -154,7 +173,7 @@ class Transmission(Structure):
         constants = {self.stiffness: J_load * w * w, self.damping: 2.0 * zeta * w * J_load}
         return super().parameters(effect, {**found, **constants})
 
-    def bounds(self, effect: Effect, known: Known) -> dict[str, tuple[float, float]]:
+    def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
         """Return the bounds of the load's inertia: a part of the total."""
         return {self.load: (LEAST_LOAD * known.J, (1.0 - LEAST_LOAD) * known.J)}
 
@@ -167,6 +186,35 @@ class Transmission(Structure):
     def with_inertia_scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
         """Return the values with the load's inertia this factor larger."""
         return {symbol: value * factor if symbol == self.load else value for symbol, value in values.items()}
+
+
+def _rubbing_lines(k: int, effect: Effect, shared: Mapping[str, str], friction: str, J_load: str) -> Lines:
+    """Return the lines of a load that rubs: its direction holds for a step.
+
+    A load at rest stays there while what acts on it is less than its friction. Where one meets rest inside a step, what
+    is left of the step has the acceleration of its end. The shaft has the rest of the friction.
+    """
+    pull = kernel_call(k, effect, twist="y[3] - y[5]", twist_rate="y[2] - y[4]", **shared)
+    at_rest = kernel_call(k, effect, twist="y[3] - y[5]", twist_rate="y[2]", **shared)
+    return {
+        "behind": [f"opposing -= direction * {friction}"],
+        "load": [f"if held[4] == 0.0 and {friction} != 0.0:", "    domega_l = 0.0"],
+        "held": ["held = (held[0], held[1], held[2], held[3], 0.0)"],
+        "load at rest": [
+            f"pull = {pull} - held[3]",
+            "turning = 1.0 if y[4] > 0.0 else (-1.0 if y[4] < 0.0 else 0.0)",
+            f"if turning == 0.0 and abs(pull) > {friction}:",
+            "    turning = 1.0 if pull > 0.0 else -1.0",
+            "before = y[4]",
+            "held = (held[0], held[1], held[2], held[3], turning)",
+        ],
+        "load landed": [
+            f"if {friction} != 0.0 and turning * y[4] < 0.0:",
+            f"    pull = {at_rest} - held[3]",
+            f"    free = max(abs(pull) - {friction}, 0.0) * (1.0 if pull > 0.0 else -1.0) / {J_load}",
+            "    y = (y[0], y[1], y[2], y[3], free * h * y[4] / (y[4] - before), y[5])",
+        ],
+    }
 
 
 def _of(effect: Effect) -> Transmission:

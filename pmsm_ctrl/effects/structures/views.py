@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,10 @@ class Balances(Protocol):
     @property
     def channels(self) -> tuple[str, ...]:
         """The balances this log has: torque, u_d, u_q."""
+
+    @property
+    def kept(self) -> dict[tuple[object, ...], Any]:
+        """What was made of the measured motion alone; what begins with ``seen`` is forgotten after the search."""
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -89,6 +93,9 @@ class Balances(Protocol):
     @property
     def step(self) -> float:
         """Step of the logged angle, rad (m): of a coarse encoder, and next to nothing of any other."""
+
+    def shaped(self, values: Array) -> Array:
+        """Filter and thin a column given at the log's rate, shape (n,), to shape (m,)."""
 
     def rate_of(self, values: Array) -> Array:
         """Time derivative at the log's rate."""

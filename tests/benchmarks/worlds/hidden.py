@@ -38,7 +38,8 @@ def _stribeck(w: World, g: Rng) -> dict[str, float]:
 def _compliance(w: World, g: Rng) -> dict[str, float]:
     J = w.motor[5] * float(g.uniform(0.3, 0.7))
     w_a = 2 * math.pi * float(g.uniform(15.0, 60.0))
-    return {"load_inertia": J, "stiffness": J * w_a**2, "damping": 2 * 0.03 * J * w_a}
+    rubbing = _dry(w) * float(g.uniform(0.2, 0.9)) if g.random() < 0.5 else 0.0  # the load's part of the dry friction
+    return {"load_inertia": J, "stiffness": J * w_a**2, "damping": 2 * 0.03 * J * w_a, "load_dry": rubbing}
 
 
 def _backlash(w: World, g: Rng) -> dict[str, float]:
@@ -74,7 +75,10 @@ EFFECTS: dict[str, Callable[[World, Rng], dict[str, float]]] = {
     "current_gain": lambda w, g: {"gain_a": 0.03},
     "encoder_eccentricity": lambda w, g: {"eccentricity": 2e-3, "eccentricity_phase": float(g.uniform(0, 6))},
 }  # fmt: skip
-SCALED = {"current_offset": ("offset_a", "offset_b"), "compliance": ("load_inertia", "stiffness", "damping")}
+SCALED = {
+    "current_offset": ("offset_a", "offset_b"),
+    "compliance": ("load_inertia", "stiffness", "damping", "load_dry"),
+}
 # What a linear axis, known by its force alone, cannot have; and what only shows where voltages are logged.
 ROTARY = {"position_dependent_friction", "unbalance", "cogging", "torque_ripple", "current_offset", "current_gain",
           "encoder_eccentricity", "dead_time"}  # fmt: skip

@@ -18,7 +18,7 @@ HIDDEN = (
     "load_friction", "position_friction", "position_phase", "warm_share", "warm_time", "wave", "wave_order",
     "wave_phase", "ripple", "ripple_order", "saturation", "load_inertia", "stiffness", "damping", "gap", "dead_voltage",
     "dead_current", "inductance_drop", "offset_a", "offset_b", "gain_a", "eccentricity", "eccentricity_phase",
-    "bristle", "hysteresis", "eddy",
+    "bristle", "hysteresis", "eddy", "load_dry",
 )  # fmt: skip
 PLACE = {name: k for k, name in enumerate(HIDDEN)}
 # Columns of what a run returns, one row a control period.
@@ -37,7 +37,7 @@ def friction_level(w, torque, theta, warm, F_c, x):
         level += x[0] * (1.0 / (1.0 + r * r) if x[2] > 0.5 else math.exp(-r))
     if x[5] != 0.0:
         level += x[5] * abs(w) ** x[6]
-    return max(level + x[31], 0.0)
+    return max(level + x[31] - x[33], 0.0)
 
 
 @numba.njit(cache=True)
@@ -203,6 +203,12 @@ def run(m, x, ref, sizes, loop, mode, noise, encoder, seed):
             th += 0.5 * h * (old + w)
             if J_l > 0.0:
                 before = w_l
-                w_l += h * spring / J_l
+                if before == 0.0:  # held, or torn off
+                    w_l = h * (spring - math.copysign(min(x[33], abs(spring)), spring)) / J_l
+                else:
+                    w_l = before + h * (spring - math.copysign(x[33], before)) / J_l
+                    if w_l * before < 0.0 and x[33] > 0.0:
+                        rest = h * w_l / (w_l - before)
+                        w_l = rest * (spring - math.copysign(min(x[33], abs(spring)), spring)) / J_l
                 th_l += 0.5 * h * (before + w_l)
     return out

@@ -20,12 +20,24 @@ from pmsm_ctrl.effects.catalogue import catalogue_of
 
 
 def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> Any:
-    values = {"look_alikes": {}, "free": 0, "p_value": 0.0, "singular": False, "wrong_sign": False, "row": 0} | changed
+    values = {
+        "look_alikes": {},
+        "free": (),
+        "delays": False,
+        "p_value": 0.0,
+        "singular": False,
+        "wrong_sign": False,
+        "row": 0,
+    } | changed
     candidate = SimpleNamespace(
         effect=SimpleNamespace(
-            id=effect, look_alikes=values["look_alikes"], enters="torque", label=lambda shape: effect
+            id=effect,
+            look_alikes=values["look_alikes"],
+            enters="torque",
+            label=lambda shape: effect,
+            structure=SimpleNamespace(delays=values["delays"]),
         ),
-        free=values["free"],
+        free=lambda shape: values["free"],
     )
     return SimpleNamespace(
         candidate=candidate, group=SimpleNamespace(shape={}, entering=((values["row"], None),)),
@@ -132,7 +144,7 @@ def test_a_small_gain_is_tied_by_the_noise() -> None:
 
 def test_a_known_look_alike_without_columns_of_its_own_is_equivalent() -> None:
     chosen = trial("a", [100.0], look_alikes={"b": "why", "c": "why", "d": "why"})
-    singular = [trial("b", singular=True), trial("c", singular=True, free=1), trial("e", singular=True)]
+    singular = [trial("b", singular=True), trial("c", singular=True, free=("w",)), trial("e", singular=True)]
     assert equivalents(chosen, [chosen, *singular]) == ("b",)
 
 

@@ -209,7 +209,7 @@ def crossings(t, x):
 @pytest.mark.parametrize(("J_load", "k"), [(5e-5, 20.0), (8e-5, 5.0), (2e-5, 100.0)])
 def test_two_mass_resonance_and_antiresonance(bare, checked, J_load, k):
     kick = lambda t: {"T_load": np.where(t < 0.002, 0.004, 0.0)}  # noqa: E731
-    spring = {"J_load": J_load, "k": k, "d": 0.0}
+    spring = {"J_load": J_load, "k": k, "d": 0.0, "F_load": 0.0}
     loose = bare.without_effect("coulomb").with_effect("compliance", spring)
     floating = simulate_composed(loose, free(1.0, kick), composed=SPRUNG)
     twist = (floating["theta_true"] - floating["theta_load"])[floating.t > 0.01]

@@ -9,6 +9,7 @@ import pytest
 
 from pmsm_ctrl.compare.free_run import whole_run
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Processing, prepare
 from pmsm_ctrl.simulate import simulate
@@ -43,6 +44,42 @@ def test_a_load_on_a_spring_under_constant_torque() -> None:
     twist = 0.02 / (motor * w**2) * (1.0 - np.cos(w * t))
     exact = 0.02 * t**2 / (2.0 * J) + J_load / J * twist
     assert np.max(np.abs(got[:, 1] - exact)) < 1e-2 * 0.02 / (motor * w**2)
+
+
+@pytest.mark.parametrize("k", [5.0, 20.0])
+def test_a_load_whose_friction_holds_it_is_a_wall(k: float) -> None:
+    """With all of the friction at the load the shaft swings about T / k for ever while the spring pulls by less."""
+    J_load, T_0, F_c = 4e-5, 0.01, 0.021
+    design = axis(
+        {"id": "coulomb", "F_c": F_c}, {"id": "compliance", "J_load": J_load, "k": k, "d": 0.0, "F_load": F_c}
+    )
+    t = 1e-4 * np.arange(4000)
+    got = run(design, np.full_like(t, T_0), period=1e-4)
+    w = np.sqrt(k / (J - J_load))
+    assert np.max(np.abs(got[:, 1] - T_0 / k * (1.0 - np.cos(w * t)))) < 1e-3 * T_0 / k
+
+
+def test_a_load_that_rubs_takes_energy_as_its_friction_says() -> None:
+    """A blow to an axis with friction at the load alone: both masses come to rest after the way of one rigid mass.
+
+    What is left of the energy is in the spring, at most by what the friction holds, F_load^2 / (2 k).
+    """
+    J_load, k, F_c, omega = 4e-5, 20.0, 0.02, 50.0
+    design = axis(
+        {"id": "coulomb", "F_c": F_c}, {"id": "compliance", "J_load": J_load, "k": k, "d": 1e-3, "F_load": F_c}
+    )
+    t = 1e-4 * np.arange(10000)
+    got = run(design, np.zeros_like(t), omega=omega, period=1e-4)
+    assert np.max(np.abs(got[8000:, 0])) < 0.01 * omega
+    rigid = 0.5 * J * omega**2 / F_c
+    assert rigid * 0.9 < got[-1, 1] < rigid  # the damper has the rest
+
+
+@pytest.mark.parametrize("F_load", [-0.01, 0.03])
+def test_the_friction_of_a_load_is_a_part_of_all(F_load: float) -> None:
+    entry = {"id": "compliance", "J_load": 4e-5, "k": 20.0, "d": 0.0, "F_load": F_load}
+    with pytest.raises(DesignError, match="F_load"):
+        run(axis({"id": "coulomb", "F_c": 0.02}, entry), np.zeros(10))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

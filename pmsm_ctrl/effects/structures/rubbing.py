@@ -1,0 +1,131 @@
+"""A load on a spring that has dry friction of its own: it is held, let go, swings and is held again.
+
+The spring's torque over the load's inertia follows from the motion of the shaft in time (`kernels.springs`), and the
+column is linear in the inertia: with ``f = F_load / J_load`` the torque of the axis is
+``J alpha + F_c direction + J_load (T_s / J_load - alpha - f direction)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.effects.structures.interface import Balances, LogView
+from pmsm_ctrl.effects.structures.transmission import DAMPING, FREQUENCY
+
+__all__ = ["DECELERATIONS", "RUBBING", "bristle_column", "rubbing_column", "rubbing_shapes"]
+
+Array = NDArray[np.float64]
+
+# In a shape, what a load's own friction decelerates it by where it is free, F_load / J_load in rad/s^2 (m/s^2).
+RUBBING = "(f)"
+DECELERATIONS = (1e-6, 1e9)  # rad/s^2 (m/s^2): less never holds a load, and more always does
+NAMES = (FREQUENCY, DAMPING, RUBBING)
+# What is searched: so many frequencies up to the band, and decelerations in ratios to that of the whole axis by its
+# friction; the best few of a table are refined. A spring loses a few per cent of its energy in a swing.
+FREQUENCIES, RATIOS, BEST = 18, np.geomspace(0.2, 5.0, 9), 4
+DAMPED = 0.03
+SEEN = ("seen", RUBBING)  # under which the searched loads are remembered: they follow from the motion alone
+# The share of a swing's radian that a step covers, and most steps a sample; loads that are followed at once.
+PART_OF_RADIAN, MOST, AT_ONCE = 0.1, 64, 16
+
+
+def rubbing_column(balances: Balances, shape: Mapping[str, float]) -> Array:
+    """Return what a load that rubs adds to the torque of a rigid axis, per unit of its inertia, shape (n,).
+
+    Parameters
+    ----------
+    balances : Balances
+    shape : mapping
+        With the load's own frequency, its damping and its deceleration.
+    """
+    s = balances.signals
+    spring = np.array([[shape[name] for name in NAMES]])
+    followed = _followed(s["theta"], s["omega"], balances.period, spring)[0]
+    return np.asarray(followed - s["alpha"] - shape[RUBBING] * s["direction"])
+
+
+def bristle_column(balances: Balances, shape: Mapping[str, float]) -> Array:
+    """Return what a load without a mass adds, per unit of the torque's rms, shape (n,): a spring that slides.
+
+    Parameters
+    ----------
+    balances : Balances
+    shape : mapping
+    """
+    from pmsm_ctrl.kernels.springs import slider
+
+    s, reach = balances.signals, shape[RUBBING] / shape[FREQUENCY] ** 2
+    bent = np.empty(len(s["theta"]))
+    slider(np.ascontiguousarray(s["theta"]), reach, bent)
+    return np.asarray(float(np.std(s["torque"])) * (bent / reach - s["direction"]))
+
+
+def rubbing_shapes(log: LogView, lowest: float) -> tuple[list[dict[str, float]], int]:
+    """Return the loads that rub and lower the torque's sum of squares most, and how many were looked at.
+
+    Parameters
+    ----------
+    log : LogView
+    lowest : float
+        Frequency, rad/s.
+    """
+    balances = log.balances
+    if lowest >= 2.0 * np.pi * balances.cutoff:
+        return [], 0
+    s, weight = balances.signals, balances.weight[0] * balances.mask
+    plain = np.stack([balances.shaped(s[name]) for name in ("alpha", "direction", "omega", "torque")])
+    rigid = weight * np.vstack([plain[:3], np.ones_like(plain[:1])])
+    if SEEN not in balances.kept:
+        inertia, dry = np.linalg.lstsq(rigid.T, weight * plain[3], rcond=None)[0][:2].tolist()
+        if inertia <= 0.0 or dry <= 0.0:
+            return [], 0
+        springs = np.array([
+            (w, DAMPED, f)
+            for w in np.geomspace(lowest, 2.0 * np.pi * balances.cutoff, FREQUENCIES).tolist()
+            for f in (dry / inertia * RATIOS).tolist()
+        ])  # fmt: skip
+        balances.kept[SEEN] = springs, _spring_torques(balances, springs)
+    springs, torques = balances.kept[SEEN]
+    columns = weight * (torques - plain[0] - springs[:, 2:] * plain[1])
+    gains = _gains(columns, rigid, weight * log.residual)
+    best = springs[_peaks(gains.reshape(FREQUENCIES, len(RATIOS)))]
+    return [dict(zip(NAMES, spring, strict=True)) for spring in best.tolist()], len(springs)
+
+
+def _spring_torques(balances: Balances, springs: Array) -> NDArray[np.float32]:
+    """Return the torques of springs over the inertia of their loads, filtered and thinned, shape (k, m)."""
+    s, out = balances.signals, []
+    for start in range(0, len(springs), AT_ONCE):
+        followed = _followed(s["theta"], s["omega"], balances.period, springs[start : start + AT_ONCE])
+        out += [balances.shaped(row).astype(np.float32) for row in followed]
+    return np.stack(out)
+
+
+def _gains(columns: Array, rigid: Array, residual: Array) -> Array:
+    """Return by how much each column, shape (k, m), lowers the sum of squares beside a rigid axis, shape (k,)."""
+    basis = np.linalg.qr(rigid.T)[0]
+    own = columns - (columns @ basis) @ basis.T
+    along, size = own @ residual, np.sum(own**2, axis=1)
+    return np.asarray(np.where(along > 0.0, along**2 / np.maximum(size, 1e-300), 0.0))
+
+
+def _peaks(table: Array) -> NDArray[np.intp]:
+    """Return the places, along the flat table, of the best that are better than all around them, the best first."""
+    beside, (rows, width) = np.pad(table, 1), table.shape
+    places = [(i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)]
+    around = np.max([beside[i : i + rows, j : j + width] for i, j in places], axis=0)
+    peaks = np.flatnonzero(table > around)
+    return np.asarray(peaks[np.argsort(-table.ravel()[peaks])][:BEST])
+
+
+def _followed(theta: Array, omega: Array, period: float, springs: Array) -> Array:
+    """Return the torques of springs over the inertia of their loads, shape (k, n)."""
+    from pmsm_ctrl.kernels.springs import rubbing_loads
+
+    out = np.empty((len(springs), len(theta)))
+    steps = min(MOST, max(1, int(np.ceil(period * float(springs[:, 0].max()) / PART_OF_RADIAN))))
+    rubbing_loads(np.ascontiguousarray(theta), np.ascontiguousarray(omega), period, steps, springs, out)
+    return out
