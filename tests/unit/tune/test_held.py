@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pmsm_ctrl.design import CurrentLoop, Design
+from pmsm_ctrl.tune.held import held_period
 from pmsm_ctrl.tune.reach import steady_voltage
 from pmsm_ctrl.tune.sampled import Cascade
 
@@ -46,3 +47,21 @@ def test_a_control_period_at_speed_is_that_of_the_machine_in_the_stator_frame(de
     found = np.hstack(cascade._discrete)[:, :8]
     scale = np.abs(slopes * sizes).max(axis=1, keepdims=True)  # of every row, for steps of these sizes
     assert np.abs((found - slopes) * sizes / scale).max() < 1e-3
+
+
+@pytest.mark.parametrize("rate", [0.3, 3.0, 30.0, 300.0])  # one that needs no halving, two that do, and one too many
+def test_parts_of_a_period_that_decay_and_turn_are_those_of_the_closed_form(rate: float) -> None:
+    """``x' = -a x + u`` beside a rotation: over all parts a is their mean, and the angle is the sum."""
+    decay, turn = rate * np.array([0.5, 1.0, 1.5, 2.0]), rate * np.array([1.0, -0.5, 0.25, 1.25])
+    A = np.zeros((4, 3, 3))
+    A[:, 0, 0], A[:, 1, 2], A[:, 2, 1] = -decay, -turn, turn
+    carried, driven = held_period(A, np.zeros((4, 3, 2)), 0.0, 1.0)
+    angle, expected = turn.mean(), np.zeros((3, 3))
+    expected[0, 0] = np.exp(-decay.mean())
+    expected[1:, 1:] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    np.testing.assert_allclose(carried, expected, rtol=1e-12, atol=1e-13)
+    assert not driven.any()
+    pushed = np.zeros((4, 1, 2))
+    pushed[:, 0, 0] = 1.0
+    held = held_period(np.full((4, 1, 1), -rate), pushed, 0.0, 1.0)[1]
+    np.testing.assert_allclose(held, [[-np.expm1(-rate) / rate, 0.0]], rtol=1e-12, atol=1e-15)
