@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.diagnose.candidates import varied
 from pmsm_ctrl.diagnose.fit import BASE, Fitted
 from pmsm_ctrl.diagnose.notices import ESTIMATE_AT_BOUND
+from pmsm_ctrl.diagnose.shapes import searched
 from pmsm_ctrl.regression.total_inertia import with_total_inertia
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
@@ -170,8 +170,7 @@ def _with_shapes(
         moved = {**found, name: found[name] * float(np.exp(sign * 1e-4))}
         return of(moved), sign * 1e-4
 
-    known = {name for name in one.effect.structure.fixed(one.effect) if name}
-    known |= set(one.shape) - set(varied(one.grid, one.shape))
+    known = set(one.shape) - set(searched(one))
     slopes: dict[str, list[float]] = {}
     unknown: set[str] = set()  # what hangs on a shape at its bound has no standard error, as the shape itself
     for name in (*fitted, *(name for name in one.shape if name not in fitted and name not in known)):

@@ -224,7 +224,10 @@ def _interval(design: Design, walks: _Walks, one: _Parameter) -> tuple[float, fl
 
 
 def _bounds(fit: Fitted, one: _Parameter) -> tuple[float, float]:
-    """Return where an amount may lie: a load is a part of the inertia, however little the log tells of it."""
+    """Return where a shape or an amount may lie: a load is a part of the inertia, however little the log tells of it."""
+    if one.free is not None:
+        p = fit.accepted[one.number].effect.parameter(one.symbol)
+        return p.lower, p.upper
     if one.number == BASE or one.column < 0 or fit.model.names[one.column] != one.symbol:
         return -math.inf, math.inf
     return column_bounds(fit.model, fit.estimate.values)[one.column]

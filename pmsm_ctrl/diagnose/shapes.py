@@ -88,7 +88,7 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
 
 
 def _free(one: Accepted) -> list[str]:
-    """Return the names of a shape that are fitted: those that were searched and are at no bound."""
+    """Return the names of a shape that are fitted and at no bound."""
     structure, shape = one.effect.structure, one.shape
 
     def near(name: str, sign: float) -> float:
@@ -114,14 +114,16 @@ def straight_over(accepted: Sequence[Accepted], free: Sequence[Free]) -> Array:
 
 
 def searched(one: Accepted) -> list[str]:
-    """Return the names of a shape that were searched and are no whole numbers, at a bound or not.
+    """Return the names of a shape that are fitted and are no whole numbers, at a bound or not.
 
     Parameters
     ----------
     one : Accepted
     """
-    fixed = one.effect.structure.fixed(one.effect)
-    return [name for name in varied(one.grid, one.shape) if name not in fixed and one.shape[name] > 0.0]
+    structure = one.effect.structure
+    fixed = structure.fixed(one.effect)
+    fitted = {*varied(one.grid, one.shape), *structure.beside_the_search(one.effect)}
+    return [name for name, value in one.shape.items() if name in fitted and name not in fixed and value > 0.0]
 
 
 def shifted(accepted: Sequence[Accepted], free: Sequence[Free], step: Array) -> tuple[Accepted, ...]:

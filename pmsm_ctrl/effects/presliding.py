@@ -52,8 +52,8 @@ effect = Effect(
     amplitudes=("z_s",),
     parameters=(
         Parameter("z_s", "rad", 0.0, 0.0, 1.0, "breakaway deflection: the stiffness is (F_s + ...)/z_s"),
-        Parameter("z_b", "1", 0.5, 0.0, 0.99, "share of the breakaway torque that is purely elastic"),
-        Parameter("tau_z", "s", 1e-3, 0.0, 1.0, "damping of the bristle over its stiffness"),
+        Parameter("z_b", "1", 0.5, 0.0, 0.99, "share of the breakaway torque that is purely elastic", soft=True),
+        Parameter("tau_z", "s", 1e-3, 0.0, 1.0, "damping of the bristle over its stiffness", soft=True),
     ),
     term=term,
     example={"z_s": 0.002, "z_b": 0.5, "tau_z": 0.001},

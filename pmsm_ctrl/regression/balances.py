@@ -79,6 +79,8 @@ SINC = 24
 FEWEST = 20  # samples of the thinned grid that a balance needs
 # Share of a log that the default band has to leave.
 USABLE = 0.1
+# What is remembered of a record whatever the direction of its dry friction.
+ANY_DIRECTION = frozenset({"base", "alpha", "noise of alpha", "beyond the band"})
 # A delay below this share of a sample is met well enough to first order.
 LATE = 0.03
 
@@ -494,5 +496,6 @@ def _beyond_band(record: Record, name: str, late: float) -> Array:
 
 
 def with_direction(record: Record, direction: Array) -> Record:
-    """Return a copy in which dry friction follows this direction instead."""
-    return replace(record, signals={**record.signals, "direction": direction}, memo={}, kept={})
+    """Return a copy in which dry friction follows this direction instead; what does not hang on it stays remembered."""
+    kept = {key: value for key, value in record.kept.items() if key[0] in ANY_DIRECTION}
+    return replace(record, signals={**record.signals, "direction": direction}, memo={}, kept=kept)

@@ -224,7 +224,7 @@ class _Term:
     """A column of its own, with its nominal value and tolerance.
 
     `parts` returns what it does to each balance at the log's rate; `modelled` where that hangs on the current or torque
-    that a model predicts. All others are the same in every fit.
+    that a model predicts, `turning` where it hangs on the direction. All others are the same in every fit.
     """
 
     name: str
@@ -232,6 +232,12 @@ class _Term:
     nominal: float
     sigma: float
     modelled: bool = False
+    turning: bool = False
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Under which its columns are remembered."""
+        return "turning" if self.turning else "base", self.name
 
 
 def base_groups(
@@ -290,8 +296,8 @@ def _columns_of(record: Record, terms: Sequence[_Term], filtered: bool = False) 
     """Return the columns of terms, filtered side by side; what follows from the motion alone is remembered."""
     out: dict[str, Rows] = {}
     for term in terms:
-        if not term.modelled and ("base", term.name) in record.kept:
-            out[term.name] = record.kept["base", term.name]
+        if not term.modelled and term.key in record.kept:
+            out[term.name] = record.kept[term.key]
     missing = [term for term in terms if term.name not in out]
     parts = [term.parts() for term in missing]
     stacked = record.stack_all(parts, filtered)
@@ -302,7 +308,7 @@ def _columns_of(record: Record, terms: Sequence[_Term], filtered: bool = False) 
         )
         out[term.name] = rows
         if not term.modelled:
-            record.kept["base", term.name] = rows
+            record.kept[term.key] = rows
     return out
 
 
@@ -313,10 +319,10 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
     if record.dry > 0.0:
         yield _Term(
             "tau_turn", lambda: {"torque": -record.dry * record.rate_of(s["direction"])}, 0.0,
-            TURN + TURN_SAMPLES * record.period,
+            TURN + TURN_SAMPLES * record.period, turning=True,
         )  # fmt: skip
     for at in record.changes:
-        yield _Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf)
+        yield _Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf, turning=True)
     if "T_load" in s and np.ptp(s["T_load"]) > 0.0:
         yield _Term(LOAD_SCALE, lambda: {"torque": s["T_load"]}, 0.0, design.motor.tolerance.get("psi_f", TOLERANCE))
     for lines in record.lines:

@@ -53,9 +53,9 @@ class Bristle(Structure):
     replaces_direction: ClassVar[bool] = True
     amounts_are_linear: ClassVar[bool] = False
 
-    def fixed(self, effect: Effect) -> frozenset[str]:
-        """Return all but the deflection: a log hardly tells the others beside it."""
-        return frozenset(p.symbol for p in effect.parameters if p.symbol != self.deflection)
+    def beside_the_search(self, effect: Effect) -> tuple[str, ...]:
+        """Return all but the deflection: what they do to the torque is small beside it."""
+        return tuple(p.symbol for p in effect.parameters if p.symbol != self.deflection)
 
     @staticmethod
     def lines(wired: Sequence[tuple[int, Effect]], offset: int, dry: Sequence[tuple[int, Effect]]) -> Lines:

@@ -337,6 +337,10 @@ class Structure(ABC):
         """Names in a shape that the refinement leaves alone."""
         return frozenset((effect.order,)) if effect.order else frozenset()
 
+    def beside_the_search(self, effect: Effect) -> tuple[str, ...]:
+        """Names in a shape that no search varies, and that are fitted with all others once the effect is in."""
+        return ()
+
     def halvings(self, free: Iterable[str]) -> int:
         """How often the steps of the refinement are halved."""
         return 3
