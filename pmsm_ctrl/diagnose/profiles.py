@@ -224,7 +224,7 @@ def _interval(design: Design, walks: _Walks, one: _Parameter) -> tuple[float, fl
 
 
 def _bounds(fit: Fitted, one: _Parameter) -> tuple[float, float]:
-    """Return where a shape or an amount may lie: a load is a part of the inertia, however little the log tells of it."""
+    """Return where a shape or an amount may lie: a load is a part of the inertia, however little is told of it."""
     if one.free is not None:
         p = fit.accepted[one.number].effect.parameter(one.symbol)
         return p.lower, p.upper
