@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from pmsm_ctrl.design import Design
@@ -14,7 +14,7 @@ from pmsm_ctrl.diagnose.fitted_design import at_bounds, base_parameters, fitted_
 from pmsm_ctrl.diagnose.measures import squares
 from pmsm_ctrl.diagnose.outcome import errors_table
 from pmsm_ctrl.diagnose.policy import POLICY
-from pmsm_ctrl.diagnose.polish import polished
+from pmsm_ctrl.diagnose.polish import Polish, polished
 from pmsm_ctrl.diagnose.profiles import with_profiles
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.search import Trial, try_candidate
@@ -29,7 +29,7 @@ from pmsm_ctrl.regression.evaluated import with_evaluation
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import FRICTION
 from pmsm_ctrl.regression.worse_than_given import torque_error, worse_by_error
-from pmsm_ctrl.section import Notice
+from pmsm_ctrl.result import Estimate
 
 __all__ = ["add", "added"]
 
@@ -135,9 +135,14 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
     """Compare the fitted design with the given one, and judge the effect by the criteria of the diagnosis."""
     assert case.believed is not None  # `condition` examines it
     written, said = fitted_design(case.design, made), tuple(at_bounds(made))
-    remarks: tuple[Notice, ...] = ()
+    parameters, base_values = fitted_parameters(made, 0), base_parameters(case.as_given, made)
+    refined = Polish(written, ())
     if polish:
-        written, remarks = polished(written, case.record, case.believed.log)
+        refined = polished(written, case.record, case.believed.log, base_values["J"].stderr)
+    if refined.design is not written:
+        parameters = refined.told(parameters, len(written.effects) - 1)
+        base_values = _refined(base_values, refined)
+    written = refined.design
     written = with_evaluation(written, case.record, case.believed.log)
     prediction = predict(case.as_given, case.record)
     base = fit.held_alike(made)
@@ -159,18 +164,26 @@ def _judged(case: Case, fit: Fitted, trial: Trial, made: Fitted, polish: bool, h
         effect=trial.candidate.effect.id,
         title=trial.candidate.effect.title,
         design=case.as_given if worse else written,
-        parameters=fitted_parameters(made, 0),
-        base=base_parameters(case.as_given, made),
+        parameters=parameters,
+        base=base_values,
         errors=table,
         holdout=held if case.holdouts else {},
         against=tuple(against),
         notices=(*([worse] if worse else []), *case.believed.notices, *case.remarks, *said),
         improved=worse is None,
-        remarks=remarks,
+        remarks=refined.said,
         log_name=case.name,
         holdout_name=holdout_name if case.holdouts else "",
         level_refitted=case.level_refitted,
     )
+
+
+def _refined(base: Mapping[str, Estimate], refined: Polish) -> dict[str, Estimate]:
+    """Return the estimates of the base model as the refined design has them, of what it has once."""
+    out = dict(base)
+    for position, entry in enumerate(refined.design.effects[:-1]):
+        out |= refined.told({symbol: out[symbol] for symbol in entry.parameters if symbol in out}, position)
+    return out | {"J": replace(base["J"], value=refined.design.J)}
 
 
 def _made(case: Case, trial: Trial) -> Fitted:

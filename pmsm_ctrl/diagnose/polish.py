@@ -8,7 +8,8 @@ to.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from pmsm_ctrl.diagnose.result import Diagnosis, DiagnosisStep
 from pmsm_ctrl.effects.catalogue import catalogue_of
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.identify.open_loop import OpenLoop, open_loop
-from pmsm_ctrl.identify.open_loop_fit import fitted, solved
+from pmsm_ctrl.identify.open_loop_fit import fitted, profiled, solved
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record
 from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, in_time
@@ -31,7 +32,7 @@ from pmsm_ctrl.regression.worse_than_given import worse_than_given
 from pmsm_ctrl.result import Estimate
 from pmsm_ctrl.section import Notice
 
-__all__ = ["polished", "with_polish"]
+__all__ = ["Polish", "polished", "with_polish"]
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,46 @@ FOLDS, BLOCK = 4, 1  # parts of the log, each left out in turn, and how many sec
 SURE = 2.0  # standard errors by which the mean gain of the stretches left out must exceed zero
 
 
-def polished(design: Design, record: Record, log: Log) -> tuple[Design, tuple[Notice, ...]]:
+@dataclass(frozen=True, eq=False)
+class Polish:
+    """A design whose parameters were to be refined by simulation.
+
+    Attributes
+    ----------
+    design : Design
+        Refined, or as it was given.
+    said : tuple of Notice
+        Which of the two, and why.
+    ends : dict of (int, str) to (float, float)
+        95 % intervals where the sum of squares is no parabola, by position of the effect in the design and symbol.
+    """
+
+    design: Design
+    said: tuple[Notice, ...]
+    ends: Mapping[tuple[int, str], tuple[float, float]] = field(default_factory=dict)
+
+    def told(self, found: Mapping[str, Estimate], position: int) -> dict[str, Estimate]:
+        """Return estimates of the parameters of an effect of the design as that has them.
+
+        Parameters
+        ----------
+        found : dict of symbol to Estimate
+        position : int
+            Of the effect in the design.
+        """
+        entry = self.design.effects[position]
+        return {
+            symbol: replace(
+                one,
+                value=entry.parameters.get(symbol, one.value),
+                stderr=entry.stderr.get(symbol, float("nan")),
+                ends=self.ends.get((position, symbol)),
+            )
+            for symbol, one in found.items()
+        }
+
+
+def polished(design: Design, record: Record, log: Log, inertia: float = math.nan) -> Polish:
     """Return a design with its parameters refined by simulation of its log, or as it is, and which of the two.
 
     Parameters
@@ -49,13 +89,15 @@ def polished(design: Design, record: Record, log: Log) -> tuple[Design, tuple[No
     record : Record
         Of the log.
     log : Log
+    inertia : float
+        Standard error of the design's inertia.
     """
     timed = predict(design, record).timing.undone(in_time(design, log))
     sigma = {LATENESS: (record.sampling + record.early) / math.sqrt(12.0), SPREAD: record.sampling**2 / 6.0}
     try:
-        loop = open_loop(design, timed, {} if record.sampling_stated else sigma)
+        loop = open_loop(design, timed, {} if record.sampling_stated else sigma, inertia)
     except LogError as error:
-        return design, (NOT_POLISHED(why=str(error)),)
+        return Polish(design, (NOT_POLISHED(why=str(error)),))
     prior = {
         column.name: design.effects[column.entry].stderr.get(column.symbol, 0.0)
         for column in loop.columns
@@ -63,22 +105,26 @@ def polished(design: Design, record: Record, log: Log) -> tuple[Design, tuple[No
     }
     values, converged = fitted(loop, prior)
     if not converged:
-        return design, (NOT_POLISHED(why="the fit by simulation did not converge"),)
+        return Polish(design, (NOT_POLISHED(why="the fit by simulation did not converge"),))
     before, after, sure = _left_out(loop, prior, values)
     unit = record.unit("torque")
     if not sure:
         why = f"stretches left out are predicted to {after:.3g} {unit} in place of {before:.3g} {unit}, no sure gain"
-        return design, (NOT_POLISHED(why=why),)
-    found = _written(design, loop, values, solved(loop, values)[1])
+        return Polish(design, (NOT_POLISHED(why=why),))
+    fit = solved(loop, values)[1]
+    found = _written(design, loop, values, fit)
     if worse := worse_than_given(design, found, record):
-        return design, (NOT_POLISHED(why=worse.text),)
-    return found, (POLISHED(before=before, after=after, unit=unit),)
+        return Polish(design, (NOT_POLISHED(why=worse.text),))
+    columns = {column.name: column for column in loop.columns}
+    ends = {(columns[n].entry, columns[n].symbol): e for n, e in profiled(loop, prior, values, fit).items()}
+    return Polish(found, (POLISHED(before=before, after=after, unit=unit),), ends)
 
 
 def _left_out(loop: OpenLoop, prior: dict[str, float], values: Array) -> tuple[float, float, bool]:
     """Return the rms error of stretches left out before and after, and whether it is surely smaller.
 
-    Before with the design's values, which know these stretches: that is in their favour.
+    Before with the design's values, which know these stretches: that is in their favour. Where the simulation is
+    corrected at every sample it need not be surely larger: it uses all of the band, and its errors are the smaller ones.
     """
     used, stretch = loop.used, loop.stretch
     count = int(stretch[-1]) + 1
@@ -92,7 +138,8 @@ def _left_out(loop: OpenLoop, prior: dict[str, float], values: Array) -> tuple[f
             squares[k] += np.bincount(stretch[rows], loop.left(at)[rows] ** 2, count)
     before, after = np.sqrt(squares.sum(axis=1) / max(int(used.sum()), 1)).tolist()
     gain = squares[0] - squares[1]
-    return before, after, bool(gain.sum() > SURE * math.sqrt(count) * float(np.std(gain)))
+    sure = math.copysign(SURE, -1.0 if loop.corrected else 1.0)
+    return before, after, bool(gain.sum() > sure * math.sqrt(count) * float(np.std(gain)))
 
 
 def _written(design: Design, loop: OpenLoop, values: Array, fit: Fit) -> Design:
@@ -123,19 +170,16 @@ def with_polish(case: Case, found: Diagnosis) -> Diagnosis:
     """
     if case.believed is None or found.design is case.as_given:
         return found
-    design, said = polished(found.design, found.record, case.believed.log)
-    steps = found.steps if design is found.design else tuple(_step(step, design) for step in found.steps)
-    return replace(found, design=design, steps=steps, remarks=said)
+    inertia = next((one.stderr for one in found.parameter_deviations if one.parameter == "J"), math.nan)
+    made = polished(found.design, found.record, case.believed.log, inertia)
+    refined = made.design is not found.design
+    steps = tuple(_step(step, made) for step in found.steps) if refined else found.steps
+    return replace(found, design=made.design, steps=steps, remarks=made.said)
 
 
-def _step(step: DiagnosisStep, design: Design) -> DiagnosisStep:
+def _step(step: DiagnosisStep, made: Polish) -> DiagnosisStep:
     """Return a step with the parameters of the design, where it has the effect once."""
-    entries = [entry for entry in design.effects if entry.id == step.effect]
-    if len(entries) != 1 or step.effect not in catalogue_of(design):
+    positions = [k for k, entry in enumerate(made.design.effects) if entry.id == step.effect]
+    if len(positions) != 1 or step.effect not in catalogue_of(made.design):
         return step
-    values, stderr = entries[0].parameters, entries[0].stderr
-    parameters = {
-        symbol: Estimate(values.get(symbol, e.value), e.unit, stderr.get(symbol, float("nan")))
-        for symbol, e in step.parameters.items()
-    }
-    return replace(step, parameters=parameters)
+    return replace(step, parameters=made.told(step.parameters, positions[0]))

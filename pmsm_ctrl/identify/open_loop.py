@@ -5,7 +5,13 @@ the torque makes the speed of a simulation a random walk, and its position the s
 position over a few samples are stationary again, the same linear filter of both sides, and times the inertia a torque:
 their squares are what is made small. When the drive signal was sampled is fitted beside the parameters.
 
-Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall 1999, sec. 7.2 (output error, prefilters); H. G. Bock,
+A bristle is bent by the travel since the last reversal, which such a random walk would falsify. So an axis with one,
+and with one mass, is simulated over the whole record and corrected at every sample by what the measured position is
+beside the simulated one, with the gains of a steady Kalman filter: the torque that would correct it as much is made
+small. The inertia is the regression's then: noise of the torque and of the angle pull it to either side.
+
+Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall 1999, sec. 7.2 (output error, prefilters) and
+7.5 (predictions, steady filters); P. R. Kalata, IEEE Trans. Aerosp. Electron. Syst. 20 (1984) 174 (gains); H. G. Bock,
 Recent advances in parameter identification techniques for ODE, Birkhaeuser 1983 (restarted stretches).
 """
 
@@ -40,7 +46,10 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class _Record:
-    """The stretches of one record that are simulated; `first` is the sample of each from which it is scored."""
+    """The stretches of one record that are simulated; `first` is the sample of each from which it is scored.
+
+    With `gains`, 1/s and a number, the record is simulated as a whole and corrected at every sample.
+    """
 
     mechanics: Mechanics
     inputs: Mapping[str, Array]
@@ -52,6 +61,19 @@ class _Record:
     used: Mask
     prepared: Prepared
     sampled: Mapping[str, Array]
+    gains: tuple[float, float] | None = None
+
+    def apart(self, mechanics: Mechanics, inputs: Mapping[str, Array]) -> Array:
+        """Return measured less simulated increments as torques, shape (stretches, increments)."""
+        theta = self.prepared.signals["theta"]
+        if self.gains is None:
+            run = mechanics.run(inputs, self.starts, self.motion, self.length)[:, :, 1]
+            # the inertia of these values: the design's would let a larger one make the noise of the torque smaller
+            return mechanics.J * self.accelerations(self.at(theta) - run)
+        begin = np.zeros(1, dtype=np.int64)
+        run = mechanics.run(inputs, begin, self.motion, len(theta), gains=self.gains)[0, :, 1]
+        by_correction: Array = mechanics.J * self.gains[0] / mechanics.period * self.at(theta - run)[:, 1:-1]
+        return by_correction
 
     def accelerations(self, theta: Array) -> Array:
         """Return mean accelerations over two steps each from positions, shape (stretches, length)."""
@@ -100,6 +122,11 @@ class OpenLoop:
     kept: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     @property
+    def corrected(self) -> bool:
+        """Whether the simulation is corrected at every sample."""
+        return any(record.gains is not None for record in self.records)
+
+    @property
     def start(self) -> Array:
         """The design's values, shape (columns,)."""
         return np.array([column.nominal for column in self.columns])
@@ -146,11 +173,9 @@ class OpenLoop:
         beside = {c.name: value for c, value in zip(self.columns, values.tolist(), strict=True) if c.is_nuisance}
         inputs = record.driven(beside)
         try:
-            run = mechanics.run(inputs, record.starts, record.motion, record.length)[:, :, 1]
+            apart = record.apart(mechanics, inputs)
         except DesignError:  # a load that is heavier than the whole axis
             return np.full(record.used.size + len(record.used), far)
-        # the inertia of these values: the design's would let a larger one make the noise of the torque smaller
-        apart = J * record.accelerations(record.at(record.prepared.signals["theta"]) - run)
         return np.pad(np.clip(np.nan_to_num(apart, nan=far), -far, far), ((0, 0), (0, 1))).ravel()
 
     def _parameters(self, values: Array) -> tuple[float, list[dict[str, float]]]:
@@ -206,7 +231,9 @@ def _acts(effect: Effect, values: Mapping[str, float]) -> bool:
     return effect.enters == "torque" and effect.active(values)
 
 
-def open_loop(design: Design, log: Log, sigma: Mapping[str, float] | None = None) -> OpenLoop:
+def open_loop(
+    design: Design, log: Log, sigma: Mapping[str, float] | None = None, inertia: float = math.nan
+) -> OpenLoop:
     """Return the simulation of a log, or of its records, what is known of the sampling of its drive signal undone.
 
     Parameters
@@ -216,6 +243,8 @@ def open_loop(design: Design, log: Log, sigma: Mapping[str, float] | None = None
     log : Log
     sigma : dict of str to float, optional
         Of `LATENESS` and `SPREAD`, by how much each may lie beside what was undone; they are known when left out.
+    inertia : float
+        Standard error of the design's inertia, where it is held at that; it counts as known when left out.
 
     Raises
     ------
@@ -227,6 +256,11 @@ def open_loop(design: Design, log: Log, sigma: Mapping[str, float] | None = None
     if not records:
         raise LogError(f"{log.provenance.file or 'the log'}: no record without gaps that could be simulated")
     columns = (*_columns(design), *_sampling(sigma or {}))
+    if any(record.gains is not None for record in records):
+        # a torque that is smoothed has less noise, whether or not the drive signal was
+        columns = tuple(c for c in columns if c.name != SPREAD)
+        known = inertia if math.isfinite(inertia) else policy.INERTIA_KNOWN * design.J
+        columns = tuple(replace(c, held=True, prior=(design.J, known)) if c.is_inertia else c for c in columns)
     force = float(np.sqrt(np.mean(np.concatenate([r.prepared.signals["torque"] for r in records]) ** 2)))
     loop = OpenLoop(design, columns, np.array([_first_step(c, force) for c in columns]), tuple(records))
     size = np.array([float(np.sqrt(np.mean(s[loop.used] ** 2))) for s in loop.slopes(loop.start).T])
@@ -299,6 +333,10 @@ def _record(design: Design, log: Log) -> _Record | None:
         effect, why = next(iter(mechanics.left_out.items()))
         raise LogError(f"{log.provenance.file or 'the log'}: {effect} cannot be simulated: {why}")
     memory = any(effect.has_state for effect, _ in mechanics.bound)
+    motion, sampled = (smooth.signals["omega"], signals["theta"]), sampling_columns(signals["torque"], 1.0 / rate, 0.0)
+    kinds = [effect.structure for effect, _ in mechanics.bound]
+    if any(kind.replaces_direction for kind in kinds) and not any(kind.splits_inertia for kind in kinds):
+        return _corrected(mechanics, inputs, motion, prepared, sampled)
     step = max(1, round(rate / policy.INCREMENTS))
     first = round(policy.RUN_IN * rate) if memory else 0
     scored = step * max(policy.FEWEST_STEPS, round(policy.STRETCH[memory] * rate / step))
@@ -310,8 +348,43 @@ def _record(design: Design, log: Log) -> _Record | None:
     sure = prepared.moving if memory else prepared.moving & ~_turning(smooth.signals["omega"], rate)
     moving = sure[starts[:, None] + np.arange(first, length)]
     used = np.array([moving[:, k : k + 2 * step + 1].all(axis=1) for k in range(0, scored - step, step)]).T
-    motion, sampled = (smooth.signals["omega"], signals["theta"]), sampling_columns(signals["torque"], 1.0 / rate, 0.0)
     return _Record(mechanics, inputs, motion, starts, length, first, step, used, prepared, sampled)
+
+
+def _corrected(
+    mechanics: Mechanics, inputs: Mapping[str, Array], motion: tuple[Array, Array], prepared: Prepared,
+    sampled: Mapping[str, Array],
+) -> _Record | None:  # fmt: skip
+    """Return a record that is simulated as a whole, with the gains by which it predicts the next sample best."""
+    rate = prepared.rate
+    width, first = round(policy.STRETCH[True] * rate), round(policy.RUN_IN * rate)
+    count = (len(prepared.t) - 1 - first) // width
+    if count < 2:
+        return None
+    starts = first + np.arange(count) * width
+    used = np.ones((count, width - 1), dtype=bool)  # most of what a bristle does is at rest
+    found = []
+    for index in policy.TRACKING:
+        run = mechanics.run(inputs, np.zeros(1, dtype=np.int64), motion, len(prepared.t), gains=_gains(index, rate))
+        apart = (motion[1] - run[0, :, 1])[first:]
+        found.append((float(np.mean(np.nan_to_num(apart, nan=np.inf) ** 2)), index))
+    gains = _gains(min(found)[1], rate)
+    return _Record(mechanics, inputs, motion, starts, width + 1, 0, 1, used, prepared, sampled, gains)
+
+
+def _gains(index: float, rate: float) -> tuple[float, float]:
+    """Return the gains of a steady Kalman filter, 1/s and a number, for noise of torque and angle.
+
+    Parameters
+    ----------
+    index : float
+        How far noise of the torque moves the shaft in a sample, over the noise of the angle.
+    rate : float
+        Of the samples, Hz.
+    """
+    root = (4.0 + index - math.sqrt(8.0 * index + index**2)) / 4.0
+    of_position = 1.0 - root**2
+    return (2.0 * (2.0 - of_position) - 4.0 * root) * rate, of_position
 
 
 def _turning(omega: Array, rate: float) -> Mask:

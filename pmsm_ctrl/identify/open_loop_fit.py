@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +14,18 @@ from pmsm_ctrl.effects.catalogue import bound_effects
 from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.notices import NOT_CONVERGED
 from pmsm_ctrl.identify.open_loop import OpenLoop, open_loop
+from pmsm_ctrl.identify.profile import Optimum
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, DriveTiming, Sampling
 from pmsm_ctrl.regression.inverse_dynamics import Problem
 from pmsm_ctrl.regression.least_squares import Fit, solve
 from pmsm_ctrl.section import Notice
 
-__all__ = ["by_open_loop", "fitted", "solved"]
+__all__ = ["by_open_loop", "fitted", "profiled", "solved"]
 
 Array = NDArray[np.float64]
+
+HELD = 1e-3  # of its standard error, by which a parameter moves that is held
 
 
 def fitted(
@@ -70,7 +74,7 @@ def by_open_loop(
     """
     sigma = dict(zip((LATENESS, SPREAD), sampling.sigma, strict=True))
     given, start = designs
-    loop = open_loop(start, DriveTiming(sampling.late).undone(log), sigma)
+    loop = open_loop(start, DriveTiming(sampling.late).undone(log), sigma, ordinary.stderr.get("J", np.nan))
     values, converged = fitted(loop, {name: e for name, e in ordinary.stderr.items() if np.isfinite(e)}, each=each)
     problem, fit = solved(loop, values)
     known = [{"J": given.J}, *(values for _, values in bound_effects(given))]
@@ -96,16 +100,65 @@ def solved(loop: OpenLoop, values: Array) -> tuple[Problem, Fit]:
 
 def _starts(loop: OpenLoop) -> Sequence[Array]:
     """Return values with one nonlinear parameter at half, then at twice its value."""
-    linear = {effect.id: {p.symbol for p in effect.linear} for effect, _ in bound_effects(loop.design)}
     out = []
-    for k, column in enumerate(loop.columns):
-        if column.entry < 0 or column.symbol in linear[column.effect] or column.nominal == 0.0:
-            continue
+    for k in _nonlinear(loop):
+        column = loop.columns[k]
         for factor in (0.5, 2.0):
             values = loop.start
             values[k] = column.clipped(factor * values[k])
             out.append(values)
     return out
+
+
+def _nonlinear(loop: OpenLoop) -> list[int]:
+    """Return the columns of parameters that are no factors."""
+    linear = {effect.id: {p.symbol for p in effect.linear} for effect, _ in bound_effects(loop.design)}
+    return [
+        k
+        for k, column in enumerate(loop.columns)
+        if column.entry >= 0 and column.symbol not in linear[column.effect] and column.nominal != 0.0
+    ]
+
+
+def _prior_widths(loop: OpenLoop, prior: Mapping[str, float]) -> Array:
+    """Return how far every parameter may lie from the design's value, shape (columns,); next to nothing if held."""
+    held = [HELD * c.prior[1] if c.held and c.prior else np.nan for c in loop.columns]
+    widths = [c.sigma if c.is_nuisance else policy.PRIOR * (prior.get(c.name) or np.inf) for c in loop.columns]
+    return np.where(np.isnan(held), widths, held)
+
+
+@dataclass(frozen=True, eq=False)
+class _Squares:
+    """What is squared, the priors included, over the parameters in units of their steps."""
+
+    loop: OpenLoop
+    width: Array
+
+    @cached_property
+    def scale(self) -> Array:
+        """Units of the parameters, shape (columns,)."""
+        return self.loop.steps / policy.DIFFERENCE
+
+    @cached_property
+    def noise(self) -> float:
+        """Rms of what the design's values leave."""
+        return max(float(np.sqrt(np.mean(self.loop.left(self.loop.start)[self.loop.used] ** 2))), 1e-300)
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Of the parameters."""
+        low, high = (np.array([getattr(c, side) for c in self.loop.columns]) for side in ("lower", "upper"))
+        return low / self.scale, high / self.scale
+
+    def residual(self, x: Array) -> Array:
+        """Return what is squared."""
+        loop, values = self.loop, x * self.scale
+        return np.concatenate([loop.left(values)[loop.used] / self.noise, (values - loop.start) / self.width])
+
+    def slopes(self, x: Array) -> Array:
+        """Return its slopes."""
+        made = -self.loop.slopes(x * self.scale)[self.loop.used] * self.scale / self.noise
+        return np.vstack([made, np.diag(self.scale / self.width)])
 
 
 def _descent(
@@ -114,22 +167,35 @@ def _descent(
     """Return values, half the sum of squares and whether it converged, from these values on."""
     from scipy.optimize import least_squares
 
-    used = loop.used
-    noise = max(float(np.sqrt(np.mean(loop.left(loop.start)[used] ** 2))), 1e-300)
-    scale = loop.steps / policy.DIFFERENCE
-    widths = [c.sigma if c.is_nuisance else policy.PRIOR * (prior.get(c.name) or np.inf) for c in loop.columns]
-    width = np.array(widths)
-
-    def residual(x: Array) -> Array:
-        return np.concatenate([loop.left(x * scale)[used] / noise, (x * scale - loop.start) / width])
+    squares = _Squares(loop, _prior_widths(loop, prior))
 
     def slopes(x: Array) -> Array:
         each()
-        return np.vstack([-loop.slopes(x * scale)[used] * scale / noise, np.diag(scale / width)])
+        return squares.slopes(x)
 
-    low, high = (np.array([getattr(column, side) for column in loop.columns]) / scale for side in ("lower", "upper"))
-    inside = np.clip(begin / scale, low, high)
     found = least_squares(
-        residual, inside, jac=slopes, bounds=(low, high), x_scale="jac", xtol=1e-5, ftol=1e-6, max_nfev=rounds
-    )
-    return found.x * scale, float(found.cost), found.status > 0
+        squares.residual, np.clip(begin / squares.scale, *squares.bounds), jac=slopes, bounds=squares.bounds,
+        x_scale="jac", xtol=1e-5, ftol=1e-6, max_nfev=rounds,
+    )  # fmt: skip
+    return found.x * squares.scale, float(found.cost), found.status > 0
+
+
+def profiled(loop: OpenLoop, prior: Mapping[str, float], values: Array, fit: Fit) -> dict[str, tuple[float, float]]:
+    """Return the ends of the 95 % intervals of the nonlinear parameters whose sum of squares is no parabola.
+
+    Parameters
+    ----------
+    loop : OpenLoop
+    prior : dict of column name to float
+        As in `fitted`.
+    values : array, shape (columns,)
+        With the smallest sum of squares.
+    fit : Fit
+        Of the problem that is linear there.
+    """
+    squares = _Squares(loop, _prior_widths(loop, prior))
+    stderr = np.array([fit.stderr.get(column.name, np.nan) for column in loop.columns]) / squares.scale
+    x = values / squares.scale
+    best = Optimum(squares.residual, x, squares.slopes(x), stderr, *squares.bounds)
+    ends = best.ends(_nonlinear(loop))
+    return {loop.columns[k].name: (low * squares.scale[k], high * squares.scale[k]) for k, (low, high) in ends.items()}

@@ -69,6 +69,11 @@ OPEN_LOOP_BAND = 0.2
 FASTEST_STEP = 8000.0
 # Share of the inertia behind a spring from which on the start is half of it.
 HEAVIEST = 0.9
+# How far noise of the torque moves the shaft in a sample, over the noise of the angle, where a simulation is corrected
+# at every sample: the values that are tried.
+TRACKING = (0.03, 0.1, 0.3, 0.6, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+# Standard error of an inertia that is held, as a share, where nobody says another one.
+INERTIA_KNOWN = 0.002
 # Width of the prior, in standard errors of the start, which come from the same log: it adds a ninth of what is known.
 PRIOR = 3.0
 # Most starts beside the regression's, and the evaluations that each gets before the best is followed to its end.

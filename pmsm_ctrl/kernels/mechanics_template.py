@@ -11,11 +11,13 @@ from pmsm_ctrl.kernels.drive_template import runge_kutta, step_dry, step_smooth 
 
 
 @kernel
-def run(inputs, starts, memory, period, steps, p, J, effects, out):
+def run(inputs, starts, memory, period, steps, p, J, effects, measured, gains, out):
     """Simulate stretches of a log from the states given at their starts, and leave those of their ends in `memory`.
 
     `inputs` are torque, load torque, i_d and i_q at every sample, straight in between; `starts` the first samples, one
-    row of `memory` each; `out` takes speed and position at every sample, shape (stretches, samples, 2).
+    row of `memory` each; `out` takes speed and position at every sample, shape (stretches, samples, 2). Behind every
+    sample speed and position are corrected by `gains` times what the `measured` position is beside the simulated one.
+    A correction is no travel: noise of the angle would unload a bristle at every sample.
     """
     # <parameters>
     h = period / steps
@@ -41,5 +43,7 @@ def run(inputs, starts, memory, period, steps, p, J, effects, out):
                 y = step_smooth(y, t + m * h, h, held, machine, effects)  # <step>
                 # <load landed>
             out[stretch, n + 1, 0], out[stretch, n + 1, 1] = y[2], y[3]
+            apart = measured[k + 1] - y[3]
+            y = y[:2] + (y[2] + gains[0] * apart, y[3] + gains[1] * apart) + y[4:]  # noqa: RUF005 - as above
         states[2], states[3] = y[2], y[3]  # <store states>
         # <store memory>

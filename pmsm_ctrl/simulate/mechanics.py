@@ -143,6 +143,7 @@ class Mechanics:
         motion: tuple[Array, Array],
         length: int,
         progress: Callable[[float], None] | None = None,
+        gains: tuple[float, float] = (0.0, 0.0),
     ) -> Array:
         """Simulate stretches of a log.
 
@@ -159,11 +160,14 @@ class Mechanics:
             Samples of a stretch.
         progress : function, optional
             Called with the share done, 0 to 1.
+        gains : (float, float)
+            1/s, and a number: behind every sample the simulated speed and position are corrected by so much of what the
+            measured position is beside the simulated one, as an observer does. Not at all when left out.
 
         Returns
         -------
         array, shape (w, length, 2)
-            Speed, rad/s (m/s), and position, rad (m). Not finite where the model is unstable.
+            Speed, rad/s (m/s), and position, rad (m), not yet corrected. Not finite where the model is unstable.
         """
         n = len(inputs["torque"])
         table = np.stack([np.asarray(inputs.get(name, np.zeros(n)), dtype=np.float64) for name in INPUTS])
@@ -181,7 +185,7 @@ class Mechanics:
         piece = max(2, CHUNK // (len(starts) * self.steps))
         for k in range(0, max(length - 1, 1), piece):
             part = np.empty((len(starts), min(piece, length - 1 - k) + 1, 2))
-            module.run(table, first + k, memory, self.period, self.steps, self.p, self.J, effects, part)
+            module.run(table, first + k, memory, self.period, self.steps, self.p, self.J, effects, theta, gains, part)
             out[:, k : k + part.shape[1]] = part
             if progress is not None:
                 progress((k + part.shape[1]) / length)
