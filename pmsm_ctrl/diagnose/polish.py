@@ -37,7 +37,8 @@ __all__ = ["Polish", "polished", "with_polish"]
 Array = NDArray[np.float64]
 
 FOLDS, BLOCK = 4, 1  # parts of the log, each left out in turn, and how many seconds of each lie together
-SURE = 2.0  # standard errors by which the mean gain of the stretches left out must exceed zero
+# Standard errors by which the mean gain of what was left out must exceed zero, and by which two methods may differ.
+SURE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +107,8 @@ def polished(design: Design, record: Record, log: Log, inertia: float = math.nan
     values, converged = fitted(loop, prior)
     if not converged:
         return Polish(design, (NOT_POLISHED(why="the fit by simulation did not converge"),))
+    if apart := _contradicted(loop, prior, values):
+        return Polish(design, (NOT_POLISHED(why=apart),))
     before, after, sure = _left_out(loop, prior, values)
     unit = record.unit("torque")
     if not sure:
@@ -120,11 +123,27 @@ def polished(design: Design, record: Record, log: Log, inertia: float = math.nan
     return Polish(found, (POLISHED(before=before, after=after, unit=unit),), ends)
 
 
+def _contradicted(loop: OpenLoop, prior: Mapping[str, float], values: Array) -> str:
+    """Say which parameter of a simulation that is corrected at every sample contradicts the regression; empty if none.
+
+    Both follow the same bristle, by other parts of the band and with other errors by noise: where they differ one of
+    them is biased.
+    """
+    for column, value in zip(loop.columns, values.tolist(), strict=True):
+        stderr = prior.get(column.name, 0.0)
+        if loop.corrected and stderr > 0.0 and abs(value - column.nominal) > SURE * stderr:
+            unit = f" {column.unit}" if column.unit != "1" else ""
+            return (
+                f"{column.name} is {value:.3g}{unit} by simulation, {column.nominal:.3g} +- {stderr:.2g}{unit} before"
+            )
+    return ""
+
+
 def _left_out(loop: OpenLoop, prior: dict[str, float], values: Array) -> tuple[float, float, bool]:
     """Return the rms error of stretches left out before and after, and whether it is surely smaller.
 
-    Before with the design's values, which know these stretches: that is in their favour. Where the simulation is
-    corrected at every sample it need not be surely larger: it uses all of the band, and its errors are the smaller ones.
+    Before with the design's values, which know these stretches: that is in their favour. If the simulation is
+    corrected at every sample it must not be surely larger: it uses all of the band, and has the smaller errors.
     """
     used, stretch = loop.used, loop.stretch
     count = int(stretch[-1]) + 1

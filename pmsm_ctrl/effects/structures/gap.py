@@ -34,6 +34,8 @@ AT_ONCE, FEWEST_LANES = 4e6, 8  # bytes of columns that are made side by side, a
 SHORTEST, LONGEST, GAPS = 0.003, 0.08, 15
 # Gap over what the contact gives way under the mean acceleration: behind less, a load hangs on a damper, not on flanks.
 FIRM = 2.0
+# By how much a heavily damped contact is followed in finer steps, at most: a coarser step makes it unstable.
+FINEST = 100.0
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,8 @@ class Gap(Transmission):
         w, zeta = (np.array([shape[name] for shape in shapes]) for name in (FREQUENCY, DAMPING))
         values[self.gap] = np.array([shape[self.gap] for shape in shapes])
         values[self.stiffness], values[self.damping] = w * w, 2.0 * zeta * w
-        steps = np.maximum(4, np.ceil(balances.period * w * 4.0).astype(int))
+        steps = np.ceil(balances.period * w * 4.0 * np.clip(zeta / STUCK, 1.0, FINEST)).astype(int)
+        steps = np.maximum(4, steps)
         out = np.empty((len(shapes), len(s["theta"])))
         for substeps in np.unique(steps).tolist():
             lanes = np.flatnonzero(steps == substeps)
