@@ -302,7 +302,8 @@ def _columns(design: Design) -> tuple[Column, ...]:
     for entry, values in _simulated(design):
         effect = effects[entry][0]
         for known in effect.parameters:
-            if known.symbol in effect.structure.fixed(effect):
+            structure = effect.structure
+            if known.symbol in structure.fixed(effect) | structure.absent(effect, values):
                 continue
             twins = sum(column.symbol == known.symbol for column in made)
             name = f"{known.symbol}#{twins + 1}" if twins else known.symbol

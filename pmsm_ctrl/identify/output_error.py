@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects.catalogue import bound_effects
-from pmsm_ctrl.errors import SimulationError
+from pmsm_ctrl.errors import DesignError, SimulationError
 from pmsm_ctrl.identify import policy
 from pmsm_ctrl.identify.notices import DIFFERS, NOT_CONVERGED, WRONG_LOOPS
 from pmsm_ctrl.identify.replay import Replay, plant_with
@@ -153,8 +153,8 @@ def _parameters(design: Design, problem: Problem) -> tuple[Column, ...]:
     for index, (effect, parameters) in enumerate(bound_effects(design)):
         for known in effect.parameters:
             symbol = known.symbol
-            if symbol == effect.order:
-                continue  # a whole number
+            if symbol == effect.order or symbol in effect.structure.absent(effect, parameters):
+                continue  # a whole number, or what the design has not
             twins = sum(column.symbol == symbol for column in made)
             name = f"{symbol}#{twins + 1}" if twins else symbol
             unit, value = axis_unit(known.unit, design.motion), parameters[symbol]
@@ -198,7 +198,7 @@ def _fitted(
     def residual(x: Array) -> Array:
         try:
             return (model.latest(full(x)) / force - measured / force)[mask]
-        except SimulationError:
+        except (DesignError, SimulationError):  # a load with more inertia or friction than the whole axis
             return np.full(int(mask.sum()), policy.UNSTABLE)
 
     def jacobian(x: Array) -> Array:

@@ -337,6 +337,10 @@ class Structure(ABC):
         """Names in a shape that the refinement leaves alone."""
         return frozenset((effect.order,)) if effect.order else frozenset()
 
+    def absent(self, effect: Effect, values: Mapping[str, float]) -> frozenset[str]:
+        """Parameters of what an effect may have and at these values has not: no fit by simulation begins there."""
+        return frozenset()
+
     def beside_the_search(self, effect: Effect) -> tuple[str, ...]:
         """Names in a shape that no search varies, and that are fitted with all others once the effect is in."""
         return ()

@@ -102,6 +102,11 @@ class Transmission(Structure):
         """The parameter of the dry friction behind it, N m; empty without one."""
         return ""
 
+    def absent(self, effect: Effect, values: Mapping[str, float]) -> frozenset[str]:
+        """Return the load's dry friction where it has none: with any, it would stick."""
+        carried = self.carried()
+        return frozenset((carried,)) if carried and values[carried] == 0.0 else frozenset()
+
     @staticmethod
     def start(omega: float, theta: float) -> tuple[float, ...]:
         """Return speed and angle of the load: it turns with the motor."""
