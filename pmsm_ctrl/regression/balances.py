@@ -79,8 +79,7 @@ SINC = 24
 FEWEST = 20  # samples of the thinned grid that a balance needs
 # Share of a log that the default band has to leave.
 USABLE = 0.1
-# What is remembered of a record whatever the direction of its dry friction.
-ANY_DIRECTION = frozenset({"base", "alpha", "noise of alpha", "beyond the band"})
+ANY_DIRECTION = frozenset({"base", "alpha", "noise of alpha", "beyond the band"})  # remembered whatever turns friction
 # A delay below this share of a sample is met well enough to first order.
 LATE = 0.03
 

@@ -224,7 +224,7 @@ class _Term:
     """A column of its own, with its nominal value and tolerance.
 
     `parts` returns what it does to each balance at the log's rate; `modelled` where that hangs on the current or torque
-    that a model predicts, `turning` where it hangs on the direction. All others are the same in every fit.
+    that a model predicts, `kept` as "turning" where it hangs on the direction. All others are the same in every fit.
     """
 
     name: str
@@ -232,12 +232,7 @@ class _Term:
     nominal: float
     sigma: float
     modelled: bool = False
-    turning: bool = False
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Under which its columns are remembered."""
-        return "turning" if self.turning else "base", self.name
+    kept: str = "base"
 
 
 def base_groups(
@@ -294,10 +289,8 @@ def base_groups(
 
 def _columns_of(record: Record, terms: Sequence[_Term], filtered: bool = False) -> dict[str, Rows]:
     """Return the columns of terms, filtered side by side; what follows from the motion alone is remembered."""
-    out: dict[str, Rows] = {}
-    for term in terms:
-        if not term.modelled and term.key in record.kept:
-            out[term.name] = record.kept[term.key]
+    known = {term.name: (term.kept, term.name) for term in terms if not term.modelled}
+    out: dict[str, Rows] = {name: record.kept[key] for name, key in known.items() if key in record.kept}
     missing = [term for term in terms if term.name not in out]
     parts = [term.parts() for term in missing]
     stacked = record.stack_all(parts, filtered)
@@ -307,8 +300,8 @@ def _columns_of(record: Record, terms: Sequence[_Term], filtered: bool = False) 
             for name, columns in zip(record.channels, stacked, strict=True)
         )
         out[term.name] = rows
-        if not term.modelled:
-            record.kept[term.key] = rows
+        if term.name in known:
+            record.kept[known[term.name]] = rows
     return out
 
 
@@ -319,10 +312,10 @@ def _motion_terms(design: Design, record: Record) -> Iterator[_Term]:
     if record.dry > 0.0:
         yield _Term(
             "tau_turn", lambda: {"torque": -record.dry * record.rate_of(s["direction"])}, 0.0,
-            TURN + TURN_SAMPLES * record.period, turning=True,
+            TURN + TURN_SAMPLES * record.period, kept="turning",
         )  # fmt: skip
     for at in record.changes:
-        yield _Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf, turning=True)
+        yield _Term(f"dF_c at {at:.4g} s", partial(_changed, record, at), 0.0, np.inf, kept="turning")
     if "T_load" in s and np.ptp(s["T_load"]) > 0.0:
         yield _Term(LOAD_SCALE, lambda: {"torque": s["T_load"]}, 0.0, design.motor.tolerance.get("psi_f", TOLERANCE))
     for lines in record.lines:
