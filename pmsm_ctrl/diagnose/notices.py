@@ -55,7 +55,7 @@ NOT_EXCITED = Template("not_excited", "{parameters} not excited by this motion")
 NOT_POLISHED = Template("not_polished", "the parameters are not refined by simulation: {why}")
 POLISHED = Template(
     "polished",
-    "the parameters are refined by simulation: the error on left-out stretches falls from {before:.3g} to {after:.3g} "
+    "the parameters are refined by simulation: the error on left-out stretches is {after:.4g} in place of {before:.4g} "
     "{unit}",
 )
 NOT_SEPARABLE = Template("not_separable", "{parameters} not separable on this motion")
