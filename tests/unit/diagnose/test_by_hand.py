@@ -11,6 +11,7 @@ from pmsm_ctrl import Design, simulate
 from pmsm_ctrl.diagnose import Stepwise, stepwise
 from pmsm_ctrl.errors import RequestError
 from pmsm_ctrl.simulate import scenario
+from tests.effort import amount
 
 STRIBECK = {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0}
 COGGING = {"a_s": 0.004, "a_c": 0.0, "order": 24.0}
@@ -20,7 +21,7 @@ COGGING = {"a_s": 0.004, "a_c": 0.0, "order": 24.0}
 def begun() -> Stepwise:
     design = Design.read("designs/seed_motor.toml")
     truth = design.with_effect("stribeck", STRIBECK).with_effect("cogging", COGGING)
-    motion = scenario("identification", design, duration=15.0)
+    motion = scenario("identification", design, duration=amount(15, 30))
     log, other = (simulate(design, motion, truth=truth, seed=seed) for seed in (1, 2))
     return stepwise(design, log, holdout=other)
 
