@@ -102,7 +102,8 @@ def saturated(record: Record, model: Model, groups: Sequence[Group] = ()) -> Sat
 def _responses_to(model: Model, groups: Sequence[Group]) -> Array:
     """Return the response of each held value to the torque columns of the groups, shape (responses, k)."""
     slopes = np.array([one.slope for one in model.responses])
-    return np.hstack([slopes @ columns.T for group in groups if (columns := group.rows[0]) is not None])
+    entering = (slopes @ columns.T for group in groups if (columns := group.rows[0]) is not None)
+    return np.hstack([np.zeros((len(slopes), 0)), *entering])  # none of them may enter the torque
 
 
 def whiteners(record: Record, residual: Array, rank: int) -> tuple[Whitener, Whitener]:

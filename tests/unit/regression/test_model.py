@@ -16,6 +16,7 @@ from pmsm_ctrl.regression.bounds import bounded, holding
 from pmsm_ctrl.regression.columns import Group
 from pmsm_ctrl.regression.covariance import basis_rows, noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
+from pmsm_ctrl.regression.saturated import _responses_to
 
 CHANNELS, M = 2, 400
 
@@ -124,3 +125,12 @@ def test_bounds_are_constraints_of_the_fit(seed: int) -> None:
     assert found.chi2 < 0.5 * float(np.sum((right - rows @ clipped) ** 2))
     assert rows[:, kept] @ found.inverse[kept] == pytest.approx(_basis(found), abs=1e-10)
     assert holding(free, {}).values == pytest.approx(free.values, rel=1e-10)
+
+
+def test_held_values_respond_to_nothing_where_no_candidate_enters_the_torque() -> None:
+    """A dead time alone, on a log of 15 s that leaves the inertia held, ended a diagnosis with an error."""
+    model: Any = SimpleNamespace(responses=[SimpleNamespace(slope=np.ones(5)), SimpleNamespace(slope=np.zeros(5))])
+    voltage: Any = SimpleNamespace(rows=(None, np.ones((1, 5)), None))
+    torque: Any = SimpleNamespace(rows=(np.full((1, 5), 2.0), None, None))
+    assert _responses_to(model, [voltage]).shape == (2, 0)
+    assert _responses_to(model, [voltage, torque]).tolist() == [[10.0], [0.0]]
