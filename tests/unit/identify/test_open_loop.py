@@ -67,7 +67,7 @@ def test_a_bristle_with_all_of_its_parameters(design: Design) -> None:
     """Its simulation is corrected at every sample; the inertia is that of the regression."""
     bristle = {"z_s": 0.004, "z_b": 0.5, "tau_z": 1e-3}
     start = design.with_effect("presliding", {"z_s": 0.003, "z_b": 0.4, "tau_z": 1.5e-3})
-    motion = scenario("triangle", design, speed=20.0, period=0.5, cycles=8.0)
+    motion = scenario("triangle", design, speed=20.0, period=0.5, cycles=5.0)
     quiet = design.replace(sensor={"encoder_counts": 0, "current_noise": 1e-3})
     log = simulate(start, motion, truth=quiet.with_effect("presliding", bristle), seed=1)
     result = identify(start, Log({name: log[name] for name in ("t", "theta", "i_q")}), method="output_error")
