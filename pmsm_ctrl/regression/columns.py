@@ -165,7 +165,11 @@ def groups_of_candidates(
             continue
         structure = effect.structure
         kinds = (True, False) if structure.offered_apart else (False,)
-        new = [shape for shape in shapes if (found := _seen(record, effect, shape, kinds[0]))[1] not in found[0]]
+        new = [  # of a long log one kind may be remembered for longer than the other
+            shape
+            for shape in shapes
+            if any(key not in memo for memo, key in (_seen(record, effect, shape, kind) for kind in kinds))
+        ]
         try:
             for shape, parts in zip(new, structure.columns_each(record, effect, new), strict=True):
                 rows = record.stack_all(parts, structure.filtered(record))

@@ -28,8 +28,9 @@ NAMES = (FREQUENCY, DAMPING, RUBBING)
 FREQUENCIES, RATIOS, BEST = 18, np.geomspace(0.2, 5.0, 9), 4
 DAMPED = 0.03
 SEEN = ("seen", RUBBING)  # under which the searched loads are remembered: they follow from the motion alone
-# The share of a swing's radian that a step covers, and most steps a sample; loads that are followed at once.
-PART_OF_RADIAN, MOST, AT_ONCE = 0.1, 64, 16
+# Longest step at which the motion is taken for the search, s; the share of a swing's radian that a step of the load
+# covers, and most of these a sample; loads that are followed at once.
+STEP, PART_OF_RADIAN, MOST, AT_ONCE = 1e-3, 0.1, 64, 16
 
 
 def rubbing_column(balances: Balances, shape: Mapping[str, float]) -> Array:
@@ -98,9 +99,12 @@ def rubbing_shapes(log: LogView, lowest: float) -> tuple[list[dict[str, float]],
 def _spring_torques(balances: Balances, springs: Array) -> NDArray[np.float32]:
     """Return the torques of springs over the inertia of their loads, filtered and thinned, shape (k, m)."""
     s, out = balances.signals, []
+    every = max(1, int(STEP / balances.period + 1e-9))
+    theta, omega = s["theta"][::every], s["omega"][::every]
+    nearest = np.minimum((np.arange(len(s["theta"])) + every // 2) // every, len(theta) - 1)
     for start in range(0, len(springs), AT_ONCE):
-        followed = _followed(s["theta"], s["omega"], balances.period, springs[start : start + AT_ONCE])
-        out += [balances.shaped(row).astype(np.float32) for row in followed]
+        followed = _followed(theta, omega, every * balances.period, springs[start : start + AT_ONCE])
+        out += [balances.shaped(row if every == 1 else row[nearest]).astype(np.float32) for row in followed]
     return np.stack(out)
 
 

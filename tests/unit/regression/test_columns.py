@@ -38,6 +38,18 @@ def test_columns_that_are_kept_are_those_of_the_record_that_is_asked(record: Rec
             np.testing.assert_array_equal(asked, build(fresh, effect, shape).values)
 
 
+def test_a_kind_of_columns_that_was_forgotten_is_made_again(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A log of ten minutes fills what is kept between the two kinds of a spring's columns: a diagnosis ended there."""
+    effect, fresh = CATALOGUE["compliance"], replace(record, memo={}, kept={})
+    shape = effect.structure.shape(effect, effect.example)
+    columns = 2 * record.target[0].nbytes
+    monkeypatch.setattr("pmsm_ctrl.regression.columns.MOST_KEPT", 0.5 * columns)
+    candidate_groups(fresh, effect, [shape])
+    (again,) = candidate_groups(replace(fresh, memo={}), effect, [shape])
+    (alone,) = candidate_groups(replace(record, memo={}, kept={}), effect, [shape])
+    np.testing.assert_array_equal(again.values, alone.values)
+
+
 def test_no_columns_outlive_the_diagnosis(designs) -> None:
     design = Design.read(designs / "seed_motor.toml")
     found = diagnose(design, simulate(design, "identification", seed=2), candidates=("stribeck", "presliding"))
