@@ -60,8 +60,6 @@ def _bound_memory() -> None:
 
 def read_mat(path: str, words: Sequence[str]) -> Answer:
     """Return name and shape of every variable, and the values of the numeric ones."""
-    # scipy imports all that numpy offers, its tests and its Fortran tool too: half of the time that starting takes
-    vars(np).update(testing=None, f2py=None)
     import scipy.io
 
     _bound_expansion(path)
@@ -222,4 +220,8 @@ READERS = {"mat": read_mat, "mdf": read_mdf, "ros 2": read_ros}
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["mat"]:
+        # In a process of its own: scipy imports all that numpy offers, its tests and its Fortran tool too, which is
+        # half of the time that starting takes.
+        vars(np).update(testing=None, f2py=None)
     sys.exit(main(sys.argv[1:]))

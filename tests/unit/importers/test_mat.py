@@ -11,7 +11,7 @@ import scipy.io
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
-from pmsm_ctrl.importers import read_log
+from pmsm_ctrl.importers import read_log, worker
 
 N = 50
 T = np.arange(N) * 1e-3
@@ -155,3 +155,11 @@ def test_laas_text_files(measured) -> None:
     )
     assert len(mapped) == 26999
     assert mapped.t[0] == 3.001
+
+
+def test_the_reader_takes_nothing_of_numpy_from_who_calls_it(tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, CONTENT)
+    answer, _ = worker.read_mat(str(path), ())
+    assert {name for name, _ in answer["variables"]} == set(CONTENT)
+    assert np.testing is not None
