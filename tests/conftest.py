@@ -36,6 +36,7 @@ def pytest_collection() -> Generator[None, object, object]:
     try:
         return (yield)
     finally:
+        gc.freeze()  # what was collected stays: no later search looks at it again
         gc.set_threshold(10_000)  # of 700 objects one test makes many times as many
         gc.enable()
 

@@ -16,7 +16,7 @@ from pmsm_ctrl.simulate import scenario
 design = Design.example("seed_motor")
 cogging = {"a_s": 0.004, "a_c": 0.003, "order": 24.0}
 truth = design.with_parameters(J=0.97 * design.J).with_effect("cogging", cogging)
-motion = scenario("identification", design, duration=15.0)
+motion = scenario("identification", design, duration=10.0)
 first, second = (simulate(design, motion, truth=truth, seed=seed) for seed in (1, 2))
 
 # %%

@@ -13,6 +13,8 @@ import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from types import FunctionType
 from typing import Any
 
 from pmsm_ctrl.errors import RequestError
@@ -71,13 +73,22 @@ def body_of(function: Any) -> tuple[ast.FunctionDef, Mapping[str, Any]]:
         raise RequestError(
             f"'{getattr(source, '__name__', source)}' has no counterpart on a controller; it cannot be exported"
         )
-    tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
+    return _tree_of(source), source.__globals__
+
+
+@cache  # a kernel is entered many times, and its tree is only read
+def _tree_of(function: FunctionType) -> ast.FunctionDef:
+    tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
     if not isinstance(tree, ast.FunctionDef):
-        raise RequestError(f"{source}: only a function can be exported")
+        raise RequestError(f"{function}: only a function can be exported")
     doc = ast.get_docstring(tree)
     tree.body = tree.body[1:] if doc else tree.body
     tree.doc = (doc or "").split("\n")[0]  # type: ignore[attr-defined]
-    return tree, source.__globals__
+    return tree
+
+
+def _uses(tree: ast.AST, text: str) -> int:
+    return sum(isinstance(node, ast.Name) and node.id == text for node in ast.walk(tree))
 
 
 class Flattener:
@@ -344,13 +355,12 @@ class Flattener:
         arguments = [self._expression(a, frame, out) for a in call.args]
         arrays = {a.id for a in arguments if isinstance(a, ast.Name)}
         for parameter, value in zip([a.arg for a in tree.args.args], arguments, strict=True):
-            used = sum(isinstance(n, ast.Name) and n.id == parameter for n in ast.walk(tree))
             # an element whose array is an argument as well may be assigned by the callee
             element = isinstance(value, ast.Name) and self._elements.get(value.id) in arrays
             plain = (isinstance(value, ast.Name | ast.Constant) and not element) or (
                 isinstance(value, ast.Subscript) and base(value) not in arrays
             )
-            if parameter not in own and (plain or (used <= 1 and len(tree.body) == 1)):
+            if parameter not in own and (plain or (len(tree.body) == 1 and _uses(tree, parameter) <= 1)):
                 inner.given[parameter] = value
                 continue
             held = self._local(tree.name, parameter)

@@ -17,7 +17,6 @@ from pmsm_ctrl import console
 from pmsm_ctrl.cli import app, main
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import NextCommand, PmsmCtrlError, RequestError
-from tests.effort import slow
 
 SEED_MOTOR = Path(__file__).resolve().parents[2] / "designs" / "seed_motor.toml"
 PLAIN = (
@@ -41,7 +40,7 @@ def design(tmp_path: Path) -> Path:
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     """Torque of a known axis in closed form: J = 1e-4, F_c = 0.02, F_v = 2e-4, and white noise."""
-    t = np.arange(0, 8, 1e-3)
+    t = np.arange(0, 4, 1e-3)
     omega = 80 * np.sin(2 * np.pi * 0.5 * t) + 40 * np.sin(2 * np.pi * 1.3 * t + 1)
     alpha = 80 * np.pi * np.cos(2 * np.pi * 0.5 * t) + 40 * 2.6 * np.pi * np.cos(2 * np.pi * 1.3 * t + 1)
     noise = np.random.default_rng(5).normal(0, 1e-3, t.size)
@@ -90,7 +89,9 @@ def test_help_answers_well_under_a_second() -> None:
         before = spent()
         subprocess.run([sys.executable, "-m", "pmsm_ctrl", "--help"], check=True, capture_output=True)
         best = min(best, spent() - before)
-    assert best < 0.6
+        if best < 0.6:
+            return
+    pytest.fail(f"{best:.2f} s")
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose", "import"])
@@ -530,39 +531,43 @@ def test_a_pipe_without_greek_letters_gets_the_answer_all_the_same() -> None:
     assert "sin (k?" in run.stdout
 
 
-def completed(words: str) -> list[str]:
-    """Return what a bash completion offers for the last word."""
-    count = len(words.split(" ")) - 1
-    environment = os.environ | {
-        "_PMSM_CTRL_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(count),
-    }  # fmt: skip
-    done = subprocess.run(
-        [sys.executable, "-c", "from pmsm_ctrl.cli import main; main()"],
-        capture_output=True, text=True, env=environment, check=True,
-    )  # fmt: skip
-    return done.stdout.split()
+def shell_asks(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], **variables: str) -> str:
+    """Return what the command line answers to the script of a shell's completion."""
+    monkeypatch.setattr(sys, "argv", ["pmsm-ctrl"])
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert not left.value.code
+    return capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        slow("pmsm-ctrl in", ["init"]),
-        slow("pmsm-ctrl tune --cur", ["--current", "--current-bandwidth"]),
-        slow("pmsm-ctrl effects cog", ["cogging"]),
+        ("pmsm-ctrl in", ["init"]),
+        ("pmsm-ctrl tune --cur", ["--current", "--current-bandwidth"]),
+        ("pmsm-ctrl effects cog", ["cogging"]),
         ("pmsm-ctrl simulate x --scenario tri", ["triangle"]),
     ],
 )
-def test_the_shell_completes_verbs_options_effects_and_scenarios(words: str, offered: list[str]) -> None:
-    assert completed(words) == offered
+def test_the_shell_completes_verbs_options_effects_and_scenarios(
+    words: str, offered: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    last = str(len(words.split(" ")) - 1)
+    said = shell_asks(
+        monkeypatch, capsys, _PMSM_CTRL_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=last
+    )  # fmt: skip
+    assert said.split() == offered
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_completion_script_is_shown(shell: str) -> None:
-    environment = os.environ | {"_PMSM_CTRL_COMPLETE": f"source_{shell}"}
-    code = "from pmsm_ctrl.cli import main; main()"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
-    assert "pmsm-ctrl" in done.stdout
-    assert f"complete_{shell}" in done.stdout
+def test_the_completion_script_is_shown(
+    shell: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = shell_asks(monkeypatch, capsys, _PMSM_CTRL_COMPLETE=f"source_{shell}")
+    assert "pmsm-ctrl" in said
+    assert f"complete_{shell}" in said
 
 
 OWN_EFFECT = """

@@ -12,12 +12,14 @@ import builtins
 import dataclasses
 import importlib
 import inspect
-import textwrap
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.sources import nodes_of
 
 numpydoc = pytest.importorskip("numpydoc.validate", reason="NUMPYDOC ABSENT: pip install 'pmsm-ctrl[dev]'")
 
@@ -90,14 +92,22 @@ def faults_of_function(found: Any, public: bool) -> Iterator[str]:
         yield f"raised errors not documented: {', '.join(missing)}"
 
 
+@cache
+def functions_of(path: Path) -> dict[int, ast.AST]:
+    """Return the functions of a file by their first line, which is that of the first decorator."""
+    found = (node for node in nodes_of(path) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda))
+    return {min([node.lineno, *(one.lineno for one in getattr(node, "decorator_list", []))]): node for node in found}
+
+
 def raised_by(function: Any) -> set[str]:
     """Return the names of the errors that a function raises itself, by ``raise Name(...)``."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
-    raised = (node.exc for node in ast.walk(tree) if isinstance(node, ast.Raise) and node.exc is not None)
+    code = inspect.unwrap(function).__code__
+    nodes = tuple(ast.walk(functions_of(Path(code.co_filename))[code.co_firstlineno]))
+    raised = (node.exc for node in nodes if isinstance(node, ast.Raise) and node.exc is not None)
     called = (node.func if isinstance(node, ast.Call) else node for node in raised)
     names = {node.id for node in called if isinstance(node, ast.Name) and node.id[0].isupper()}
     # what a function catches itself, such as a ValueError to leave a block, does not leave it
-    handlers = (node.type for node in ast.walk(tree) if isinstance(node, ast.ExceptHandler))
+    handlers = (node.type for node in nodes if isinstance(node, ast.ExceptHandler))
     caught = {part.id for kind in handlers if kind for part in ast.walk(kind) if isinstance(part, ast.Name)}
     return {name for name in names if name.endswith("Error") and (name not in caught or name not in dir(builtins))}
 
@@ -116,7 +126,10 @@ def faults(name: str) -> list[str]:
 PUBLIC = exported()
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_docstrings_are_complete(name: str) -> None:
-    found = faults(name)
+@pytest.mark.parametrize("room", sorted({name.partition("/")[0] if "/" in name else "beside" for name in MODULES}))
+def test_docstrings_are_complete(room: str) -> None:
+    """Of the modules of a room, or of those that stand beside the rooms."""
+    held = [name for name in MODULES if (name.startswith(f"{room}/") if room != "beside" else "/" not in name)]
+    assert held
+    found = [f"{name}.py: {text}" for name in held for text in faults(name)]
     assert not found, "\n".join(found)

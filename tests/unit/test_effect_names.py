@@ -10,9 +10,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 from pmsm_ctrl.effects import CATALOGUE
+from tests.sources import nodes_of
 
 PACKAGE = Path(__file__).resolve().parents[2] / "pmsm_ctrl"
 # The design page names them, they are what the toolbox tracks: F_c and F_v, of these two effects.
@@ -22,6 +21,7 @@ STRUCTURES = {"term", "transmission", "spring", "bristle"}
 # What columns call a parameter that is none of the effect's own.
 INTERNAL = {"w_a", "zeta", "frame", "level"}
 PARAMETERS = {p.symbol for effect in CATALOGUE.values() for p in effect.parameters} - TRACKED | INTERNAL
+NAMES = IDS | STRUCTURES | PARAMETERS
 READING = ("get", "pop", "setdefault", "startswith", "parameter", "parameters", "with_effect", "without_effect")
 # Words that are something else where they stand.
 ALLOWED = {
@@ -65,8 +65,7 @@ ALLOWED = {
 
 def names_used(path: Path) -> Iterator[tuple[int, str]]:
     """Yield (line, name) wherever code compares with, looks up or lists a name of an effect, structure or parameter."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
+    for node in nodes_of(path):
         if isinstance(node, ast.Compare):
             parts = [node.left, *node.comparators]
             yield from ((node.lineno, f".{name}") for name in _asked(node, parts))
@@ -97,7 +96,7 @@ def _names(node: ast.expr) -> Iterator[str]:
     for part in node.elts if isinstance(node, ast.Tuple | ast.List | ast.Set) else [node]:
         if isinstance(part, ast.Tuple):
             yield from _names(part)
-        if isinstance(part, ast.Constant) and part.value in IDS | STRUCTURES | PARAMETERS:
+        if isinstance(part, ast.Constant) and part.value in NAMES:
             yield part.value
 
 
@@ -111,13 +110,11 @@ def outside(package: Path) -> list[tuple[str, int, str]]:
     return found
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_no_effect_structure_or_parameter_is_asked_for_by_name(path: Path) -> None:
-    file = path.relative_to(PACKAGE).as_posix()
-    if file.startswith("effects/"):
-        return
-    wrong = [f"line {line}: {name}" for line, name in names_used(path) if (file, name) not in ALLOWED]
-    assert not wrong, "a declared attribute of the effect, or a method of its structure, should say it: " + str(wrong)
+def test_no_effect_structure_or_parameter_is_asked_for_by_name() -> None:
+    found = outside(PACKAGE)
+    wrong = [f"{file}:{line}: {name}" for file, line, name in found if (file, name) not in ALLOWED]
+    said = "a declared attribute of the effect, or a method of its structure, should say it:"
+    assert not wrong, "\n".join([said, *wrong])
 
 
 def test_no_word_is_allowed_without_need() -> None:

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.sources import nodes_of
+
 PACKAGE = Path(__file__).resolve().parents[2] / "pmsm_ctrl"
 PATHS = sorted(PACKAGE.rglob("*.py"))
 MAX_MODULE = 500
@@ -55,7 +57,7 @@ class Source:
 @cache
 def source_of(path: Path) -> Source:
     found = Source([], set(), [])
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path):
         if isinstance(node, ast.Import | ast.ImportFrom):
             found.imports.extend((f"{path.relative_to(PACKAGE)}:{node.lineno}", module) for module in imported(node))
         elif isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pmsm_ctrl
+from tests.sources import nodes_of
 
 PACKAGE = Path(pmsm_ctrl.__file__).parent
 # What is repeated many times, and then does not fit.
@@ -44,7 +45,7 @@ def patterns() -> Iterator[tuple[str, re.Pattern[str], str]]:
         place = path.relative_to(PACKAGE).as_posix()
         if "re." not in source or place in EXEMPT:
             continue
-        for node in ast.walk(ast.parse(source)):
+        for node in nodes_of(path):
             match node:
                 case ast.Call(
                     func=ast.Attribute(value=ast.Name(id="re"), attr=method),

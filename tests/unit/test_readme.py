@@ -1,4 +1,7 @@
-"""What the README shows is true: its verbs exist, its code runs, its two commands are where CI looks for them."""
+"""What the README shows is true: its verbs exist, and its two commands are where CI looks for them.
+
+Its code is run with that of all pages, in test_docs.py.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +32,3 @@ def test_ci_finds_the_commands(name: str) -> None:
     assert found is not None
     assert found[1].startswith("python3 -m venv .venv && ")
     assert "\n" not in found[1]
-
-
-@pytest.mark.parametrize("code", re.findall(r"```python\n(.*?)```", README, re.DOTALL))
-def test_python_of_the_readme_runs(
-    code: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(ROOT)
-    exec(compile(code, "README.md", "exec"), {})  # our own text, which a user is invited to run
-    assert "F_c" in capsys.readouterr().out

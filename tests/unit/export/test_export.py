@@ -29,7 +29,16 @@ from tests.unit.export.compiled_c import FLAGS, Compensator
 from tests.unit.export.structured_text import parsed, parsed_library, parsed_tcpou
 
 # The text is compared here. Whether its gain is safe takes simulations: test_safe_export.py.
-export, export_files = (partial(function, force=True) for function in (checked_export, checked_export_files))
+export = partial(checked_export, force=True)
+MADE: dict[tuple[object, ...], dict[str, str]] = {}
+
+
+def export_files(design: Design, language: str, *, flavour: str = "iec") -> dict[str, str]:
+    """Return the files of an export, made once for each design and language."""
+    key = (design.to_toml(), language, flavour)
+    if key not in MADE:
+        MADE[key] = checked_export_files(design, language, flavour=flavour, force=True)
+    return MADE[key]
 
 
 @pytest.fixture

@@ -171,11 +171,16 @@ def test_c_agrees_with_the_twin_whatever_comes(design: Design, log: Any, tmp_pat
     agree(fed(tracker, tracker.inputs, log), wanted, 1e-6)
 
 
-def test_c_tracks_the_step_of_friction(design: Design, log: Any, tmp_path: Path) -> None:
-    tracker = CTracker(design, Settings(), tmp_path)
-    found = fed(tracker, tracker.inputs, log)
+@pytest.fixture(scope="module")
+def counted(design: Design, log: Any, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+    """Return what the C makes of the whole log with settings of its own choice."""
+    tracker = CTracker(design, Settings(), tmp_path_factory.mktemp("counted"))
+    return fed(tracker, tracker.inputs, log)
+
+
+def test_c_tracks_the_step_of_friction(log: Any, counted: dict[str, np.ndarray]) -> None:
     late = log.t > 6.0
-    assert np.median(found["F_c"][late & (log.t < 7.0)]) == pytest.approx(0.0213 + 0.012, rel=0.05)
+    assert np.median(counted["F_c"][late & (log.t < 7.0)]) == pytest.approx(0.0213 + 0.012, rel=0.05)
 
 
 FLAVOURS: dict[str, Callable[[dict[str, str]], FunctionBlock]] = {
@@ -336,13 +341,12 @@ def test_a_day_that_is_run_in_single_precision_is_that_in_double(
         assert np.sqrt(np.mean(off[24:] ** 2)) < 1.3, name  # both follow the warm axis
 
 
-def test_an_angle_within_a_turn_is_as_good_as_one_that_is_counted_on(design: Design, log: Any, tmp_path: Path) -> None:
-    tracker = CTracker(design, Settings(), tmp_path)
-    counted = fed(tracker, tracker.inputs, log)
+def test_an_angle_within_a_turn_is_as_good_as_one_that_is_counted_on(
+    design: Design, log: Any, tmp_path: Path, counted: dict[str, np.ndarray]
+) -> None:
     turned = object.__new__(Unchecked)
     turned.channels = {**log.channels, "theta": np.remainder(log["theta"], 2.0 * np.pi)}
-    (tmp_path / "again").mkdir()
-    tracker = CTracker(design, Settings(), tmp_path / "again")
+    tracker = CTracker(design, Settings(), tmp_path)
     wrapped = fed(tracker, tracker.inputs, turned)
     for name in ("F_c", "F_v", "sd_F_c", "event"):
         assert np.allclose(wrapped[name], counted[name], rtol=1e-6), name

@@ -22,7 +22,7 @@ from pmsm_ctrl.importers.vocabulary import meaning_of
 from pmsm_ctrl.log import CHANNELS
 
 J, K_T, F_C, F_V = 2.4e-4, 0.62, 0.03, 3e-4
-PERIOD, N = 1e-3, 6000
+PERIOD, N = 1e-3, 3600
 RPM = 30.0 / np.pi
 
 

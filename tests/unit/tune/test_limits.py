@@ -14,6 +14,7 @@ from pmsm_ctrl.tune.limits import SWAMPED, USABLE_STEP
 from pmsm_ctrl.tune.requirements import Specification
 from pmsm_ctrl.tune.tuning import tune
 from tests.effort import seeds
+from tests.unit.tuned import tuned
 
 # A slow winding (6.8 ms) sampled at 100 kHz: the modulus optimum asks for 90 % of the voltage for 1 % of the current.
 SLOW_WINDING = {
@@ -26,40 +27,40 @@ SLOW_WINDING = {
 
 def test_a_small_step_of_the_current_fits_the_voltage():
     design = Design.from_dict(SLOW_WINDING)
-    tuned = tune(design, prove=False)
+    found = tune(design, prove=False)
     voltage = design.drive.u_dc / math.sqrt(3.0)
-    assert tuned.loops.current.K_p * USABLE_STEP * design.drive.i_max == pytest.approx(voltage)
-    factor = tune_current(design).K_p / tuned.loops.current.K_p
-    assert tuned.limited == pytest.approx({"voltage": factor})
-    assert tuned.slowed["current"] == pytest.approx(factor)
-    assert "limited_by_voltage" in {notice.code for notice in tuned.notices}
+    assert found.loops.current.K_p * USABLE_STEP * design.drive.i_max == pytest.approx(voltage)
+    factor = tune_current(design).K_p / found.loops.current.K_p
+    assert found.limited == pytest.approx({"voltage": factor})
+    assert found.slowed["current"] == pytest.approx(factor)
+    assert "limited_by_voltage" in {notice.code for notice in found.notices}
     # With the gains of the rule the axis runs away to a third of a radian.
-    trial = study_trials(tuned.design)["reversal 2 rad/s"]
-    log = run_trial(baseline(tuned.design), trial)[0]
+    trial = study_trials(found.design)["reversal 2 rad/s"]
+    log = run_trial(baseline(found.design), trial)[0]
     assert np.abs(log["theta_ref"] - log["theta_true"]).max() < 1e-3
 
 
 @pytest.mark.slow
 def test_the_counts_of_the_encoder_do_not_take_the_current():
     design = Design.from_dict(SLOW_WINDING).replace(sensor={"encoder_counts": 8192})
-    tuned = tune(design, prove=False)
-    assert tuned.noise.encoder_ripple <= SWAMPED * design.drive.i_max
-    assert tuned.limited["encoder"] > 1.5
-    assert {"limited_by_encoder", "encoder_ripple"} <= {notice.code for notice in tuned.notices}
-    assert tuned.margins_met
+    found = tune(design, prove=False)
+    assert found.noise.encoder_ripple <= SWAMPED * design.drive.i_max
+    assert found.limited["encoder"] > 1.5
+    assert {"limited_by_encoder", "encoder_ripple"} <= {notice.code for notice in found.notices}
+    assert found.margins_met
 
 
 def test_what_was_asked_for_is_not_changed():
     design = Design.from_dict(SLOW_WINDING)
     asked = Specification(current="bandwidth", current_bandwidth=4000.0, speed="bandwidth", speed_bandwidth=400.0)
-    tuned = tune(design, asked, prove=False)
-    assert tuned.limited == {}
-    assert tuned.margins["current"].crossover == pytest.approx(4000.0, rel=1e-3)
-    assert tuned.margins["speed"].crossover == pytest.approx(400.0, rel=1e-3)
+    found = tune(design, asked, prove=False)
+    assert found.limited == {}
+    assert found.margins["current"].crossover == pytest.approx(4000.0, rel=1e-3)
+    assert found.margins["speed"].crossover == pytest.approx(400.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", seeds("seed_motor", "small_servo", "servo_2kw"))
-def test_the_shipped_designs_are_within_their_limits(designs, name):
-    tuned = tune(Design.read(designs / f"{name}.toml"), prove=False)
-    assert tuned.limited == {}
-    assert set(tuned.slowed.values()) == {1.0}
+def test_the_shipped_designs_are_within_their_limits(name):
+    found = tuned(name)
+    assert found.limited == {}
+    assert set(found.slowed.values()) == {1.0}

@@ -13,11 +13,12 @@ from pmsm_ctrl.tune.moves import friction_load, moves
 from pmsm_ctrl.tune.sampled import Cascade
 from pmsm_ctrl.tune.tuning import tune
 from tests.benchmarks.machines import machine
+from tests.unit import tuned as shipped
 
 
 @pytest.fixture(scope="module")
-def tuned(request):
-    return tune(Design.read(request.config.rootpath / "designs/seed_motor.toml"), prove=False)
+def tuned():
+    return shipped.tuned("seed_motor")
 
 
 def test_a_time_constant_is_the_inverse_of_its_delay():

@@ -24,7 +24,7 @@ def speed_loop(a: float):
 
 def step_figures(system):
     """Overshoot in %, first time at the final value and settling to 2 %, times in units of T_sigma."""
-    t = np.linspace(0.0, 60.0 * T_SIGMA, 60001)
+    t = np.linspace(0.0, 60.0 * T_SIGMA, 12001)
     _, y = ct.step_response(system, t)
     outside = np.flatnonzero(np.abs(y - 1.0) > 0.02)
     return 100.0 * (y.max() - 1.0), t[np.argmax(y >= 1.0)] / T_SIGMA, t[outside[-1] + 1] / T_SIGMA

@@ -11,7 +11,8 @@ from pmsm_ctrl.console import run
 from pmsm_ctrl.design import Design
 
 
-def test_tune_prints_the_table_and_writes_what_was_asked(designs, tmp_path, capsys):
+def test_tune_prints_the_table_and_writes_what_was_asked(designs, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("pmsm_ctrl.rendering.html.inline_svg", lambda *given: "<svg></svg>")  # seconds, not asked here
     files = {name: tmp_path / name for name in ("new.toml", "tuning.json", "tuning.html")}
     status = run(app, [
         "tune", str(designs / "seed_motor.toml"), "--no-prove", "--output", str(files["new.toml"]),

@@ -28,6 +28,7 @@ from pmsm_ctrl.tune.robust import corners, robustness, varied, varied_load
 from pmsm_ctrl.tune.sampled import Cascade, frequencies
 from pmsm_ctrl.tune.speed import open_loop
 from pmsm_ctrl.tune.tuning import assess, tune
+from tests.unit import tuned as shipped
 
 
 @pytest.fixture(scope="module")
@@ -36,13 +37,13 @@ def root(request):
 
 
 @pytest.fixture(scope="module")
-def tuned(root) -> Tuning:
-    return tune(Design.read(root / "seed_motor.toml"), prove=False)
+def tuned() -> Tuning:
+    return shipped.tuned("seed_motor")
 
 
 @pytest.fixture(scope="module")
-def resonant(root) -> Tuning:
-    return tune(Design.read(root / "geared_resonant.toml"), prove=False)
+def resonant() -> Tuning:
+    return shipped.tuned("geared_resonant")
 
 
 def test_importing_the_package_does_not_import_python_control():
