@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pmsm_ctrl.compensate import notices
 from pmsm_ctrl.compensate.acceptance import Verdict
@@ -17,7 +17,9 @@ from pmsm_ctrl.compensate.window import GainWindow
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.result import Result, jsonable
 from pmsm_ctrl.section import Notice
-from pmsm_ctrl.tune.observer import ObserverDesign
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.tune.observer import ObserverDesign
 
 __all__ = ["CompensationStudy", "Row", "Variant", "own_change"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 from pmsm_ctrl.compensate.acceptance import accept
 from pmsm_ctrl.compensate.examples import examples_of
@@ -20,7 +21,9 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import bound_effects
 from pmsm_ctrl.errors import DesignError, RequestError
 from pmsm_ctrl.simulate.feedforward import Feedforward, require_present
-from pmsm_ctrl.tune.observer import ObserverDesign, design_observer
+
+if TYPE_CHECKING:
+    from pmsm_ctrl.tune.observer import ObserverDesign
 
 __all__ = ["SOURCES", "compensate", "with_bandwidth"]
 
@@ -158,6 +161,8 @@ def with_bandwidth(design: Design, observer: ObserverDesign | None, *, always: b
 
 def _observer(base: Design) -> ObserverDesign | None:
     """Return the disturbance observer that the loops allow, at the design's own bandwidth where it states one."""
+    from pmsm_ctrl.tune.observer import design_observer  # loads python-control, which an acceptance does not need
+
     try:
         return design_observer(base)
     except RequestError:

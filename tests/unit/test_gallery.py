@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 import itertools
 import re
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -14,7 +12,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pytest
 
-from tests.effort import seeds, slow
+from tests.browser import browser, measured, no_browser
+from tests.effort import amount, seeds
 
 html5lib = pytest.importorskip("html5lib", reason="HTML5LIB ABSENT: the gallery was not parsed (pip install html5lib)")
 
@@ -22,9 +21,6 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted((ROOT / "reports" / "gallery").glob("*.html"))
 NAMES = {"reference_experiment", "emps", "hidden_effects", "compensation"}
 LIMIT = 3_000_000
-no_browser = pytest.mark.skipif(
-    shutil.which("chromium") is None, reason="CHROMIUM ABSENT: the gallery was not drawn (apt install chromium)"
-)
 
 
 def parsed(path: Path) -> Element:
@@ -115,55 +111,24 @@ def test_the_readme_says_of_emps_what_its_page_says() -> None:
     assert rows == [(cells[3], cells[4]) for cells in shown]
 
 
-def browser(*words: str, profile: Path) -> subprocess.CompletedProcess[bytes]:
-    command = [
-        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-        "--disable-background-networking", "--disable-component-update", "--disable-sync", "--hide-scrollbars",
-        "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={profile}", *words,
-    ]  # fmt: skip
-    return subprocess.run(command, capture_output=True, timeout=120, check=True)
-
-
-def measured(page: Path, width: int, height: int, expression: str, tmp_path: Path) -> str:
-    """Return what a script says of the page in a frame of this size: a window is never narrower than 500 px."""
-    probe = f"<script>addEventListener('load', () => parent.postMessage({expression}, '*'))</script></body>"
-    text = re.sub('<meta http-equiv="Content-Security-Policy"[^>]*>', "", page.read_text("utf-8"))  # forbids the probe
-    (tmp_path / "page.html").write_text(text.replace("</body>", probe), encoding="utf-8")
-    frame = (
-        "<!DOCTYPE html><title>?</title><script>onmessage = (e) => { document.title = 'IS ' + e.data }</script>"
-        f"<iframe src='page.html' style='width:{width}px;height:{height}px;border:0'></iframe>"
-    )
-    outer = tmp_path / "frame.html"
-    outer.write_text(frame, encoding="utf-8")
-    drawn = browser(
-        "--window-size=1400,1000", "--virtual-time-budget=20000", "--dump-dom", outer.as_uri(),
-        profile=tmp_path / "profile",
-    )  # fmt: skip
-    found = re.search("<title>IS ([^<]*)</title>", drawn.stdout.decode())
-    assert found is not None
-    return found[1]
-
-
 @no_browser
-@pytest.mark.parametrize("page", seeds(*PAGES), ids=lambda path: path.stem)
-def test_phone_needs_no_sideways_scrolling(page: Path, tmp_path: Path) -> None:
-    root = "document.documentElement"
-    assert measured(page, 390, 844, f"{root}.scrollWidth - {root}.clientWidth", tmp_path) == "0"
-
-
-@no_browser
-@pytest.mark.parametrize(("width", "height"), [(390, 844), slow(1280, 800)], ids=["phone", "desk"])
-def test_the_first_screen_shows_the_error_falling_and_the_residual(width: int, height: int, tmp_path: Path) -> None:
+def test_a_phone_needs_no_sideways_scrolling_and_the_first_screen_shows_the_error_falling(tmp_path: Path) -> None:
     """Both pictures end within the window that issue 22 names, below the verdict, with no table above them."""
+    root = "document.documentElement"
+    wide = f"{root}.scrollWidth - {root}.clientWidth"
     bottoms = "[...document.querySelectorAll('.verdict, .hero svg')].map((e) => e.getBoundingClientRect().bottom)"
     top = "(document.querySelector('table')?.getBoundingClientRect().top ?? 1e6)"
-    page = next(one for one in PAGES if one.stem == "hidden_effects")
-    said = measured(page, width, height, f"[...{bottoms}, {top}].join(' ')", tmp_path)
-    verdict, *pictures, table = map(float, said.split())
-    assert len(pictures) == 2
-    assert verdict < min(pictures)
-    assert max(pictures) <= height
-    assert table > max(pictures)
+    texts = {page.stem: page.read_text("utf-8") for page in PAGES}
+    first = [(texts["hidden_effects"], *size, f"[...{bottoms}, {top}]") for size in [(390, 844), (1280, 800)]]
+    phones = [(text, 390, 844, wide) for text in list(texts.values())[: amount(1, len(texts))]]
+    first = first[: amount(1, 2)]
+    said = measured([*first, *phones], tmp_path)
+    for (_, _, height, _), (verdict, *pictures, table) in zip(first, said, strict=False):
+        assert len(pictures) == 2
+        assert verdict < min(pictures)
+        assert max(pictures) <= height
+        assert table > max(pictures)
+    assert said[len(first) :] == [0] * len(phones)
 
 
 @no_browser

@@ -66,7 +66,7 @@ def test_shares_rise_to_one_and_an_exception_ends_the_verb(verb: str, log: Log) 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no terminal of its own")
-@pytest.mark.parametrize("verb", ["compare", "add", "identify", "compensate"])
+@pytest.mark.parametrize("verb", ["compare", slow("add"), slow("identify"), "compensate"])
 def test_a_terminal_shows_progress_before_anything_is_read(verb: str, tmp_path: Path) -> None:
     """The log is a pipe that nobody writes to: whatever the verb shows, it shows before its work begins."""
     (tmp_path / "axis.toml").write_text(DESIGN, encoding="utf-8")

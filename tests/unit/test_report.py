@@ -5,8 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import re
-import shutil
-import subprocess
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
@@ -25,6 +23,7 @@ from pmsm_ctrl.rendering.svg import inline_svg
 from pmsm_ctrl.report import Headline, headline_of, render
 from pmsm_ctrl.section import Notice, Picture, Section, Table
 from pmsm_ctrl.simulate import scenario
+from tests.browser import measured, no_browser
 
 VOID = {"meta", "link", "br", "hr", "img", "input"}
 
@@ -339,38 +338,10 @@ def test_clean_diagnosis_has_a_report_too(designs: Path) -> None:
     assert any("No effect was accepted" in caption for caption in captions)
 
 
-no_browser = pytest.mark.skipif(
-    shutil.which("chromium") is None, reason="CHROMIUM ABSENT: the page was not drawn (apt install chromium)"
-)
-
-
-def probed(text: str, probe: str) -> str:
-    """Return a page with a script of the test in it, which its content security policy would not let run."""
-    text, found = re.subn('<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
-    assert found == 1
-    return text.replace("</body>", probe + "</body>")
-
-
-def browsed(path: Path, width: int, folder: Path) -> str:
-    """Return the page as the browser holds it after its scripts have run."""
-    command = [
-        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-        "--disable-background-networking", "--disable-component-update", "--disable-sync",
-        f"--user-data-dir={folder / 'profile'}", f"--window-size={width},900", "--dump-dom", path.as_uri(),
-    ]  # fmt: skip
-    return subprocess.run(command, capture_output=True, text=True, timeout=60).stdout
-
-
 @no_browser
-@pytest.mark.parametrize("width", [390, 1100], ids=["phone", "desk"])
-def test_browser_draws_the_page_without_sideways_scrolling(tmp_path: Path, width: int) -> None:
-    probe = (
-        "<script>const root = document.documentElement;"
-        "document.title = 'WIDE ' + (root.scrollWidth - root.clientWidth)</script>"
-    )
-    path = tmp_path / "page.html"
-    path.write_text(probed(page(), probe), encoding="utf-8")
-    assert "<title>WIDE 0</title>" in browsed(path, width, tmp_path)
+def test_browser_draws_the_page_without_sideways_scrolling(tmp_path: Path) -> None:
+    wide = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    assert measured([(page(), width, 900, wide) for width in (390, 1100)], tmp_path) == [0, 0]
 
 
 @pytest.mark.slow
@@ -379,13 +350,8 @@ def test_the_widest_tables_fit_a_desk(tmp_path: Path, designs: Path) -> None:
     """Tuning and compensation have the widest tables of all; at 1100 px they wrap before they scroll."""
     design = Design.read(designs / "seed_motor.toml")
     sections = [tune(design, prove=False).section(), wide_compensation(design).section()]
-    probe = (
-        "<script>document.title = 'WIDE ' + Math.max(...[...document.querySelectorAll('.scroll')].map("
-        "(e) => e.scrollWidth - e.clientWidth))</script>"
-    )
-    path = tmp_path / "page.html"
-    path.write_text(probed(render("Wide", sections), probe), encoding="utf-8")
-    assert "<title>WIDE 0</title>" in browsed(path, 1100, tmp_path)
+    wide = "Math.max(...[...document.querySelectorAll('.scroll')].map((e) => e.scrollWidth - e.clientWidth))"
+    assert measured([(render("Wide", sections), 1100, 900, wide)], tmp_path) == [0]
 
 
 def wide_compensation(design: Design) -> CompensationStudy:

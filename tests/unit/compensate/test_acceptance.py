@@ -47,9 +47,10 @@ def test_a_gain_made_too_high_and_a_wrong_name_fail_readably(tmp_path: Path, see
     (tmp_path / "high.toml").write_text(with_gain(seed_text, 2.5) + wanted)
     names = LINE.format("pusch", "cycle_amplitude", 0.0) + LINE.format("push", "rsm", 0.0)
     (tmp_path / "names.toml").write_text(seed_text + names)
+    (tmp_path / "test_late.py").write_text("import sys\ndef test_light():\n    assert 'control' not in sys.modules\n")
     ran = run_pytest(tmp_path, ".")
     assert ran.returncode == 1, ran.stdout + ran.stderr
-    assert "3 failed, 1 passed" in ran.stdout
+    assert "3 failed, 2 passed" in ran.stdout
     assert "unknown scenario 'pusch'; did you mean 'push'?" in ran.stdout
     assert "unknown metric 'rsm'; did you mean 'rms'?" in ran.stdout
     assert "FAILED: reversal 2 rad/s: rms_change = +" in ran.stdout

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from pmsm_ctrl.compensate import (
 )  # fmt: skip
 from pmsm_ctrl.compensate.acceptance import accept
 from pmsm_ctrl.compensate.metrics import Metrics, limit_cycle
-from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP
+from pmsm_ctrl.compensate.motions import CIRCLE, WARM_UP, Trial, _sine_then_rest
 from pmsm_ctrl.compensate.plants import BRISTLE_TRIALS, SWEEP_TRIALS, judged, with_bristle
 from pmsm_ctrl.compensate.result import CompensationStudy, own_change
 from pmsm_ctrl.compensate.runs import count_angle
@@ -70,10 +70,18 @@ def study(rich: Design) -> CompensationStudy:
 
 @pytest.fixture(scope="module")
 def brief(design: Design) -> CompensationStudy:
-    """Return a study of Coulomb and viscous friction on fewer trials: triangle and warm-up are reversals here."""
+    """Return a study of Coulomb and viscous friction on fewer and shorter trials.
+
+    Triangle and warm-up are reversals here. A reversal has one cycle of three, positioning one move and rest of two,
+    the push one of two, the circle one turn of two.
+    """
     every = study_trials(design)
     few = {name: every[name] for name in {*SWEEP_TRIALS, *BRISTLE_TRIALS, CIRCLE}}
-    few |= dict.fromkeys(("triangle", WARM_UP), every["reversal 2 rad/s"])
+    few |= {f"reversal {speed:g} rad/s": Trial((_sine_then_rest(design, speed, cycles=1.0),)) for speed in (0.5, 2.0)}
+    for name, duration in (("positioning", 0.5), ("push", 6.2 / 10.2), (CIRCLE, 0.5)):
+        motions = (replace(motion, duration=duration * motion.duration) for motion in every[name].motions)
+        few[name] = replace(every[name], motions=tuple(motions))
+    few |= dict.fromkeys(("triangle", WARM_UP), few["reversal 2 rad/s"])
     module = importlib.import_module("pmsm_ctrl.compensate.study")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "study_trials", lambda design: few)

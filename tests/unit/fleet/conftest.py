@@ -14,8 +14,8 @@ SEED = Path(__file__).resolve().parents[3] / "designs" / "seed_motor.toml"
 
 
 def write_log(path: Path, F_c: float, seed: int) -> None:
-    """Write 6 s of a multisine on the reference motor with this friction."""
-    t = np.arange(0, 6, 1e-3)
+    """Write 6 s at 500 Hz of a multisine on the reference motor with this friction."""
+    t = np.arange(0, 6, 2e-3)
     omega = 80 * np.sin(np.pi * t) + 40 * np.sin(2.6 * np.pi * t + 1)
     alpha = 80 * np.pi * np.cos(np.pi * t) + 104 * np.pi * np.cos(2.6 * np.pi * t + 1)
     torque = 9e-5 * alpha + F_c * np.sign(omega) + 1.68e-4 * omega + np.random.default_rng(seed).normal(0, 1e-3, t.size)

@@ -102,7 +102,7 @@ for number in range(int(sys.argv[2])):
 
 
 def test_kill_at_any_moment_loses_no_log_that_was_done(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", WRITER, str(tmp_path / "r"), str(amount(5, 50))]
+    command = [sys.executable, "-c", WRITER, str(tmp_path / "r"), str(amount(3, 50))]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     rows = list(Store(tmp_path / "r").read())
     done = {one.key for one in rows if one.kind == "status"}

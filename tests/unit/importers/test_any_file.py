@@ -54,7 +54,7 @@ def judge(content: bytes, mapping: dict[str, str] | None = None, design: Design 
 
 MAGIC = [
     b"",
-    b"MATLAB 5.0 MAT-file, ",
+    *(b"MATLAB 5.0 MAT-file, " for _ in range(amount(0, 1))),  # a process each; see test_mat.py
     b"\x89HDF\r\n\x1a\n",
     b"TDSm",
     b"PAR1",

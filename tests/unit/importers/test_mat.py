@@ -12,6 +12,7 @@ import scipy.io
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.importers import read_log, worker
+from tests.effort import amount, seeds
 
 N = 50
 T = np.arange(N) * 1e-3
@@ -107,7 +108,7 @@ def test_flipped_bytes_never_escape(tmp_path: Path, rng: np.random.Generator) ->
     path = tmp_path / "log.mat"
     scipy.io.savemat(path, CONTENT | {"s": {"a": 1.0, "b": "x"}})
     content = path.read_bytes()
-    for _ in range(4):
+    for _ in range(amount(2, 8)):
         damaged = bytearray(content)
         for place in rng.integers(126, len(content), 6):
             damaged[place] = rng.integers(0, 256)
@@ -120,7 +121,7 @@ def test_flipped_bytes_never_escape(tmp_path: Path, rng: np.random.Generator) ->
         assert "\n" not in message
 
 
-@pytest.mark.parametrize("cut", [10, 127, 200, 1000])
+@pytest.mark.parametrize("cut", seeds(1000, 10, 127, 200))
 def test_a_file_cut_short(tmp_path: Path, cut: int) -> None:
     path = tmp_path / "log.mat"
     scipy.io.savemat(path, CONTENT)

@@ -125,6 +125,7 @@ def test_standard_input_is_followed(ending: str, designs: Path, monkeypatch: pyt
         process.join(WAIT)
 
 
+@pytest.mark.slow  # its connection is tested in track/test_ads.py, the process above
 def test_a_plc_is_followed_and_a_lost_connection_is_opened_again(designs: Path) -> None:
     pytest.importorskip("pyads")
     plc = StandIn(HOST, SYMBOLS, samples(2000), cut=700)
