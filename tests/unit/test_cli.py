@@ -723,6 +723,7 @@ def test_a_study_of_two_logs_has_both(
     from tests.unit.several import DESIGN, record
 
     monkeypatch.setattr("pmsm_ctrl.rendering.html.inline_svg", lambda *given: "<svg></svg>")  # seconds, not asked here
+    monkeypatch.setattr("pmsm_ctrl.rendering.live.available", lambda: False)
     axis, page = tmp_path / "axis.toml", tmp_path / "page.html"
     axis.write_text(DESIGN.to_toml(), encoding="utf-8")
     files = [tmp_path / f"run_{k}.csv" for k in (1, 2)]

@@ -15,8 +15,11 @@ import shlex
 import subprocess
 import sys
 import warnings
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -91,14 +94,20 @@ def name_of(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("page", [ROOT / name for name in LONG], ids=name_of)
-def test_commands_of_a_long_page_exist(page: Path) -> None:
-    """Every command with its options is one of the command line, and every Python block compiles."""
+@cache
+def commands() -> Mapping[str, Any]:
+    """Return the commands of the command line by name."""
     from typer.main import get_command
 
     from pmsm_ctrl.cli import app
 
-    commands = get_command(app).commands  # type: ignore[attr-defined]
+    found: Mapping[str, Any] = get_command(app).commands  # type: ignore[attr-defined]
+    return found
+
+
+@pytest.mark.parametrize("page", [ROOT / name for name in LONG], ids=name_of)
+def test_commands_of_a_long_page_exist(page: Path) -> None:
+    """Every command with its options is one of the command line, and every Python block compiles."""
     for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
         if block["language"] == "python":
             compile(block["code"], page.name, "exec")
@@ -106,7 +115,7 @@ def test_commands_of_a_long_page_exist(page: Path) -> None:
         for line in block["code"].replace("\\\n", " ").splitlines():
             words = shlex.split(line, comments=True)
             if words[:1] == ["pmsm-ctrl"]:
-                verb = commands[words[1]]
+                verb = commands()[words[1]]
                 verb.make_context(words[1], words[2:], resilient_parsing=False)
 
 

@@ -34,9 +34,9 @@ F_v = 1e-4
 
 
 def moved(seed: int, drag: float = 4e-6) -> Log:
-    """A log of 20 s at 250 Hz: inertia, dry and viscous friction, and a drag that the design does not know."""
+    """A log of 12 s at 250 Hz: inertia, dry and viscous friction, and a drag that the design does not know."""
     rng = np.random.default_rng(seed)
-    t = np.arange(5000) / 250.0
+    t = np.arange(3000) / 250.0
     omega = 60.0 * np.sin(2.0 * np.pi * 0.21 * t) + 30.0 * np.sin(2.0 * np.pi * 0.55 * t + seed)
     theta = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1])) / 250.0])
     alpha = np.gradient(omega, t)

@@ -135,7 +135,7 @@ def test_a_session_is_twelve_letters(bench: Bench, session: str) -> None:
 
 
 def test_an_upload_has_a_bound(tmp_path, files: dict[str, bytes]) -> None:  # type: ignore[no-untyped-def]
-    bench = Bench(tmp_path / "s", limit=200_000)
+    bench = Bench(tmp_path / "s", limit=150_000)
     with bench.client() as client:
         page = Page(client, f"/{TOKEN}/s/abcdefghjkmn")
         page.post("design", {"toml": DESIGN})

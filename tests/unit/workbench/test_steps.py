@@ -248,7 +248,7 @@ def test_logs_of_the_command_line_are_read(tmp_path: Path, bench: Bench, files: 
     with bench.client() as client:
         logs = Page(client, f"/{TOKEN}/s/{session.id}").idle()["logs"]
     assert [entry["role"] for entry in logs] == ["fit", "holdout", "fit"]
-    assert [entry["info"]["samples"] for entry in logs] == [5000, 5000, 5000]
+    assert [entry["info"]["samples"] for entry in logs] == [3000, 3000, 3000]
 
 
 @pytest.mark.slow
