@@ -9,7 +9,7 @@ import pytest
 
 from pmsm_ctrl.compare import Comparison, compare
 from pmsm_ctrl.design import Design
-from pmsm_ctrl.identify import Processing, identify
+from pmsm_ctrl.identify import Identification, Processing, identify
 from pmsm_ctrl.importers import read_log
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.drive_timing import SYNCHRONOUS
@@ -33,6 +33,11 @@ def pulses(measured: Callable[[str], Path], design: Design) -> Log:
     return read_log(measured("emps/DATA_EMPS_PULSES.mat"), design)
 
 
+@pytest.fixture(scope="module")
+def identified(design: Design, record: Log) -> Identification:
+    return identify(design, record)
+
+
 @pytest.mark.parametrize("derivative", ["nine_point", "central"])
 def test_the_authors_figures(design: Design, record: Log, derivative: str) -> None:
     processing = Processing(derivative=derivative, sampling=SYNCHRONOUS)  # type: ignore[arg-type]
@@ -48,9 +53,9 @@ def test_the_authors_figures(design: Design, record: Log, derivative: str) -> No
     assert not result.unidentifiable
 
 
-def test_starting_values_do_not_matter(design: Design, record: Log) -> None:
+def test_starting_values_do_not_matter(design: Design, record: Log, identified: Identification) -> None:
     elsewhere = design.with_effect("coulomb", {"F_c": 1.0}).replace(motor={"J": 50.0})
-    a, b = identify(design, record), identify(elsewhere, record)
+    a, b = identified, identify(elsewhere, record)
     for name, estimate in a.estimates.items():
         assert b.estimates[name].value == pytest.approx(estimate.value, rel=1e-9)
     assert any("J is +90 % off" in text for text in b.warnings)
@@ -63,9 +68,8 @@ def _near_the_published_errors(comparison: Comparison) -> None:
         assert 0.96 * published <= record.errors["torque"].relative <= published
 
 
-def test_the_pulses_with_the_same_parameters(design: Design, record: Log, pulses: Log) -> None:
-    found = identify(design, record).design
-    comparison = compare(found, record, holdout=pulses)
+def test_the_pulses_with_the_same_parameters(record: Log, pulses: Log, identified: Identification) -> None:
+    comparison = compare(identified.design, record, holdout=pulses)
     print(comparison.summary())
     _near_the_published_errors(comparison)
     assert comparison.log.errors["torque"].unit == "N"

@@ -15,6 +15,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import lookup
 from pmsm_ctrl.errors import DesignError
 from pmsm_ctrl.tune import Tuning
+from pmsm_ctrl.tune import proof as proving
 from pmsm_ctrl.tune.optimise import optimise, reversal
 from pmsm_ctrl.tune.proof import BANDWIDTH_TOLERANCE, PHASE_TOLERANCE, Outcome, Proof, default_speed, prove
 from pmsm_ctrl.tune.tuning import tune
@@ -37,6 +38,13 @@ def tuned(request, designs) -> Tuning:
 @pytest.fixture
 def seed(designs) -> Tuning:
     return tuning_of(designs / "seed_motor.toml")
+
+
+@pytest.fixture
+def loops_alone(monkeypatch) -> None:
+    """Leave out of a proof what is not asked for here: steps, moves and the ripple of the encoder."""
+    for name, nothing in (("moves", ()), ("_steps", ({}, [])), ("_ripple", [])):
+        monkeypatch.setattr(proving, name, lambda *_, nothing=nothing, **__: nothing)
 
 
 def values(found: Proof) -> dict[tuple[str, str], tuple[float, float]]:
@@ -93,6 +101,7 @@ def test_the_proof_does_not_hang_on_the_seed(seed, number):
     assert all_pass(prove(seed.design, seed=number))
 
 
+@pytest.mark.usefixtures("loops_alone")
 def test_a_plant_unlike_the_datasheet_is_found_out_and_explained(seed):
     # A quarter more inertia: the crossover is a fifth lower than predicted.
     found = prove(seed.design, truth=seed.design.with_parameters(J=1.25 * seed.design.J))
@@ -234,6 +243,7 @@ def test_fast_windings_are_tuned_without_a_hand(designs, tau):
     assert not found.having(Outcome.EXPLAINED)
 
 
+@pytest.mark.usefixtures("loops_alone")
 def test_a_nearly_unstable_current_loop_is_measured_within_the_voltage():
     """At 2.4 deg of margin the control error is 23 times the reference: 10.2 were measured at the voltage limit."""
     free = tune(machine(9718), prove=False)
@@ -242,6 +252,7 @@ def test_a_nearly_unstable_current_loop_is_measured_within_the_voltage():
     assert found.margins.phase_margin == pytest.approx(found.predicted_margins.phase_margin, abs=1.0)
 
 
+@pytest.mark.usefixtures("loops_alone")
 def test_a_test_signal_behind_a_filter_begins_slowly():
     """Raised by the inverse of the filter and begun at once it reached the limit of the current: nothing was tuned."""
     proof = tune(machine(9912)).proof

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose import diagnose, diagnosis
 from pmsm_ctrl.diagnose.adding import added
 from tests.benchmarks.worlds.hidden import EFFECTS, hidden_log, possible, simulate_with_truth, simulate_world
 from tests.benchmarks.worlds.margin import HALF, margin, seen
@@ -107,12 +107,20 @@ def test_a_load_whose_friction_holds_it_is_a_wall() -> None:
     assert period == pytest.approx(2.0 * math.pi * math.sqrt((J - J_l) / k), rel=0.02)
 
 
+@pytest.fixture
+def without_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the intervals of nonlinear parameters, which tests/unit/diagnose/test_profiles.py looks at."""
+    monkeypatch.setattr(diagnosis, "with_profiles", lambda design, fit: fit)
+
+
+@pytest.mark.usefixtures("without_profiles")
 def test_a_load_that_rubs_is_named_with_its_friction() -> None:
     """Friction behind the spring holds the load and lets it go; without it in the model the rest was unexplained."""
-    world = draw(650022)
+    world = replace(draw(650022), duration=15.0)
     made = hidden_log(world, "compliance", 2.7)
     assert made is not None
-    found = diagnose(world.design, made[0], plan=False)
+    offered = ("compliance", "backlash", "stribeck", "presliding", "delay", "load_dependent_friction")
+    found = diagnose(world.design, made[0], candidates=offered, plan=False)
     assert [step.effect for step in found.steps] == ["compliance"]
     own = found.steps[0].parameters
     for name, true in (("J_load", "load_inertia"), ("k", "stiffness"), ("F_load", "load_dry")):
@@ -136,10 +144,11 @@ def test_a_world_moves_and_its_log_is_one(seed: int) -> None:
 
 def test_an_effect_is_named_though_noise_biases_the_timing_that_is_fitted_without_it() -> None:
     """Errors are compared with the timing held alike: a biased one makes them smaller, whatever the model."""
-    world = draw(470186)
+    world = replace(draw(470186), duration=15.0)
     made = hidden_log(world, "position_dependent_friction", 4.9)
     assert made is not None
-    found = diagnose(world.design, made[0], plan=False)
+    offered = ("position_dependent_friction", "unbalance", "cogging", "stribeck", "presliding", "constant_load")
+    found = diagnose(world.design, made[0], candidates=offered, plan=False)
     assert [step.effect for step in found.steps] == ["position_dependent_friction"]
     errors = [found.errors[model]["torque"]["rms"] for model in ("base", "final")]
     assert errors[1] < errors[0]

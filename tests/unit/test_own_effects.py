@@ -39,7 +39,7 @@ def design(designs) -> Design:
 
 @pytest.fixture(scope="module")
 def log(design: Design) -> Log:
-    return simulate_composed(design, scenario("identification", design), seed=3)
+    return simulate_composed(design, scenario("identification", design, duration=15.0), seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +189,8 @@ def test_identify_and_diagnose_give_the_same_answers(name: str, design: Design) 
         same(step["evidence"], wanted["evidence"])
 
 
-def test_a_current_gain_of_ones_own_is_corrected_like_the_catalogues(design: Design, log: Log) -> None:
+def test_a_current_gain_of_ones_own_is_corrected_like_the_catalogues(design: Design) -> None:
+    log = simulate(design, "identification", seed=3)
     own = renamed(CATALOGUE["current_gain"])
     gain = dict.fromkeys(own.example, 0.0) | {names_of(CATALOGUE["current_gain"])["g"]: 0.1}
     found = identify(design.with_own_effects(own).with_effect(own.id, gain), log)

@@ -173,8 +173,11 @@ def test_noise_floor_is_that_of_the_current_sensor(designs: Path) -> None:
 
 def test_text_json_and_page(seed_motor: Design) -> None:
     truth = seed_motor.with_effect("stribeck", {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0})
-    few = scenario("identification", seed_motor, duration=12.0)
-    log, other = (simulate(seed_motor, m, truth=truth, seed=s) for m, s in (("triangle", 1), (few, 2)))
+    few = scenario("identification", seed_motor, duration=6.0)
+    log, other = (
+        simulate(seed_motor, m, truth=truth, seed=s)
+        for m, s in ((scenario("triangle", seed_motor, cycles=2.0), 1), (few, 2))
+    )
     result = compare(seed_motor, log, holdout=other)
     text = " ".join(result.summary(width=250).split())
     assert "of the residual depends on speed and direction; largest" in text

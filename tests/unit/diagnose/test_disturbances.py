@@ -14,6 +14,11 @@ from pmsm_ctrl.simulate import simulate
 from tests.effort import seeds
 
 DRY = 0.0213  # N m
+# What such an event looks like; a search for springs takes as long as all of these.
+ALIKE = (
+    "thermal_drift", "constant_load", "viscous_asymmetry", "stribeck", "presliding", "load_dependent_friction",
+    "cogging", "position_dependent_friction", "unbalance", "torque_saturation",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +47,7 @@ def test_what_happens_once_is_named_and_left_out(
     design: Design, code: str, stop: float, along: bool, seed: int
 ) -> None:
     log = simulate(design, "triangle", seed=seed)
-    found = diagnose(design, disturbed(design, log, 10.8, stop, along=along), plan=False)
+    found = diagnose(design, disturbed(design, log, 10.8, stop, along=along), candidates=ALIKE, plan=False)
     assert found.steps == ()
     assert found.verdict == "unexplained"
     (event,) = found.events

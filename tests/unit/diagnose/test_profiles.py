@@ -49,7 +49,7 @@ def test_a_power_of_speed_has_the_interval_of_its_profile(seed: int) -> None:
     """
     design = Design.read(DESIGNS / "hand_tuned.toml")
     truth = {"k": 0.0009, "n": 0.57}
-    motion = scenario("identification", design)
+    motion = scenario("identification", design, duration=15.0)
     log = simulate_composed(design, motion, design.with_effect("viscous_power", truth), seed=seed, keep_truth=False)
     found = added(design, log, "viscous_power")
     true = {**truth, "F_c": design.parameters("coulomb")["F_c"], "F_v": design.parameters("viscous")["F_v"]}

@@ -76,8 +76,8 @@ def test_the_other_verbs_take_the_same_records() -> None:
     assert [row.held_out for row in compared.records] == [False] * 2 + [True] * 2
     assert len(compared.holdouts) == 2
     assert all(row.level_before["torque"]["rms"] <= row.before["torque"]["rms"] for row in compared.records)
-    tracked = track(DESIGN, logs)
-    assert list(tracked.by_record) == [f"record_{k}.csv" for k in range(1, 5)]
+    tracked = track(DESIGN, logs[:2])
+    assert list(tracked.by_record) == [f"record_{k}.csv" for k in (1, 2)]
 
 
 def test_what_simulates_one_log_refuses_several() -> None:

@@ -15,9 +15,9 @@ J, F_C, F_V, DF, W_S, DELTA = 1e-3, 0.2, 0.002, 0.1, 4.0, 1.6
 NOISE = 0.004
 
 
-def stribeck_log(seed: int) -> Log:
+def stribeck_log(seed: int, seconds: float = 40.0) -> Log:
     """Slow speeds both ways with white torque noise and an exact angle."""
-    t = np.arange(0.0, 40.0, 2e-3)
+    t = np.arange(0.0, seconds, 2e-3)
     speed = 12.0 * np.sin(2 * np.pi * 0.05 * t) + 8.0 * np.sin(2 * np.pi * 0.13 * t)
     angle = -12.0 * np.cos(2 * np.pi * 0.05 * t) / (2 * np.pi * 0.05)
     angle -= 8.0 * np.cos(2 * np.pi * 0.13 * t) / (2 * np.pi * 0.13)
@@ -46,7 +46,7 @@ def test_standard_errors_are_those_of_nonlinear_least_squares(seed: int) -> None
 
 
 def test_friction_that_rises_from_standstill_is_no_stribeck_friction() -> None:
-    log = stribeck_log(4)
+    log = stribeck_log(4, 20.0)
     rising = log["torque"] - 2.0 * np.sign(np.gradient(log["theta"])) * DF * np.exp(
         -(np.abs(np.gradient(log["theta"], log.t) / W_S) ** DELTA)
     )

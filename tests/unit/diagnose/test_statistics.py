@@ -22,7 +22,7 @@ from pmsm_ctrl.regression.columns import effect_group
 from pmsm_ctrl.regression.covariance import noise_covariance
 from pmsm_ctrl.regression.model import solve_model
 from pmsm_ctrl.regression.reversals import timed_sign
-from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate import scenario, simulate
 from tests.effort import seeds
 
 
@@ -83,7 +83,8 @@ def test_timed_sign_keeps_the_area() -> None:
 def test_result_is_json_with_the_agreed_keys(designs) -> None:
     design = Design.read(designs / "seed_motor.toml")
     truth = design.with_effect("constant_load", {"T_0": 0.004})
-    result = diagnose(design, simulate(design, "identification", truth=truth, seed=1))
+    motion = scenario("identification", design, duration=10.0)
+    result = diagnose(design, simulate(design, motion, truth=truth, seed=1))
     data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert data["schema"] == "pmsm-ctrl/diagnosis/1"
     assert data["verdict"] == "effects_missing"
@@ -105,7 +106,7 @@ def test_result_is_json_with_the_agreed_keys(designs) -> None:
 
 def test_unknown_candidate_is_refused(designs) -> None:
     design = Design.read(designs / "seed_motor.toml")
-    log = simulate(design, "triangle", seed=1)
+    log = simulate(design, scenario("triangle", design, cycles=1.0), seed=1)
     with pytest.raises(RequestError, match="did you mean 'cogging'"):
         diagnose(design, log, candidates=["coging"])
 

@@ -130,18 +130,19 @@ def test_records_are_averaged(seed: Design) -> None:
 
 
 def test_a_wrong_inertia_is_said(seed: Design) -> None:
-    result = frf(seed.with_parameters(J=7e-5), simulate(seed, multisine(design=seed), seed=2))
+    result = frf(seed.with_parameters(J=7e-5), simulate(seed, multisine(design=seed, periods=3.0), seed=2))
     assert [one.code for one in result.notices] == ["frf_inertia_deviates"]
     assert result.estimates["J"].value == pytest.approx(9e-5, rel=0.01)
 
 
 def test_a_resonance_that_the_design_has_wrongly_is_said(seed: Design) -> None:
     believed = seed.with_effect("compliance", SPRING)
-    log = simulate(believed, multisine(design=seed), truth=seed.with_effect("compliance", SPRING | {"k": 20.0}), seed=4)
+    motion = multisine(design=seed, periods=3.0)
+    log = simulate(believed, motion, truth=seed.with_effect("compliance", SPRING | {"k": 20.0}), seed=4)
     result = frf(believed, log)
     assert [one.code for one in result.notices] == ["frf_resonance_deviates"]
     assert result.estimates["resonance"].value == pytest.approx(RESONANCE * math.sqrt(20.0 / 15.0), rel=0.005)
-    rigid = frf(believed, simulate(believed, multisine(design=seed), truth=seed, seed=4))
+    rigid = frf(believed, simulate(believed, motion, truth=seed, seed=4))
     assert [one.code for one in rigid.notices] == ["frf_resonance_not_seen"]
 
 
@@ -155,7 +156,7 @@ def test_an_unknown_inertia_is_measured(seed: Design, found: FrequencyResponse, 
 
 
 def test_channels_that_are_apart_are_late(seed: Design) -> None:
-    log = simulate(seed, multisine(design=seed), seed=4)
+    log = simulate(seed, multisine(design=seed, periods=3.0), seed=4)
     late = log.slice(1, len(log)).with_channels(theta=log["theta"][:-1], omega=log["omega"][:-1])
     result = frf(seed, late)
     assert "frf_delay" in [one.code for one in result.notices]
@@ -260,12 +261,12 @@ def test_a_log_of_another_period_is_taken_as_it_is(seed: Design) -> None:
     assert np.all(recorded(seed, np.array([10.0, 100.0]), [1e-3, 2e-3], 9e-5, 50.0) == 1.0)
 
 
-def binary(design: Design, clock: float, *, of_speed: bool = False) -> Scenario:
+def binary(design: Design, clock: float, *, of_speed: bool = False, periods: float = 3.0) -> Scenario:
     """Return a multisine's motion with a binary sequence in its place, in A or rad/s, clocked in speed loop ticks.
 
     It begins in the first tick after the run-up, which is not one of the log.
     """
-    motion, T = multisine(design=design, periods=3.0), design.drive.speed_period
+    motion, T = multisine(design=design, periods=periods), design.drive.speed_period
     start, channel = motion.segments[0][2], "omega_ref" if of_speed else "i_q_add"
     sequence = binary_signal(clock, 12, 0.7 if of_speed else 0.06)
 
@@ -309,7 +310,7 @@ def test_without_noise_nothing_is_left_of_the_steps(seed: Design, J: float | str
     """The inertia need not be known: what the controller answers is that of the axis that is found first."""
     quiet = seed.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
     design = quiet.replace(motor={"J": J})
-    _, axis, _ = measured_axis(design, stretches(design, [simulate(quiet, binary(seed, 2e-3))]))
+    _, axis, _ = measured_axis(design, stretches(design, [simulate(quiet, binary(seed, 2e-3, periods=1.0))]))
     assert pytest.approx(9e-5, rel=1e-3) == axis.J
     assert axis.values[2] == pytest.approx(0.0, abs=1e-6)
 
@@ -373,7 +374,7 @@ def test_what_folds_all_over_the_response_is_not_said_to_lack_excitation(seed: D
 
 
 @pytest.mark.parametrize(
-    ("clock", "filtered"), [(2e-3, False), (5.25e-3, True), slow(2e-3, True), slow(5.25e-3, False)]
+    ("clock", "filtered"), [(5.25e-3, True), slow(2e-3, True), slow(2e-3, False), slow(5.25e-3, False)]
 )
 def test_a_binary_speed_reference_is_measured(seed: Design, clock: float, *, filtered: bool) -> None:
     """Without the filter of the reference 8 to 12 % of the inertia before. The signal is weak: two records."""
@@ -392,7 +393,11 @@ def test_the_speed_loop_is_that_of_a_smooth_reference(seed: Design) -> None:
     """A held reference acts half a period later: the response is taken to where python-control puts it."""
     design = seed.replace(loops={"speed": seed.loops.speed.model_dump() | {"reference_filter": 0.0}})
     quiet = design.replace(sensor={"encoder_counts": 0, "current_noise": 0.0})
-    loop = frf(quiet, simulate(quiet, binary(quiet, 2e-3, of_speed=True))).responses["speed"]
+    found = frf(quiet, simulate(quiet, binary(quiet, 2e-3, of_speed=True, periods=1.0)))
+    assert (found.plant.instrument, found.plant.held) == ("omega_ref", True)
+    assert found.estimates["J"].value == pytest.approx(9e-5, rel=1e-3)
+    assert abs(found.estimates["delay"].value) < 2e-6
+    loop = found.responses["speed"]
     assert design.loops is not None
     cascade = Cascade.of(design, design.loops.current, design.loops.speed, at=50.0)
     f = loop.frequency
@@ -433,7 +438,7 @@ def test_a_log_without_excitation_is_refused(seed: Design) -> None:
 def reversing(seed: Design) -> Log:
     """A log of reversals without any excitation, as a drive records it: no reference in it."""
     noisy = seed.replace(sensor={"current_noise": 0.01})
-    log = simulate(noisy, scenario("identification", seed, duration=12.0), seed=3)
+    log = simulate(noisy, scenario("identification", seed, duration=6.0), seed=3)
     return Log({name: log[name] for name in ("t", "theta", "omega", "i_q")})
 
 

@@ -127,7 +127,9 @@ def test_a_spring_is_polished_where_left_out_stretches_gain(design: Design) -> N
 def test_what_gains_nothing_stays(design: Design, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(polish, "SURE", 100.0)  # no gain is sure
     log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0), seed=3)
-    plain, polished = (diagnose(design, log, plan=False, polish=wanted) for wanted in (False, True))
+    plain, polished = (
+        diagnose(design, log, candidates=("stribeck",), plan=False, polish=wanted) for wanted in (False, True)
+    )
     assert [note.code for note in polished.remarks] == ["not_polished"]
     assert polished.design == plain.design
     assert polished.to_dict()["notes"] == [note.text for note in polished.remarks]

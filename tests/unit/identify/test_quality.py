@@ -20,7 +20,10 @@ def shares(case: Case, method: str, seeds: range) -> dict[str, tuple[float, floa
     rows: dict[str, list[tuple[float, float]]] = {}
     for seed in seeds:
         log = simulate(case.believed(), case.motion, truth=case.truth, seed=seed)
-        for name, e in identify(case.believed(), log, method=method).estimates.items():  # type: ignore[arg-type]
+        found = identify(case.believed(), log, method=method)  # type: ignore[arg-type]
+        for name, e in found.estimates.items():
+            low, high = found.intervals[name]
+            assert (0.5 * (low + high), high - low) == pytest.approx((e.value, 2.0 * 1.96 * e.stderr), rel=0.05), name
             rows.setdefault(name, []).append(((e.value - truth[name]) / e.stderr, bounds[name] / e.stderr))
     return {name: (float(np.sum(np.square(x)[:, 0])), float(np.mean(x, axis=0)[1])) for name, x in rows.items()}
 
