@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import random
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +99,32 @@ def json_follows_its_schema() -> Iterator[None]:
 def measured() -> MeasuredData:
     """Return a function from a relative name (emps/DATA_EMPS.mat) to a path; skips loudly if absent."""
     return MeasuredData(data_folder())
+
+
+@pytest.fixture(scope="session", autouse=True)
+def measured_files_need_no_process() -> Iterator[None]:
+    """Read measured MAT files in this process: starting another one takes half a second, and they damage nothing."""
+    from pmsm_ctrl.importers import mat
+    from tests.readers_here import ask_here
+
+    outside, folder = mat.ask, data_folder().resolve()
+
+    def ask(kind: str, path: Path, file: str, words: Sequence[str] = ()) -> tuple[dict[str, Any], bytes]:
+        chosen = ask_here if path.resolve().is_relative_to(folder) else outside
+        return chosen(kind, path, file, words)
+
+    mat.ask = ask
+    yield
+    mat.ask = outside
+
+
+@pytest.fixture
+def good_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read MAT files and bags of a test in this process, as measured ones are."""
+    from tests.readers_here import ask_here
+
+    for name in ("mat", "bags"):
+        monkeypatch.setattr(f"pmsm_ctrl.importers.{name}.ask", ask_here)
 
 
 @pytest.fixture(scope="session")

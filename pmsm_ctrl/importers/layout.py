@@ -42,6 +42,7 @@ MAX_LINE = 1 << 24  # bytes; a file with longer lines is no table
 SEPARATORS = (";", "\t", ",", "|", " ")
 # Digits are never given back: a cell of 20,000 of them is refused in linear time.
 _NUMBER = re.compile(r"\s*+[+-]?(?:(\d++[.,]?\d*+|[.,]\d++)([eE][+-]?\d++)?|nan|inf|infinity)\s*+$", re.IGNORECASE)
+_JUNK = re.compile(rb"[\x00-\x08\x0b\x0e-\x19\x1b-\x1f]")  # what no text holds
 
 
 @dataclass(frozen=True)
@@ -136,10 +137,10 @@ def encoding_of(head: bytes, file: str) -> str:
             half = head[offset::2]
             if half and half.count(0) > 0.9 * len(half):
                 return name
-    junk = next((i for i, byte in enumerate(head) if byte < 32 and byte not in b"\t\r\n\f\x1a"), None)
+    junk = _JUNK.search(head)
     if junk is not None:
         raise LogError(
-            f"{file}: byte {junk} is 0x{head[junk]:02x}: neither text nor a known format "
+            f"{file}: byte {junk.start()} is 0x{junk[0][0]:02x}: neither text nor a known format "
             "(accepted: CSV and other text, MAT, MDF4, TDMS, Parquet, NumPy)"
         )
     try:
@@ -202,7 +203,7 @@ def split_line(line: str, separator: str) -> list[str]:
             return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
         except (csv.Error, StopIteration):
             pass
-    return [cell.strip() for cell in line.split(separator)]
+    return list(map(str.strip, line.split(separator)))
 
 
 def _trimmed(cells: list[str]) -> list[str]:

@@ -135,6 +135,7 @@ def simulink(path: Path) -> None:
     scipy.io.savemat(path, {"ScopeData": {"time": T[:, None], "signals": _structs(rows), "blockName": "model/Scope"}})
 
 
+@pytest.mark.usefixtures("good_files")
 def test_a_recording_of_dspace(tmp_path: Path) -> None:
     path = tmp_path / "rec.mat"
     dspace(path)
@@ -144,6 +145,7 @@ def test_a_recording_of_dspace(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log["i_q"], CURRENT)
 
 
+@pytest.mark.usefixtures("good_files")
 def test_a_structure_with_time_of_simulink(tmp_path: Path) -> None:
     path = tmp_path / "scope.mat"
     simulink(path)

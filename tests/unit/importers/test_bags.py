@@ -103,6 +103,7 @@ def test_joint_states_are_read_to_the_digit(tmp_path: Path, kind: str) -> None:
     np.testing.assert_array_equal(log["torque"], torque)
 
 
+@pytest.mark.usefixtures("good_files")
 def test_a_bag_is_proposed_and_its_units_are_doubted(tmp_path: Path) -> None:
     write_mcap(tmp_path / "run.mcap")
     table = open_table(tmp_path / "run.mcap")
@@ -117,6 +118,7 @@ def test_a_bag_is_proposed_and_its_units_are_doubted(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(log.t), 0.002, atol=1e-12)  # the stamps, and not the recorder's late times
 
 
+@pytest.mark.usefixtures("good_files")
 def test_of_several_joints_one_is_proposed_whole_and_said(tmp_path: Path) -> None:
     write_mcap(tmp_path / "run.mcap", joints=("shoulder", "elbow"))
     proposal = propose(open_table(tmp_path / "run.mcap"))
@@ -129,6 +131,7 @@ def test_of_several_joints_one_is_proposed_whole_and_said(tmp_path: Path) -> Non
     np.testing.assert_array_equal(log["theta"], 2.0 * motion()[1])
 
 
+@pytest.mark.usefixtures("good_files")
 def test_without_stamps_the_recorder_gives_the_time(tmp_path: Path) -> None:
     write_mcap(tmp_path / "run.mcap", stamped=False)
     np.testing.assert_allclose(read_log(tmp_path / "run.mcap", mapping=SI).t, motion()[0], atol=1e-12)

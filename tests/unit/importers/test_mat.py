@@ -63,6 +63,7 @@ def test_version_7_3_without_h5py_says_what_to_install(tmp_path: Path, monkeypat
         read_log(path)
 
 
+@pytest.mark.usefixtures("good_files")
 def test_structs_and_matrices(tmp_path: Path) -> None:
     path = tmp_path / "log.mat"
     scipy.io.savemat(path, {"run": {"time": T, "y": np.column_stack([np.sin(T), np.cos(T)])}})
@@ -71,6 +72,7 @@ def test_structs_and_matrices(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log["i_q"], np.cos(T))
 
 
+@pytest.mark.usefixtures("good_files")
 def test_nan_names_variable_and_sample(tmp_path: Path) -> None:
     path = tmp_path / "log.mat"
     theta = np.sin(T)
@@ -80,6 +82,7 @@ def test_nan_names_variable_and_sample(tmp_path: Path) -> None:
         read_log(path)
 
 
+@pytest.mark.usefixtures("good_files")
 def test_unequal_lengths_and_no_vectors(tmp_path: Path) -> None:
     path = tmp_path / "log.mat"
     scipy.io.savemat(path, CONTENT | {"theta": np.zeros(N + 1)})
