@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -23,11 +24,14 @@ from pmsm_ctrl.fleet.engine import completed
 from pmsm_ctrl.fleet.evaluate import Job
 from pmsm_ctrl.fleet.manifest import Item, Settings
 
-distributed = pytest.importorskip("distributed")
 pytest.importorskip("pyarrow")
 
-# Workers close sockets and files of their own when they are ended; that is theirs.
-pytestmark = pytest.mark.filterwarnings("ignore")
+pytestmark = [
+    # Workers close sockets and files of their own when they are ended; that is theirs.
+    pytest.mark.filterwarnings("ignore"),
+    # Looked for and not imported: that takes a second, in every process that collects tests.
+    pytest.mark.skipif(find_spec("distributed") is None, reason="DISTRIBUTED ABSENT: pip install 'pmsm-ctrl[dev]'"),
+]
 COST = ("processor_time", "memory")
 
 
@@ -48,6 +52,8 @@ def jobs(count: int) -> list[Job]:
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """A scheduler with one worker in this process: the protocol, without the start of processes."""
+    import distributed
+
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50,
         protocol="tcp", host="127.0.0.1",
