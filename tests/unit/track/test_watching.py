@@ -131,7 +131,7 @@ def test_a_stream_in_which_nothing_changes_raises_no_alarm(seed: Design, k: int)
     """The design is wrong in inertia and friction, and does not know of a load."""
     plant = seed.with_parameters(J=1.2 * seed.J).with_effect("coulomb", {"F_c": 0.03})
     plant = plant.with_effect("viscous", seed.parameters("viscous"))  # in the order, and the kernel, of the others
-    motion = scenario("triangle", seed, speed=120.0, period=0.9, cycles=14.0)
+    motion = scenario("triangle", seed, speed=120.0, period=0.9, cycles=float(amount(9, 14)))
     assert watch(seed, spoken([simulate(plant, motion, seed=k)]), window=1.0).alarms == ()
 
 
