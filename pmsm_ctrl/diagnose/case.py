@@ -54,6 +54,8 @@ class Case:
         The design as it was given, where that is another one.
     conditioned_with : function or None
         Returns the case with the log conditioned by another design, which has the effects found so far.
+    in_band : function or None
+        Returns the case with the log conditioned in another band.
     fits : list of Fitted
         Those of the selections made so far: the same effects of the same shapes are not fitted twice.
     """
@@ -70,6 +72,7 @@ class Case:
     name: str = "the given log"
     given: Design | None = None
     conditioned_with: Callable[[Design, Case], Case] | None = field(default=None, repr=False)
+    in_band: Callable[..., Case] | None = field(default=None, repr=False)
     fits: list[Fitted] = field(default_factory=list, repr=False)
 
     @property

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import notices as words
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.events import events_of, without_events
@@ -44,21 +45,26 @@ from pmsm_ctrl.diagnose.verdict import explains_most
 from pmsm_ctrl.diagnose.written import as_written
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
-from pmsm_ctrl.errors import RequestError, nearest
+from pmsm_ctrl.errors import LogError, RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
-from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 from pmsm_ctrl.regression.joining import name_of
 from pmsm_ctrl.regression.made import Made, for_design
 from pmsm_ctrl.regression.timed_record import timed_record, with_friction
+from pmsm_ctrl.result import Verdict
 
 if TYPE_CHECKING:
     from pmsm_ctrl.frf import FrequencyResponse
 
 __all__ = ["condition", "diagnose", "finished", "offered_effects", "searched", "without_what_happened_once"]
+
+NARROWER = 1.25  # times a band: one that is wider than it by less holds the same
+# Verdicts after which a name is looked for in half the band: those of a log that belongs to its design, and shows it.
+NOTHING_NAMED = (Verdict.CONSISTENT, Verdict.INCONCLUSIVE, Verdict.UNEXPLAINED)
 
 Progress = Callable[[float], None]
 Taken = Callable[[Selection], None]
@@ -179,8 +185,40 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     (Case, Diagnosis)
         The log conditioned as what was found in it calls for, and the answer.
     """
+    case, found = _answered(case, _select(case, progress=progress, taken=taken), plan, progress)
+    if found.steps or found.verdict not in NOTHING_NAMED or not explains_most(found.selection.fit, case.policy):
+        return case, found
+    other = in_half_the_band(case)
+    if other is not None and (selection := _select(other, progress=lambda share: progress(0.9))).steps:
+        return _answered(other, selection, plan, progress)
+    return case, found
+
+
+def in_half_the_band(case: Case) -> Case | None:
+    """Return the case in half the usual band; None where that is not narrower than its own, or holds too little.
+
+    Noise of the acceleration grows with the frequency: a slow effect may be a small part of what a band holds, and most
+    of what half of it does.
+
+    Parameters
+    ----------
+    case : Case
+    """
+    band = 0.5 * default_cutoff(case.record.prepared.rate)
+    if case.in_band is None or case.record.cutoff < NARROWER * band:
+        return None
+    try:
+        other = case.in_band(band=band, first=case)
+    except LogError:  # hardly anything is fast enough for that band
+        return None
+    said = words.NARROWER_BAND(band=band, usual=case.record.cutoff)
+    return without_what_happened_once(replace(other, remarks=(*other.remarks, said)))
+
+
+def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) -> tuple[Case, Diagnosis]:
+    """Swap effects that another one explains better, and judge what is left."""
     again = partial(_select, progress=lambda share: progress(0.9))
-    selection = swap(case, _select(case, progress=progress, taken=taken), again)
+    selection = swap(case, selection, again)
     case, selection = conditioned_again(case, selection, lambda other: swap(other, again(other), again))
     forget_effects(case.record)  # hundreds of columns that no test of a candidate needs any more
     case.fits.clear()
@@ -284,7 +322,7 @@ def _select(
 
 def condition(
     design: Design, log: Logs, holdouts: tuple[Log, ...], offered: Mapping[str, Effect], policy: Policy,
-    made: Made | None = None, shown: Design | None = None, first: Case | None = None,
+    made: Made | None = None, shown: Design | None = None, first: Case | None = None, band: float | None = None,
 ) -> Case:  # fmt: skip
     """Condition the log, and the held-out ones in the same way.
 
@@ -301,7 +339,9 @@ def condition(
     shown : Design, optional
         The same with effects that the log has shown, which say more of how it was sampled.
     first : Case, optional
-        The same log conditioned without these.
+        The same log conditioned without these, or in its usual band.
+    band : float, optional
+        Low-pass, Hz, in place of the one that the log calls for.
 
     Returns
     -------
@@ -310,7 +350,7 @@ def condition(
     believed = (first and first.believed) or doubts_about(design, log)
     made = made or Made.kept(believed.log)
     whole = with_friction(design)
-    record = timed_record(shown or whole, believed.log, made)
+    record = timed_record(shown or whole, believed.log, made, band)
     if shown is not None:
         record = for_design(record, whole)
         if first is not None and (record.cutoff, record.timing, record.age) == (
@@ -328,10 +368,11 @@ def condition(
         remarks += map(of_holdout, held_out.notices)
     names = tuple(name_of(one, number) for number, one in enumerate(holdouts, start=1))
     again = partial(condition, design, log, holdouts, offered, policy, made)
+    long = len(record.mask) > SINGLE
     return Case(
         whole, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
         name=names_of(as_logs(log), "the given log"), given=design,
-        conditioned_with=None if shown or len(record.mask) > SINGLE else again,
+        conditioned_with=None if shown or long else partial(again, band=band), in_band=None if shown or band else again,
     )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ __all__ = [
     "LARGE_REFUSED",
     "LITTLE_EXPLAINED",
     "LITTLE_KNOWN",
+    "NARROWER_BAND",
     "NEGATIVE_PARAMETER",
     "NOT_CALIBRATED",
     "NOT_EXCITED",
@@ -94,6 +95,10 @@ BEYOND_BAND = Template(
     "resonance_beyond_band",
     "{effect}: the load resonates at {resonance:.0f} Hz, above the band of this log ({band:.0f} Hz): J_load^2 / k is "
     "identified, the two separately are not",
+)
+NARROWER_BAND = Template(
+    "narrower_band",
+    "evaluated in a band of {band:.0f} Hz: in the usual one, {usual:.0f} Hz, noise hides what is missing",
 )
 DEPENDENCE = Template(
     "residual_dependence",

@@ -71,7 +71,7 @@ def with_friction(design: Design) -> Design:
     return design.replace_effects((*added, *design.effects))
 
 
-def timed_record(design: Design, log: Log, made: Made | None = None) -> Record:
+def timed_record(design: Design, log: Log, made: Made | None = None, band: float | None = None) -> Record:
     """Condition a log, after the base model has shown how it was sampled.
 
     Where the log has a speed alone the lag of that is corrected, else the filter of a drive signal that is later than
@@ -85,6 +85,8 @@ def timed_record(design: Design, log: Log, made: Made | None = None) -> Record:
     log : Log
     made : Made, optional
         What was made of the log before.
+    band : float, optional
+        The band, Hz, in place of the one that the log calls for; not above the default.
 
     Returns
     -------
@@ -92,8 +94,8 @@ def timed_record(design: Design, log: Log, made: Made | None = None) -> Record:
     """
     design = with_friction(design)
     made = made or Made(log)
-    timed, fit = _timed(design, made)
-    record = _widened(design, made, timed, fit)
+    timed, fit = _timed(design, made, band)
+    record = timed if band else _widened(design, made, timed, fit)
     record, fit = _weighed(design, made, record, fit if record is timed else base_fit(design, record))
     if record.records:
         record = of_one_axis(design, record)
@@ -130,9 +132,13 @@ def sampling_of(design: Design, log: Log) -> tuple[Log, Sampling]:
     return record.timing.undone(young), Sampling(record.timing, value, stderr, (sigma, spread))
 
 
-def _timed(design: Design, made: Made) -> tuple[Record, Estimated]:
+def _timed(design: Design, made: Made, band: float | None = None) -> tuple[Record, Estimated]:
     """Return a log in its default band, or a narrower one, with the filter of the drive signal undone."""
-    record, fit = _sharpened(design, made, made.record(design))
+    if band is None:
+        record, fit = _sharpened(design, made, made.record(design))
+    else:
+        record = made.record(design, Processing(standstill=STANDSTILL, cutoff=band))
+        fit = base_fit(design, record)
     same = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
     for _ in range(ROUNDS):
         if record.age is not None:
