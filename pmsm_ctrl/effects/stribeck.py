@@ -11,9 +11,10 @@ from pmsm_ctrl.effects.base import Effect, Parameter
 from pmsm_ctrl.effects.structures import LogView
 from pmsm_ctrl.kernels import kernel
 
-# Friction that falls with speed. No axis is known whose dry friction at rest is more than four times that in motion:
-# what asks for it is something else. What rises from standstill is no Stribeck friction but a bristle, or a lag.
-FALLING = (0.0, 3.0)
+# Friction that falls with speed, where a film carries to a tenth of that at rest: the coefficients are 0.1 to 0.15 at
+# the boundary, and 0.01 and less on a film (R. Stribeck, as below). What rises from standstill is no Stribeck friction
+# but a bristle, or a lag.
+FALLING = (0.0, 10.0)
 
 
 @kernel
