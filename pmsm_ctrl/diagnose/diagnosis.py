@@ -189,8 +189,10 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     if found.steps or found.verdict not in NOTHING_NAMED or not explains_most(found.selection.fit, case.policy):
         return case, found
     other = in_half_the_band(case)
-    if other is not None and (selection := _select(other, progress=lambda share: progress(0.9))).steps:
-        return _answered(other, selection, plan, progress)
+    if other is not None:
+        selection = _select(other, progress=lambda share: progress(0.9))
+        if selection.steps and selection.steps[0].evidence.explained >= case.policy.refused_share:
+            return _answered(other, selection, plan, progress)
     return case, found
 
 

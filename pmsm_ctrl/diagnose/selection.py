@@ -475,7 +475,8 @@ def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) 
 def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:
     """Return the look-alikes of an accepted effect that are the same at its order in a turn, not at their own best one.
 
-    Where the pole pairs are not known, any order may be the electrical one.
+    Where the pole pairs are not known, any order may be the electrical one. A look-alike that cannot be tried, for want
+    of a channel, is the same where the order is its own.
 
     Parameters
     ----------
@@ -488,8 +489,12 @@ def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:
     effect, found = trial.candidate.effect, []
     for rival in (case.effects[name] for name in effect.look_alikes if name in case.effects):
         p = case.design.motor.p
-        if effect.order and rival.electrical_order and p is None:
-            found.append(rival.id)
+        if effect.order and rival.electrical_order:
+            turn = 1 if "p" in effect.signals else p  # of the electrical angle, or of the shaft
+            untried = any(one.effect.id == rival.id for one in fit.closed)
+            its_own = turn is not None and trial.group.shape[effect.order] == turn * rival.electrical_order
+            if p is None or (untried and its_own):
+                found.append(rival.id)
         elif effect.electrical_order and rival.order and p is not None and not rival.falsifies_current:
             turn = 1 if "p" in rival.signals else p  # of the electrical angle, or of the shaft
             shape = {rival.order: float(turn * effect.electrical_order)}

@@ -1,0 +1,51 @@
+"""Worlds of the third simulator that had no name, or half of one: what was learnt from each stays learnt."""
+
+from __future__ import annotations
+
+import pytest
+
+from pmsm_ctrl.compare import compare
+from pmsm_ctrl.diagnose import diagnose
+from tests.benchmarks.worlds.hidden import hidden_log
+from tests.benchmarks.worlds.world import draw
+
+# world, effect, margin
+HIDDEN = [
+    (760134, "torque_saturation", 7.3),
+    pytest.param(480046, "torque_ripple", 5.0, marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("seed", "effect", "margin"), HIDDEN)
+def test_an_effect_that_noise_hides_in_the_usual_band_is_found_in_half_of_it(
+    seed: int, effect: str, margin: float
+) -> None:
+    world = draw(seed)
+    log, *_ = hidden_log(world, effect, margin)
+    found = diagnose(world.design, log, plan=False)
+    assert [step.effect for step in found.steps] == [effect]
+    (said,) = [one for one in found.notices if one.code == "narrower_band"]
+    assert said.detail["band"] == found.record.cutoff <= 0.5 * said.detail["usual"]
+    written = compare(found.design, log).log.errors["torque"].relative
+    assert written == pytest.approx(found.errors["final"]["torque"]["relative"], rel=1e-3)
+
+
+def test_a_look_alike_for_want_of_a_channel_is_said() -> None:
+    """The gain of a phase's current sensor is a ripple of order 2 in a log of the torque, which has no i_d."""
+    world = draw(470122)
+    log, *_ = hidden_log(world, "current_gain", 3.7)
+    (step,) = diagnose(world.design, log, plan=False).steps
+    assert step.effect == "torque_ripple"
+    assert step.parameters["order"].value == 2.0
+    assert "current_gain" in step.equivalents
+
+
+@pytest.mark.slow
+def test_friction_that_falls_to_a_fifth_is_stribeck_friction() -> None:
+    world = draw(490067)
+    log, _, hidden = hidden_log(world, "stribeck", 4.05)
+    F_c = world.motor[6]
+    assert hidden["stribeck"] > 3.4 * F_c
+    (step,) = diagnose(world.design, log, plan=False).steps
+    assert step.effect == "stribeck"
+    assert step.parameters["dF_s"].value == pytest.approx(hidden["stribeck"], rel=0.1)
