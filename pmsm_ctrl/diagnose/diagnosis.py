@@ -16,7 +16,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -37,7 +37,7 @@ from pmsm_ctrl.diagnose.polish import with_polish
 from pmsm_ctrl.diagnose.profiles import with_profiles
 from pmsm_ctrl.diagnose.resonance import compared, measured, started
 from pmsm_ctrl.diagnose.result import Diagnosis
-from pmsm_ctrl.diagnose.selection import Selection, best
+from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, significant
 from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.unexplained import unexplained
@@ -52,7 +52,7 @@ from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
 from pmsm_ctrl.regression.columns import SINGLE, forget_effects
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
 from pmsm_ctrl.regression.fast_orders import orders_beyond
-from pmsm_ctrl.regression.joining import name_of
+from pmsm_ctrl.regression.joining import name_of as name_of_log
 from pmsm_ctrl.regression.made import Made, for_design
 from pmsm_ctrl.regression.timed_record import timed_record, with_friction
 from pmsm_ctrl.result import Verdict
@@ -185,15 +185,23 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     (Case, Diagnosis)
         The log conditioned as what was found in it calls for, and the answer.
     """
-    case, found = _answered(case, _select(case, progress=progress, taken=taken), plan, progress)
-    if found.steps or found.verdict not in NOTHING_NAMED or not explains_most(found.selection.fit, case.policy):
-        return case, found
-    other = in_half_the_band(case)
-    if other is not None:
-        selection = _select(other, progress=lambda share: progress(0.9))
-        if selection.steps and selection.steps[0].evidence.explained >= case.policy.refused_share:
-            return _answered(other, selection, plan, progress)
+    selection = _select(case, progress=progress, taken=taken)
+    shown = set() if selection.steps else significant(selection.fit, case.policy)
+    case, found = _answered(case, selection, plan, progress)
+    if shown and found.verdict in NOTHING_NAMED and explains_most(found.selection.fit, case.policy):
+        other = in_half_the_band(case)
+        half = Selection(()) if other is None else _select(other, progress=lambda share: progress(0.9))
+        if other is not None and half.steps and _hidden_by_noise(half.steps[0], shown, case.policy):
+            return _answered(other, half, plan, progress)
     return case, found
+
+
+def _hidden_by_noise(step: Step, shown: Collection[str], policy: Policy) -> bool:
+    """Whether an effect found in half the band was significant in the usual one, and is a large part of the residual.
+
+    Whatever is in half the band is in the whole of it: noise makes an effect there a small part, and not insignificant.
+    """
+    return name_of(step.trial) in shown and step.evidence.explained >= policy.refused_share
 
 
 def in_half_the_band(case: Case) -> Case | None:
@@ -368,7 +376,7 @@ def condition(
         other = make_record(design, held_out.log, same, record.age or 0.0, record.timing)
         others.append(replace(other, records=()))  # whatever it is made of, nothing is fitted to it
         remarks += map(of_holdout, held_out.notices)
-    names = tuple(name_of(one, number) for number, one in enumerate(holdouts, start=1))
+    names = tuple(name_of_log(one, number) for number, one in enumerate(holdouts, start=1))
     again = partial(condition, design, log, holdouts, offered, policy, made)
     long = len(record.mask) > SINGLE
     return Case(

@@ -134,10 +134,10 @@ class Policy:
         held at zero: something else is missing. A convention.
     refused_share : float
         Share of the residual's mean square that is too large to be passed over. Five rules use it. A significant
-        effect that was refused and explains this share forbids `consistent`. An effect that only half the usual band
-        shows is named where it explains this share there: noise hid it, and did not make it. An effect that explains this share, and
-        most of what the residual has above its noise floor, may be named however small it is. Where the noise floor is
-        less than this share, all samples weighted alike, the log is not called consistent; one clean world in ten has
+        effect that was refused and explains this share forbids `consistent`. An effect that explains this share, and
+        most of what the residual has above its noise floor, may be named however small it is. An effect that shows in
+        half the usual band alone is named where it explains this share there. Where the noise floor is less than this
+        share, all samples weighted alike, the log is not called consistent; one clean world in ten has
         such edges. Where it is less than this share as the fit weighs it, a residual of most of the torque contradicts
         the design. Set on: worlds.
     events : Search

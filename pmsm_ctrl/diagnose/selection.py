@@ -11,6 +11,7 @@ from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.contradictions import contradicting
 from pmsm_ctrl.diagnose.criteria import CrossValidation
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
+from pmsm_ctrl.diagnose.look_alikes import equivalents, same_order
 from pmsm_ctrl.diagnose.measures import (
     beside_rivals,
     contribution,
@@ -38,8 +39,7 @@ from pmsm_ctrl.regression.model import Solved
 from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = [
-    "Evidence", "Found", "Selection", "Step", "best", "equivalents", "judged_trials", "name_of",
-    "same_order", "with_trial",
+    "Evidence", "Found", "Selection", "Step", "best", "judged_trials", "name_of", "significant", "with_trial",
 ]  # fmt: skip
 
 
@@ -257,6 +257,19 @@ def judged_trials(fit: Fitted, policy: Policy = POLICY) -> list[tuple[Trial, flo
     return out
 
 
+def significant(fit: Fitted, policy: Policy = POLICY) -> set[str]:
+    """Return the names of the candidates that are significant, whatever else speaks against them.
+
+    Parameters
+    ----------
+    fit : Fitted
+        With its trials.
+    policy : Policy
+    """
+    p_values = zip(fit.trials, holm([t.p_value for t in fit.trials]), strict=True)
+    return {name_of(trial) for trial, p in p_values if criteria.significance(p, policy) is None}
+
+
 def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Refusal | None:
     """Return what speaks against an effect that somebody chose, by the criteria of the diagnosis; None where nothing.
 
@@ -444,61 +457,3 @@ def _with(case: Case, fit: Fitted, trial: Trial) -> tuple[Accepted, ...]:
         if not refined.wrong_sign:
             out[k] = Accepted(one.effect, refined.group.shape, one.grid)
     return tuple(out)
-
-
-def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) -> tuple[str, ...]:
-    """Return the effects whose best explanation of the same rows is nearly as good and nearly the same.
-
-    Parameters
-    ----------
-    trial : Trial
-        The accepted one.
-    trials : iterable of Trial
-        All of the round.
-    policy : Policy
-    """
-    effect, along = trial.candidate.effect, trial.direction
-    size = float(along @ along)
-    found, singular = [], []
-    for other in trials:
-        rival = other.candidate.effect.id
-        if other.singular:
-            singular += [rival] if not other.candidate.free(other.group.shape) else []
-        elif other is not trial and not other.wrong_sign and rival != effect.id:
-            theirs = other.direction
-            shared = float(along @ theirs) ** 2 / max(float(theirs @ theirs), 1e-300)
-            if size - shared < policy.tie(size):
-                found.append(rival)
-    return (*found, *(one for one in effect.look_alikes if one in singular and one not in found))
-
-
-def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:
-    """Return the look-alikes of an accepted effect that are the same at its order in a turn, not at their own best one.
-
-    Where the pole pairs are not known, any order may be the electrical one. A look-alike that cannot be tried, for want
-    of a channel, is the same where the order is its own.
-
-    Parameters
-    ----------
-    case : Case
-    fit : Fitted
-        In which the effect was tried.
-    trial : Trial
-        The accepted one.
-    """
-    effect, found = trial.candidate.effect, []
-    for rival in (case.effects[name] for name in effect.look_alikes if name in case.effects):
-        p = case.design.motor.p
-        if effect.order and rival.electrical_order:
-            turn = 1 if "p" in effect.signals else p  # of the electrical angle, or of the shaft
-            untried = any(one.effect.id == rival.id for one in fit.closed)
-            its_own = turn is not None and trial.group.shape[effect.order] == turn * rival.electrical_order
-            if p is None or (untried and its_own):
-                found.append(rival.id)
-        elif effect.electrical_order and rival.order and p is not None and not rival.falsifies_current:
-            turn = 1 if "p" in rival.signals else p  # of the electrical angle, or of the shaft
-            shape = {rival.order: float(turn * effect.electrical_order)}
-            group = beside_held(effect_group(fit.record, rival, shape), fit.model.responses)
-            other = try_group(*trial.judge, Candidate(rival, (shape,)), group)
-            found += equivalents(trial, [replace(other, plain_judge=trial.plain_judge)], case.policy)
-    return tuple(found)

@@ -11,9 +11,10 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import selection as rounds
+from pmsm_ctrl.diagnose.look_alikes import equivalents
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
-from pmsm_ctrl.diagnose.selection import Found, Selection, best, equivalents
+from pmsm_ctrl.diagnose.selection import Found, Selection, best
 from pmsm_ctrl.diagnose.swap import Rest, better, equals, rival_ids
 from pmsm_ctrl.diagnose.unexplained import impossible_winding
 from pmsm_ctrl.effects.catalogue import catalogue_of
