@@ -16,7 +16,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 __all__ = ["condition", "diagnose", "finished", "offered_effects", "searched", "without_what_happened_once"]
 
 NARROWER = 1.25  # times a band: one that is wider than it by less holds the same
-# Verdicts after which a name is looked for in half the band: those of a log that belongs to its design, and shows it.
+# Verdicts after which a name is looked for in a narrower band: those of a log that belongs to its design, and shows it.
 NOTHING_NAMED = (Verdict.CONSISTENT, Verdict.INCONCLUSIVE, Verdict.UNEXPLAINED)
 
 Progress = Callable[[float], None]
@@ -189,23 +189,23 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     shown = set() if selection.steps else significant(selection.fit, case.policy)
     case, found = _answered(case, selection, plan, progress)
     if shown and found.verdict in NOTHING_NAMED and explains_most(found.selection.fit, case.policy):
-        other = in_half_the_band(case)
-        half = Selection(()) if other is None else _select(other, progress=lambda share: progress(0.9))
-        if other is not None and half.steps and _hidden_by_noise(half.steps[0], shown, case.policy):
-            return _answered(other, half, plan, progress)
+        for other in in_narrower_bands(case):
+            again = _select(other, progress=lambda share: progress(0.9))
+            if again.steps and _hidden_by_noise(again.steps[0], shown, case.policy):
+                return _answered(other, again, plan, progress)
     return case, found
 
 
 def _hidden_by_noise(step: Step, shown: Collection[str], policy: Policy) -> bool:
-    """Whether an effect found in half the band was significant in the usual one, and is a large part of the residual.
+    """Whether an effect found in a narrower band was significant in the usual one, and is a large part of the residual.
 
-    Whatever is in half the band is in the whole of it: noise makes an effect there a small part, and not insignificant.
+    Whatever is in half of a band is in the whole of it: noise makes it a small part there, and not insignificant.
     """
     return name_of(step.trial) in shown and step.evidence.explained >= policy.refused_share
 
 
-def in_half_the_band(case: Case) -> Case | None:
-    """Return the case in half the usual band; None where that is not narrower than its own, or holds too little.
+def in_narrower_bands(case: Case) -> Iterator[Case]:
+    """Yield the case in the default band and in half of it, as far as they are narrower than its own.
 
     Noise of the acceleration grows with the frequency: a slow effect may be a small part of what a band holds, and most
     of what half of it does.
@@ -214,15 +214,16 @@ def in_half_the_band(case: Case) -> Case | None:
     ----------
     case : Case
     """
-    band = 0.5 * default_cutoff(case.record.prepared.rate)
-    if case.in_band is None or case.record.cutoff < NARROWER * band:
-        return None
-    try:
-        other = case.in_band(band=band, first=case)
-    except LogError:  # hardly anything is fast enough for that band
-        return None
-    said = words.NARROWER_BAND(band=band, usual=case.record.cutoff)
-    return without_what_happened_once(replace(other, remarks=(*other.remarks, said)))
+    default = default_cutoff(case.record.prepared.rate)
+    for band in (default, 0.5 * default):
+        if case.in_band is None or case.record.cutoff < NARROWER * band:
+            continue
+        try:
+            other = case.in_band(band=band, first=case)
+        except LogError:  # hardly anything is fast enough for that band
+            return
+        said = words.NARROWER_BAND(band=band, usual=case.record.cutoff)
+        yield without_what_happened_once(replace(other, remarks=(*other.remarks, said)))
 
 
 def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) -> tuple[Case, Diagnosis]:
