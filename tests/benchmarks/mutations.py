@@ -93,7 +93,7 @@ MUTATIONS = (
              "found = holding(free, held)", "found = free", "unit/regression/test_model.py"),
     Mutation("held-out record: a larger error passes", "diagnose/criteria.py",
              "sum(ratios) >= len(before) or", "sum(ratios) < len(before) or", "unit/diagnose/test_criteria.py"),
-    Mutation("ties: everything is equivalent", "diagnose/selection.py",
+    Mutation("ties: everything is equivalent", "diagnose/look_alikes.py",
              "size - shared < policy.tie(size)", "size - shared > policy.tie(size)", "unit/diagnose/test_selection.py"),
     Mutation("response: the delay of the log with the wrong sign", "frf/fit.py",
              "np.exp(-1j * omega * values[2]", "np.exp(1j * omega * values[2]",
