@@ -22,6 +22,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import Scenario, scenario, simulate
 from pmsm_ctrl.simulate.feedforward import ramp_length
 from pmsm_ctrl.track import FrictionTracker
+from tests.effort import amount, slow
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +120,7 @@ def test_a_drift_of_the_design_stays_its_own(design: Design) -> None:
 # -- the tracker in the loop --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["design", "rich"])
+@pytest.mark.parametrize("name", ["rich", slow("design")])
 def test_loop_feeds_what_a_tracker_says_of_its_log(request: pytest.FixtureRequest, name: str) -> None:
     """The in-loop twin, fed in stretches, ends where filterpy's tracker ends when it is fed the finished log."""
     design = request.getfixturevalue(name)
@@ -140,7 +141,7 @@ def test_drift_is_followed(rich: Design) -> None:
     """Where F_c falls by 40 % with 6 s, what is fed is within 8 % of it at every moment from 2 s on, 3 % on average."""
     trial = study_trials(rich)["warm-up"]
     believed = compensated(baseline(rich), ["coulomb", "viscous"], source="adaptive")
-    for seed in (1, 2, 3):
+    for seed in range(1, 1 + amount(1, 3)):
         run = simulate_adaptive(believed, trial.motions[0], truth=trial.plant(rich), seed=seed)
         true = 0.0213 * (1.0 - 0.4 * -np.expm1(-run.t / 6.0))
         moving = (run.t > 2.0) & (run.t < 20.0)

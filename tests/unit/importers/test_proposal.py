@@ -20,6 +20,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import open_table, propose, read_log
 from pmsm_ctrl.importers.vocabulary import meaning_of
 from pmsm_ctrl.log import CHANNELS
+from tests.effort import amount
 
 J, K_T, F_C, F_V = 2.4e-4, 0.62, 0.03, 3e-4
 PERIOD, N = 1e-3, 3600
@@ -366,7 +367,7 @@ def test_an_assumed_unit_of_a_speed_is_confirmed_before_a_log_is_evaluated(
     assert "units that the file does not state were assumed: rad/s for omega, N m for torque" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(amount(6, 12)))
 def test_any_numbers_have_a_proposal(tmp_path: Path, design: Design, seed: int) -> None:
     rng = np.random.default_rng(seed)
     names = ["t", "Time", "tick", "pos", "speed", "Strom", "Torque [%]", "couple [‰]", "x", "Vel [m/s]", "Iq [bananas]"]

@@ -13,6 +13,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.importers import describe, read_log
 from pmsm_ctrl.importers.delays import delays, lag
 from pmsm_ctrl.log import Log
+from tests.effort import slow
 
 PLAIN = {"motor": {"J": 1e-4, "K_t": 1.0}}
 
@@ -56,7 +57,9 @@ def test_the_table_keeps_a_clock(tmp_path: Path) -> None:
     assert 't = "every 0.125 ms"' in describe(path, mapping={"t": "every 0.125 ms"}).table
 
 
-@pytest.mark.parametrize("scenario", ["triangle", "identification", "trapezoid", "positioning", "reversal"])
+@pytest.mark.parametrize(
+    "scenario", ["identification", "positioning", *map(slow, ("triangle", "trapezoid", "reversal"))]
+)
 def test_simulated_logs_raise_no_doubt_and_show_the_speed_filter(tmp_path: Path, designs: Path, scenario: str) -> None:
     from pmsm_ctrl.simulate import simulate
 
