@@ -126,7 +126,8 @@ def test_a_clean_log_is_not_called_biased(design, seed) -> None:
 
 def test_a_wrong_start_does_not_matter(design) -> None:
     log = simulate(design, scenario("triangle", design, speed=150.0, period=2.0), seed=1)
-    elsewhere = design.with_parameters(J=1.4e-4).with_effect("coulomb", {"F_c": 0.01})
+    elsewhere = design.with_parameters(J=1.4e-4)
+    elsewhere = elsewhere.with_effect("coulomb", {"F_c": 0.01}).with_effect("viscous", elsewhere.parameters("viscous"))
     a, b = (identify(d, log, method="iv").estimates for d in (design, elsewhere))
     for name in a:
         assert b[name].value == pytest.approx(a[name].value, abs=0.1 * a[name].stderr)

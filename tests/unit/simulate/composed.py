@@ -16,9 +16,10 @@ from pmsm_ctrl.simulate import Scenario
 from pmsm_ctrl.simulate.compose import load
 from pmsm_ctrl.simulate.run import prepare, run_kernel
 
-# The kernels that the tests of this room share; each holds the terms that its structure works with.
+# The kernels that the tests of this room share with others; each holds the terms that its structure works with.
 PLAIN = ("coulomb", "viscous")  # what nearly every test simulates
-SPRUNG = ("coulomb", "stribeck", "compliance")
+SPRUNG = ("coulomb", "viscous", "compliance")
+LOOSE = ("coulomb", "viscous", "backlash")
 SLIDING = ("coulomb", "viscous", "stribeck", "presliding")
 DELAYED = ("coulomb", "viscous", "delay")
 TERMS = tuple(effect.id for effect in CATALOGUE.values() if not effect.has_state)

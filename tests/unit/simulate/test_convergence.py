@@ -10,7 +10,7 @@ import pytest
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.simulate import Scenario
-from tests.unit.simulate.composed import DELAYED, SLIDING, SPRUNG, TERMS, simulate_composed
+from tests.unit.simulate.composed import DELAYED, LOOSE, SLIDING, SPRUNG, TERMS, simulate_composed
 
 # Sizes large enough that the error of a coarse step stands above rounding.
 SIZES = {
@@ -33,7 +33,7 @@ CORNERS = {"backlash": 0.8, "dead_time": 0.8, "presliding": 1.6, "load_dependent
 
 
 # One kernel holds every term; a structure needs one of its own.
-COMPOSED = {"presliding": SLIDING, "compliance": SPRUNG, "delay": DELAYED}
+COMPOSED = {"presliding": SLIDING, "compliance": SPRUNG, "backlash": LOOSE, "delay": DELAYED}
 
 
 @pytest.mark.parametrize("identifier", sorted(CATALOGUE))

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.simulate import Scenario, simulate
-from tests.unit.simulate.composed import DELAYED, SLIDING, SPRUNG, simulate_composed
+from tests.unit.simulate.composed import DELAYED, LOOSE, SLIDING, SPRUNG, simulate_composed
 
 J = 9e-5
 F_C = 0.0213
@@ -70,7 +70,7 @@ def test_stick_slip_of_a_mass_pulled_through_a_spring(bare, checked):
         .with_effect("compliance", {"J_load": 1e4, "k": k, "d": 0.0})
         .with_effect("stribeck", {"dF_s": dF, "w_s": 1e-3 * v, "delta": 2.0})
     )
-    log = simulate_composed(design, free(6.0, omega_0=v), composed=SPRUNG)
+    log = simulate_composed(design, free(6.0, omega_0=v), composed=(*SPRUNG, "stribeck"))
     w, theta = log["omega_true"], log["theta_true"]
     root = np.sqrt(k * J)
     slip = 2.0 * (np.pi - np.arctan(dF / (v * root))) / np.sqrt(k / J)
@@ -229,7 +229,7 @@ def test_backlash_gap_is_traversed_with_conserved_momentum(bare, checked):
     gap, J_load, pulse, width = 0.02, 4e-5, 0.01, 0.005
     design = bare.without_effect("coulomb").with_effect("backlash", {"gap": gap, "J_load": J_load, "k": 50.0, "d": 0.0})
     push = free(0.5, lambda t: {"T_load": np.where(t < width, -pulse, 0.0)})
-    log = simulate(design, push, keep_truth=True)
+    log = simulate_composed(design, push, composed=LOOSE)
     w, theta, load = log["omega_true"], log["theta_true"], log["theta_load"]
     load_speed = np.gradient(load, log.t)
     after = log.t > width + 1e-3

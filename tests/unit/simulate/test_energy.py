@@ -9,7 +9,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.simulate import Scenario, simulate
-from tests.unit.simulate.composed import simulate_composed
+from tests.unit.simulate.composed import TERMS, simulate_composed
 
 J = 9e-5
 SIZES = {
@@ -56,7 +56,7 @@ def test_energy_balance_of_random_combinations(ideal, checked, seed):
     design = ideal
     for identifier in chosen:
         design = design.with_effect(str(identifier), SIZES[str(identifier)])
-    log = simulate_composed(design, random_motion(rng), seed=seed)
+    log = simulate_composed(design, random_motion(rng), composed=TERMS, seed=seed)
     w, t = log["omega_true"], log.t
     signals = {
         "omega": w, "theta": log["theta_true"], "direction": np.sign(w), "t": t, "p": 4.0,
@@ -111,7 +111,7 @@ def test_terms_of_zero_amplitude_in_the_kernel_change_nothing_but_rounding(ideal
     """Not only what is left out: every term's own lines give zero."""
     base = ideal.with_effect("coulomb", {"F_c": 0.02})
     expected = simulate(base, SWING, keep_truth=True)
-    found = simulate_composed(base, SWING)
+    found = simulate_composed(base, SWING, composed=TERMS)
     for name in expected:
         assert np.abs(expected[name] - found[name]).max() < 1e-9 * max(np.abs(expected[name]).max(), 1.0), name
 
@@ -123,6 +123,6 @@ def test_a_vanishing_amplitude_tends_to_the_baseline(ideal, identifier):
     base = ideal.with_effect("viscous", {"F_v": 2e-4}).without_effect(identifier)
     swing = Scenario("swing", 0.1, lambda t: {"omega_ref": 30.0 + 10.0 * np.sin(40.0 * t)}, omega_0=30.0)
     expected = simulate(base, swing)
-    found = simulate_composed(base.with_effect(identifier, tiny), swing)
+    found = simulate_composed(base.with_effect(identifier, tiny), swing, composed=TERMS)
     for name in ("omega", "i_q", "u_q"):
         assert np.abs(expected[name] - found[name]).max() < 1e-5, name
