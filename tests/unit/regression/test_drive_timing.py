@@ -23,7 +23,7 @@ from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.drive_timing import LATENESS, SPREAD, UNDELAYED, DriveTiming, filter_behind, in_time
 from pmsm_ctrl.regression.model import base_groups
 from pmsm_ctrl.simulate import simulate
-from tests.effort import seeds, slow
+from tests.effort import amount, seeds, slow
 
 J, K_T, F_C, F_V = 0.01, 1.3, 0.4, 0.02
 PERIOD, FINE = 1e-3, 50  # s, and steps of the made-up torque in it
@@ -164,7 +164,8 @@ def names(found: Diagnosis) -> list[str]:
     [slow({"late": 0.5e-3}, 0.5e-3), slow({"mean": True}, 0.5e-3), ({"late": 0.25e-3, "mean": True}, 0.75e-3)],
 )  # fmt: skip
 def test_what_sampling_can_do_is_no_effect_and_is_reported(seed: int, sampled: dict, delay: float) -> None:
-    found = diagnose(believed(), made(seed, **sampled), plan=False)
+    log = made(seed, **sampled, samples=amount(12_000, 24_000))
+    found = diagnose(believed(), log, plan=False)
     assert (found.verdict, names(found)) == ("consistent", [])
     assert found.timing.lag == 0.0
     assert found.timing.late == pytest.approx(delay, rel=0.05)
