@@ -215,7 +215,13 @@ def test_every_file_that_the_map_of_contributing_names_exists() -> None:
 EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 
 
-@pytest.mark.parametrize("script", [pytest.param(path, id=path.stem) for path in EXAMPLES])
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem == "plot_two_records" else [])
+        for path in EXAMPLES
+    ],
+)
 def test_every_notebook_of_the_gallery_runs(
     script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
