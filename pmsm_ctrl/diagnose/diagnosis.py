@@ -199,9 +199,11 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
 def _hidden_by_noise(step: Step, shown: Collection[str], policy: Policy) -> bool:
     """Whether an effect found in a narrower band was significant in the usual one, and is a large part of the residual.
 
-    Whatever is in half of a band is in the whole of it: noise makes it a small part there, and not insignificant.
+    Whatever is in half of a band is in the whole of it: noise makes it a small part there, and not insignificant. An
+    effect with a memory acts at all frequencies: what half of a band alone shows of it is something else.
     """
-    return name_of(step.trial) in shown and step.evidence.explained >= policy.refused_share
+    memory = step.trial.candidate.effect.structure.has_memory
+    return not memory and name_of(step.trial) in shown and step.evidence.explained >= policy.refused_share
 
 
 def in_narrower_bands(case: Case) -> Iterator[Case]:
