@@ -31,6 +31,7 @@ __all__ = [
     "no_contradiction",
     "no_plain_error_worse",
     "no_voltage_worse",
+    "same_in_half",
     "significance",
     "signs",
     "size",
@@ -181,6 +182,20 @@ def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: 
         return None
     explained = 100.0 * min(max(1.0 - share, 0.0), 1.0)
     return Refusal(Reason.EXPLAINED_BY_RIVALS, {"percent": explained, "gain": found.gain, "stderr": found.stderr})
+
+
+def same_in_half(left: float, stderr: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect is of the same size in half the band.
+
+    Parameters
+    ----------
+    left, stderr : float
+        Its amount there over that in the band, and the standard error.
+    policy : Policy
+    """
+    if left + policy.sure_errors * stderr >= policy.stable:
+        return None
+    return Refusal(Reason.OTHER_BAND, {"percent": 100.0 * left})
 
 
 def no_balance_worse(

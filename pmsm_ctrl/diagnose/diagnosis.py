@@ -6,6 +6,7 @@ The algorithm is `_answer` and `_select`; each step is a function of a module of
 - `events`: what happened once, kept out of every fit
 - `selection`: one round, the best candidate that passes
 - `swap`: effects that another one can replace
+- `bands`: the same log in a narrower band, where nothing is named and where a name is checked
 - `shapes`: nonlinear parameters, fitted together with all others
 - `unexplained`: structure of the residual that no effect explains
 - `experiment`: the motion that separates what this log cannot
@@ -25,9 +26,9 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import notices as words
+from pmsm_ctrl.diagnose.bands import conditioned_in, without_what_happened_once
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.case import Case
-from pmsm_ctrl.diagnose.events import events_of, without_events
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.notices import of_calibration
@@ -45,7 +46,7 @@ from pmsm_ctrl.diagnose.verdict import explains_most
 from pmsm_ctrl.diagnose.written import as_written
 from pmsm_ctrl.effects.base import Effect
 from pmsm_ctrl.effects.catalogue import catalogue_of
-from pmsm_ctrl.errors import LogError, RequestError, nearest
+from pmsm_ctrl.errors import RequestError, nearest
 from pmsm_ctrl.log import Log, Logs, as_logs, names_of
 from pmsm_ctrl.plausibility import doubts_about, of_holdout, with_inertia
 from pmsm_ctrl.regression.balances import STANDSTILL, Record, make_record
@@ -218,14 +219,10 @@ def in_narrower_bands(case: Case) -> Iterator[Case]:
     """
     default = default_cutoff(case.record.prepared.rate)
     for band in (default, 0.5 * default):
-        if case.in_band is None or case.record.cutoff < NARROWER * band:
-            continue
-        try:
-            other = case.in_band(band=band, first=case)
-        except LogError:  # hardly anything is fast enough for that band
-            return
-        said = words.NARROWER_BAND(band=band, usual=case.record.cutoff)
-        yield without_what_happened_once(replace(other, remarks=(*other.remarks, said)))
+        other = conditioned_in(band, case) if case.record.cutoff >= NARROWER * band else None
+        if other is not None:
+            said = words.NARROWER_BAND(band=band, usual=case.record.cutoff)
+            yield without_what_happened_once(replace(other, remarks=(*other.remarks, said)))
 
 
 def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) -> tuple[Case, Diagnosis]:
@@ -298,23 +295,6 @@ def finished(case: Case, found: Diagnosis, holdouts: tuple[Log, ...]) -> Diagnos
     return replace(found, log_name=case.name, holdout_name=names_of(holdouts, "the held-out log"))
 
 
-def without_what_happened_once(case: Case) -> Case:
-    """Keep what happened once out of every fit: no effect explains it, and it imitates some.
-
-    Parameters
-    ----------
-    case : Case
-
-    Returns
-    -------
-    Case
-    """
-    events = events_of(case.keep(case.fit(())), case.policy)
-    if not events:
-        return case
-    return replace(case, record=without_events(case.record, events), events=events, fits=[])
-
-
 def _select(
     case: Case, start: tuple[str, ...] = (), progress: Progress | None = None, taken: Taken | None = None
 ) -> Selection:
@@ -385,7 +365,7 @@ def condition(
     return Case(
         whole, record, offered, tuple(others), names, policy, believed, tuple(dict.fromkeys(remarks)),
         name=names_of(as_logs(log), "the given log"), given=design,
-        conditioned_with=None if shown or long else partial(again, band=band), in_band=None if shown or band else again,
+        conditioned_with=None if shown or long else partial(again, band=band), in_band=again,
     )  # fmt: skip
 
 

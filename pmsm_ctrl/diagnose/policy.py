@@ -129,6 +129,10 @@ class Policy:
     implausible_factor : float
         J, R or psi_f that differ from the design's by more than this factor contradict it: another unit, another gear
         or another axis.
+    stable : float
+        Smallest share of an effect's amount in the band that half of it has to show, the standard errors of
+        `sure_errors` allowed for. The size of an effect does not hang on the band; that of an error of the model does.
+        Of 45 right names in worlds none has less than 0.66, of 15 false ones in clean worlds one has more than 0.11.
     friction_share : float
         A dry friction below zero contradicts the design if it is at least this share of the torque. A smaller one is
         held at zero: something else is missing. A convention.
@@ -182,6 +186,7 @@ class Policy:
     separated: float = 30.0
     explained_torque: float = 0.5
     implausible_factor: float = 3.0
+    stable: float = 0.5
     friction_share: float = 0.1
     refused_share: float = 0.1
     events: Search = field(default_factory=Search)

@@ -29,6 +29,7 @@ class Reason(StrEnum):
     OUT_OF_TOLERANCE = "out_of_tolerance"
     NOT_DETERMINED = "not_determined"
     WITHIN_SAMPLING = "within_sampling"
+    OTHER_BAND = "other_band"
     HOLDOUT_WORSE = "holdout_worse"
     NOT_NEEDED = "not_needed"
     NOT_EXCITED = "not_excited"
@@ -56,6 +57,7 @@ WORDS: Mapping[Reason, str] = {
     Reason.NOT_DETERMINED: "rejected: {parameter} = {value:.3g} +- {stderr:.2g}, not determined by this log",
     Reason.WITHIN_SAMPLING: "within what sampling alone can cause: {value:.2g} +- {stderr:.1g} ms, where {low:.2g} to "
     "{high:.2g} ms are possible",
+    Reason.OTHER_BAND: "rejected: of another size in half the band, {percent:.0f} % of that in the whole",
     Reason.HOLDOUT_WORSE: "rejected: increases the error on the held-out record",
     Reason.NOT_NEEDED: "not needed by the final model",
     Reason.NOT_EXCITED: "not excited: only {percent:.0f} % of the motion is slow enough for order {order}; needs "
