@@ -8,7 +8,6 @@ from dataclasses import replace
 from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.event import Event
-from pmsm_ctrl.diagnose.events import events_of, without_events
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
 from pmsm_ctrl.diagnose.refusal import Refusal
 from pmsm_ctrl.diagnose.search import beyond
@@ -16,23 +15,10 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import Added
 from pmsm_ctrl.regression.columns import SINGLE, effect_group
 from pmsm_ctrl.regression.conditioning import default_cutoff
+from pmsm_ctrl.regression.evaluated import without_stretches
 from pmsm_ctrl.regression.two_stage import beside_held
 
-__all__ = ["conditioned_in", "unlike_in_half", "without_what_happened_once"]
-
-
-def without_what_happened_once(case: Case) -> Case:
-    """Keep what happened once out of every fit: no effect explains it, and it imitates some.
-
-    Parameters
-    ----------
-    case : Case
-
-    Returns
-    -------
-    Case
-    """
-    return _without(case, events_of(case.keep(case.fit(())), case.policy))
+__all__ = ["conditioned_in", "unlike_in_half", "without_events"]
 
 
 def unlike_in_half(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
@@ -53,7 +39,7 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
     half = conditioned_in(0.5 * min(case.record.cutoff, default_cutoff(case.record.prepared.rate)), case)
     if half is None:
         return None
-    there = _without(half, case.events).without_candidates(before.accepted)
+    there = without_events(half, case.events).without_candidates(before.accepted)
     whole, part = (_amounts(fit, one) for fit in (before, there))
     if min(whole.rank, part.rank) < len(whole.size):
         return None
@@ -89,7 +75,16 @@ def conditioned_in(band: float, case: Case) -> Case | None:
     return found
 
 
-def _without(case: Case, events: tuple[Event, ...]) -> Case:
+def without_events(case: Case, events: tuple[Event, ...]) -> Case:
+    """Return the case with the stretches masked, and with steps of the friction as changes that are fitted.
+
+    Parameters
+    ----------
+    case : Case
+    events : tuple of Event
+    """
     if not events:
         return case
-    return replace(case, record=without_events(case.record, events), events=events, fits=[])
+    stretches = [(one.start, one.stop) for one in events if not one.lasting]
+    record = without_stretches(case.record, stretches, [one.start for one in events if one.lasting])
+    return replace(case, record=record, events=events, fits=[])

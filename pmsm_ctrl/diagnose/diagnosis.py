@@ -26,9 +26,10 @@ import numpy as np
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import notices as words
-from pmsm_ctrl.diagnose.bands import conditioned_in, without_what_happened_once
+from pmsm_ctrl.diagnose.bands import conditioned_in, without_events
 from pmsm_ctrl.diagnose.calibration import calibrated, replay_of
 from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.events import events_of
 from pmsm_ctrl.diagnose.experiment import next_experiment
 from pmsm_ctrl.diagnose.fitted_design import fitted_design
 from pmsm_ctrl.diagnose.notices import of_calibration
@@ -293,6 +294,20 @@ def finished(case: Case, found: Diagnosis, holdouts: tuple[Log, ...]) -> Diagnos
     for record in (case.record, *case.holdouts):
         record.kept.clear()  # what was remembered of the log stays with no result
     return replace(found, log_name=case.name, holdout_name=names_of(holdouts, "the held-out log"))
+
+
+def without_what_happened_once(case: Case) -> Case:
+    """Keep what happened once out of every fit: no effect explains it, and it imitates some.
+
+    Parameters
+    ----------
+    case : Case
+
+    Returns
+    -------
+    Case
+    """
+    return without_events(case, events_of(case.keep(case.fit(())), case.policy))
 
 
 def _select(

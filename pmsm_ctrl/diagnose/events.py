@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +14,8 @@ from pmsm_ctrl.diagnose.level import level_of
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.evidence.events import Burst, Search, Shift, basis_of, bursts, explained_by, shift
 from pmsm_ctrl.regression.balances import Record
-from pmsm_ctrl.regression.evaluated import without_stretches
 
-__all__ = ["events_of", "without_events"]
+__all__ = ["events_of"]
 
 Array = NDArray[np.float64]
 
@@ -155,16 +153,3 @@ def _stretch(record: Record, time: Array, found: Burst, direction: Array) -> Eve
 def _step(record: Record, time: Array, found: Shift) -> Event:
     at, unit = float(time[found.start]), record.unit("torque")
     return Event(at, at, found.size, notices.EVENT_STEP(at=at, size=found.size, unit=unit))
-
-
-def without_events(record: Record, events: Iterable[Event]) -> Record:
-    """Return the record with the stretches masked, and with steps of the friction as changes that are fitted.
-
-    Parameters
-    ----------
-    record : Record
-    events : iterable of Event
-    """
-    events = list(events)
-    stretches = [(one.start, one.stop) for one in events if not one.lasting]
-    return without_stretches(record, stretches, [one.start for one in events if one.lasting])
