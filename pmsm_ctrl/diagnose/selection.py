@@ -206,7 +206,8 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         after = with_trial(case, fit, trial)
         # an effect that is still to come may be what brings a parameter back inside its bounds
         refusal = None if number + 1 < len(start) else _judge_refit(fit, after, trial, case.policy)
-        refusal = refusal or _judge_holdout(case, fit, after) or unlike_in_half(case, fit, after)
+        refusal = refusal or _judge_holdout(case, fit, after)
+        refusal = refusal if refusal or number + 1 < len(start) else unlike_in_half(case, fit, after)
         if refusal is None:
             alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
             return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)

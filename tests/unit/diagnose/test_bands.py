@@ -7,8 +7,12 @@ from pathlib import Path
 import pytest
 
 from pmsm_ctrl import Design, simulate
+from pmsm_ctrl.diagnose import criteria, diagnose
 from pmsm_ctrl.diagnose.diagnosis import condition, in_narrower_bands
 from pmsm_ctrl.diagnose.policy import POLICY
+from pmsm_ctrl.diagnose.refusal import Reason
+from tests.benchmarks.worlds.hidden import simulate_world
+from tests.benchmarks.worlds.world import draw
 
 
 @pytest.fixture
@@ -32,3 +36,27 @@ def test_half_of_the_default_band_follows_it_and_nothing_follows_that(seed_motor
 def test_a_band_that_was_asked_for_is_kept(seed_motor: Design, band: float) -> None:
     log = simulate(seed_motor, "triangle", seed=1)
     assert condition(seed_motor, log, (), {}, POLICY, band=band).record.cutoff == band
+
+
+@pytest.mark.parametrize(
+    ("left", "stderr", "same"),
+    [(1.0, 0.1, True), (0.6, 0.0, True), (0.3, 0.1, True), (0.3, 0.05, False), (-0.3, 0.02, False), (-5.0, 2.0, True)],
+)
+def test_an_effect_of_less_than_half_its_size_is_another_one_where_that_is_sure(
+    left: float, stderr: float, same: bool
+) -> None:
+    found = criteria.same_in_half(left, stderr)
+    assert (found is None) == same
+    if found is not None:
+        assert found.reason is Reason.OTHER_BAND
+        assert found.detail == {"percent": pytest.approx(100.0 * left)}
+
+
+def test_an_error_of_the_model_that_changes_with_the_band_has_no_name() -> None:
+    """A clean world: what is left at 40 Hz is a Stribeck friction of 0.5 of its excess, and its negative at 20 Hz."""
+    world = draw(660131)
+    found = diagnose(world.design, simulate_world(world), candidates=["stribeck"], plan=False)
+    assert not found.steps
+    (ranked,) = found.ranking
+    assert ranked.refusal is not None
+    assert ranked.refusal.reason is Reason.OTHER_BAND
