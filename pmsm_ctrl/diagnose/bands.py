@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.event import Event
@@ -25,7 +27,8 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
     """Return that an effect is another one in half the band: its amounts there are not those in the band.
 
     The size of an effect does not hang on the band in which it is looked at; that of an error of the model does. The
-    shape is that of the whole band. A delay is linearised about itself and has no amount to compare.
+    shape is that of the whole band. A delay is linearised about itself and has no amount to compare; of a wave of a
+    turn that is mostly too fast for half the band, the skirts of the filters are left.
 
     Parameters
     ----------
@@ -36,12 +39,14 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
     one = after.accepted[-1]
     if one.effect.structure.delays:
         return None
-    half = conditioned_in(0.5 * min(case.record.cutoff, default_cutoff(case.record.prepared.rate)), case)
+    wave = bool(one.effect.order or one.effect.electrical_order)
+    default = default_cutoff(case.record.prepared.rate)  # a wider one is that of the fast part of the drive signal
+    half = conditioned_in(0.5 * (case.record.cutoff if wave else min(case.record.cutoff, default)), case)
     if half is None:
         return None
     there = without_events(half, case.events).without_candidates(before.accepted)
-    whole, part = (_amounts(fit, one) for fit in (before, there))
-    if min(whole.rank, part.rank) < len(whole.size):
+    (whole, passed), (part, left_over) = (_amounts(fit, one) for fit in (before, there))
+    if min(whole.rank, part.rank) < len(whole.size) or (wave and left_over < case.policy.stable * passed):
         return None
     weights = part.size**2 * whole.values  # amounts of other units count by the torque that they make
     scale = float(weights @ whole.values)
@@ -49,10 +54,11 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
     return criteria.same_in_half(left, stderr, case.policy)
 
 
-def _amounts(fit: Fitted, one: Accepted) -> Added:
-    """Return what the columns of an effect explain beyond a fit without it."""
-    group = beside_held(effect_group(fit.record, one.effect, one.shape), fit.model.responses)
-    return beyond(fit.plain, fit.weights, group)[1]
+def _amounts(fit: Fitted, one: Accepted) -> tuple[Added, float]:
+    """Return what the columns of an effect explain beyond a fit without it, and their mean square."""
+    group = effect_group(fit.record, one.effect, one.shape)
+    power = sum(float(np.mean(rows[:, fit.record.mask] ** 2)) for rows in group.rows if rows is not None)
+    return beyond(fit.plain, fit.weights, beside_held(group, fit.model.responses))[1], power
 
 
 def conditioned_in(band: float, case: Case) -> Case | None:

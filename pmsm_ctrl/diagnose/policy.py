@@ -132,7 +132,7 @@ class Policy:
     stable : float
         Smallest share of an effect's amount in the band that half of it has to show, the standard errors of
         `sure_errors` allowed for. The size of an effect does not hang on the band; that of an error of the model does.
-        Of 45 right names in worlds none has less than 0.66, of 15 false ones in clean worlds one has more than 0.11.
+        Of 60 right names in worlds none has less than 0.66, of 13 false ones in clean worlds one has more than 0.11.
     friction_share : float
         A dry friction below zero contradicts the design if it is at least this share of the torque. A smaller one is
         held at zero: something else is missing. A convention.
