@@ -34,9 +34,7 @@ FREQUENCY, DAMPING = "(w_a)", "(zeta)"
 LEAST_DAMPED = 1e-3
 ROUNDING = 1e-6  # of a friction that a fit holds at its bound, and a design file states with few digits
 ABOVE_NOISE = 4.0
-# Share of the inertia that is worth the name of a load, and that of the rotor in any case. In three logs a load of 0.4
-# to 0.9 % on a sharp resonance was 14 to 42 % of the residual.
-LEAST_LOAD, LEAST_ROTOR = 0.002, 0.02
+LEAST_LOAD = 0.02  # share of the inertia that is worth the name of a load, and that the rotor has in any case
 # Amplitude of a wave of a turn, in the torque's rms, of which nothing is known.
 UNBOUNDED = 1e3
 
@@ -182,7 +180,7 @@ class Transmission(Structure):
 
     def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
         """Return the bounds of the load's inertia: a part of the total."""
-        return {self.load: (LEAST_LOAD * known.J, (1.0 - LEAST_ROTOR) * known.J)}
+        return {self.load: (LEAST_LOAD * known.J, (1.0 - LEAST_LOAD) * known.J)}
 
     def second_mass(self, values: Mapping[str, float]) -> SecondMass | None:
         """Return the load; None where it has no inertia."""
