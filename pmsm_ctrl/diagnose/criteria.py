@@ -193,9 +193,8 @@ def same_in_half(left: float, stderr: float, policy: Policy = POLICY) -> Refusal
         Its amount there over that in the band, and the standard error.
     policy : Policy
     """
-    if left + policy.sure_errors * stderr >= policy.stable:
-        return None
-    return Refusal(Reason.OTHER_BAND, {"percent": 100.0 * left})
+    surely_less = left + policy.sure_errors * stderr < policy.stable
+    return Refusal(Reason.OTHER_BAND, {"percent": 100.0 * left}) if surely_less else None
 
 
 def no_balance_worse(

@@ -287,7 +287,8 @@ def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Re
     judged = _judge_trial(before, trial, p_values[id(trial)], case.policy)
     if isinstance(judged, Refusal):
         return judged
-    return _judge_refit(before, after, trial, case.policy) or _judge_holdout(case, before, after)
+    refusal = _judge_refit(before, after, trial, case.policy) or _judge_holdout(case, before, after)
+    return refusal or unlike_in_half(case, before, after)
 
 
 def with_trial(case: Case, fit: Fitted, trial: Trial) -> Fitted:
