@@ -53,6 +53,7 @@ def test_the_authors_figures(design: Design, record: Log, derivative: str) -> No
     assert not result.unidentifiable
 
 
+@pytest.mark.slow
 def test_starting_values_do_not_matter(design: Design, record: Log, identified: Identification) -> None:
     elsewhere = design.with_effect("coulomb", {"F_c": 1.0}).replace(motor={"J": 50.0})
     a, b = identified, identify(elsewhere, record)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.browser import browser, measured, no_browser
-from tests.effort import amount, seeds
+from tests.effort import amount
 
 html5lib = pytest.importorskip("html5lib", reason="HTML5LIB ABSENT: the gallery was not parsed (pip install html5lib)")
 
@@ -132,7 +132,8 @@ def test_a_phone_needs_no_sideways_scrolling_and_the_first_screen_shows_the_erro
 
 
 @no_browser
-@pytest.mark.parametrize("page", seeds(*PAGES), ids=lambda path: path.stem)
+@pytest.mark.slow  # a page that was drawn just now: tests/unit/test_report.py
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
 def test_browser_draws_the_page(page: Path, tmp_path: Path) -> None:
     picture, unfolded = tmp_path / "page.png", tmp_path / "page.html"
     unfolded.write_text(page.read_text("utf-8").replace("<details", "<details open"), encoding="utf-8")

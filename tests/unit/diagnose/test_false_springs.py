@@ -12,7 +12,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.simulate import scenario, simulate
-from tests.effort import seeds
+from tests.effort import seeds, slow
 from tests.unit.simulate.composed import simulate_composed
 
 SPRINGS = ("compliance", "backlash")
@@ -29,7 +29,9 @@ def filtered(log: Log, seconds: float) -> Log:
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
-@pytest.mark.parametrize(("motion", "lag"), [("identification", 1e-3), ("identification", 5e-3), ("trapezoid", 5e-3)])
+@pytest.mark.parametrize(
+    ("motion", "lag"), [("identification", 1e-3), slow("identification", 5e-3), ("trapezoid", 5e-3)]
+)
 def test_a_filter_of_the_current_is_no_spring(seed_motor: Design, motion: str, lag: float, seed: int) -> None:
     short = {"duration": 12.0} if motion == "identification" else {}
     log = filtered(simulate(seed_motor, scenario(motion, seed_motor, **short), seed=seed), lag)

@@ -16,6 +16,7 @@ from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Record, make_record
 from pmsm_ctrl.regression.columns import effect_group, seen_as_candidate
+from tests.effort import seeds
 
 RATE, F_A, ZETA, SHARE = 2000.0, 25.0, 0.03, 0.5
 SHAPE = {"(w_a)": 2.0 * np.pi * F_A, "(zeta)": ZETA}
@@ -53,7 +54,7 @@ def noise_of_acceleration(record: Record) -> float:
     return float(np.std(record.shaped(noise)[record.mask]))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_an_axis_that_swings_is_not_noisy(design: Design, seed: int) -> None:
     """The swings of a load within the band were taken for noise, and its column was left out nearly everywhere."""
     record = two_masses(design, SHARE, seed)
@@ -66,7 +67,7 @@ def test_an_axis_that_swings_is_not_noisy(design: Design, seed: int) -> None:
     assert np.mean(seen != 0.0) > 0.5
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", seeds(1, 2, 3))
 def test_the_noise_of_a_rigid_axis_is_no_less_beside_a_load(design: Design, seed: int) -> None:
     """Whatever share of the inertia a load takes that is not there, the rotor turns the noise into torque."""
     record = two_masses(design, 0.0, seed)

@@ -31,7 +31,7 @@ def shares(case: Case, method: str, seeds: range) -> dict[str, tuple[float, floa
 @pytest.mark.parametrize("case", [CASES[0], slow(CASES[1])], ids=lambda case: case.name)
 @pytest.mark.parametrize("method", [method if method == "regression" else slow(method) for method in METHODS])
 def test_stated_errors_hold_and_are_near_the_bound(case: Case, method: str) -> None:
-    seeds = range(700, 700 + amount(6, 16))
+    seeds = range(700, 700 + amount(4, 16))
     found = shares(case, method, seeds)
     assert set(found) == set(case.true_values())
     low, high = chi2.ppf([0.0005, 0.9995], len(seeds))

@@ -13,7 +13,7 @@ from tests.effort import amount
 
 def test_clean_worlds_raise_nothing() -> None:
     raised = {}
-    for seed in range(200, 200 + amount(5, 100)):
+    for seed in range(200, 200 + amount(3, 100)):
         world = draw(seed)
         try:
             log = simulate_world(world)

@@ -11,6 +11,7 @@ from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import examine
 from tests.benchmarks.spoiled_logs import SPOILED
+from tests.effort import seeds, slow
 from tests.unit.plausibility.drives import F_C, K_T, PSI, believed, drawn
 from tests.unit.plausibility.drives import R as RESISTANCE
 
@@ -70,7 +71,7 @@ def spoiled(name: str, seed: int):
     return examine(other, changed)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
 @pytest.mark.parametrize("name", CONTRADICTIONS)
 def test_what_does_not_belong_together_is_named(name: str, seed: int) -> None:
     found = spoiled(name, seed)
@@ -78,7 +79,7 @@ def test_what_does_not_belong_together_is_named(name: str, seed: int) -> None:
     assert found.contradictions[0].code == CONTRADICTIONS[name]
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
 @pytest.mark.parametrize("name", DOUBTS)
 def test_what_the_recorder_did_is_a_doubt(name: str, seed: int) -> None:
     found = spoiled(name, seed)
@@ -86,7 +87,7 @@ def test_what_the_recorder_did_is_a_doubt(name: str, seed: int) -> None:
     assert DOUBTS[name] in [notice.code for notice in found.doubts]
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
 @pytest.mark.parametrize("name", REPAIRS)
 def test_what_can_be_put_right_is_no_doubt(name: str, seed: int) -> None:
     found = spoiled(name, seed)
@@ -98,7 +99,7 @@ def test_what_can_be_put_right_is_no_doubt(name: str, seed: int) -> None:
     np.testing.assert_allclose(np.diff(found.log.t), clean.period, rtol=2e-3)
 
 
-@pytest.mark.parametrize("seed", range(20, 26))
+@pytest.mark.parametrize("seed", [20, 21, 22, *map(slow, range(23, 26))])
 def test_a_sound_log_raises_nothing(seed: int) -> None:
     log = drawn(seed)
     speed = np.gradient(log["theta"], log.t)
@@ -188,7 +189,7 @@ def test_a_linear_axis_known_by_its_force() -> None:
     assert [n.code for n in examine(design, turned).contradictions] == ["current_sign"]
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
 def test_a_lag_beyond_every_correction_is_taken_out(seed: int) -> None:
     log = drawn(seed, noise=1e-3)
     for name, code in (("current late by 50 ms", "not_synchronous"), ("current filtered, 20 ms", "current_filtered")):
@@ -201,7 +202,7 @@ def test_a_lag_beyond_every_correction_is_taken_out(seed: int) -> None:
         assert np.std(error) < 0.15 * np.std(log["i_q"][inside])
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
 def test_clipped_samples_are_left_out_and_counted(seed: int) -> None:
     log = drawn(seed)
     limit = float(np.quantile(np.abs(log["i_q"]), 0.955))
@@ -214,7 +215,7 @@ def test_clipped_samples_are_left_out_and_counted(seed: int) -> None:
     assert all(stretch.reason is reason and stretch.stop > stretch.start for stretch in found.excluded)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
 def test_an_offset_by_hand_is_told_from_a_load(seed: int) -> None:
     log = drawn(seed)
     found = examine(believed(), log.with_channels(i_q=log["i_q"] + 0.1))
@@ -225,7 +226,7 @@ def test_an_offset_by_hand_is_told_from_a_load(seed: int) -> None:
     assert examine(believed(), loaded).contradictions == ()
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
 def test_the_limit_of_the_drive_clips_nothing(seed: int) -> None:
     log = drawn(seed)
     limit = float(np.quantile(np.abs(log["i_q"]), 0.955))

@@ -58,7 +58,7 @@ def test_the_lines_of_an_encoder_are_found_and_become_part_of_the_model(
     assert weighted_rest(fit) < 1.05 * weighted_rest(base_fit(design, clean))
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", seeds(*range(5)))
 def test_an_angle_without_error_has_no_lines(design: Design, seed: int) -> None:
     assert timed_record(design, swinging(64, 0.0, seed)).lines == ()
 

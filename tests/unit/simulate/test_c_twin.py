@@ -7,6 +7,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.simulate import scenario
+from tests.effort import seeds
 
 pytest.importorskip("numba")
 
@@ -23,7 +24,7 @@ def twin(project_root):
     return twin
 
 
-@pytest.mark.parametrize("six", [False, True])
+@pytest.mark.parametrize("six", seeds(False, True))
 def test_kernel_and_c_agree_over_thousands_of_periods(twin, tmp_path, project_root, six):
     """From rest through a reversal: sticking, landing, six effects; rounding apart, the same numbers."""
     design = Design.read(project_root / "designs/seed_motor.toml")

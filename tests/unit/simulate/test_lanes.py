@@ -9,6 +9,7 @@ from pmsm_ctrl.errors import SimulationError
 from pmsm_ctrl.simulate import scenario, simulate, simulate_batch
 from pmsm_ctrl.simulate.lanes import LANES, WORTH, groups
 from pmsm_ctrl.simulate.run import prepare
+from tests.effort import slow
 
 # What rounding may do: the two are compiled separately, so multiply-adds are fused differently.
 ROUNDING = 1e-9
@@ -57,7 +58,7 @@ def test_side_by_side_is_one_by_one_through_reversals(seed_motor, seed, count):
     )
 
 
-@pytest.mark.parametrize("name", ["positioning", "breakaway", "identification"])
+@pytest.mark.parametrize("name", ["positioning", "breakaway", slow("identification")])
 def test_position_control_and_references_of_its_own(seed_motor, name):
     drives = varied(seed_motor, 5)
     arguments = {"seed": 3, "keep_truth": True}

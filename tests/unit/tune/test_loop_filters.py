@@ -83,7 +83,7 @@ def test_the_open_loop_is_plant_controller_and_filters(filtered):
 
 @pytest.mark.parametrize(
     ("filters", "gain"),
-    [((), 1.0), ((LOW_PASS,), 0.7), slow((), 0.7), slow((NOTCH,), 1.0), slow((NOTCH,), 0.7)],
+    [((LOW_PASS,), 0.7), slow((), 1.0), slow((), 0.7), slow((NOTCH,), 1.0), slow((NOTCH,), 0.7)],
 )
 def test_the_proof_holds_the_loop_with_a_disturbance_observer(designs, filters, gain):
     """Without an observer of its own the proof failed by 5 deg; the prediction with filters was 3 to 5 deg off."""
