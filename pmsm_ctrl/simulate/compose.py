@@ -1,7 +1,8 @@
 """Compose the drive kernel for a set of effects: the template plus the lines of each effect.
 
-Every combination is a generated source file, compiled once and cached on disk. It is plain Python: `source` returns
-it, and ``load(..., compiled=False)`` runs it without numba.
+Every combination is a generated source file, compiled once and cached on disk; what hangs on the plant alone, or on
+the controller alone, is in files of its own, which combinations share. It is plain Python: `source` returns it whole,
+and ``load(..., compiled=False)`` runs it without numba.
 """
 
 from __future__ import annotations
@@ -30,6 +31,12 @@ _LOADING = threading.Lock()  # a module loaded twice would be compiled twice
 _MARK = re.compile(r"#\s<([a-z_ ]+)>\s*$")
 BARE_STATES = 15  # states of the kernel without effects; structures add theirs
 _TEMPLATE = Path(__file__).resolve().parent.parent / "kernels" / "drive_template.py"
+# Functions of the template that hang on the plant's effects alone, and on those of the controller.
+_OF_THE_PLANT = (
+    "drive_torque", "shaft_torque", "derivative", "advance", "runge_kutta", "impending", "step_dry", "step_smooth",
+    "measure",
+)  # fmt: skip
+_OF_THE_CONTROLLER = ("speed_control",)
 
 
 def source(
@@ -89,13 +96,18 @@ def load(
     """
     plant, drive = tuple(effects), tuple(compensated)
     text = _source(plant, drive, parts)
-    return module_of(text, plant, drive) if compiled else _plain(text, plant, drive)
+    return module_of(text, plant, drive, pieces=True) if compiled else _plain(text, plant, drive)
 
 
-def module_of(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect, ...]) -> ModuleType:
-    """Return the module of a generated text, with the terms it calls; the same one for all threads."""
+def module_of(
+    text: str, effects: tuple[Effect, ...], compensated: tuple[Effect, ...], *, pieces: bool = False
+) -> ModuleType:  # fmt: skip
+    """Return the module of a generated text, with the terms it calls; the same one for all threads.
+
+    With `pieces`, the plant's functions and the controller's come from modules that other combinations share.
+    """
     with _LOADING:
-        return _compiled(text, effects, compensated)
+        return _compiled(text, effects, compensated, pieces)
 
 
 def structures(effects: Sequence[Effect]) -> list[tuple[type[Structure], int]]:
@@ -138,10 +150,9 @@ def _reuse(text: str) -> str:
     bare = source(())
     unchanged = []
     for name in ("advance", "measure", "speed_control"):
-        block = re.compile(rf"@inlined\ndef {name}\(.*?\n\n\n", flags=re.DOTALL)
-        found, original = block.search(text), block.search(bare)
-        if found and original and found.group() == original.group():
-            text = text.replace(found.group(), "")
+        found = _function(name, text)
+        if found and found == _function(name, bare):
+            text = text.replace(found, "")
             unchanged.append(name)
     line = f"from pmsm_ctrl.kernels.drive_template import {', '.join(unchanged)}\n"
     return (
@@ -151,31 +162,70 @@ def _reuse(text: str) -> str:
     )
 
 
+def _function(name: str, text: str) -> str:
+    """Return the text of an inlined function, empty where there is none."""
+    found = re.search(rf"@inlined\ndef {name}\(.*?\n\n\n", text, flags=re.DOTALL)
+    return found.group() if found else ""
+
+
 @lru_cache(maxsize=256)
-def _compiled(text: str, effects: tuple[Effect, ...], compensated: tuple[Effect, ...]) -> ModuleType:
-    text = _reuse(text)
-    digest = hashlib.sha256(text.encode())
-    for effect in (*effects, *compensated):
-        digest.update(fingerprint(effect.term))
-    name = f"drive_{digest.hexdigest()[:16]}"
+def _compiled(
+    text: str, effects: tuple[Effect, ...], compensated: tuple[Effect, ...], pieces: bool
+) -> ModuleType:  # fmt: skip
+    name = _name("drive", text, (*effects, *compensated))
     typed = [e for e in (*effects, *compensated) if not Path(e.py_term.__code__.co_filename).is_file()]
     if typed:
         # A term typed at a prompt has no file, so that another process could not compile it: keep it off the disk.
         module = ModuleType(name)
         module.__dict__.update(_terms(effects, compensated))
-        exec(compile(text, name, "exec"), module.__dict__)  # the package's own text
+        exec(compile(_reuse(text), name, "exec"), module.__dict__)  # the package's own text
         return module
+    if not pieces:
+        return _filed(name, _reuse(text), _terms(effects, compensated))
+    text, plant = _apart(text, "plant", _OF_THE_PLANT, effects, _terms(effects, ()))
+    text, control = _apart(text, "control", _OF_THE_CONTROLLER, compensated, _terms((), compensated))
+    return _filed(name, text, _terms(effects, compensated) | plant | control)
+
+
+def _apart(
+    text: str, kind: str, names: Sequence[str], effects: Sequence[Effect], terms: Mapping[str, Any]
+) -> tuple[str, dict[str, Any]]:
+    """Take functions out of a kernel's text: return what is left, and the functions of a module of their own.
+
+    A plant is compiled once for all its controllers that way, and a controller once for all its plants.
+    """
+    found = {name: function for name in names if (function := _function(name, text))}
+    part = _reuse(text.partition("@inlined\n")[0] + "".join(found.values()))
+    for function in found.values():
+        text = text.replace(function, "")
+    module = _filed(_name(kind, part, effects), part, terms) if found else None
+    return text, {name: getattr(module, name) for name in found}
+
+
+def _name(kind: str, text: str, effects: Sequence[Effect]) -> str:
+    """Return the name of a generated module: another one for another text, or another term that it calls."""
+    digest = hashlib.sha256(text.encode())
+    for effect in effects:
+        digest.update(fingerprint(effect.term))
+    return f"{kind}_{digest.hexdigest()[:16]}"
+
+
+def _filed(name: str, text: str, functions: Mapping[str, Any]) -> ModuleType:
+    """Return the module of a text in the cache's folder, where numba finds what another process has compiled."""
     folder = cache_folder() / "generated"
     path = folder / f"{name}.py"
     if not path.exists() or path.read_bytes() != text.encode():
         folder.mkdir(parents=True, exist_ok=True)
         write_text(path, text)
+    known = sys.modules.get(f"pmsm_ctrl_generated_{name}")
+    if known is not None and known.__file__ == str(path):
+        return known
     spec = importlib.util.spec_from_file_location(f"pmsm_ctrl_generated_{name}", path)
     assert spec is not None  # the file was just written
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
-    module.__dict__.update(_terms(effects, compensated))
+    module.__dict__.update(functions)
     spec.loader.exec_module(module)
     return module
 

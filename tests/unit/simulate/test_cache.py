@@ -16,7 +16,10 @@ from numba.core.dispatcher import Dispatcher
 
 import pmsm_ctrl
 from pmsm_ctrl import Design, kernels, simulate
+from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.simulate.compose import load
+from pmsm_ctrl.simulate.controller_lines import SpeedParts
 from tests.effort import amount
 
 PACKAGE = Path(pmsm_ctrl.__file__).parent
@@ -204,3 +207,16 @@ def test_no_kernel_is_compiled_anew_for_a_constant():
     used = {f"{one.__module__}.{one.__name__}": one.signatures for one in kept if one.signatures}
     assert used  # of a drive that was compiled before, its pieces are not
     assert [name for name, signatures in used.items() if "Literal" in str(signatures)] == []
+
+
+def test_a_plant_is_compiled_once_for_all_its_controllers_and_a_controller_for_all_its_plants():
+    dry, wavy = ((CATALOGUE["coulomb"], CATALOGUE[name]) for name in ("viscous", "cogging"))
+    plain, feeding, filtering, elsewhere = (
+        load(dry), load(dry, dry), load(dry, parts=SpeedParts(filters=1)), load(wavy, dry),
+    )  # fmt: skip
+    for name in ("shaft_torque", "derivative", "runge_kutta", "step_dry"):
+        assert getattr(feeding, name) is getattr(plain, name) is getattr(filtering, name)
+        assert getattr(elsewhere, name) is not getattr(plain, name)
+    assert elsewhere.speed_control is feeding.speed_control
+    assert len({one.speed_control for one in (plain, feeding, filtering)}) == 3
+    assert len({one.run for one in (plain, feeding, filtering, elsewhere)}) == 4
