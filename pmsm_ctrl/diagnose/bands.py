@@ -23,7 +23,7 @@ from pmsm_ctrl.regression.two_stage import beside_held
 __all__ = ["conditioned_in", "unlike_in_half", "without_events"]
 
 
-def unlike_in_half(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
+def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = False) -> Refusal | None:
     """Return that an effect is another one in half the band: its amounts there are not those in the band.
 
     The size of an effect does not hang on the band in which it is looked at; that of an error of the model does. The
@@ -35,6 +35,8 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
     case : Case
     before, after : Fitted
         Everything fitted without and with it.
+    surely : bool
+        Whether the amounts have to be the same, as far as half the band holds any.
     """
     one = after.accepted[-1]
     if one.effect.structure.delays:
@@ -51,7 +53,7 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted) -> Refusal | None:
     weights = part.size**2 * whole.values  # amounts of other units count by the torque that they make
     scale = float(weights @ whole.values)
     left, stderr = float(weights @ part.values) / scale, math.sqrt(float(weights**2 @ part.stderr**2)) / scale
-    return criteria.same_in_half(left, stderr, case.policy)
+    return criteria.same_in_half(left, stderr, case.policy, surely)
 
 
 def _amounts(fit: Fitted, one: Accepted) -> tuple[Added, float]:

@@ -56,6 +56,9 @@ class Case:
         Returns the case with the log conditioned by another design, which has the effects found so far.
     in_band : function or None
         Returns the case with the log conditioned in another band.
+    minor_too : bool
+        Whether a first effect may explain less than most of what the residual has above its noise floor, if it is
+        surely of the same size in half the band.
     bands : dict of float to Case or None
         The same in other bands, as far as they were asked for; None where the log holds too little in one.
     fits : list of Fitted
@@ -75,6 +78,7 @@ class Case:
     given: Design | None = None
     conditioned_with: Callable[[Design, Case], Case] | None = field(default=None, repr=False)
     in_band: Callable[..., Case] | None = field(default=None, repr=False)
+    minor_too: bool = False
     bands: dict[float, Case | None] = field(default_factory=dict, repr=False)
     fits: list[Fitted] = field(default_factory=list, repr=False)
 

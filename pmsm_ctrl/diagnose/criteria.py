@@ -99,7 +99,9 @@ def significance(p_holm: float, policy: Policy = POLICY) -> Refusal | None:
     return Refusal(Reason.NOT_SIGNIFICANT, {"p": p_holm}) if p_holm > policy.significance else None
 
 
-def size(share: float, explained: float, excess: float, policy: Policy = POLICY) -> Refusal | None:
+def size(
+    share: float, explained: float, excess: float, policy: Policy = POLICY, minor_too: bool = False
+) -> Refusal | None:
     """Check that an effect is worth a name.
 
     Parameters
@@ -111,12 +113,14 @@ def size(share: float, explained: float, excess: float, policy: Policy = POLICY)
     excess : float
         The same of what the residual has above its noise floor, where the effect acts.
     policy : Policy
+    minor_too : bool
+        Whether it may explain less than most of that.
     """
     least = policy.small_size if explained > policy.explained else policy.size
     telling = explained > policy.refused_share and excess > policy.above_floor  # most of what is wrong, however small
     if share < least and not (telling and share > 0.0):
         return Refusal(Reason.TOO_SMALL, {"percent": 100.0 * share})
-    if excess < policy.above_floor:
+    if excess < (policy.excess if minor_too else policy.above_floor):
         return Refusal(Reason.MINOR, {"percent": 100.0 * min(excess, 1.0)})
     return None
 
@@ -184,7 +188,7 @@ def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: 
     return Refusal(Reason.EXPLAINED_BY_RIVALS, {"percent": explained, "gain": found.gain, "stderr": found.stderr})
 
 
-def same_in_half(left: float, stderr: float, policy: Policy = POLICY) -> Refusal | None:
+def same_in_half(left: float, stderr: float, policy: Policy = POLICY, surely: bool = False) -> Refusal | None:
     """Check that an effect is of the same size in half the band.
 
     Parameters
@@ -192,9 +196,15 @@ def same_in_half(left: float, stderr: float, policy: Policy = POLICY) -> Refusal
     left, stderr : float
         Its amount there over that in the band, and the standard error.
     policy : Policy
+    surely : bool
+        Whether it has to be the same up to a factor of ``1 / policy.stable``, and not only not surely less.
     """
-    surely_less = left + policy.sure_errors * stderr < policy.stable
-    return Refusal(Reason.OTHER_BAND, {"percent": 100.0 * left}) if surely_less else None
+    slack = policy.sure_errors * stderr
+    if surely:
+        same = policy.stable < left - slack and left + slack < 1.0 / policy.stable
+    else:
+        same = left + slack >= policy.stable
+    return None if same else Refusal(Reason.OTHER_BAND, {"percent": 100.0 * left})
 
 
 def no_balance_worse(

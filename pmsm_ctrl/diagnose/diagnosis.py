@@ -189,12 +189,16 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     """
     selection = _select(case, progress=progress, taken=taken)
     shown = set() if selection.steps else significant(selection.fit, case.policy)
+    minor = replace(case, minor_too=True, remarks=(*case.remarks, words.MINOR_PART()))
+    small = _select(minor, progress=lambda share: progress(0.9)) if shown else selection
     case, found = _answered(case, selection, plan, progress)
     if shown and found.verdict in NOTHING_NAMED and explains_most(found.selection.fit, case.policy):
         for other in in_narrower_bands(case):
             again = _select(other, progress=lambda share: progress(0.9))
             if again.steps and _hidden_by_noise(again.steps[0], shown, case.policy):
                 return _answered(other, again, plan, progress)
+        if small.steps:
+            return _answered(minor, small, plan, progress)
     return case, found
 
 

@@ -23,6 +23,7 @@ __all__ = [
     "LARGE_REFUSED",
     "LITTLE_EXPLAINED",
     "LITTLE_KNOWN",
+    "MINOR_PART",
     "NARROWER_BAND",
     "NEGATIVE_PARAMETER",
     "NOT_CALIBRATED",
@@ -99,6 +100,10 @@ BEYOND_BAND = Template(
 NARROWER_BAND = Template(
     "narrower_band",
     "evaluated in a band of {band:.0f} Hz: in the usual one, {usual:.0f} Hz, noise hides what is missing",
+)
+MINOR_PART = Template(
+    "minor_part",
+    "most of the residual is something else: the effect is named because it is of the same size in half the band",
 )
 DEPENDENCE = Template(
     "residual_dependence",

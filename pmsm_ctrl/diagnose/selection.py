@@ -191,6 +191,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         Ids that the selection begins with: no other one is looked at before these are in.
     """
     fit, number = selection.fit, len(selection.steps)
+    minor_too = case.minor_too and not number
     if number == case.policy.most_steps:
         return Found(None, None, selection.refused)
     only = start[number] if number < len(start) else ""
@@ -199,7 +200,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         name = name_of(trial)
         if name in refused or (only and trial.candidate.effect.id != only):
             continue
-        judged = _judge_trial(fit, trial, p_holm, case.policy, selection.largest_beside(trial))
+        judged = _judge_trial(fit, trial, p_holm, case.policy, selection.largest_beside(trial), minor_too)
         if isinstance(judged, Refusal):
             refused[name] = _by_sampling(case, fit, trial, judged)
             continue
@@ -207,7 +208,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         # an effect that is still to come may be what brings a parameter back inside its bounds
         refusal = None if number + 1 < len(start) else _judge_refit(fit, after, trial, case.policy)
         refusal = refusal or _judge_holdout(case, fit, after)
-        refusal = refusal if refusal or number + 1 < len(start) else unlike_in_half(case, fit, after)
+        refusal = refusal if refusal or number + 1 < len(start) else unlike_in_half(case, fit, after, minor_too)
         if refusal is None:
             alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
             return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)
@@ -305,9 +306,12 @@ def with_trial(case: Case, fit: Fitted, trial: Trial) -> Fitted:
 
 
 def _judge_trial(
-    fit: Fitted, trial: Trial, p_holm: float, policy: Policy, largest: float = 0.0
-) -> Refusal | Evidence:  # fmt: skip
-    """Return what a candidate's columns tell, the cheapest criterion first, beside effects of this size at most."""
+    fit: Fitted, trial: Trial, p_holm: float, policy: Policy, largest: float = 0.0, minor_too: bool = False
+) -> Refusal | Evidence:
+    """Return what a candidate's columns tell, the cheapest criterion first, beside effects of this size at most.
+
+    One that is a minor part of the residual has to be confirmed as a later effect is.
+    """
     refusal = criteria.signs(not trial.singular, not trial.wrong_sign) or criteria.significance(p_holm, policy)
     if refusal is not None:
         return refusal
@@ -318,13 +322,13 @@ def _judge_trial(
         band = in_band(fit, trial)
         told = band > policy.excess and not trial.by_weights
         excess = max(excess, band, excess_of(fit.solved, trial, trial.gain)[1] if told else 0.0)
-    refusal = criteria.size(share, explained, excess, policy)
+    refusal = criteria.size(share, explained, excess, policy, minor_too and not memory)
     if refusal is None and not _own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
     if refusal is not None:
         return refusal
     found, whole, returned = cross_validated(fit, trial)
-    refusal = criteria.cross_validation(found, whole, returned, not fit.accepted, policy)
+    refusal = criteria.cross_validation(found, whole, returned, not (fit.accepted or minor_too), policy)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
         refusal = criteria.beside_rivals(*beside, policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found)
