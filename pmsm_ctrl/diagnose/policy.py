@@ -60,7 +60,9 @@ class Policy:
         residual makes a significant effect that cross-validation did not confirm unexplained structure. So much of what
         a gap explains must be left beside its rivals: 27 gaps that are there keep 0.22 to 1, two that are not 0.01 and
         0.09. And a slow rest of the torque is structure from this share of its rms on: 110 logs of two simulators
-        without a hidden effect have 0.13 at most, with a load of the process 0.14 to 0.60. Set on: worlds.
+        without a hidden effect have 0.13 at most, with a load of the process 0.14 to 0.60. Where nothing is named, an
+        effect without a memory that explains this share of the excess may be, if it is surely of the same size in half
+        the band. Set on: worlds.
     lowered : float
         An accepted effect must lower the rms error of at least one balance to this share of the error before. Without
         it a delay is named in a speed that the drive filtered, and in an angle of five digits. Set on: plant.
@@ -133,6 +135,8 @@ class Policy:
         Smallest share of an effect's amount in the band that half of it has to show, the standard errors of
         `sure_errors` allowed for. The size of an effect does not hang on the band; that of an error of the model does.
         Of 60 right names in worlds none has less than 0.66, of 13 false ones in clean worlds one has more than 0.11.
+        Where an effect is a minor part of the residual, the amount must surely be more than this share, and less than
+        its inverse.
     friction_share : float
         A dry friction below zero contradicts the design if it is at least this share of the torque. A smaller one is
         held at zero: something else is missing. A convention.

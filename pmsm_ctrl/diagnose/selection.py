@@ -285,11 +285,14 @@ def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Re
         One of those of `before`.
     """
     p_values = dict(zip(map(id, before.trials), holm([t.p_value for t in before.trials]), strict=True))
-    judged = _judge_trial(before, trial, p_values[id(trial)], case.policy)
+    judged, minor_too = _judge_trial(before, trial, p_values[id(trial)], case.policy), False
+    if isinstance(judged, Refusal) and judged.reason is Reason.MINOR and not before.accepted:
+        minor_too, small = True, _judge_trial(before, trial, p_values[id(trial)], case.policy, minor_too=True)
+        judged = judged if isinstance(small, Refusal) else small
     if isinstance(judged, Refusal):
         return judged
     refusal = _judge_refit(before, after, trial, case.policy) or _judge_holdout(case, before, after)
-    return refusal or unlike_in_half(case, before, after)
+    return refusal or unlike_in_half(case, before, after, minor_too)
 
 
 def with_trial(case: Case, fit: Fitted, trial: Trial) -> Fitted:

@@ -6,6 +6,7 @@ import pytest
 
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.adding import added
 from tests.benchmarks.worlds.hidden import hidden_log
 from tests.benchmarks.worlds.world import draw
 
@@ -28,6 +29,25 @@ def test_an_effect_that_noise_hides_in_the_usual_band_is_found_in_half_of_it(
     assert said.detail["band"] == found.record.cutoff <= 0.5 * said.detail["usual"]
     written = compare(found.design, log).log.errors["torque"].relative
     assert written == pytest.approx(found.errors["final"]["torque"]["relative"], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "margin"),
+    [
+        (790048, "cogging", 5.937),
+        pytest.param(770016, "torque_saturation", 3.609, marks=pytest.mark.slow),
+    ],
+)
+def test_an_effect_that_explains_a_minor_part_is_named_where_half_the_band_shows_the_same(
+    seed: int, effect: str, margin: float
+) -> None:
+    world = draw(seed)
+    log, _, hidden = hidden_log(world, effect, margin)
+    found = diagnose(world.design, log, plan=False)
+    (step,) = found.steps
+    assert step.effect == effect
+    assert "minor_part" in [one.code for one in found.notices]
+    assert added(world.design, log, effect).supported
 
 
 def test_a_look_alike_for_want_of_a_channel_is_said() -> None:

@@ -52,6 +52,15 @@ def test_an_effect_of_less_than_half_its_size_is_another_one_where_that_is_sure(
         assert found.detail == {"percent": pytest.approx(100.0 * left)}
 
 
+@pytest.mark.parametrize(
+    ("left", "stderr", "same"),
+    [(1.0, 0.1, True), (0.6, 0.03, True), (0.6, 0.04, False), (1.7, 0.09, True), (1.7, 0.11, False), (1.0, 0.2, False)],
+)
+def test_a_minor_effect_is_named_where_it_is_surely_the_same(left: float, stderr: float, same: bool) -> None:
+    found = criteria.same_in_half(left, stderr, surely=True)
+    assert (found is None) == same
+
+
 def test_an_error_of_the_model_that_changes_with_the_band_has_no_name() -> None:
     """A clean world: what is left at 40 Hz is a Stribeck friction of 0.5 of its excess, and its negative at 20 Hz."""
     world = draw(660131)

@@ -69,6 +69,8 @@ def test_an_effect_explains_half_of_what_is_above_the_noise() -> None:
     refusal = criteria.size(0.5, 0.5, 0.99 * least)
     assert reason(refusal) is Reason.MINOR
     assert str(refusal) == f"significant but minor: {99.0 * least:.2g} % of the residual above the noise floor"
+    assert criteria.size(1.0, 0.3, 0.99 * least, minor_too=True) is None
+    assert reason(criteria.size(1.0, 0.3, 0.99 * POLICY.excess, minor_too=True)) is Reason.MINOR
     # what is too small for a name is called so first
     assert reason(criteria.size(0.0, 0.0, 0.0)) is Reason.TOO_SMALL
 

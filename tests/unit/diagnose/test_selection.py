@@ -53,7 +53,7 @@ def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> 
 class FakeCase:
     """Fits nothing: a fit is the ids that are in it."""
 
-    policy = POLICY
+    policy, minor_too = POLICY, False
 
     def fit(self, ids: tuple[str, ...]) -> Any:
         return SimpleNamespace(accepted=ids, trials=())
@@ -64,7 +64,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
     def play(names: list[str], before: dict[str, Reason], after: dict[str, Reason], **given: Any) -> Found:
         judged: list[str] = []
 
-        def judge(fit: Any, one: Any, p_holm: float, policy: Any, largest: float) -> Any:
+        def judge(fit: Any, one: Any, p_holm: float, policy: Any, *rest: Any) -> Any:
             judged.append(one.candidate.effect.id)
             return Refusal(before[judged[-1]]) if judged[-1] in before else SimpleNamespace(name=judged[-1])
 
