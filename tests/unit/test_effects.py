@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -352,3 +353,12 @@ def test_a_load_at_either_bound_can_be_simulated(name: str) -> None:
         for value in bounds:
             found = effect.structure.simulated(effect, {**effect.example, symbol: value}, machine, 0.0, effect.id)
             assert 0.0 < found[symbol] < machine.J
+
+
+@pytest.mark.parametrize("effect", CATALOGUE.values(), ids=list(CATALOGUE))
+def test_bounds_leave_room_whatever_a_fit_says_of_the_axis(effect: Effect) -> None:
+    """Before a parameter is held at its bound, inertia and friction may come out below zero."""
+    shape = effect.structure.shape(effect, effect.example)
+    for J, F_c, dry in itertools.product((-1e-4, 0.0, 1e-4), (-0.01, 0.0, 0.01), (0.0, 0.01)):
+        for low, high in effect.structure.bounds(effect, Known(J=J, F_c=F_c, dry=dry), shape).values():
+            assert low < high

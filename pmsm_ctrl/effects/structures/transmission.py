@@ -179,7 +179,9 @@ class Transmission(Structure):
         return super().parameters(effect, {**found, **constants})
 
     def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Return the bounds of the load's inertia: a part of the total."""
+        """Return the bounds of the load's inertia: a part of the total, of which nothing is known where it is none."""
+        if known.J <= 0.0:
+            return {self.load: (0.0, np.inf)}
         return {self.load: (LEAST_LOAD * known.J, (1.0 - LEAST_LOAD) * known.J)}
 
     def second_mass(self, values: Mapping[str, float]) -> SecondMass | None:
