@@ -11,7 +11,7 @@ from pmsm_ctrl.diagnose import criteria
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.event import Event
 from pmsm_ctrl.diagnose.fit import Accepted, Fitted
-from pmsm_ctrl.diagnose.refusal import Refusal
+from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import beyond
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.evidence.linalg import Added
@@ -36,7 +36,7 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
     before, after : Fitted
         Everything fitted without and with it.
     surely : bool
-        Whether the amounts have to be the same, as far as half the band holds any.
+        Whether the amounts have to be the same, as far as half the band holds any. It does of all but waves.
     """
     one = after.accepted[-1]
     if one.effect.structure.delays:
@@ -44,12 +44,13 @@ def unlike_in_half(case: Case, before: Fitted, after: Fitted, surely: bool = Fal
     wave = bool(one.effect.order or one.effect.electrical_order)
     default = default_cutoff(case.record.prepared.rate)  # a wider one is that of the fast part of the drive signal
     half = conditioned_in(0.5 * (case.record.cutoff if wave else min(case.record.cutoff, default)), case)
+    unknown = Refusal(Reason.OTHER_BAND, {"percent": 0.0}) if surely and not wave else None
     if half is None:
-        return None
+        return unknown
     there = without_events(half, case.events).without_candidates(before.accepted)
     (whole, passed), (part, left_over) = (_amounts(fit, one) for fit in (before, there))
     if min(whole.rank, part.rank) < len(whole.size) or (wave and left_over < case.policy.stable * passed):
-        return None
+        return unknown
     weights = part.size**2 * whole.values  # amounts of other units count by the torque that they make
     scale = float(weights @ whole.values)
     left, stderr = float(weights @ part.values) / scale, math.sqrt(float(weights**2 @ part.stderr**2)) / scale

@@ -208,7 +208,8 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         # an effect that is still to come may be what brings a parameter back inside its bounds
         refusal = None if number + 1 < len(start) else _judge_refit(fit, after, trial, case.policy)
         refusal = refusal or _judge_holdout(case, fit, after)
-        refusal = refusal if refusal or number + 1 < len(start) else unlike_in_half(case, fit, after, minor_too)
+        sure = minor_too or _slight(fit, trial)
+        refusal = refusal if refusal or number + 1 < len(start) else unlike_in_half(case, fit, after, sure)
         if refusal is None:
             alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
             return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)
@@ -292,7 +293,7 @@ def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Re
     if isinstance(judged, Refusal):
         return judged
     refusal = _judge_refit(before, after, trial, case.policy) or _judge_holdout(case, before, after)
-    return refusal or unlike_in_half(case, before, after, minor_too)
+    return refusal or unlike_in_half(case, before, after, minor_too or _slight(before, trial))
 
 
 def with_trial(case: Case, fit: Fitted, trial: Trial) -> Fitted:
@@ -335,6 +336,12 @@ def _judge_trial(
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
         refusal = criteria.beside_rivals(*beside, policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found)
+
+
+def _slight(fit: Fitted, trial: Trial) -> bool:
+    """Whether an effect is so small that it has to be surely the same in half the band."""
+    values = dict(zip(trial.group.symbols, trial.values.tolist(), strict=True))
+    return trial.candidate.effect.structure.slight(fit.plain.known, values)
 
 
 def _own_order(fit: Fitted, trial: Trial) -> bool:

@@ -371,6 +371,10 @@ class Structure(ABC):
         """Whether a parameter of the shape ran into its bound: the shape wants to be another one."""
         return any(shape[p.symbol] in (p.lower, p.upper) for p in effect.searched if p.symbol in shape and not p.soft)
 
+    def slight(self, known: Known, values: Mapping[str, float]) -> bool:
+        """Whether an effect of these amounts is so small that errors of the model are as large."""
+        return False
+
     def refined_later(self, effect: Effect, shape: Mapping[str, float]) -> bool:
         """Whether the shape is refined again once further effects are in the model."""
         return bool(set(shape) - self.fixed(effect))

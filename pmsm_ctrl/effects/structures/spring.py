@@ -15,6 +15,7 @@ from pmsm_ctrl.effects.structures.transmission import (
     DAMPING,
     FREQUENCY,
     LEAST_DAMPED,
+    LEAST_LOAD,
     UNBOUNDED,
     Transmission,
     beyond_noise,
@@ -38,6 +39,8 @@ SWINGS = 0.16
 SHARP = 7
 PART_OF_WIDTH = 0.1  # of half the width of a resonance, which is its damping: straight enough for a slope
 SWUNG_OUT = 7.0  # time constants of a swing: a thousandth of it is left
+# The smallest load, as a share of the inertia: on a sharp resonance it makes most of what a model without it leaves.
+LEAST_ON_SPRING = 0.005
 # Lowest and highest frequency of a load on its spring, Hz, and the dampings of those that ring.
 LOWEST, HIGHEST, RINGING = 10.0, 250.0, (0.01, 0.03, 0.1)
 # Twist of a spring, rad rms at its output: twice what even highly flexible couplings are rated for, at their peak.
@@ -63,6 +66,11 @@ class Spring(Transmission):
     has_gap: ClassVar[bool] = False
     most_damped: ClassVar[float] = OVERDAMPED
     offered_apart: ClassVar[bool] = True
+    least_load: ClassVar[float] = LEAST_ON_SPRING
+
+    def slight(self, known: Known, values: Mapping[str, float]) -> bool:
+        """Whether the load is less than what is worth the name of one, its resonance aside."""
+        return values[self.load] < LEAST_LOAD * known.J
 
     def columns(self, balances: Balances, effect: Effect, shape: Mapping[str, float]) -> list[dict[str, Array]]:
         """T = J alpha + J_load (alpha_load - alpha): the load's acceleration less that of the rotor, shape (n,).

@@ -52,12 +52,15 @@ class Transmission(Structure):
         Whether motor and load can move against each other without a torque.
     most_damped : float
         Highest damping ratio of the load.
+    least_load : float
+        Smallest load, as a share of the inertia.
     """
 
     load: str
     stiffness: str
     damping: str
     memory: ClassVar[int] = 2
+    least_load: ClassVar[float] = LEAST_LOAD
     splits_inertia: ClassVar[bool] = True
     refined_when_taken: ClassVar[bool] = True
     has_gap: ClassVar[bool]
@@ -182,7 +185,7 @@ class Transmission(Structure):
         """Return the bounds of the load's inertia: a part of the total, of which nothing is known where it is none."""
         if known.J <= 0.0:
             return {self.load: (0.0, np.inf)}
-        return {self.load: (LEAST_LOAD * known.J, (1.0 - LEAST_LOAD) * known.J)}
+        return {self.load: (self.least_load * known.J, (1.0 - LEAST_LOAD) * known.J)}
 
     def second_mass(self, values: Mapping[str, float]) -> SecondMass | None:
         """Return the load; None where it has no inertia."""

@@ -76,6 +76,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(rounds, "_judge_refit", refit)
         monkeypatch.setattr(rounds, "_judge_holdout", lambda *a: None)
         monkeypatch.setattr(rounds, "unlike_in_half", lambda *a: None)
+        monkeypatch.setattr(rounds, "_slight", lambda *a: False)
         monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
         monkeypatch.setattr(rounds, "equivalents", lambda *a: ())
         accepted = given.get("accepted", ())
