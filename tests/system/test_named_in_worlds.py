@@ -61,6 +61,18 @@ def test_a_look_alike_for_want_of_a_channel_is_said() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("seed", "margin"), [(820072, 4.78), (490027, 6.5)])
+def test_a_small_load_on_a_sharp_resonance_is_found(seed: int, margin: float) -> None:
+    world = draw(seed)
+    log, _, hidden = hidden_log(world, "compliance", margin)
+    (step,) = diagnose(world.design, log, plan=False).steps
+    assert step.effect == "compliance"
+    assert step.parameters["J_load"].value < 0.02 * world.design.J
+    k, J_load = (step.parameters[name].value for name in ("k", "J_load"))
+    assert k / J_load == pytest.approx(hidden["stiffness"] / hidden["load_inertia"], rel=0.05)
+
+
+@pytest.mark.slow
 def test_friction_that_falls_to_a_fifth_is_stribeck_friction() -> None:
     world = draw(490067)
     log, _, hidden = hidden_log(world, "stribeck", 4.05)
