@@ -59,6 +59,8 @@ class Case:
     minor_too : bool
         Whether a first effect may explain less than most of what the residual has above its noise floor, if it is
         surely of the same size in half the band.
+    surely : bool
+        Whether a first effect has to be of the same size there in any case.
     bands : dict of float to Case or None
         The same in other bands, as far as they were asked for; None where the log holds too little in one.
     fits : list of Fitted
@@ -79,6 +81,7 @@ class Case:
     conditioned_with: Callable[[Design, Case], Case] | None = field(default=None, repr=False)
     in_band: Callable[..., Case] | None = field(default=None, repr=False)
     minor_too: bool = False
+    surely: bool = False
     bands: dict[float, Case | None] = field(default_factory=dict, repr=False)
     fits: list[Fitted] = field(default_factory=list, repr=False)
 

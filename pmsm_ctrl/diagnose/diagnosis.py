@@ -227,7 +227,7 @@ def in_narrower_bands(case: Case) -> Iterator[Case]:
         other = conditioned_in(band, case) if case.record.cutoff >= NARROWER * band else None
         if other is not None:
             said = words.NARROWER_BAND(band=band, usual=case.record.cutoff)
-            yield without_what_happened_once(replace(other, remarks=(*other.remarks, said)))
+            yield without_what_happened_once(replace(other, surely=True, remarks=(*other.remarks, said)))
 
 
 def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) -> tuple[Case, Diagnosis]:

@@ -208,7 +208,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         # an effect that is still to come may be what brings a parameter back inside its bounds
         refusal = None if number + 1 < len(start) else _judge_refit(fit, after, trial, case.policy)
         refusal = refusal or _judge_holdout(case, fit, after)
-        sure = minor_too or _slight(fit, trial)
+        sure = minor_too or (case.surely and not number) or _slight(fit, trial)
         refusal = refusal if refusal or number + 1 < len(start) else unlike_in_half(case, fit, after, sure)
         if refusal is None:
             alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))

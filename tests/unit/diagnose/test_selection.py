@@ -53,7 +53,7 @@ def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> 
 class FakeCase:
     """Fits nothing: a fit is the ids that are in it."""
 
-    policy, minor_too = POLICY, False
+    policy, minor_too, surely = POLICY, False, False
 
     def fit(self, ids: tuple[str, ...]) -> Any:
         return SimpleNamespace(accepted=ids, trials=())
