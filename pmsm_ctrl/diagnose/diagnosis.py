@@ -275,6 +275,8 @@ def conditioned_again(case: Case, found: Selection, select: Callable[[Case], Sel
     now, then = other.record, case.record
     if now.timing == then.timing and now.cutoff == then.cutoff and np.allclose(now.weight, then.weight):
         return case, found
+    remarks = tuple(dict.fromkeys((*other.remarks, *case.remarks)))
+    other = replace(other, remarks=remarks, minor_too=case.minor_too, surely=case.surely)
     other = without_what_happened_once(other)
     again = select(other)
     same = again.steps and first.id in (again.accepted[0].effect.id, *again.steps[0].equivalents)

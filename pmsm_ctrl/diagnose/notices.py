@@ -103,7 +103,8 @@ NARROWER_BAND = Template(
 )
 MINOR_PART = Template(
     "minor_part",
-    "most of the residual is something else: the effect is named because it is of the same size in half the band",
+    "the first effect explains a minor part of what the residual has above its noise floor: most of it is something "
+    "else",
 )
 DEPENDENCE = Template(
     "residual_dependence",

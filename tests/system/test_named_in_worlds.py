@@ -34,11 +34,11 @@ def test_an_effect_that_noise_hides_in_the_usual_band_is_found_in_half_of_it(
 @pytest.mark.parametrize(
     ("seed", "effect", "margin"),
     [
-        (790048, "cogging", 5.937),
-        pytest.param(770016, "torque_saturation", 3.609, marks=pytest.mark.slow),
+        (770016, "torque_saturation", 3.609),
+        pytest.param(790048, "cogging", 5.937, marks=pytest.mark.slow),  # too fast for half the band
     ],
 )
-def test_an_effect_that_explains_a_minor_part_is_named_where_half_the_band_shows_the_same(
+def test_an_effect_that_explains_a_minor_part_is_named_where_half_the_band_shows_nothing_else(
     seed: int, effect: str, margin: float
 ) -> None:
     world = draw(seed)

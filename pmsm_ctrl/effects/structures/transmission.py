@@ -182,7 +182,7 @@ class Transmission(Structure):
         return super().parameters(effect, {**found, **constants})
 
     def bounds(self, effect: Effect, known: Known, shape: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-        """Return the bounds of the load's inertia: a part of the total, of which nothing is known where it is none."""
+        """Return the bounds of the load's inertia: a part of the total; none above where the total is not positive."""
         if known.J <= 0.0:
             return {self.load: (0.0, np.inf)}
         return {self.load: (self.least_load * known.J, (1.0 - LEAST_LOAD) * known.J)}

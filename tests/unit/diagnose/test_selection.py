@@ -75,15 +75,17 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(rounds, "_judge_trial", judge)
         monkeypatch.setattr(rounds, "_judge_refit", refit)
         monkeypatch.setattr(rounds, "_judge_holdout", lambda *a: None)
-        monkeypatch.setattr(rounds, "unlike_in_half", lambda *a: None)
-        monkeypatch.setattr(rounds, "_slight", lambda *a: False)
+        monkeypatch.setattr(rounds, "unlike_in_half", lambda *a: given.get("asked", []).append(a[-1]))
+        monkeypatch.setattr(rounds, "_slight", lambda *a: given.get("slight", False))
         monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
         monkeypatch.setattr(rounds, "equivalents", lambda *a: ())
         accepted = given.get("accepted", ())
         fit = SimpleNamespace(accepted=accepted, trials=tuple(trial(name) for name in names))
         steps: Any = tuple(SimpleNamespace(evidence=SimpleNamespace(size=0.1), trial=trial(one)) for one in accepted)
         so_far = Selection((fit,), steps, {"z": Refusal(Reason.TOO_SMALL)})  # type: ignore[arg-type]
-        return best(FakeCase(), so_far, given.get("start", ()))  # type: ignore[arg-type]
+        case = FakeCase()
+        case.minor_too, case.surely = given.get("minor_too", False), given.get("surely", False)
+        return best(case, so_far, given.get("start", ()))  # type: ignore[arg-type]
 
     return play
 
@@ -95,6 +97,17 @@ def test_the_first_that_passes_is_accepted_and_the_better_ones_are_refused(round
     assert {name: why.reason for name, why in found.refused.items()} == {
         "a": Reason.NOT_SIGNIFICANT, "b": Reason.BALANCE_WORSE,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("flag", ["", "minor_too", "surely", "slight"])
+@pytest.mark.parametrize("accepted", [(), ("z",)])
+def test_a_first_effect_that_is_minor_and_any_slight_one_is_surely_the_same(
+    round_of: Any, flag: str, accepted: tuple[str, ...]
+) -> None:
+    asked: list[bool] = []
+    given = {flag: True} if flag else {}
+    assert round_of(["a"], {}, {}, accepted=accepted, asked=asked, **given).accepted
+    assert asked == [flag == "slight" or (bool(flag) and not accepted)]
 
 
 def test_none_passes(round_of: Any) -> None:
