@@ -90,14 +90,16 @@ class Case:
         """The design as it was given."""
         return self.design if self.given is None else self.given
 
-    def fit(self, accepted: tuple[Accepted, ...]) -> Fitted:
+    def fit(self, accepted: tuple[Accepted, ...], explore: bool = True) -> Fitted:
         """Return the design with these effects fitted, and every candidate tried on the residual.
 
         Parameters
         ----------
         accepted : tuple of Accepted
+        explore : bool
+            Whether the candidates are tried, which changes nothing else.
         """
-        return self._known(accepted) or fit_design(self.design, self.record, accepted, self.effects)
+        return self._known(accepted) or fit_design(self.design, self.record, accepted, self.effects, explore)
 
     def _known(self, accepted: tuple[Accepted, ...]) -> Fitted | None:
         asked = [(one.effect.id, one.shape) for one in accepted]

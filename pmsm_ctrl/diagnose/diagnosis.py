@@ -37,9 +37,10 @@ from pmsm_ctrl.diagnose.outcome import outcome
 from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.polish import with_polish
 from pmsm_ctrl.diagnose.profiles import with_profiles
+from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.diagnose.resonance import compared, measured, started
 from pmsm_ctrl.diagnose.result import Diagnosis
-from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, significant
+from pmsm_ctrl.diagnose.selection import Selection, Step, best, name_of, significant, with_sampling_told
 from pmsm_ctrl.diagnose.shapes import with_shapes_fitted
 from pmsm_ctrl.diagnose.swap import swap
 from pmsm_ctrl.diagnose.unexplained import unexplained
@@ -190,7 +191,9 @@ def searched(case: Case, plan: bool, progress: Progress, taken: Taken | None = N
     selection = _select(case, progress=progress, taken=taken)
     shown = set() if selection.steps else significant(selection.fit, case.policy)
     minor = replace(case, minor_too=True, remarks=(*case.remarks, words.MINOR_PART()))
-    small = _select(minor, progress=lambda share: progress(0.9)) if shown else selection
+    small = selection  # any other refusal would be the same again; and `_answered` forgets the columns
+    if shown and any(why.reason is Reason.MINOR for why in selection.refused.values()):
+        small = _select(minor, progress=lambda share: progress(0.9))
     case, found = _answered(case, selection, plan, progress)
     if shown and found.verdict in NOTHING_NAMED and explains_most(found.selection.fit, case.policy):
         for other in in_narrower_bands(case):
@@ -235,6 +238,7 @@ def _answered(case: Case, selection: Selection, plan: bool, progress: Progress) 
     again = partial(_select, progress=lambda share: progress(0.9))
     selection = swap(case, selection, again)
     case, selection = conditioned_again(case, selection, lambda other: swap(other, again(other), again))
+    selection = with_sampling_told(case, selection)
     forget_effects(case.record)  # hundreds of columns that no test of a candidate needs any more
     case.fits.clear()
     selection = selection.with_last_candidates()

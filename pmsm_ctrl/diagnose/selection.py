@@ -40,8 +40,15 @@ from pmsm_ctrl.regression.model import Solved
 from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = [
-    "Evidence", "Found", "Selection", "Step", "best", "judged_trials", "name_of", "significant", "with_trial",
+    "Evidence", "Found", "Selection", "Step", "best", "judged_trials", "name_of", "significant",
+    "with_sampling_told", "with_trial",
 ]  # fmt: skip
+
+# What refuses a significant effect before the refit with it.
+BEFORE_REFIT = (
+    Reason.PARAMETER_AT_BOUND, Reason.TOO_SMALL, Reason.MINOR, Reason.BESIDE_LARGER, Reason.NOT_CONFIRMED,
+    Reason.EXPLAINED_BY_RIVALS,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -202,7 +209,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
             continue
         judged = _judge_trial(fit, trial, p_holm, case.policy, selection.largest_beside(trial), minor_too)
         if isinstance(judged, Refusal):
-            refused[name] = _by_sampling(case, fit, trial, judged)
+            refused[name] = judged
             continue
         after = with_trial(case, fit, trial)
         # an effect that is still to come may be what brings a parameter back inside its bounds
@@ -218,15 +225,25 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
     return Found(None, None, refused)
 
 
-def _by_sampling(case: Case, fit: Fitted, trial: Trial, judged: Refusal) -> Refusal:
-    """Return why a significant delay is refused: if it lies within sampling, that is the reason before any other.
+def with_sampling_told(case: Case, selection: Selection) -> Selection:
+    """Return the selection with sampling as the reason, before any other, why a significant delay within it is refused.
 
     A delay is judged where the torque changes faster than noise, and the sampling of the base model everywhere. What
     the one explains beside the other is then an error of the model around edges.
+
+    Parameters
+    ----------
+    case : Case
+    selection : Selection
+        Complete: it takes a refit of everything to tell, and only the last refusals are shown.
     """
-    if not trial.candidate.effect.structure.delays or judged.reason in (Reason.NOT_INDEPENDENT, Reason.NOT_SIGNIFICANT):
-        return judged
-    return _judge_sampling(with_trial(case, fit, trial), case.policy) or judged
+    fit, refused = selection.fit, dict(selection.refused)
+    for trial in fit.trials:
+        refusal = refused.get(name_of(trial))
+        if trial.candidate.effect.structure.delays and refusal is not None and refusal.reason in BEFORE_REFIT:
+            after = case.fit(_with(case, fit, trial), explore=False)
+            refused[name_of(trial)] = _judge_sampling(after, case.policy) or refusal
+    return replace(selection, refused=refused)
 
 
 def _judge_sampling(after: Fitted, policy: Policy) -> Refusal | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from types import SimpleNamespace
 from typing import Any
@@ -11,13 +12,18 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import selection as rounds
+from pmsm_ctrl.diagnose.case import Case
+from pmsm_ctrl.diagnose.diagnosis import searched
 from pmsm_ctrl.diagnose.look_alikes import equivalents
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
-from pmsm_ctrl.diagnose.selection import Found, Selection, best
+from pmsm_ctrl.diagnose.selection import Found, Selection, best, with_sampling_told
 from pmsm_ctrl.diagnose.swap import Rest, better, equals, rival_ids
 from pmsm_ctrl.diagnose.unexplained import impossible_winding
 from pmsm_ctrl.effects.catalogue import catalogue_of
+from pmsm_ctrl.result import Verdict
+
+algorithm = sys.modules["pmsm_ctrl.diagnose.diagnosis"]
 
 
 def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> Any:
@@ -55,7 +61,7 @@ class FakeCase:
 
     policy, minor_too, surely = POLICY, False, False
 
-    def fit(self, ids: tuple[str, ...]) -> Any:
+    def fit(self, ids: tuple[str, ...], explore: bool = True) -> Any:
         return SimpleNamespace(accepted=ids, trials=())
 
 
@@ -136,6 +142,55 @@ def test_no_more_than_eight_effects_are_accepted(round_of: Any) -> None:
     found = round_of(["a"], {}, {}, accepted=tuple("bcdefghi"))
     assert not found.accepted
     assert list(found.refused) == ["z"], "the reasons of the round before stand"
+
+
+@pytest.mark.parametrize("delays", [True, False])
+@pytest.mark.parametrize("within", [True, False])
+@pytest.mark.parametrize(
+    ("reason", "asked"),
+    [
+        (Reason.MINOR, True), (Reason.TOO_SMALL, True), (Reason.NOT_CONFIRMED, True), (Reason.BESIDE_LARGER, True),
+        (Reason.EXPLAINED_BY_RIVALS, True), (Reason.PARAMETER_AT_BOUND, True), (Reason.NOT_SIGNIFICANT, False),
+        (Reason.NOT_INDEPENDENT, False), (Reason.BALANCE_WORSE, False),
+    ],
+)  # fmt: skip
+def test_sampling_comes_before_any_other_reason_against_a_significant_delay(
+    monkeypatch: pytest.MonkeyPatch, reason: Reason, asked: bool, within: bool, delays: bool
+) -> None:
+    sampling = Refusal(Reason.WITHIN_SAMPLING) if within else None
+    monkeypatch.setattr(rounds, "_judge_sampling", lambda after, policy: sampling if after.accepted == ("a",) else None)
+    monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
+    fit = SimpleNamespace(accepted=(), trials=(trial("b"), trial("a", delays=delays)))
+    before = Selection((fit,), (), {"a": Refusal(reason), "b": Refusal(Reason.MINOR)})  # type: ignore[arg-type]
+    told = with_sampling_told(FakeCase(), before)  # type: ignore[arg-type]
+    assert told.refused["a"].reason is (Reason.WITHIN_SAMPLING if asked and within and delays else reason)
+    assert told.refused["b"].reason is Reason.MINOR
+
+
+@pytest.mark.parametrize("reason", [Reason.MINOR, Reason.NOT_CONFIRMED])
+@pytest.mark.parametrize("passes", [True, False])
+def test_minor_effects_are_selected_where_one_was_refused_as_minor(
+    monkeypatch: pytest.MonkeyPatch, reason: Reason, passes: bool
+) -> None:
+    def select(case: Case, progress: Any = None, taken: Any = None) -> Selection:
+        steps: Any = ("a",) if case.minor_too and passes else ()
+        asked.append(case.minor_too)
+        return Selection((fit,), steps, {"a": Refusal(reason)})
+
+    def answered(case: Case, selection: Selection, plan: bool, progress: Any) -> Any:
+        return case, SimpleNamespace(verdict=Verdict.CONSISTENT, selection=selection)
+
+    fit: Any = SimpleNamespace()
+    asked: list[bool] = []
+    for name, made in {
+        "_select": select, "_answered": answered, "significant": lambda *a: {"a"},
+        "explains_most": lambda *a: True, "in_narrower_bands": lambda *a: (),
+    }.items():  # fmt: skip
+        monkeypatch.setattr(algorithm, name, made)
+    case, found = searched(Case(None, None, {}), False, lambda share: None)  # type: ignore[arg-type]
+    assert asked == ([False, True] if reason is Reason.MINOR else [False])
+    assert bool(found.selection.steps) == case.minor_too == (passes and reason is Reason.MINOR)
+    assert [remark.code for remark in case.remarks] == (["minor_part"] if case.minor_too else [])
 
 
 # ---- equivalents ------------------------------------------------------------------------------------------------
