@@ -19,6 +19,7 @@ from pmsm_ctrl.log import Log, Span
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
+from pmsm_ctrl.regression.currents import intended_i_d, with_noise
 from pmsm_ctrl.regression.direction import direction_of, fast_torque
 from pmsm_ctrl.regression.drive_timing import (
     UNDELAYED,
@@ -72,7 +73,6 @@ STANDSTILL = 0.0005
 FEWEST_SAMPLES = 32
 # Periods of the cutoff at either end that the filters need to start, and the share of a log that is given up at most.
 EDGES, SHORTEST_EDGE = (4.0, 10.0), 0.05
-INTENDED = 0.25  # of the cutoff: a current that is meant to flow along d changes no faster
 SIDE_LOBES = 8.0  # Kaiser's parameter: 80 dB
 # Samples of the thinned grid on either side from which one of the log's is interpolated.
 SINC = 24
@@ -376,7 +376,7 @@ def _made(
     signals["i_q_wide"] = signals["i_q"]
     if "i_d" in signals:
         signals["i_d_meas"] = signals["i_d"]
-        signals["i_d"] = _intended_i_d(log, prepared, signals["i_d"])
+        signals["i_d"] = intended_i_d(log, prepared, signals["i_d"])
     if "omega_ref" in log or "theta_ref" in log:
         told = on_grid(log, prepared, "omega_ref" if "omega_ref" in log else "theta_ref")
         signals["omega_ref"] = told if "omega_ref" in log else derivative(told, 1.0 / prepared.rate)
@@ -393,6 +393,7 @@ def _made(
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:
         channels += ["u_d", "u_q"]
+        signals |= with_noise(log, prepared)
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     moving = (sure & _edges(prepared) & measured)[prepared.keep]
     torque_weight, moving = weight_of_torque(log, prepared, signals, kink, moving, steps, wrong)
@@ -435,15 +436,6 @@ def _edges(prepared: Prepared) -> Mask:
     return inside
 
 
-def _intended_i_d(log: Log, prepared: Prepared, i_d: Array) -> Array:
-    """The d-current without its noise: the reference where it is logged, else the slow part where there is any."""
-    if "i_d_ref" in log:
-        return on_grid(log, prepared, "i_d_ref")
-    slow = low_pass(i_d, prepared.rate, INTENDED * prepared.cutoff)
-    noise = float(np.std(i_d - slow))
-    return slow if float(np.sqrt(np.mean(slow**2))) > 3.0 * noise else np.zeros_like(i_d)
-
-
 def _add_slopes(signals: dict[str, Array], prepared: Prepared) -> None:
     for name in ("i_d", "i_q", "i_q_wide"):
         if name in signals:
@@ -475,6 +467,7 @@ def with_modelled_torque(record: Record, predicted: Array, late: float = 0.0) ->
     signals["i_q"] = torque / per_ampere
     if "u_d" in record.channels:
         signals["i_q_wide"] = signals["i_q"] + _beyond_band(record, "i_q_meas", late)
+        signals["i_q_whole"] = signals["i_q"] + _beyond_band(record, "i_q_logged", late)
     _add_slopes(signals, record.prepared)
     return replace(record, signals=signals, late=late, memo={})
 

@@ -22,6 +22,7 @@ __all__ = [
     "prefilter",
     "quantisation_error",
     "reversal_weight",
+    "scatter",
     "torque_noise",
     "uneven_weight",
     "voltage_weight",
@@ -82,7 +83,7 @@ def torque_noise(log: Log, prepared: Prepared, signals: Mapping[str, Array], lea
     rate = prepared.rate
     source = "torque" if "torque" in log else "i_q"
     scale = float(np.std(signals["torque_meas"]) / max(float(np.std(signals["i_q_meas"])), 1e-300))
-    noise = _scatter(on_grid(log, prepared, source), rate) * (1.0 if source == "torque" else scale)
+    noise = scatter(on_grid(log, prepared, source), rate) * (1.0 if source == "torque" else scale)
     noise *= np.sqrt(4.0 * prepared.cutoff / rate)
     return max(float(np.hypot(noise, least * np.std(signals["torque_meas"]))), 1e-300)
 
@@ -165,8 +166,15 @@ def edge_weight(
     return np.asarray(1.0 / (1.0 + (passed * edge) ** 2) ** 2)
 
 
-def _scatter(raw: Array, rate: float) -> float:
-    """Robust rms of what a channel holds above a quarter of its rate."""
+def scatter(raw: Array, rate: float) -> float:
+    """Return the robust rms of what a channel holds above a quarter of its rate.
+
+    Parameters
+    ----------
+    raw : array, shape (n,)
+    rate : float
+        Hz.
+    """
     return MAD * float(np.median(np.abs(raw - low_pass(raw, rate, UPPER * rate))))
 
 
@@ -184,7 +192,7 @@ def quantisation_error(raw: Array, rate: float) -> float:
     step = float(steps.min())
     if not _quantised(np.abs(np.diff(raw)), step, len(steps) + 1, rate):
         return 0.0
-    return 0.5 * step if _scatter(raw, rate) < DITHER * step else 0.0
+    return 0.5 * step if scatter(raw, rate) < DITHER * step else 0.0
 
 
 def _quantised(change: Array, step: float, levels: int, rate: float) -> bool:
