@@ -18,6 +18,7 @@ __all__ = [
     "CrossValidation",
     "Machine",
     "beside_larger",
+    "beside_ripple",
     "beside_rivals",
     "beyond_sampling",
     "cross_validation",
@@ -35,6 +36,7 @@ __all__ = [
     "significance",
     "signs",
     "size",
+    "size_of_shape",
 ]
 
 
@@ -186,6 +188,20 @@ def beside_rivals(p_value: float, share: float, found: CrossValidation, policy: 
         return None
     explained = 100.0 * min(max(1.0 - share, 0.0), 1.0)
     return Refusal(Reason.EXPLAINED_BY_RIVALS, {"percent": explained, "gain": found.gain, "stderr": found.stderr})
+
+
+def beside_ripple(gain: float, ripple: float, policy: Policy = POLICY) -> Refusal | None:
+    """Check that an effect explains more than the reluctance torque of a current ripple that no channel holds.
+
+    Parameters
+    ----------
+    gain, ripple : float
+        Fall of the sum of squares by either, in units of the noise.
+    policy : Policy
+    """
+    if (1.0 - policy.tied_share) * gain > ripple:
+        return None
+    return Refusal(Reason.LIKE_RIPPLE, {"percent": 100.0 * min(ripple / gain, 1.0)})
 
 
 def same_in_half(left: float, stderr: float, policy: Policy = POLICY, surely: bool = False) -> Refusal | None:
@@ -352,6 +368,20 @@ def determined(values: Mapping[str, tuple[float, float]], ran_out: bool) -> Refu
     if values and all(abs(value) <= stderr for value, stderr in values.values()):
         name, (value, stderr) = next(iter(values.items()))
         return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": value, "stderr": stderr})
+    return None
+
+
+def size_of_shape(values: Mapping[str, tuple[float, float]], policy: Policy = POLICY) -> Refusal | None:
+    """Check that the log determines the size of an effect whose shape carries it, as the deflection of a bristle does.
+
+    Parameters
+    ----------
+    values : dict of parameter to (value, stderr)
+    policy : Policy
+    """
+    for name, (value, stderr) in values.items():
+        if value <= policy.sure_errors * stderr:
+            return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": value, "stderr": stderr})
     return None
 
 

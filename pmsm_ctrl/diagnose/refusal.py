@@ -23,6 +23,7 @@ class Reason(StrEnum):
     MINOR = "minor"
     NOT_CONFIRMED = "not_confirmed"
     EXPLAINED_BY_RIVALS = "explained_by_rivals"
+    LIKE_RIPPLE = "like_ripple"
     BALANCE_WORSE = "balance_worse"
     ERROR_NOT_LOWERED = "error_not_lowered"
     MODEL_OUT_OF_BOUNDS = "model_out_of_bounds"
@@ -50,6 +51,8 @@ WORDS: Mapping[Reason, str] = {
     Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
     Reason.EXPLAINED_BY_RIVALS: "channel timing, channel filters or harmonics of a turn explain {percent:.0f} % of it "
     "(cross-validation gain beside them {gain})",
+    Reason.LIKE_RIPPLE: "the reluctance torque of a current ripple, which the log does not hold, explains "
+    "{percent:.0f} % of it",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",

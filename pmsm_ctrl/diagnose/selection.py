@@ -19,11 +19,13 @@ from pmsm_ctrl.diagnose.measures import (
     cross_validated,
     excess_of,
     in_band,
+    judged_gain,
     left_inside,
     machine_of,
     plain_errors,
     prewhitened_error,
     record_deviation,
+    ripple_gain,
     sound_error,
     typical_error,
     weighted_errors,
@@ -33,6 +35,7 @@ from pmsm_ctrl.diagnose.policy import POLICY, Policy
 from pmsm_ctrl.diagnose.refine import refine
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.search import Trial, try_group
+from pmsm_ctrl.diagnose.shapes import sizes_in_shape
 from pmsm_ctrl.evidence.tests import f_tail, holm
 from pmsm_ctrl.regression.bounds import bounded, column_bounds
 from pmsm_ctrl.regression.columns import SINGLE, effect_group
@@ -216,7 +219,8 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         refusal = None if number + 1 < len(start) else _judge_refit(fit, after, trial, case.policy)
         refusal = refusal or _judge_holdout(case, fit, after)
         sure = minor_too or (case.surely and not number) or _slight(fit, trial)
-        refusal = refusal if refusal or number + 1 < len(start) else unlike_in_half(case, fit, after, sure)
+        if refusal is None and number + 1 >= len(start):
+            refusal = unlike_in_half(case, fit, after, sure) or _judge_size(case, after)
         if refusal is None:
             alike = (*equivalents(trial, fit.trials, case.policy), *same_order(case, fit, trial))
             return Found(Step(trial, judged, tuple(dict.fromkeys(alike))), after, refused)
@@ -310,7 +314,8 @@ def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Re
     if isinstance(judged, Refusal):
         return judged
     refusal = _judge_refit(before, after, trial, case.policy) or _judge_holdout(case, before, after)
-    return refusal or unlike_in_half(case, before, after, minor_too or _slight(before, trial))
+    refusal = refusal or unlike_in_half(case, before, after, minor_too or _slight(before, trial))
+    return refusal or _judge_size(case, after)
 
 
 def with_trial(case: Case, fit: Fitted, trial: Trial) -> Fitted:
@@ -352,7 +357,14 @@ def _judge_trial(
     refusal = criteria.cross_validation(found, whole, returned, not (fit.accepted or minor_too), policy)
     if refusal is None and (beside := beside_rivals(fit, trial)) is not None:
         refusal = criteria.beside_rivals(*beside, policy)
+    if refusal is None and [row for row, _ in trial.group.entering] == [0]:
+        refusal = criteria.beside_ripple(judged_gain(fit, trial)[1], ripple_gain(fit, trial), policy)
     return refusal or Evidence(trial.gain, trial.p_value, p_holm, share, explained, found)
+
+
+def _judge_size(case: Case, after: Fitted) -> Refusal | None:
+    """Return the size of the last effect that its shape carries, and that the log does not determine."""
+    return criteria.size_of_shape(sizes_in_shape(case.design, after), case.policy)
 
 
 def _slight(fit: Fitted, trial: Trial) -> bool:

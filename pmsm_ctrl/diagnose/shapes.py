@@ -24,7 +24,10 @@ from pmsm_ctrl.regression.columns import Group, UnavailableError, effect_group
 from pmsm_ctrl.regression.covariance import noise_covariance, with_honest_errors
 from pmsm_ctrl.regression.model import Model, Solved, solve_model
 
-__all__ = ["LONGEST", "Free", "moved_to", "searched", "shifted", "straight_over", "tangent_of", "with_shapes_fitted"]
+__all__ = [
+    "LONGEST", "Free", "moved_to", "searched", "shifted", "sizes_in_shape", "straight_over", "tangent_of",
+    "with_shapes_fitted",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 Free = tuple[int, str]  # position among the accepted effects, and the name in its shape
@@ -85,6 +88,34 @@ def with_shapes_fitted(design: Design, fit: Fitted) -> Fitted:
         covariance=covariance[np.ix_(chosen, chosen)],
         free=tuple(free[k] for k in known),
     )
+
+
+def sizes_in_shape(design: Design, fit: Fitted) -> dict[str, tuple[float, float]]:
+    """Return the sizes that stand in the shape of the last effect, with their standard errors; those that have any.
+
+    Parameters
+    ----------
+    design : Design
+    fit : Fitted
+
+    Returns
+    -------
+    dict of symbol to (value, stderr)
+    """
+    number = len(fit.accepted) - 1
+    sizes = set(fit.accepted[number].effect.amplitudes) & set(searched(fit.accepted[number]))
+    if not sizes:
+        return {}
+    found = with_shapes_fitted(design, fit)
+    if found.covariance is None:
+        return {}
+    relative = np.sqrt(np.diag(found.covariance)[-len(found.free) :]).tolist()
+    shape = found.accepted[number].shape
+    return {
+        name: (shape[name], shape[name] * error)
+        for (k, name), error in zip(found.free, relative, strict=True)
+        if k == number and name in sizes
+    }
 
 
 def _free(one: Accepted) -> list[str]:

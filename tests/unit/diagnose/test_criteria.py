@@ -102,6 +102,22 @@ def test_enough_of_an_effect_must_be_left_beside_its_rivals(
     assert reason(refusal) is (None if passes else Reason.EXPLAINED_BY_RIVALS)
 
 
+def test_an_effect_must_explain_more_than_a_ripple_of_the_current() -> None:
+    assert criteria.beside_ripple(1000.0, 989.0) is None
+    refusal = criteria.beside_ripple(1000.0, 991.0)
+    assert reason(refusal) is Reason.LIKE_RIPPLE
+    assert str(refusal) == "the reluctance torque of a current ripple, which the log does not hold, explains 99 % of it"
+    assert criteria.beside_ripple(5.0, 0.0) is None, "a motor without saliency"
+
+
+def test_the_size_that_a_shape_carries_must_be_determined() -> None:
+    assert criteria.size_of_shape({"z_s": (3.1e-3, 1e-3)}) is None
+    refusal = criteria.size_of_shape({"z_s": (2.9e-3, 1e-3)})
+    assert reason(refusal) is Reason.NOT_DETERMINED
+    assert criteria.size_of_shape({}) is None, "one whose columns carry it"
+    assert criteria.size_of_shape({"z_s": (1e-3, float("nan"))}) is None, "one without a standard error"
+
+
 @pytest.mark.parametrize(("whole", "asked"), [(16.0, 2.0), (0.0, 2.0), (36.0, 2.25), (49.0, 2.625), (100.0, 2.8)])
 def test_a_small_first_effect_needs_three_quarters_of_what_it_leads_to_expect(whole: float, asked: float) -> None:
     # the gain of 16 equal blocks reaches half the root of the whole

@@ -82,6 +82,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(rounds, "_judge_refit", refit)
         monkeypatch.setattr(rounds, "_judge_holdout", lambda *a: None)
         monkeypatch.setattr(rounds, "unlike_in_half", lambda *a: given.get("asked", []).append(a[-1]))
+        monkeypatch.setattr(rounds, "_judge_size", lambda case, new: given.get("sizes", {}).get(new.accepted[-1]))
         monkeypatch.setattr(rounds, "_slight", lambda *a: given.get("slight", False))
         monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
         monkeypatch.setattr(rounds, "equivalents", lambda *a: ())
@@ -103,6 +104,13 @@ def test_the_first_that_passes_is_accepted_and_the_better_ones_are_refused(round
     assert {name: why.reason for name, why in found.refused.items()} == {
         "a": Reason.NOT_SIGNIFICANT, "b": Reason.BALANCE_WORSE,
     }  # fmt: skip
+
+
+def test_an_effect_whose_size_is_not_determined_is_refused(round_of: Any) -> None:
+    undetermined = Refusal(Reason.NOT_DETERMINED, {"parameter": "z_s", "value": 1.0, "stderr": 1.0})
+    found = round_of(["a", "b"], {}, {}, sizes={"a": undetermined})
+    assert found.fit.accepted == ("b",)
+    assert found.refused["a"] is undetermined
 
 
 @pytest.mark.parametrize("flag", ["", "minor_too", "surely", "slight"])

@@ -1,0 +1,47 @@
+"""The reluctance torque of a current ripple that a log does not hold.
+
+References that are held for some control periods make the current jump at each step. The coupling ``omega L_q i_q``
+turns a ripple of i_q into one of i_d, and the product of both has a mean: ``1.5 p (L_d - L_q) i_d i_q`` acts as a drag
+that grows with the speed and with the square of the ripple. A torque command, a torque that was computed from i_q, and
+means over a log period hold nothing of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmsm_ctrl.regression.balances import Record
+
+__all__ = ["ripple_torques"]
+
+Array = NDArray[np.float64]
+
+# Powers of speed and acceleration. A step of a held reference grows with the acceleration, and that of a held position
+# with the speed: the square of their sum, times the speed, has these terms.
+RIPPLES = ((1, 2), (2, 1), (3, 0))
+
+
+def ripple_torques(record: Record) -> list[Array]:
+    """Return the terms of the drag of a ripple as large as the largest current of the log, N m, each of shape (n,).
+
+    None is negative for an axis that turns one way; their factors are not negative either. None of a motor without
+    saliency.
+
+    Parameters
+    ----------
+    record : Record
+    """
+    motor, signals = record.design.motor, record.signals
+    if motor.p is None or motor.L_d is None or motor.L_q is None or motor.L_d == motor.L_q:
+        return []
+    current = float(np.max(np.abs(record.target[0]), where=record.mask, initial=0.0)) / record.design.K_t_assumed
+    largest = 1.5 * motor.p * (motor.L_q - motor.L_d) * current**2
+    speed, rate = (_slow(record, signals[name]) for name in ("omega", "alpha"))
+    return [largest * speed**m * rate**n for m, n in RIPPLES]
+
+
+def _slow(record: Record, values: Array) -> Array:
+    """The part of a signal inside the band, over its largest value."""
+    slow = record.at_full_rate(record.shaped(values))
+    return np.asarray(slow / max(float(np.max(np.abs(slow))), 1e-300))

@@ -1,0 +1,92 @@
+"""The mean torque of a ripple of both currents, by a simulation of the d-axis, and what a diagnosis makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import StateSpace, lsim
+
+from pmsm_ctrl.design import Design
+from pmsm_ctrl.diagnose import diagnose
+from pmsm_ctrl.diagnose.refusal import Reason
+from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import STANDSTILL, make_record
+from pmsm_ctrl.regression.conditioning import Processing
+from pmsm_ctrl.regression.reluctance import ripple_torques
+from tests.effort import seeds
+
+Array = NDArray[np.float64]
+
+R, L_D, L_Q, P, PSI_F = 0.65, 4.5e-3, 6.5e-3, 4, 0.18
+J, F_C, F_V = 4e-3, 0.16, 1.1e-3
+HOLD = 2e-3  # s between two steps of the reference
+CURVES = ("viscous_power", "quadratic_drag", "stribeck", "rising_friction")
+
+
+def design(L_q: float = L_Q) -> Design:
+    motor = {"R": R, "L_d": L_D, "L_q": L_q, "p": P, "psi_f": PSI_F, "J": J}
+    effects = [{"id": "coulomb", "F_c": F_C}, {"id": "viscous", "F_v": F_V}]
+    return Design.from_dict({"name": "salient", "motor": motor, "effects": effects})
+
+
+def drag_of_ripple(omega: float, ripple: float) -> float:
+    """Mean braking torque, N m, of a square ripple of i_q, A, that omega L_q couples into the d-axis."""
+    t = np.arange(0.0, 0.2, HOLD / 100.0)
+    i_q = ripple * np.where((t / HOLD).astype(int) % 2, 1.0, -1.0)
+    _, i_d, _ = lsim(StateSpace(-R / L_D, 1.0 / L_D, 1.0, 0.0), P * omega * L_Q * i_q, t, interp=False)
+    settled = t > 0.1
+    return float(-1.5 * P * (L_D - L_Q) * np.mean((i_d * i_q)[settled]))
+
+
+def test_the_drag_grows_with_speed_and_with_the_square_of_the_ripple() -> None:
+    one = drag_of_ripple(50.0, 0.5)
+    assert one > 0.0
+    assert drag_of_ripple(100.0, 0.5) == pytest.approx(2.0 * one, rel=1e-6)
+    assert drag_of_ripple(-50.0, 0.5) == pytest.approx(-one, rel=1e-6)
+    assert drag_of_ripple(50.0, 1.5) == pytest.approx(9.0 * one, rel=1e-6)
+
+
+def log_of(seed: int, unseen: bool = True) -> tuple[Log, Array]:
+    """Sines of the speed, a torque without the ripple's part, and that part."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 20.0, 1e-3)
+    waves = [(60.0, 0.31, 0.3), (40.0, 0.83, 1.9)]
+    omega, alpha, theta = np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
+    for size, frequency, phase in waves:
+        w = 2.0 * np.pi * frequency
+        omega += size * np.sin(w * t + phase)
+        alpha += size * w * np.cos(w * t + phase)
+        theta -= size / w * np.cos(w * t + phase)
+    ripple = 0.002 * alpha + 0.05 * omega
+    drag = drag_of_ripple(1.0, 1.0) * omega * ripple**2
+    torque = J * alpha + F_C * np.sign(omega) + F_V * omega + (drag if unseen else 0.0)
+    return Log({"t": t, "theta": theta, "torque": torque + rng.normal(0.0, 2e-4, len(t))}), drag
+
+
+def test_its_terms_span_the_drag_of_a_held_reference() -> None:
+    log, drag = log_of(1)
+    record = make_record(design(), log, Processing(standstill=STANDSTILL, cutoff=40.0))
+    columns = np.array(ripple_torques(record)).T
+    inside = slice(500, -500)  # the filter's ends
+    factors, left, *_ = np.linalg.lstsq(columns[inside], drag[inside], rcond=None)
+    assert np.all(factors >= 0.0)
+    assert float(left[0]) < 1e-4 * float(drag[inside] @ drag[inside])
+    current = float(np.max(np.abs(record.target[0][record.mask]))) / (1.5 * P * PSI_F)
+    fastest = 1.5 * P * (L_Q - L_D) * current**2
+    assert np.max(np.abs(columns[:, 2])) == pytest.approx(fastest, rel=1e-3), "a ripple as large as the largest current"
+    assert ripple_torques(replace(record, design=design(L_D))) == []
+
+
+@pytest.mark.parametrize("seed", seeds(1, 2))
+def test_a_salient_motor_has_no_drag_that_a_ripple_explains_as_well(seed: int) -> None:
+    """Five of six friction curves in clean logs of salient motors were this (worlds 720137, 740007)."""
+    log, _ = log_of(seed)
+    found = diagnose(design(), log, plan=False, candidates=CURVES)
+    assert not found.steps
+    reasons = {one.effect: one.refusal.reason for one in found.ranking if one.refusal is not None}
+    assert Reason.LIKE_RIPPLE in (reasons["viscous_power"], reasons["quadratic_drag"])
+    assert found.verdict != "consistent"
+    assert diagnose(design(L_D), log, plan=False, candidates=CURVES).steps, "without saliency it is a drag"
