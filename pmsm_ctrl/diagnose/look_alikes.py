@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pmsm_ctrl.diagnose.candidates import Candidate
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.fit import Fitted
@@ -15,9 +18,14 @@ from pmsm_ctrl.regression.two_stage import beside_held
 
 __all__ = ["equivalents", "same_order"]
 
+Array = NDArray[np.float64]
+
 
 def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) -> tuple[str, ...]:
-    """Return the effects whose best explanation of the same rows is nearly as good and nearly the same.
+    """Return the effects whose best explanation of the same rows is nearly the same, or as good and mostly the same.
+
+    As good by the estimate's weights or prewhitened: what lies between the two is the model's own error. A rival may be
+    as good with a shape at its bound, or with columns that one of the two weightings takes for the model's.
 
     Parameters
     ----------
@@ -27,19 +35,27 @@ def equivalents(trial: Trial, trials: Iterable[Trial], policy: Policy = POLICY) 
         All of the round.
     policy : Policy
     """
-    effect, along = trial.candidate.effect, trial.direction
-    size = float(along @ along)
+    effect = trial.candidate.effect
+    ours, plain = trial.direction, trial.plain_direction
     found, singular = [], []
     for other in trials:
         rival = other.candidate.effect.id
-        if other.singular:
-            singular += [rival] if not other.candidate.free(other.group.shape) else []
-        elif other is not trial and not other.wrong_sign and rival != effect.id:
-            theirs = other.direction
-            shared = float(along @ theirs) ** 2 / max(float(theirs @ theirs), 1e-300)
-            if size - shared < policy.tie(size):
-                found.append(rival)
+        if other.singular and not other.candidate.free(other.group.shape):
+            singular.append(rival)
+            continue
+        if other is trial or other.wrong_sign or rival == effect.id:
+            continue
+        if _alike(ours, other.direction, policy) or _alike(plain, other.plain_direction, policy):
+            found.append(rival)
     return (*found, *(one for one in effect.look_alikes if one in singular and one not in found))
+
+
+def _alike(ours: Array, theirs: Array, policy: Policy) -> bool:
+    """Whether what another effect explains is nearly the same, or as much and mostly the same."""
+    size, gain = float(ours @ ours), float(theirs @ theirs)
+    left = size - float(ours @ theirs) ** 2 / max(gain, 1e-300)
+    as_good = gain > size - policy.tie(size)
+    return left < policy.tie(size) or (as_good and left < policy.excess * size)
 
 
 def same_order(case: Case, fit: Fitted, trial: Trial) -> tuple[str, ...]:

@@ -27,6 +27,7 @@ __all__ = [
     "contribution",
     "cross_validated",
     "excess_of",
+    "has_own_order",
     "in_band",
     "judged_gain",
     "left_inside",
@@ -37,6 +38,7 @@ __all__ = [
     "record_deviation",
     "ripple_gain",
     "seen_beyond",
+    "slight",
     "sound_error",
     "squares",
     "typical_error",
@@ -188,6 +190,36 @@ def contribution(fit: Fitted, trial: Trial) -> float:
         if size > fit.record.coarse[row]:
             best = max(best, size / max(float(np.sqrt(levels[row])), 1e-300))
     return best
+
+
+def slight(fit: Fitted, trial: Trial) -> bool:
+    """Whether an effect is so small that it has to be surely the same in half the band.
+
+    Parameters
+    ----------
+    fit : Fitted
+    trial : Trial
+    """
+    values = dict(zip(trial.group.symbols, trial.values.tolist(), strict=True))
+    return trial.candidate.effect.structure.slight(fit.plain.known, values)
+
+
+def has_own_order(fit: Fitted, trial: Trial) -> bool:
+    """Whether an effect is known by an order of a turn that no accepted effect has.
+
+    Parameters
+    ----------
+    fit : Fitted
+    trial : Trial
+    """
+    effect, p = trial.candidate.effect, fit.record.design.motor.p or 0
+    if not effect.order:
+        return False
+    taken = [
+        float(one.effect.electrical_order * p) if one.effect.electrical_order else one.shape.get(one.effect.order, 0.0)
+        for one in fit.accepted
+    ]
+    return all(round(trial.group.shape[effect.order]) != round(order) for order in taken)
 
 
 def judged_gain(fit: Fitted, trial: Trial) -> tuple[Solved, float]:

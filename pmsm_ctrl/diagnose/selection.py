@@ -18,6 +18,7 @@ from pmsm_ctrl.diagnose.measures import (
     contribution,
     cross_validated,
     excess_of,
+    has_own_order,
     in_band,
     judged_gain,
     left_inside,
@@ -26,6 +27,7 @@ from pmsm_ctrl.diagnose.measures import (
     prewhitened_error,
     record_deviation,
     ripple_gain,
+    slight,
     sound_error,
     typical_error,
     weighted_errors,
@@ -218,7 +220,7 @@ def best(case: Case, selection: Selection, start: tuple[str, ...] = ()) -> Found
         # an effect that is still to come may be what brings a parameter back inside its bounds
         refusal = None if number + 1 < len(start) else _judge_refit(fit, after, trial, case.policy)
         refusal = refusal or _judge_holdout(case, fit, after)
-        sure = minor_too or (case.surely and not number) or _slight(fit, trial)
+        sure = minor_too or (case.surely and not number) or slight(fit, trial)
         if refusal is None and number + 1 >= len(start):
             refusal = unlike_in_half(case, fit, after, sure) or _judge_size(case, after)
         if refusal is None:
@@ -314,7 +316,7 @@ def not_supported(case: Case, before: Fitted, after: Fitted, trial: Trial) -> Re
     if isinstance(judged, Refusal):
         return judged
     refusal = _judge_refit(before, after, trial, case.policy) or _judge_holdout(case, before, after)
-    refusal = refusal or unlike_in_half(case, before, after, minor_too or _slight(before, trial))
+    refusal = refusal or unlike_in_half(case, before, after, minor_too or slight(before, trial))
     return refusal or _judge_size(case, after)
 
 
@@ -349,7 +351,7 @@ def _judge_trial(
         told = band > policy.excess and not trial.by_weights
         excess = max(excess, band, excess_of(fit.solved, trial, trial.gain)[1] if told else 0.0)
     refusal = criteria.size(share, explained, excess, policy, minor_too and not memory)
-    if refusal is None and not _own_order(fit, trial):
+    if refusal is None and not has_own_order(fit, trial):
         refusal = criteria.beside_larger(share, largest, policy)
     if refusal is not None:
         return refusal
@@ -365,24 +367,6 @@ def _judge_trial(
 def _judge_size(case: Case, after: Fitted) -> Refusal | None:
     """Return the size of the last effect that its shape carries, and that the log does not determine."""
     return criteria.size_of_shape(sizes_in_shape(case.design, after), case.policy)
-
-
-def _slight(fit: Fitted, trial: Trial) -> bool:
-    """Whether an effect is so small that it has to be surely the same in half the band."""
-    values = dict(zip(trial.group.symbols, trial.values.tolist(), strict=True))
-    return trial.candidate.effect.structure.slight(fit.plain.known, values)
-
-
-def _own_order(fit: Fitted, trial: Trial) -> bool:
-    """Whether an effect is known by an order of a turn that no accepted effect has."""
-    effect, p = trial.candidate.effect, fit.record.design.motor.p or 0
-    if not effect.order:
-        return False
-    taken = [
-        float(one.effect.electrical_order * p) if one.effect.electrical_order else one.shape.get(one.effect.order, 0.0)
-        for one in fit.accepted
-    ]
-    return all(round(trial.group.shape[effect.order]) != round(order) for order in taken)
 
 
 def _judge_refit(before: Fitted, after: Fitted, trial: Trial, policy: Policy) -> Refusal | None:

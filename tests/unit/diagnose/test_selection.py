@@ -15,6 +15,7 @@ from pmsm_ctrl.diagnose import selection as rounds
 from pmsm_ctrl.diagnose.case import Case
 from pmsm_ctrl.diagnose.diagnosis import searched
 from pmsm_ctrl.diagnose.look_alikes import equivalents
+from pmsm_ctrl.diagnose.measures import has_own_order
 from pmsm_ctrl.diagnose.policy import POLICY
 from pmsm_ctrl.diagnose.refusal import Reason, Refusal
 from pmsm_ctrl.diagnose.selection import Found, Selection, best, with_sampling_told
@@ -32,6 +33,7 @@ def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> 
         "free": (),
         "delays": False,
         "p_value": 0.0,
+        "plain": None,
         "singular": False,
         "wrong_sign": False,
         "row": 0,
@@ -48,7 +50,7 @@ def trial(effect: str, direction: list[float] | None = None, **changed: Any) -> 
     )
     return SimpleNamespace(
         candidate=candidate, group=SimpleNamespace(shape={}, entering=((values["row"], None),)),
-        direction=np.array(direction or [0.0]),
+        direction=np.array(direction or [0.0]), plain_direction=np.array(values["plain"] or direction or [0.0]),
         p_value=values["p_value"], singular=values["singular"], wrong_sign=values["wrong_sign"],
     )  # fmt: skip
 
@@ -83,7 +85,7 @@ def round_of(monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr(rounds, "_judge_holdout", lambda *a: None)
         monkeypatch.setattr(rounds, "unlike_in_half", lambda *a: given.get("asked", []).append(a[-1]))
         monkeypatch.setattr(rounds, "_judge_size", lambda case, new: given.get("sizes", {}).get(new.accepted[-1]))
-        monkeypatch.setattr(rounds, "_slight", lambda *a: given.get("slight", False))
+        monkeypatch.setattr(rounds, "slight", lambda *a: given.get("slight", False))
         monkeypatch.setattr(rounds, "_with", lambda case, fit, one: (*fit.accepted, one.candidate.effect.id))
         monkeypatch.setattr(rounds, "equivalents", lambda *a: ())
         accepted = given.get("accepted", ())
@@ -209,16 +211,28 @@ def test_equivalents_explain_the_same_rows() -> None:
     others = [
         trial("same", [50.0, 0.0, 0.0]),  # however large: the direction counts
         trial("near", [100.0, 9.0, 0.0]),  # sin^2 = 0.8 %
-        trial("far", [100.0, 12.0, 0.0]),  # 1.4 %
+        trial("far", [90.0, 12.0, 0.0]),  # 1.7 %
         trial("unphysical", [100.0, 0.0, 0.0], wrong_sign=True),
     ]
     assert equivalents(chosen, [chosen, *others]) == ("same", "near")
 
 
+def test_a_rival_that_explains_as_much_and_mostly_the_same_is_equivalent() -> None:
+    """A drag of exponent 0.6 was called a rising friction: the drag explains more, at the bound of its exponent."""
+    chosen = trial("a", [100.0, 0.0])
+    others = [
+        trial("better", [100.0, 45.0]),  # 83 % of the chosen one's gain is in it
+        trial("other", [100.0, 60.0]),  # 74 %
+        trial("less", [95.0, 25.0]),
+        trial("singular", [0.0, 0.0], plain=[100.0, 45.0], singular=True, free=("n",)),  # in one of the two weightings
+    ]
+    assert equivalents(chosen, [chosen, *others]) == ("better", "singular")
+
+
 def test_a_small_gain_is_tied_by_the_noise() -> None:
     chosen = trial("a", [5.0, 0.0])
     assert equivalents(chosen, [chosen, trial("b", [1.0, 1.0])]) == ("b",), "12.5 of 25 are less than 20"
-    assert equivalents(chosen, [chosen, trial("b", [1.0, 3.0])]) == (), "22.5 are more"
+    assert equivalents(chosen, [chosen, trial("b", [1.0, 3.0])]) == (), "22.5 of 25 are more"
 
 
 def test_a_known_look_alike_without_columns_of_its_own_is_equivalent() -> None:
@@ -325,9 +339,9 @@ def test_a_wave_of_the_order_of_an_accepted_effect_is_what_that_effect_leaves(or
     wave: Any = SimpleNamespace(
         candidate=SimpleNamespace(effect=catalogue["cogging"]), group=SimpleNamespace(shape={"order": order})
     )
-    assert rounds._own_order(fit, wave) is own
+    assert has_own_order(fit, wave) is own
     load: Any = SimpleNamespace(candidate=SimpleNamespace(effect=catalogue["constant_load"]), group=wave.group)
-    assert not rounds._own_order(fit, load)
+    assert not has_own_order(fit, load)
 
 
 def test_only_what_acts_in_the_same_balance_makes_a_contribution_small() -> None:
