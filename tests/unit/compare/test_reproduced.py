@@ -22,7 +22,7 @@ from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.regression.evaluated import record_as_evaluated, with_evaluation
 from pmsm_ctrl.regression.prediction import errors, predict
 from pmsm_ctrl.regression.timed_record import timed_record
-from pmsm_ctrl.simulate import simulate
+from pmsm_ctrl.simulate import scenario, simulate
 from tests.effort import seeds, slow
 
 STRIBECK = {"dF_s": 0.008, "w_s": 8.0, "delta": 2.0}
@@ -47,7 +47,8 @@ def without_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_errors_a_written_design_are_those_of_the_diagnosis(
     seed_motor: Design, effect: str, values: dict[str, float]
 ) -> None:
-    log = simulate(seed_motor, "triangle", truth=seed_motor.with_effect(effect, values), seed=54210)
+    motion = scenario("triangle", seed_motor, cycles=2.0)
+    log = simulate(seed_motor, motion, truth=seed_motor.with_effect(effect, values), seed=54210)
     found = diagnose(seed_motor, log, candidates=(effect,), plan=False)
     assert effect in [step.effect for step in found.steps]
     written = compare(found.design, log).log.errors["torque"]
