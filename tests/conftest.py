@@ -100,16 +100,6 @@ def json_follows_its_schema() -> Iterator[None]:
     console.write_json = write
 
 
-@pytest.fixture(scope="session", autouse=True)
-def numba_works_nothing_out_twice() -> Iterator[None]:
-    """Compile some hundred functions, a sixth of the time of a cold run, with a fifth less of Python."""
-    from tests import faster_compiling
-
-    with pytest.MonkeyPatch.context() as patch:
-        faster_compiling.install(patch)
-        yield
-
-
 @pytest.fixture(scope="session")
 def measured() -> MeasuredData:
     """Return a function from a relative name (emps/DATA_EMPS.mat) to a path; skips loudly if absent."""

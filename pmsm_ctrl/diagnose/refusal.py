@@ -49,10 +49,10 @@ WORDS: Mapping[Reason, str] = {
     "within the model error of an effect of {largest:.2g} %",
     Reason.MINOR: "significant but minor: {percent:.2g} % of the residual above the noise floor",
     Reason.NOT_CONFIRMED: "not confirmed by cross-validation (gain {gain})",
-    Reason.EXPLAINED_BY_RIVALS: "channel timing, channel filters or harmonics of a turn explain {percent:.0f} % of it "
-    "(cross-validation gain beside them {gain})",
-    Reason.LIKE_RIPPLE: "the reluctance torque of a current ripple, which the log does not hold, explains "
-    "{percent:.0f} % of it",
+    Reason.EXPLAINED_BY_RIVALS: "explained to {percent:.0f} % by channel timing, channel filters or harmonics of a "
+    "turn (cross-validation gain beside them {gain})",
+    Reason.LIKE_RIPPLE: "not distinguishable from the reluctance torque of a current ripple ({percent:.0f} % of it): "
+    "instants of i_d and i_q in the log, stated as such, would tell",
     Reason.BALANCE_WORSE: "rejected: increases the error of the {balance} balance",
     Reason.ERROR_NOT_LOWERED: "rejected: lowers no error noticeably",
     Reason.MODEL_OUT_OF_BOUNDS: "rejected: drives {parameter} to {value:.3g}, beyond its bounds",

@@ -3,7 +3,7 @@
 References that are held for some control periods make the current jump at each step. The coupling ``omega L_q i_q``
 turns a ripple of i_q into one of i_d, and the product of both has a mean: ``1.5 p (L_d - L_q) i_d i_q`` acts as a drag
 that grows with the speed and with the square of the ripple. A torque command, a torque that was computed from i_q, and
-means over a log period hold nothing of it.
+means over a log period hold nothing of it; instants of both currents do.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ RIPPLES = ((1, 2), (2, 1), (3, 0))
 def ripple_torques(record: Record) -> list[Array]:
     """Return the terms of the drag of a ripple as large as the largest current of the log, N m, each of shape (n,).
 
-    None is negative for an axis that turns one way; their factors are not negative either. None of a motor without
-    saliency.
+    Their factors are not negative. Without saliency there is none, and none where the log states that it holds instants
+    of both currents: their product has the ripple's mean.
 
     Parameters
     ----------
@@ -34,6 +34,8 @@ def ripple_torques(record: Record) -> list[Array]:
     """
     motor, signals = record.design.motor, record.signals
     if motor.p is None or motor.L_d is None or motor.L_q is None or motor.L_d == motor.L_q:
+        return []
+    if "i_d" in record.prepared.signals and record.design.log.of("i_q").sampling == "instant":
         return []
     current = float(np.max(np.abs(record.target[0]), where=record.mask, initial=0.0)) / record.design.K_t_assumed
     largest = 1.5 * motor.p * (motor.L_q - motor.L_d) * current**2

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import StateSpace, lsim
 
 from pmsm_ctrl.design import Design
+from pmsm_ctrl.design_parts import LogMap
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.diagnose.refusal import Reason
 from pmsm_ctrl.log import Log
@@ -78,6 +79,16 @@ def test_its_terms_span_the_drag_of_a_held_reference() -> None:
     fastest = 1.5 * P * (L_Q - L_D) * current**2
     assert np.max(np.abs(columns[:, 2])) == pytest.approx(fastest, rel=1e-3), "a ripple as large as the largest current"
     assert ripple_torques(replace(record, design=design(L_D))) == []
+
+
+def test_instants_of_both_currents_hold_it() -> None:
+    log, _ = log_of(1)
+    log = Log(
+        {"t": log.t, "theta": log["theta"], "i_q": log["torque"] / (1.5 * P * PSI_F), "i_d": np.zeros(len(log.t))}
+    )
+    for sampling, terms in (("unknown", 3), ("mean", 3), ("instant", 0)):
+        stated = design().model_copy(update={"log": LogMap(sampling=sampling)})
+        assert len(ripple_torques(make_record(stated, log))) == terms
 
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
