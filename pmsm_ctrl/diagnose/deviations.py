@@ -75,6 +75,8 @@ def _machine(design: Design, fit: Fitted, policy: Policy) -> Iterator[Deviation]
         note = f"beyond its tolerance of {100 * tolerance:.0f} %" if flagged else _unseen(outside)
         if flagged and name in WINDING:
             note += _restored_by(fit, policy)
+        if flagged and name == "J" and not fit.record.sampling_stated:
+            note += f", if the {fit.record.drive} was not sampled in step with a held reference"
         unit = axis_unit(UNITS[name], fit.record.prepared.motion)
         yield Deviation(name, nominal, value, error, unit, outside, flagged, note)
 
