@@ -368,8 +368,12 @@ class Structure(ABC):
         return value
 
     def at_bound(self, effect: Effect, shape: Mapping[str, float]) -> bool:
-        """Whether a parameter of the shape ran into its bound: the shape wants to be another one."""
-        return any(shape[p.symbol] in (p.lower, p.upper) for p in effect.searched if p.symbol in shape and not p.soft)
+        """Whether a parameter of the shape ran into its bound: the shape wants to be another one.
+
+        The edges of what it avoids are bounds: a drag of exponent 1.18 wants to be more of the viscous friction.
+        """
+        searched = (p for p in effect.searched if p.symbol in shape and not p.soft)
+        return any(shape[p.symbol] in (p.lower, p.upper, *(p.avoid or ())) for p in searched)
 
     def slight(self, known: Known, values: Mapping[str, float]) -> bool:
         """Whether an effect of these amounts is so small that errors of the model are as large."""

@@ -8,6 +8,7 @@ from scipy.optimize import curve_fit
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import add
+from pmsm_ctrl.effects.catalogue import CATALOGUE
 from pmsm_ctrl.log import Log
 from tests.effort import seeds
 
@@ -55,3 +56,12 @@ def test_friction_that_rises_from_standstill_is_no_stribeck_friction() -> None:
     turned = Log({"t": log.t, "theta": log["theta"], "torque": rising})
     assert add(design, turned, "stribeck").parameters("stribeck")["dF_s"] == pytest.approx(0.0, abs=1e-3)
     assert add(design, turned, "rising_friction").parameters("rising_friction")["dF_r"] == pytest.approx(DF, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("n", "at_bound"), [(0.3, True), (0.6, False), (0.85, True), (1.18, True), (2.0, False), (3.0, True)]
+)
+def test_the_edges_of_what_an_exponent_avoids_are_bounds(n: float, at_bound: bool) -> None:
+    """A viscous friction that a drift left out of the model changes was called a drag of exponent 1.18."""
+    drag = CATALOGUE["viscous_power"]
+    assert drag.structure.at_bound(drag, {"n": n}) is at_bound
