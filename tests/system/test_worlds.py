@@ -10,7 +10,7 @@ import pytest
 
 from pmsm_ctrl.diagnose import diagnose, diagnosis
 from pmsm_ctrl.diagnose.adding import added
-from tests.benchmarks.worlds.hidden import EFFECTS, hidden_log, possible, simulate_with_truth, simulate_world
+from tests.benchmarks.worlds.hidden import EFFECTS, possible, simulate_with_truth, simulate_world
 from tests.benchmarks.worlds.margin import HALF, margin, seen
 from tests.benchmarks.worlds.plant import COLUMNS, HIDDEN, PLACE, TRUTH, run
 from tests.benchmarks.worlds.world import draw
@@ -117,14 +117,13 @@ def without_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_load_that_rubs_is_named_with_its_friction() -> None:
     """Friction behind the spring holds the load and lets it go; without it in the model the rest was unexplained."""
     world = replace(draw(650022), duration=15.0)
-    made = hidden_log(world, "compliance", 2.7)
-    assert made is not None
+    hidden = {"load_inertia": 47.71, "stiffness": 2.69e6, "damping": 680.0, "load_dry": 20.07}  # margin 2.7
     offered = ("compliance", "backlash", "stribeck", "presliding", "delay", "load_dependent_friction")
-    found = diagnose(world.design, made[0], candidates=offered, plan=False)
+    found = diagnose(world.design, simulate_world(world, hidden), candidates=offered, plan=False)
     assert [step.effect for step in found.steps] == ["compliance"]
     own = found.steps[0].parameters
     for name, true in (("J_load", "load_inertia"), ("k", "stiffness"), ("F_load", "load_dry")):
-        assert own[name].value == pytest.approx(made[2][true], rel=0.1)
+        assert own[name].value == pytest.approx(hidden[true], rel=0.1)
 
 
 def test_a_world_is_drawn_the_same_twice_and_others_differ() -> None:
@@ -145,13 +144,12 @@ def test_a_world_moves_and_its_log_is_one(seed: int) -> None:
 def test_an_effect_is_named_though_noise_biases_the_timing_that_is_fitted_without_it() -> None:
     """Errors are compared with the timing held alike: a biased one makes them smaller, whatever the model."""
     world = replace(draw(470186), duration=15.0)
-    made = hidden_log(world, "position_dependent_friction", 4.9)
-    assert made is not None
+    log = simulate_world(world, {"position_friction": 0.02713, "position_phase": 2.762})  # margin 4.9
     offered = ("position_dependent_friction", "unbalance", "cogging", "stribeck", "presliding", "constant_load")
-    found = diagnose(world.design, made[0], candidates=offered, plan=False)
+    found = diagnose(world.design, log, candidates=offered, plan=False)
     assert [step.effect for step in found.steps] == ["position_dependent_friction"]
     errors = [found.errors[model]["torque"]["rms"] for model in ("base", "final")]
     assert errors[1] < errors[0]
     assert found.steps[0].error_before["torque"]["rms"] == errors[0]
-    alone = added(world.design, made[0], "position_dependent_friction").errors
+    alone = added(world.design, log, "position_dependent_friction").errors
     assert alone["final"]["torque"]["rms"] < alone["base"]["torque"]["rms"]
