@@ -164,6 +164,9 @@ def test_effect_that_stood_in_for_two_is_exchanged(blind: ModuleType, seed: int)
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(
+    reason="beside the Stribeck curve that comes first the drag is a minor part of the residual", strict=True
+)
 def test_exchange_adds_an_effect_where_much_less_is_left(blind: ModuleType) -> None:
     # the Stribeck curve that comes first bends so that drag hardly shows; drag first leaves 4 % less
     case = blind.Case(("quadratic_drag", "stribeck"), 1.0, "identification", 2848)
