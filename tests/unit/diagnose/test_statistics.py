@@ -61,9 +61,15 @@ def test_amount_that_a_log_shows_is_found_half_the_time(designs, effect: str, sy
     level = 1e-3
     amount = detection_limits(fit.solved, fit.whitener, group, level)[0]
     rng = np.random.default_rng(seed)
-    rows = fit.whitener(group.values)
-    z = np.vstack([rows, np.zeros((len(fit.solved.rest) - len(rows), symbols))])
-    z -= fit.solved.q @ (fit.solved.q.T @ z)
+    solved = fit.solved
+    white = [
+        np.zeros((symbols, basis.shape[1])) if columns is None else fit.whitener.part(row, columns)
+        for row, (columns, basis) in enumerate(zip(group.rows, solved.bases, strict=True))
+    ]
+    z = np.vstack([np.concatenate(white, axis=1).T, np.zeros((len(solved.rest) - solved.rows, symbols))])
+    balances = [basis.T @ solved.mixing[part] for basis, part in zip(solved.bases, solved.parts, strict=True)]
+    q = np.vstack([*balances, solved.mixing[solved.parts[-1].stop :]])
+    z -= q @ (q.T @ z)
     hits = 0
     for _ in range(2000):
         y = z[:, 0] * amount + rng.standard_normal(len(z))
