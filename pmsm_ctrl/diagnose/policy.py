@@ -85,7 +85,8 @@ class Policy:
         slow sine, where a dead time looks like a resistance; worlds.
     tied_gain, tied_share : float
         Two explanations are equal where their sums of squares differ by less than `tied_gain`, in units of the noise,
-        or by less than the share `tied_share` of the gain. Set on: blind.
+        or by less than the share `tied_share` of the gain. An effect on a salient motor must explain more, by that
+        share, than a ripple of the current. Set on: blind.
     most_steps : int
         Largest number of accepted effects. Set on: LAAS, where more than eight orders of cogging make the friction
         negative.
@@ -94,7 +95,8 @@ class Policy:
         least the share `rival_share` of its gain. Set on: plant.
     sure_errors : float
         Standard errors beyond which a parameter deviates from its nominal value, its tolerance or its bounds. With
-        four, a delay is named in one of 56 clean logs.
+        four, a delay is named in one of 56 clean logs. A size that is part of a shape must exceed zero by as many: of
+        27 right names of presliding the smallest is 6, of four false ones three have 0.4 to 2.2.
     tolerance : float
         Tolerance of a parameter for which the design states none, as a share. Hot copper, or a resistance measured
         between two phases, is one and a half times or twice the design's.

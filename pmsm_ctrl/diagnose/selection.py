@@ -52,7 +52,7 @@ __all__ = [
 # What refuses a significant effect before the refit with it.
 BEFORE_REFIT = (
     Reason.PARAMETER_AT_BOUND, Reason.TOO_SMALL, Reason.MINOR, Reason.BESIDE_LARGER, Reason.NOT_CONFIRMED,
-    Reason.EXPLAINED_BY_RIVALS,
+    Reason.EXPLAINED_BY_RIVALS, Reason.LIKE_RIPPLE,
 )  # fmt: skip
 
 

@@ -109,7 +109,7 @@ def sizes_in_shape(design: Design, fit: Fitted) -> dict[str, tuple[float, float]
     found = with_shapes_fitted(design, fit)
     if found.covariance is None:
         return {}
-    relative = np.sqrt(np.diag(found.covariance)[-len(found.free) :]).tolist()
+    relative = np.sqrt(np.diag(found.covariance)[len(found.model.names) :]).tolist()
     shape = found.accepted[number].shape
     return {
         name: (shape[name], shape[name] * error)

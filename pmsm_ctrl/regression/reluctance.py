@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pmsm_ctrl.kernels.balance import torque_em
 from pmsm_ctrl.regression.balances import Record
 
 __all__ = ["ripple_torques"]
@@ -38,7 +39,7 @@ def ripple_torques(record: Record) -> list[Array]:
     if "i_d" in record.prepared.signals and record.design.log.of("i_q").sampling == "instant":
         return []
     current = float(np.max(np.abs(record.target[0]), where=record.mask, initial=0.0)) / record.design.K_t_assumed
-    largest = 1.5 * motor.p * (motor.L_q - motor.L_d) * current**2
+    largest = -torque_em.py_func(motor.p, 0.0, motor.L_d, motor.L_q, current, current)  # the balance has it as a load
     speed, rate = (_slow(record, signals[name]) for name in ("omega", "alpha"))
     return [largest * speed**m * rate**n for m, n in RIPPLES]
 

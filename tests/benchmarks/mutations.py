@@ -100,7 +100,7 @@ MUTATIONS = (
     Mutation("ties: everything is equivalent", "diagnose/look_alikes.py",
              "return left < policy.tie(size)", "return left > policy.tie(size)", "unit/diagnose/test_selection.py"),
     Mutation("ripple of the current: a drive in place of a drag", "regression/reluctance.py",
-             "motor.L_q - motor.L_d", "motor.L_d - motor.L_q", "unit/regression/test_reluctance.py"),
+             "largest = -torque_em", "largest = torque_em", "unit/regression/test_reluctance.py"),
     Mutation("shapes: a size that is not determined passes", "diagnose/criteria.py",
              "if value <= policy.sure_errors * stderr", "if value <= 0.0 * stderr", "unit/diagnose/test_criteria.py"),
     Mutation("response: the delay of the log with the wrong sign", "frf/fit.py",

@@ -50,7 +50,7 @@ def test_the_drag_grows_with_speed_and_with_the_square_of_the_ripple() -> None:
     assert drag_of_ripple(50.0, 1.5) == pytest.approx(9.0 * one, rel=1e-6)
 
 
-def log_of(seed: int, unseen: bool = True) -> tuple[Log, Array]:
+def log_of(seed: int) -> tuple[Log, Array]:
     """Sines of the speed, a torque without the ripple's part, and that part."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 12.0, 2e-3)
@@ -63,7 +63,7 @@ def log_of(seed: int, unseen: bool = True) -> tuple[Log, Array]:
         theta -= size / w * np.cos(w * t + phase)
     ripple = 0.002 * alpha + 0.05 * omega
     drag = drag_of_ripple(1.0, 1.0) * omega * ripple**2
-    torque = J * alpha + F_C * np.sign(omega) + F_V * omega + (drag if unseen else 0.0)
+    torque = J * alpha + F_C * np.sign(omega) + F_V * omega + drag
     return Log({"t": t, "theta": theta, "torque": torque + rng.normal(0.0, 2e-4, len(t))}), drag
 
 
@@ -93,7 +93,7 @@ def test_instants_of_both_currents_hold_it() -> None:
 
 @pytest.mark.parametrize("seed", seeds(1, 2))
 def test_a_salient_motor_has_no_drag_that_a_ripple_explains_as_well(seed: int) -> None:
-    """Five of six friction curves in clean logs of salient motors were this (worlds 720137, 740007)."""
+    """Friction curves in clean logs of salient motors were this, and gone with L_d = L_q (worlds 720137, 740007)."""
     log, _ = log_of(seed)
     found = diagnose(design(), log, plan=False, candidates=CURVES)
     assert not found.steps
