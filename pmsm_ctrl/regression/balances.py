@@ -20,7 +20,7 @@ from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
 from pmsm_ctrl.regression.conditioning import Prepared, Processing, condition, default_cutoff
 from pmsm_ctrl.regression.currents import intended_i_d, with_noise
-from pmsm_ctrl.regression.direction import direction_of, fast_torque
+from pmsm_ctrl.regression.direction import acting_torques, direction_of
 from pmsm_ctrl.regression.drive_timing import (
     UNDELAYED,
     DriveTiming,
@@ -382,13 +382,14 @@ def _made(
         signals["omega_ref"] = told if "omega_ref" in log else derivative(told, 1.0 / prepared.rate)
     _add_slopes(signals, prepared)
     load = signals.get("T_load", np.zeros_like(prepared.t))
-    driving, fast = signals["torque"] - load, fast_torque(design, log, prepared) - load
+    driving = signals["torque"] - load
+    smooth, fast = (torque - load for torque in acting_torques(design, log, prepared))
     measured = punctual(log, prepared.t, prepared.cutoff, jumps=False)
     unresolved = resolution * prepared.cutoff
     steps = errors_by_steps(prepared, resolution) if resolution > 0.0 else None
-    direction, sure, kink = direction_of(driving, fast, prepared, measured, STANDSTILL, steps, unresolved)
+    direction, sure, kink = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps, unresolved)
     if int((sure & _edges(prepared))[prepared.keep].sum()) < FEWEST:  # no speed is left that the encoder resolves
-        direction, sure, kink = direction_of(driving, fast, prepared, measured, STANDSTILL, steps)
+        direction, sure, kink = direction_of(smooth, fast, prepared, measured, STANDSTILL, steps)
     signals["direction"] = direction
     channels = ["torque"]
     if design.motor.electrical and all(name in raw for name in ("i_q", "u_d", "u_q")) and "i_d" in raw:

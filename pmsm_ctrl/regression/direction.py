@@ -11,11 +11,12 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.conditioning import Prepared
 from pmsm_ctrl.regression.encoder_steps import StepErrors
 from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.measurement_correction import undone
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
 from pmsm_ctrl.regression.signals import logged_torque
 from pmsm_ctrl.regression.weights import on_grid, prefilter
 
-__all__ = ["direction_of", "fast_torque"]
+__all__ = ["acting_torques", "direction_of"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -127,8 +128,11 @@ def _followed(prepared: Prepared, pushed: Array, J: float) -> tuple[Array, Array
     return prepared.signals["omega"] + made, prepared.signals["theta"] + travel
 
 
-def fast_torque(design: Design, log: Log, prepared: Prepared) -> Array:
-    """Return the drive's torque in the band in which reversals are followed, N m (N), shape (n,).
+def acting_torques(design: Design, log: Log, prepared: Prepared) -> tuple[Array, Array]:
+    """Return the drive's torque, N m (N), shape (n,): as smooth as the speed, and in the band of reversals.
+
+    Without what measurement effects of the design put into the channels. A known delay, left in, would make each
+    reversal late.
 
     Parameters
     ----------
@@ -141,4 +145,9 @@ def fast_torque(design: Design, log: Log, prepared: Prepared) -> Array:
     band = max(BAND, prefilter(prepared))
     if band < 0.45 * prepared.rate:
         channels = {name: low_pass(values, prepared.rate, band) for name, values in channels.items()}
-    return logged_torque(design, channels)
+    motion = {name: prepared.signals[name] for name in ("theta", "omega")}
+    smooth, fast = (
+        logged_torque(design, undone(design, prepared.t, motion | currents)[0])
+        for currents in ({name: prepared.signals[name] for name in names}, channels)
+    )
+    return smooth, fast

@@ -11,6 +11,7 @@ from pmsm_ctrl import Design
 from pmsm_ctrl.compare import compare
 from pmsm_ctrl.identify import identify
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.measurement_correction import undone
 from pmsm_ctrl.simulate import scenario
 from tests.effort import amount, seeds
@@ -82,3 +83,13 @@ def test_identification_and_comparison_know_it(design: Design, effect: str) -> N
         with_it, without = (compare(known, log).log.errors["torque"] for known in told)
         assert with_it.rms < without.rms
         assert with_it.rms < 1.03 * with_it.floor
+
+
+def test_a_known_delay_leaves_the_reversals_where_they_are(design: Design) -> None:
+    truth, late = spoiled(design, "delay", 1)
+    steps, inside = round(KNOWN["delay"]["tau"] / late.period), slice(1000, -1000)
+    ahead = {name: np.append(late[name][steps:], np.full(steps, late[name][-1])) for name in ("i_d", "i_q")}
+    logs = {"known": (truth, late), "in time": (design, late.with_channels(**ahead)), "left in": (design, late)}
+    turning = {name: make_record(*one).signals["direction"][inside] for name, one in logs.items()}
+    assert turning["known"] == pytest.approx(turning["in time"], abs=1e-3)
+    assert np.max(np.abs(turning["known"] - turning["left in"])) > 0.5
