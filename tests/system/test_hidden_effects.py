@@ -385,15 +385,17 @@ def test_friction_by_load_is_held_where_it_would_explain_the_torque_by_itself(bl
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("gain", "verdict"), [(2.5, "unexplained"), (0.0, "inconclusive")])
 def test_what_only_resembles_an_effect_is_drawn_in_the_balance_where_it_shows(
-    blind: ModuleType, monkeypatch: pytest.MonkeyPatch
+    blind: ModuleType, monkeypatch: pytest.MonkeyPatch, gain: float, verdict: str
 ) -> None:
+    # left-out data do not confirm it as an effect, and confirm, or not, that something like it is missing
     # a dead time on a slow sine is as well a resistance four times as high, as long as that is not called impossible
     policy = replace(POLICY, impossible=np.inf, excess=0.03, small_size=1e-4)
-    refused = Refusal(Reason.NOT_CONFIRMED, {"gain": 0.0, "stderr": 1.0})
+    refused = Refusal(Reason.NOT_CONFIRMED, {"gain": gain, "stderr": 1.0})
     monkeypatch.setattr("pmsm_ctrl.diagnose.criteria.cross_validation", lambda *args: refused)
     result = blind.run(blind.Case(("dead_time",), 1.0, "servo", 80), policy)
-    assert result.verdict == "unexplained"
+    assert result.verdict == verdict
     assert (result.structure.resembles, result.structure.channel) == ("dead_time", "u_q")
 
 

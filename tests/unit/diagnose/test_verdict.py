@@ -20,7 +20,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.plausibility import Plausibility
 from pmsm_ctrl.regression.drive_timing import DriveTiming
 from pmsm_ctrl.section import Notice
-from tests.effort import seeds
+from tests.effort import seeds, slow
 from tests.unit.regression.test_drive_timing import believed, made
 
 DOUBT, HANDLED = Notice("torque_sign", "opposite sign"), Notice("time_gaps", "gaps")
@@ -202,8 +202,9 @@ def test_a_large_effect_that_was_refused_leaves_the_question_open(gain: float, r
     assert verdict_of(fit, refused={"cogging": Refusal(reason, {"p": 0.5})}) == expected
 
 
-@pytest.mark.parametrize("seed", seeds(1, 3))
-def test_no_effect_is_named_where_most_of_the_torque_is_unexplained(seed: int) -> None:
+# of 3 the load makes more than half of what is above the noise floor at the wave's frequencies: it is minor beside that
+@pytest.mark.parametrize(("seed", "minor"), [(1, False), slow(4, False), slow(3, True)])
+def test_no_effect_is_named_where_most_of_the_torque_is_unexplained(seed: int, minor: bool) -> None:
     # a load that no motion tells is twice as large as all the rest; a wave of the shaft beside it is significant
     log, rng = made(seed, samples=24_000), np.random.default_rng(seed)
     load, usual = np.zeros_like(log.t), float(np.std(log["i_q"]))
@@ -215,7 +216,9 @@ def test_no_effect_is_named_where_most_of_the_torque_is_unexplained(seed: int) -
     assert (found.verdict, found.steps) == ("inconclusive", ())
     assert found.reasons[0].code == "little_explained"
     named = diagnose(believed(), pushed, plan=False, policy=replace(POLICY, explained_torque=0.0))
-    assert [step.effect for step in named.steps] == ["cogging"]
+    assert [step.effect for step in named.steps] == ([] if minor else ["cogging"])
+    first = named.ranking[0]
+    assert (first.effect, first.why_not.startswith("significant but minor")) == ("cogging", minor)
 
 
 @pytest.mark.parametrize(("sign", "verdict"), [(1.0, "inconclusive"), (-1.0, "implausible")])
