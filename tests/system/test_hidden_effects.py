@@ -362,7 +362,7 @@ def test_a_lightly_damped_spring_shows_in_slow_reversals(blind: ModuleType, seed
 @pytest.mark.slow
 @pytest.mark.xfail(
     reason="the rotor, a seventh of the axis, turns twice more on the spring at each reversal; reversals are followed "
-    "as those of a rigid axis, and a dry friction of the load that is not there takes what this leaves: 173 for 194 rad/s"
+    "as those of a rigid axis, and a dry friction of the load that is not there takes the rest: 173 for 194 rad/s"
 )
 def test_the_frequency_of_a_lightly_damped_spring_is_found_in_slow_reversals(blind: ModuleType, seed: int) -> None:
     case = blind.Case(("compliance",), 2.0, "servo", seed)
