@@ -11,16 +11,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pmsm_ctrl.kernels import kernel
+from pmsm_ctrl.kernels import inlined, kernel
 
 __all__ = ["reversals", "timed_sign"]
 
 Array = NDArray[np.float64]
 
-SUBSTEPS = 16  # of a sample: the direction turns at a substep
 LONGEST = 30  # times what the smoothing mixes: longer rests have no part in a reversal
-ROUNDS = 12  # of either bisection
 LEVELS = (0.5, 2.5)  # friction at the reversal over its usual level
+CLOSE = 1e-8  # of the speed, and of the travel, by which the usual friction would change them in all that time
+ROUNDS = 20  # of either search at most; four are usual
 
 
 def timed_sign(omega: Array) -> Array:
@@ -98,54 +98,94 @@ def turned(omega: Array, theta: Array, torque: Array, J: float, period: float, s
     Two unknowns are solved for: a missing torque, from the speed at the end, and the level of friction at low speed,
     from the travel, since more friction bends the path more.
     """
-    travel = theta[-1] - theta[0]
-    low_level, high_level = LEVELS
-    inside = False
+    travel, duration = theta[-1] - theta[0], (torque.size - 1) * period
+    # friction delays the turn: with more of it the shaft gets further the way it drives
+    way = 1.0 if omega[-1] > omega[0] else -1.0
+    low, high = LEVELS
+    level, missing = np.sqrt(low * high), 0.0
+    tried = error = np.nan
     for _ in range(ROUNDS):
-        level = np.sqrt(low_level * high_level)
-        low, high = -1.0, 1.0
-        missing = travelled = 0.0
-        for _ in range(ROUNDS):
-            missing = 0.5 * (low + high)
-            last, travelled = through(omega[0], torque, missing, level, J, period, share)
-            if last > omega[-1]:
-                high = missing
-            else:
-                low = missing
-        inside = abs(missing) < 0.5
-        # friction delays the turn: with more of it the shaft gets further the way it drives
-        if (travelled - travel) * (omega[-1] - omega[0]) > 0.0:
-            high_level = level
+        missing, travelled = _balanced(omega, torque, missing, level, J, period, share)
+        error, before = way * (travelled - travel), error
+        if abs(error) < CLOSE * duration**2 / J:
+            break
+        if error > 0.0:
+            high = level
         else:
-            low_level = level
-    return inside
+            low = level
+        tried, level = level, _between(low, high, level - error * (level - tried) / (error - before))
+    return bool(abs(missing) < 0.5)
+
+
+@kernel
+def _balanced(
+    omega: Array, torque: Array, missing: float, level: float, J: float, period: float, share: Array
+) -> tuple[float, float]:
+    """Return the torque that is missing where the last speed is met, at most one level of friction, and the travel."""
+    low, high = -1.0, 1.0
+    tried = error = np.nan
+    travelled = 0.0
+    for _ in range(ROUNDS):
+        last, travelled = through(omega[0], torque, missing, level, J, period, share)
+        error, before = last - omega[-1], error
+        if abs(error) < CLOSE * (torque.size - 1) * period / J:
+            break
+        if error > 0.0:
+            high = missing
+        else:
+            low = missing
+        tried, missing = missing, _between(low, high, missing - error * (missing - tried) / (error - before))
+    return missing, travelled
+
+
+@inlined
+def _between(low: float, high: float, guess: float) -> float:
+    """Return a secant's guess, or the middle where there is none in between."""
+    return guess if low < guess < high else 0.5 * (low + high)
 
 
 @kernel
 def through(
     speed: float, torque: Array, missing: float, level: float, J: float, period: float, share: Array
 ) -> tuple[float, float]:
-    """Simulate a reversal; return the last speed and the travel, and in `share` the friction around every sample.
+    """Follow a reversal; return the last speed and the travel, and in `share` the friction around every sample.
 
-    Set-valued friction in a semi-implicit step: a speed that would change its sign in a step is zero after it.
+    Exact for a torque that is straight between samples: from each stop or start of the shaft to the next one. At rest,
+    dry friction balances the torque up to its level.
     """
-    h = period / SUBSTEPS
-    push, most = h / J, level * h / J
-    travel = 0.0
+    push, rate, travel = 1.0 / J, 1.0 / period, 0.0
+    weight = rate / level
     share[: torque.size] = 0.0
-    for n in range(torque.size - 1):
-        early = late = 0.0
-        for m in range(SUBSTEPS):
-            x = (m + 0.5) / SUBSTEPS
-            free = speed + push * ((1.0 - x) * torque[n] + x * torque[n + 1] + missing)
-            held = min(most, max(-most, free))
-            before = speed
-            speed = free - held
-            travel += before + speed
-            if m < SUBSTEPS // 2:
-                early += held
+    for n in range(2 * (torque.size - 1)):  # half samples: each counts for the nearest sample
+        first, second = torque[n // 2], torque[n // 2 + 1]
+        slope = (second - first) * rate
+        driven = missing + (first if n % 2 == 0 else 0.5 * (first + second))
+        left, balanced = 0.5 * period, 0.0
+        while left > 0.0:
+            if speed == 0.0 and abs(driven) < level:
+                bound = level if slope > 0.0 else -level
+                stays = abs(driven + slope * left) <= level
+                time = left if stays else (bound - driven) / slope
+                balanced += (driven + 0.5 * slope * time) * time
+                driven = bound  # where the shaft leaves
             else:
-                late += held
-        share[n] += early / (most * SUBSTEPS)
-        share[n + 1] += late / (most * SUBSTEPS)
-    return speed, 0.5 * h * travel
+                friction = level if speed > 0.0 or (speed == 0.0 and driven > 0.0) else -level
+                start = push * (driven - friction)
+                time, end = left, speed + (start + 0.5 * push * slope * left) * left
+                if speed * end <= 0.0 or speed * (speed + 0.5 * start * left) <= 0.0:  # a parabola's control points
+                    time = min(left, _stop(speed, start, push * slope))
+                balanced += friction * time
+                travel += (speed + (0.5 * start + push * slope * time / 6.0) * time) * time
+                speed = end if time == left else 0.0
+                driven += slope * time
+            left -= time
+        share[(n + 1) // 2] += balanced * weight
+    return speed, travel
+
+
+@inlined
+def _stop(speed: float, start: float, jerk: float) -> float:
+    """Return when ``speed + start t + jerk t^2 / 2`` meets zero first, after t = 0."""
+    inside = start * start - 2.0 * jerk * speed
+    closing = np.sqrt(max(inside, 0.0)) - (start if speed > 0.0 else -start)
+    return 2.0 * abs(speed) / closing if speed != 0.0 and inside >= 0.0 and closing > 0.0 else np.inf

@@ -10,6 +10,7 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.filters import derivative, low_pass
 from pmsm_ctrl.regression.reversals import reversals, timed_sign
+from pmsm_ctrl.regression.reversals import turned as followed
 
 J = 1.0 / 200.0  # inertia over the level of friction, s^2
 WIDE = 100.0  # Hz, the low-pass before differentiation
@@ -46,6 +47,36 @@ def test_constant_torque(rate: float, drive: float, crossing: float) -> None:
     assert late > 0.15e-3  # what the smoothed speed says
     assert abs(error) < 0.05e-3
     assert abs(error) < 0.2 * late
+
+
+@pytest.mark.parametrize("crossing", [0.0, 0.13e-3, -4.71e-3])
+@pytest.mark.parametrize(("drive", "level", "missing"), [(-2.0, 1.0, 0.0), (-4.0, 1.7, 0.3), (3.0, 0.6, -0.4)])
+def test_speed_and_travel_give_the_moment_the_level_and_what_is_missing(
+    crossing: float, drive: float, level: float, missing: float
+) -> None:
+    # as above, of friction that is not as large as usual, and with a torque that is measured wrongly
+    t, way = np.arange(-10, 11) * 1e-3 - crossing, np.sign(drive)
+    accel = np.where(t < 0.0, drive + way * level, drive - way * level) / J
+    share = np.empty(t.size)
+    assert followed(accel * t, 0.5 * accel * t**2, np.full(t.size, drive - missing), J, 1e-3, share)
+    before, after = -t[0], t[-1]
+    assert np.sum(share) * 1e-3 == pytest.approx(way * (after - before), abs=1e-9)
+    assert share[2:4] == pytest.approx(-way, abs=1e-9)
+
+
+def test_at_rest_friction_balances_the_torque() -> None:
+    # comes to rest at t = 0 under a torque that falls by 50 levels a second, and leaves backward at minus the level
+    t, ramp = np.arange(-10, 51) * 1e-3, 50.0
+    torque = 0.5 - ramp * t
+    before, away = np.minimum(t, 0.0), np.maximum(t - 1.5 / ramp, 0.0)
+    omega = -(0.5 * before + 0.5 * ramp * before**2 + 0.5 * ramp * away**2) / J
+    theta = -(0.25 * before**2 + ramp * before**3 / 6.0 + ramp * away**3 / 6.0) / J
+    share = np.empty(t.size)
+    assert followed(omega, theta, torque, J, 1e-3, share)
+    friction = np.where(t < 0.0, 1.0, np.maximum(torque, -1.0))
+    friction[10] = 0.5 * (1.0 + 0.5 - 0.25 * ramp * 1e-3)  # half a sample of either
+    friction[40] += 0.125 * ramp * 1e-3  # it leaves in the middle
+    assert share[1:-1] == pytest.approx(friction[1:-1], abs=1e-6)
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.1])
