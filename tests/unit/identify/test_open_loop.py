@@ -111,13 +111,21 @@ def test_noise_of_the_torque_sets_the_standard_error(design: Design) -> None:
     assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.45)
 
 
+NOISY_DRIVE = pytest.mark.xfail(
+    reason="noise of the logged torque swings the simulated spring at its resonance of 131 Hz; a fit takes that down "
+    "by damping and by the sampling's variance: with 2 mA of noise k is 33 in place of 15, at 4 mA it does not converge"
+)
+
+
 @pytest.mark.slow
-def test_a_spring_is_polished_where_left_out_stretches_gain(design: Design) -> None:
+@pytest.mark.parametrize("noise", [0.0, pytest.param(4e-3, marks=NOISY_DRIVE)])
+def test_a_spring_is_polished_where_left_out_stretches_gain(design: Design, noise: float) -> None:
     spring = {"J_load": 4e-5, "k": 15.0, "d": 2e-3}
-    motion = scenario("identification", design, duration=12.0)
-    log = simulate(design, motion, truth=design.with_effect("compliance", spring), seed=7)
-    plain = added(design, log, "compliance")
-    better = added(design, log, "compliance", polish=True)
+    sensed = design.replace(sensor={"current_noise": noise})
+    motion = scenario("identification", sensed, duration=12.0)
+    log = simulate(sensed, motion, truth=sensed.with_effect("compliance", spring), seed=7)
+    plain = added(sensed, log, "compliance")
+    better = added(sensed, log, "compliance", polish=True)
     assert "polished" in [notice.code for notice in better.remarks]
     assert better.parameters["k"].value == better.design.parameters("compliance")["k"]
     off = [abs(one.parameters["k"].value / spring["k"] - 1.0) for one in (plain, better)]
