@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from scipy.stats import t as student
 
 from pmsm_ctrl.identify import Processing, identify
 from pmsm_ctrl.simulate import simulate
@@ -23,7 +24,8 @@ def shares(case: Case, method: str, seeds: range) -> dict[str, tuple[float, floa
         found = identify(case.believed(), log, method=method)  # type: ignore[arg-type]
         for name, e in found.estimates.items():
             low, high = found.intervals[name]
-            assert (0.5 * (low + high), high - low) == pytest.approx((e.value, 2.0 * 1.96 * e.stderr), rel=0.05), name
+            wide = 2.0 * student.ppf(0.975, found.fit.dof) * e.stderr  # few effective samples: more than 1.96
+            assert (0.5 * (low + high), high - low) == pytest.approx((e.value, wide), rel=1e-6), name
             rows.setdefault(name, []).append(((e.value - truth[name]) / e.stderr, bounds[name] / e.stderr))
     return {name: (float(np.sum(np.square(x)[:, 0])), float(np.mean(x, axis=0)[1])) for name, x in rows.items()}
 
