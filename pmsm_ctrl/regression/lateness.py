@@ -87,7 +87,9 @@ def _with_sampling_held(record: Record, model: Model, fit: Solved, estimates: Re
     free = not (delayed or record.sampling_stated)
     by = estimates if free and estimates is not None and _biased(model, fit, estimates) else None
     if by is not None and by.late[1] > undetermined >= stderr:
-        by = None  # a reference that does not determine the delay shows no bias of it, but an error of the model
+        # a reference that does not determine the delay shows no bias of it, but an error of the model: of either
+        model = replace(model, bias={**model.bias, k: _beyond_noise(by.late, value)})
+        by = None
     held: dict[int, tuple[float, float]] = {}
     late, error = (value, stderr) if by is None else by.late
     late += undone
@@ -119,13 +121,19 @@ def _with_inertia_held(model: Model, fit: Solved, estimates: ReferenceEstimates)
         return model
     short = value - float(fit.values[k])
     if stderr > estimates.noise * value and short < SURE * stderr:
-        return replace(model, bias={**model.bias, k: math.sqrt(max(short**2 - stderr**2, 0.0))})
+        return replace(model, bias={**model.bias, k: _beyond_noise(estimates.inertia, float(fit.values[k]))})
     tolerance = model.doubt.get(k, float(model.sigma[k]))  # of the datasheet, which counts as ever
     known = 1.0 / stderr**2 + 1.0 / tolerance**2
     value = (value / stderr**2 + float(model.nominal[k]) / tolerance**2) / known
     share, response = 1.0 / (stderr**2 * known), estimates.responses["J"]
     responses = (*model.responses, replace(response, slope=share * response.slope))
     return replace(_holding(model, {k: (value, 1.0 / math.sqrt(known))}, {k: value}), responses=responses)
+
+
+def _beyond_noise(by_reference: tuple[float, float], value: float) -> float:
+    """Return how far a value lies from an estimate by the reference, beyond the standard error of that."""
+    told, stderr = by_reference
+    return math.sqrt(max((told - value) ** 2 - stderr**2, 0.0))
 
 
 def _holding(model: Model, held: Mapping[int, tuple[float, float]], scale: Mapping[int, float]) -> Model:
