@@ -16,6 +16,7 @@ __all__ = [
     "central_differences",
     "coloured_back",
     "followed",
+    "moved",
     "reflections",
     "thinned_zero_phase",
     "whitened",
@@ -252,18 +253,22 @@ def thinned_zero_phase(
 
 @uncontracted
 def central_differences(values: Array, weights: Array, period: float, out: Array) -> None:
-    """Differentiate samples of shape (n,), but for the first and last ones, by weights of pairs around each.
+    """Differentiate samples of shape (n,) by weights of pairs around each, and by the next ones at either end.
 
     Parameters
     ----------
     values : array, shape (n,)
     weights : array, shape (reach,)
-        Of ``values[i + j] - values[i - j]`` for j = 1 to reach.
+        Of ``values[i + j] - values[i - j]`` for j = 1 to reach, which is below n / 2.
     period : float
     out : array, shape (n,)
-        Filled, without `reach` samples at either end.
+        Filled.
     """
-    reach, count = weights.size, values.size - 2 * weights.size
+    reach, count, last = weights.size, values.size - 2 * weights.size, values.size - 1
+    out[0], out[last] = (values[1] - values[0]) / period, (values[last] - values[last - 1]) / period
+    for i in range(1, reach):
+        out[i] = (values[i + 1] - values[i - 1]) / (2.0 * period)
+        out[last - i] = (values[last - i + 1] - values[last - i - 1]) / (2.0 * period)
     inner = out[reach : reach + count]
     inner[:] = 0.0
     for j in range(reach):
@@ -272,6 +277,44 @@ def central_differences(values: Array, weights: Array, period: float, out: Array
             inner[i] += weight * (later[i] - earlier[i])
     for i in range(count):
         inner[i] /= period
+
+
+@kernel
+def moved(values: Array, by: float, out: Array) -> None:
+    """Evaluate the cubic spline through samples of a uniform grid at times that all lie as far from the samples.
+
+    Its third derivative has no jump at the second and the last but one sample ("not a knot").
+    Source: C. de Boor, A Practical Guide to Splines, Springer 2001, ch. IV.
+
+    Parameters
+    ----------
+    values : array, shape (n,)
+        n is at least 4.
+    by : float
+        How much later, in samples; both ends are continued.
+    out : array, shape (n,)
+        Filled.
+    """
+    n = values.size
+    slope, share = np.empty(n), np.empty(n)
+    slope[0], share[0] = 0.5 * (values[2] + 4.0 * values[1] - 5.0 * values[0]), 2.0
+    for i in range(1, n - 1):
+        share[i] = 1.0 / (4.0 - share[i - 1])
+        slope[i] = (3.0 * (values[i + 1] - values[i - 1]) - slope[i - 1]) * share[i]
+    last = 0.5 * (5.0 * values[n - 1] - 4.0 * values[n - 2] - values[n - 3])
+    slope[n - 1] = (last - 2.0 * slope[n - 2]) / (1.0 - 2.0 * share[n - 2])
+    for i in range(n - 2, -1, -1):
+        slope[i] -= share[i] * slope[i + 1]
+    whole = int(np.floor(by))
+    x = by - whole
+    for i in range(n):
+        k = i + whole
+        if k < 0 or k >= n - 1:
+            out[i] = values[0 if k < 0 else n - 1]
+            continue
+        rise = values[k + 1] - values[k]
+        bent, curved = slope[k] + slope[k + 1] - 2.0 * rise, 3.0 * rise - 2.0 * slope[k] - slope[k + 1]
+        out[i] = values[k] + x * (slope[k] + x * (curved + x * bent))
 
 
 @kernel

@@ -63,21 +63,25 @@ def wave_sums(
 
 
 @kernel
-def apart_sums(theta: Array, values: Array, odd: Array, edges: NDArray[np.int64], sums: Array, span: Array) -> None:
+def apart_sums(
+    theta: Array, values: Array, edges: NDArray[np.int64], enough: float, sums: Array, span: Array
+) -> None:  # fmt: skip
     """Sum values times the conjugate wave of every order, bin by bin, over odd and over even pieces of time apart.
 
     Parameters
     ----------
-    theta, values : array, shape (n,)
-        Angle, rad, and what is demodulated.
-    odd : array, shape (n,)
-        1 in odd pieces, 0 in even ones.
+    theta : array, shape (n,)
+        Angle, rad.
+    values : array, shape (2, n)
+        What is demodulated, in odd pieces and in even ones; 0 in the others.
     edges : int array, shape (orders, bins + 1)
         Samples at which the bins of an order begin, and its last end, which never comes after that of the order before.
+    enough : float
+        Angle, rad, beyond which no span is measured.
     sums : array, shape (orders, bins, 2, 2)
         Filled: odd and even pieces, real and imaginary part.
     span : array, shape (orders,)
-        Filled: the greatest angle of an order's samples less the smallest.
+        Filled: the greatest angle of an order's samples less the smallest, or `enough` or more of it.
     """
     turn_c, turn_s = np.cos(theta), np.sin(theta)
     c, s = np.ones(theta.size), np.zeros(theta.size)
@@ -87,18 +91,17 @@ def apart_sums(theta: Array, values: Array, odd: Array, edges: NDArray[np.int64]
             x = c[i] * turn_c[i] - s[i] * turn_s[i]
             s[i] = c[i] * turn_s[i] + s[i] * turn_c[i]
             c[i] = x
-        low, high = np.inf, -np.inf
         for b in range(bins):
-            re0 = im0 = re1 = im1 = 0.0
-            for i in range(edges[k, b], edges[k, b + 1]):
-                re, im = values[i] * c[i], -values[i] * s[i]
-                re0 += re * (1.0 - odd[i])
-                im0 += im * (1.0 - odd[i])
-                re1 += re * odd[i]
-                im1 += im * odd[i]
-                low, high = min(low, theta[i]), max(high, theta[i])
-            sums[k, b, 0, 0], sums[k, b, 0, 1] = re1, im1
-            sums[k, b, 1, 0], sums[k, b, 1, 1] = re0, im0
+            first, stop = edges[k, b], edges[k, b + 1]
+            for piece in range(2):
+                some = values[piece, first:stop]
+                sums[k, b, piece, 0] = np.dot(some, c[first:stop])
+                sums[k, b, piece, 1] = -np.dot(some, s[first:stop])
+        low, high = np.inf, -np.inf
+        for i in range(edges[k, 0], edges[k, bins]):
+            low, high = min(low, theta[i]), max(high, theta[i])
+            if high - low >= enough:
+                break
         span[k] = high - low
 
 

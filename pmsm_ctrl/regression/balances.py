@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.errors import LogError
+from pmsm_ctrl.evidence.linalg import RANK_TOLERANCE, factored
 from pmsm_ctrl.log import Log, Span
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.coarse_angle import without_coarse_angle
@@ -37,15 +38,16 @@ from pmsm_ctrl.regression.timing import ending_steadily, own_time, punctual
 from pmsm_ctrl.regression.weights import (
     MAD,
     WRONG_TORQUE,
+    Weighing,
     on_grid,
     quantisation_error,
     voltage_weight,
-    weight_of_torque,
 )
 from pmsm_ctrl.section import Notice
 from pmsm_ctrl.units import axis_unit, drives
 
 __all__ = [
+    "ALWAYS",
     "CHANNELS",
     "MODELLED",
     "Memo",
@@ -79,7 +81,7 @@ SINC = 24
 FEWEST = 20  # samples of the thinned grid that a balance needs
 # Share of a log that the default band has to leave.
 USABLE = 0.1
-ANY_DIRECTION = frozenset({"base", "alpha", "noise of alpha", "beyond the band"})  # remembered whatever turns friction
+ALWAYS = frozenset({"base", "alpha", "noise of alpha", "beyond the band", "reference"})  # with any friction and weight
 # A delay below this share of a sample is met well enough to first order.
 LATE = 0.03
 
@@ -141,6 +143,8 @@ class Record:
         Step of the logged angle, rad (m); next to nothing of a fine encoder, 0 without an angle.
     lines : tuple of int
         Lines of the encoder whose errors the log shows; they are part of every fit.
+    weighing : Weighing or None
+        What the weights follow from, as long as they may be worked out again.
     memo, kept : dict
         Columns that were built: those of this record, and those of the measured motion alone, which are the same
         whatever torque a model predicts.
@@ -171,6 +175,7 @@ class Record:
     left_out: tuple[tuple[float, float], ...] = ()
     step: float = 0.0
     lines: tuple[int, ...] = ()
+    weighing: Weighing | None = field(default=None, repr=False)
     memo: Memo = field(default_factory=dict, repr=False)
     kept: Memo = field(default_factory=dict, repr=False)
 
@@ -215,7 +220,7 @@ class Record:
 
     def shaped(self, values: Array) -> Array:
         """Filter and thin a column given at the log's rate, shape (n,), to shape (m,)."""
-        return self.prepared.column(np.ascontiguousarray(np.broadcast_to(values, self.prepared.t.shape)))
+        return self.prepared.column(values)
 
     def at_grid(self, values: Array) -> Array:
         """Thin without filtering, along the last axis."""
@@ -255,7 +260,7 @@ class Record:
             if not places:
                 out.append(None)
                 continue
-            values = [np.broadcast_to(parts[k][name], self.prepared.t.shape) for k in places]
+            values = [parts[k][name] for k in places]
             columns = np.stack([self.at_grid(one) for one in values]) if filtered else self.prepared.columns(values)
             if len(places) < len(parts):
                 some, columns = columns, np.zeros((len(parts), columns.shape[1]))
@@ -293,22 +298,24 @@ class Record:
         Above its own frequency the load stays behind, and the rotor alone turns noise into torque. `load`, shape (m,),
         is its acceleration against the rotor's.
         """
-        key = ("plain motion",)
+        key, weight = ("plain motion",), self.weight[0] * self.mask
         if key not in self.kept:
             plain = [self.signals[name] for name in ("alpha", "direction", "omega")]
-            self.kept[key] = self.prepared.columns([*plain, np.ones_like(plain[0])])
-        weight = self.weight[0] * self.mask
-        columns = np.vstack([load, self.kept[key]]) * weight
-        values, *_ = np.linalg.lstsq(columns.T, self.target[0] * weight, rcond=None)
-        left = float(np.linalg.norm(self.target[0] * weight - values @ columns) / np.linalg.norm(weight))
-        rotor = float(values[1] - values[0])
+            self.kept[key] = factored((self.prepared.columns([*plain, np.ones_like(plain[0])]) * weight).T)
+        rigid, target, column = self.kept[key], self.target[0] * weight, load * weight
+        along, shared = rigid.basis.T @ target, rigid.basis.T @ column
+        own = column - rigid.basis @ shared
+        seen = own @ own > RANK_TOLERANCE**2 * (column @ column)
+        inertia = float(own @ target / (own @ own)) if seen else 0.0
+        left = float(np.linalg.norm(target - rigid.basis @ along - inertia * own) / np.linalg.norm(weight))
+        rotor = float(rigid.inverse[0] @ (along - inertia * shared)) - inertia
         return left / rotor if rotor > 0.0 else math.inf
 
     def slope_behind(self, values: Array) -> Array:
         """Slope over the time from `late` ago until now, at the log's rate: so a delay of `late` is met exactly."""
         if self.late is None or abs(self.late) < LATE * self.period:
             return self.rate_of(values)
-        return (values - shifted(self.prepared.t, values, -self.late)) / self.late
+        return (values - shifted(values, self.period, -self.late)) / self.late
 
 
 def make_record(
@@ -397,20 +404,19 @@ def _made(
         signals |= with_noise(log, prepared)
     target = np.array([prepared.column(driving if name == "torque" else signals[name]) for name in channels])
     moving = (sure & _edges(prepared) & measured)[prepared.keep]
-    torque_weight, moving = weight_of_torque(log, prepared, signals, kink, moving, steps, wrong)
-    weight = [torque_weight]
-    for name in channels[1:]:
-        level = np.hypot(target[1], target[2])
-        weight.append(weight[0] * voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)))
+    level = np.hypot(*target[1:]) if len(channels) > 1 else np.zeros(0)
+    voltages = [voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)) for name in channels[1:]]
+    weighing = Weighing(log, prepared, signals, kink, moving, steps, tuple(voltages))
+    weight, mask = weighing.weights(wrong)
     source = "torque" if "torque" in log else "i_q"
     levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
     levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(
-        design, prepared, signals, tuple(channels), target, moving, np.array(weight),
-         float(prepared.t[-1] - prepared.t[0]), np.array(levels), kink[0],
-        (*few, *_too_long(given, log), *prepared.notes), None if "theta" in log else age,
-        timing=timing, sampling=sampling, early=early, sampling_stated=drive_sampling(design, log).stated,
-        unseen=_in_gaps(log), records=log.records, wrong=wrong, step=resolution,
+        design, prepared, signals, tuple(channels), target, mask, weight, float(prepared.t[-1] - prepared.t[0]),
+        np.array(levels), kink[0], (*few, *_too_long(given, log), *prepared.notes),
+        None if "theta" in log else age, timing=timing, sampling=sampling, early=early,
+        sampling_stated=drive_sampling(design, log).stated, unseen=_in_gaps(log), records=log.records, wrong=wrong,
+        step=resolution, weighing=weighing,
     )  # fmt: skip
 
 
@@ -485,10 +491,10 @@ def _beyond_band(record: Record, name: str, late: float) -> Array:
         measured = record.signals[name]
         record.kept[key] = measured - record.at_full_rate(record.shaped(measured))
     beyond: Array = record.kept[key]
-    return beyond if late == 0.0 else shifted(record.prepared.t, beyond, late)
+    return beyond if late == 0.0 else shifted(beyond, record.period, late)
 
 
 def with_direction(record: Record, direction: Array) -> Record:
     """Return a copy in which dry friction follows this direction instead; what does not hang on it stays remembered."""
-    kept = {key: value for key, value in record.kept.items() if key[0] in ANY_DIRECTION}
+    kept = {key: value for key, value in record.kept.items() if key[0] in ALWAYS}
     return replace(record, signals={**record.signals, "direction": direction}, memo={}, kept=kept)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.design_parts import Sampled
 from pmsm_ctrl.log import Log
-from pmsm_ctrl.regression.filters import derivative
+from pmsm_ctrl.regression.filters import derivative, shifted
 from pmsm_ctrl.sampling import speed_lag
 
 __all__ = [
@@ -155,13 +155,10 @@ def sampling_columns(torque: Array, period: float, late: float) -> dict[str, Arr
     late : float
         Delay about which the slope is taken, s: so that delay is met exactly.
     """
-    from scipy.interpolate import CubicSpline
-
     slope = np.gradient(torque, period)
     curved = np.gradient(slope, period)
     if abs(late) >= MET * period:
-        t = period * np.arange(len(torque))
-        slope = (torque - CubicSpline(t, torque)(np.clip(t - late, t[0], t[-1]))) / late
+        slope = (torque - shifted(torque, period, -late)) / late
     return {LATENESS: -slope, SPREAD: curved}
 
 

@@ -98,8 +98,9 @@ def _waves(theta: Array, speed: Array, fast: Array, odd: Array, band: tuple[floa
     start, stop = (np.searchsorted(speed, 2.0 * np.pi * edge / orders) for edge in band)
     bins = start[:, None] + np.linspace(0, stop - start, SPEEDS + 1, axis=1).astype(np.int64)
     sums, span = np.empty((HIGHEST, SPEEDS, 2, 2)), np.empty(HIGHEST)
-    apart_sums(theta, 2.0 * fast, odd, bins, sums, span)
-    judged = np.flatnonzero((stop - start >= FEWEST) & (span >= 2.0 * np.pi * TURNS))
+    enough = 2.0 * np.pi * TURNS
+    apart_sums(theta, 2.0 * fast * np.stack([odd, 1.0 - odd]), bins, enough, sums, span)
+    judged = np.flatnonzero((stop - start >= FEWEST) & (span >= enough))
     power, standing = np.zeros(HIGHEST), np.zeros(HIGHEST)
     if not len(judged):
         return power

@@ -34,43 +34,35 @@ def derivative(values: Array, period: float, method: str = "nine_point") -> Arra
     if method not in _STENCILS:
         raise RequestError(f"derivative '{method}': known are nine_point, central")
     weights = _STENCILS[method]
-    reach, n = len(weights), len(values)
-    if n <= 2 * reach:
+    n = len(values)
+    if n <= 2 * len(weights):
         return np.gradient(values, period)
     from pmsm_ctrl.kernels.filters import central_differences
 
     out = np.empty(n)
     central_differences(np.require(values, np.float64, ["C", "W"]), np.array(weights), period, out)
-    out[:reach] = np.gradient(values[: reach + 1], period)[:reach]
-    out[n - reach :] = np.gradient(values[n - reach - 1 :], period)[1:]
     return out
 
 
-# Samples of a long log that are interpolated at once, and samples beyond either end that a cubic spline still feels:
-# each counts 0.27 times as much as the one before.
-PIECE, FELT = 131_072, 64
-
-
-def shifted(t: Array, values: Array, by: float) -> Array:
-    """Return values of shape (n,) at times that lie `by` later, by a cubic spline; the ends are continued.
+def shifted(values: Array, period: float, by: float) -> Array:
+    """Return samples of a uniform grid at times that lie `by` later, by a cubic spline; the ends are continued.
 
     Parameters
     ----------
-    t : array, shape (n,)
-        Increasing, s.
     values : array, shape (n,)
+    period : float
+        s.
     by : float
         s.
-    """
-    from scipy.interpolate import CubicSpline
 
-    at = np.clip(t + by, t[0], t[-1])
-    out = np.empty(len(t))
-    for start in range(0, len(t), PIECE):
-        some = slice(start, start + PIECE)
-        first, last = np.searchsorted(t, [at[some][0], at[some][-1]])
-        around = slice(max(0, int(first) - FELT), int(last) + FELT)
-        out[some] = CubicSpline(t[around], values[around])(at[some])
+    Returns
+    -------
+    array, shape (n,)
+    """
+    from pmsm_ctrl.kernels.filters import moved
+
+    out = np.empty(len(values))
+    moved(np.require(values, np.float64, ["C", "W"]), by / period, out)
     return out
 
 

@@ -162,13 +162,16 @@ def _place(mask: NDArray[np.bool_]) -> Array:
 
 def _instruments(record: Record) -> Iterator[Array]:
     """Yield the reference's speed, its acceleration and its direction at several times, each of shape (m,)."""
-    reference = record.signals["omega_ref"]
-    speed = record.shaped(reference)
+    key = ("reference",)
+    if key not in record.kept:
+        reference = record.signals["omega_ref"]
+        turns = (np.sign(_shifted(reference, round(late * record.prepared.rate))) for late in TURNS)
+        record.kept[key] = record.prepared.columns([reference, *turns])
+    speed, *directions = record.kept[key]
     for values in (speed, np.gradient(speed)):
         for shift in SHIFTS:
             yield _shifted(values, shift)
-    for late in TURNS:
-        yield record.shaped(np.sign(_shifted(reference, round(late * record.prepared.rate))))
+    yield from directions
 
 
 def _of_speed(model: Model, names: list[str], entering: NDArray[np.int64]) -> Iterator[Array]:

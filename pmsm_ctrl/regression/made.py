@@ -10,7 +10,6 @@ from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import Memo, Record, make_record
 from pmsm_ctrl.regression.conditioning import Processing
 from pmsm_ctrl.regression.drive_timing import DriveTiming
-from pmsm_ctrl.regression.weights import WRONG_TORQUE
 
 __all__ = ["Made", "for_design"]
 
@@ -45,9 +44,8 @@ class Made:
         return cls(log, None if coarse or len(log) > MOST_KEPT else {})
 
     def record(
-        self, design: Design, processing: Processing | None = None, age: float = 0.0,
-        timing: DriveTiming | None = None, wrong: float = WRONG_TORQUE,
-    ) -> Record:  # fmt: skip
+        self, design: Design, processing: Processing | None = None, age: float = 0.0, timing: DriveTiming | None = None
+    ) -> Record:
         """Do what `make_record` does, once.
 
         Columns of the measured motion alone are the same for all of these designs, and stay remembered.
@@ -55,12 +53,12 @@ class Made:
         Parameters
         ----------
         design : Design
-        processing, age, timing, wrong
+        processing, age, timing
             As there.
         """
-        key = (processing, age, timing, wrong)
+        key = (processing, age, timing)
         if self.records is None or key not in self.records:
-            record = make_record(design, self.log, processing, age, timing, wrong)
+            record = make_record(design, self.log, processing, age, timing)
             if self.records is not None:
                 self.records[key] = record
             return record

@@ -11,7 +11,7 @@ from pmsm_ctrl.design import Design, EffectEntry
 from pmsm_ctrl.errors import LogError
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.angle_zero import with_common_zero
-from pmsm_ctrl.regression.balances import STANDSTILL, USABLE, Record
+from pmsm_ctrl.regression.balances import ALWAYS, STANDSTILL, USABLE, Record
 from pmsm_ctrl.regression.bandwidth import signal_band
 from pmsm_ctrl.regression.base_fit import Estimated, base_fit, settled_model
 from pmsm_ctrl.regression.conditioning import Processing, default_cutoff
@@ -96,7 +96,8 @@ def timed_record(design: Design, log: Log, made: Made | None = None, band: float
     made = made or Made(log)
     timed, fit = _timed(design, made, band)
     record = timed if band else _widened(design, made, timed, fit)
-    record, fit = _weighed(design, made, record, fit if record is timed else base_fit(design, record))
+    record, fit = _weighed(design, record, fit if record is timed else base_fit(design, record))
+    record = replace(record, weighing=None)  # it holds the log
     if record.records:
         record = of_one_axis(design, record)
         fit = base_fit(design, record)
@@ -169,7 +170,7 @@ def of_one_axis(design: Design, record: Record) -> Record:
     return with_common_zero(weighed, weighed.target[0] - fit.weighted.predicted()[0], fit.whitener)
 
 
-def _weighed(design: Design, made: Made, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
+def _weighed(design: Design, record: Record, fit: Estimated) -> tuple[Record, Estimated]:
     """Weigh edges and reversals by the noise floor, where the model fits better than the weights assumed.
 
     The error of the moment of a reversal is small beside a usual noise level, and large beside a low one.
@@ -177,8 +178,10 @@ def _weighed(design: Design, made: Made, record: Record, fit: Estimated) -> tupl
     wrong = max(_noise(fit), CLOSEST)
     if wrong > CLOSER * WRONG_TORQUE:
         return record, fit
-    processing = Processing(standstill=STANDSTILL, cutoff=record.cutoff)
-    again = made.record(design, processing, record.age or 0.0, record.timing, wrong)
+    assert record.weighing is not None
+    weight, mask = record.weighing.weights(wrong)
+    kept = {key: value for key, value in record.kept.items() if key[0] in ALWAYS}
+    again = replace(record, weight=weight, mask=mask, wrong=wrong, memo={}, kept=kept)
     return again, base_fit(design, again)
 
 

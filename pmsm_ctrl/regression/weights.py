@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from pmsm_ctrl.regression.timing import punctual
 __all__ = [
     "EDGE_PERIODS",
     "WRONG_TORQUE",
+    "Weighing",
     "edge_weight",
     "on_grid",
     "prefilter",
@@ -52,6 +54,45 @@ ROUNDED = 0.15
 WRONG_TORQUE = 0.02
 # How far a voltage balance can be trusted: shares of the inductive drop and of the voltage.
 WRONG_INDUCTIVE, WRONG_VOLTAGE = 0.2, 0.001
+
+
+@dataclass(frozen=True, eq=False)
+class Weighing:
+    """What the weights of the balances of a log follow from, beside the errors that need no care.
+
+    Attributes
+    ----------
+    log : Log
+        As it was conditioned.
+    prepared : Prepared
+    signals : dict of str to array, shape (n,)
+    kink : (float, float)
+        Level of the dry friction, N m (N), and the inertia.
+    used : bool array, shape (m,)
+        Samples that may take part.
+    steps : StepErrors or None
+    voltages : tuple of array, shape (m,)
+        Weights of the voltage balances beside that of the torque.
+    """
+
+    log: Log
+    prepared: Prepared
+    signals: Mapping[str, Array]
+    kink: tuple[float, float]
+    used: NDArray[np.bool_]
+    steps: StepErrors | None
+    voltages: tuple[Array, ...]
+
+    def weights(self, least: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the weights, shape (channels, m), and the samples that take part, shape (m,).
+
+        Parameters
+        ----------
+        least : float
+            Share of the torque's scatter up to which errors need no care.
+        """
+        torque, used = weight_of_torque(self.log, self.prepared, self.signals, self.kink, self.used, self.steps, least)
+        return np.array([torque, *(torque * one for one in self.voltages)]), used
 
 
 def weight_of_torque(

@@ -32,6 +32,13 @@ def test_gain_of_the_derivative_at_30_hz(method: str, loss: float) -> None:
         assert np.max(np.abs(got / w)) == pytest.approx(np.sin(w / 1000) / (w / 1000), abs=2e-5)
 
 
+@pytest.mark.parametrize(("method", "reach"), [("central", 1), ("nine_point", 4)])
+def test_ends_of_a_derivative_are_numpys_gradient(rng: np.random.Generator, method: str, reach: int) -> None:
+    x = rng.standard_normal(30)
+    found, ends = derivative(x, 0.01, method), np.r_[0:reach, 30 - reach : 30]
+    np.testing.assert_allclose(found[ends], np.gradient(x, 0.01)[ends], rtol=1e-14)
+
+
 @pytest.mark.parametrize("method", ["nine_point", "central"])
 def test_derivative_of_a_straight_line(method: str) -> None:
     np.testing.assert_allclose(derivative(3.0 * np.arange(200) * 0.01 + 7.0, 0.01, method), 3.0, rtol=1e-9)

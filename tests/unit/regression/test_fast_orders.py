@@ -9,6 +9,7 @@ from pmsm_ctrl.compare import compare
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.diagnose import diagnose
 from pmsm_ctrl.identify import identify
+from pmsm_ctrl.kernels.orders import apart_sums
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.fast_orders import orders_beyond
 
@@ -53,6 +54,23 @@ def test_a_vibration_at_one_speed_is_no_order(seed: int) -> None:
     shaking = np.where(omega == 25.0, 2.0 * np.sin(25.0 * 20.0 * t), 0.0)
     log = Log({"t": t, "theta": theta, "torque": 8.0 * np.sign(omega) + shaking + 0.3 * rng.standard_normal(t.size)})
     assert orders_beyond(HARMONIC, log, 40.0) == ()
+
+
+def test_sums_of_an_order_bin_by_bin(rng: np.random.Generator) -> None:
+    theta, x = rng.uniform(0.0, 4.0, 90), rng.standard_normal(90)
+    odd = rng.integers(0, 2, 90).astype(float)
+    edges = np.array([[10, 40, 90], [5, 5, 60], [0, 20, 33]])
+    sums, span = np.empty((3, 2, 2, 2)), np.empty(3)
+    apart_sums(theta, x * np.stack([odd, 1.0 - odd]), edges, np.inf, sums, span)
+    for k, row in enumerate(edges):
+        wave = x * np.exp(-1j * (k + 1) * theta)
+        for b in range(2):
+            inside = slice(row[b], row[b + 1])
+            expected = [np.sum((wave * piece)[inside]) for piece in (odd, 1.0 - odd)]
+            assert sums[k, b] == pytest.approx(np.array([[z.real, z.imag] for z in expected]), abs=1e-12)
+        assert span[k] == np.ptp(theta[row[0] : row[2]])
+    apart_sums(theta, x * np.stack([odd, 1.0 - odd]), edges, 1.0, sums, span)
+    assert (span >= 1.0).all()
 
 
 def test_every_verb_says_it() -> None:

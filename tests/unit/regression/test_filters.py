@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.signal import butter, cheby1, sosfiltfilt
 
 from pmsm_ctrl.kernels.filters import coloured_back, whitened
-from pmsm_ctrl.regression.filters import low_pass
+from pmsm_ctrl.regression.filters import low_pass, shifted
 
 
 @pytest.mark.parametrize("steep", [False, True])
@@ -25,6 +26,21 @@ def test_low_pass_of_one_signal_has_its_shape(rng: np.random.Generator) -> None:
     x = rng.standard_normal(500)
     assert low_pass(x, 1000.0, 40.0).shape == (500,)
     assert low_pass(x[None, None], 1000.0, 40.0, step=3).shape == (1, 1, 167)
+
+
+@pytest.mark.parametrize("n", [4, 5, 200])
+@pytest.mark.parametrize("by", [0.0, 0.3, -0.3, 1.0, 2.7, -1.5, 500.0, -500.0])
+def test_a_shift_is_scipys_cubic_spline(rng: np.random.Generator, n: int, by: float) -> None:
+    period, x = 1e-3, rng.standard_normal(n)
+    t = period * np.arange(n)
+    expected = CubicSpline(t, x)(np.clip(t + by * period, t[0], t[-1]))
+    assert shifted(x, period, by * period) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_shifted_cubic_is_itself() -> None:
+    t = np.arange(40.0)
+    cubic = np.polynomial.Polynomial([1.0, -2.0, 0.3, 0.01])
+    assert shifted(cubic(t), 1.0, 0.4)[:-1] == pytest.approx(cubic(t[:-1] + 0.4), rel=1e-12)
 
 
 def test_whitening_kernels_are_a_matrix_and_its_transposed_inverse(rng: np.random.Generator) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from pmsm_ctrl.design import Design
 from pmsm_ctrl.log import Log
+from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.conditioning import Prepared, prepare
 from pmsm_ctrl.regression.weights import EDGE_PERIODS, edge_weight, reversal_weight, torque_noise
 from pmsm_ctrl.simulate import scenario, simulate
@@ -60,3 +61,13 @@ def test_a_reversal_counts_the_less_the_more_friction_turns_there(log: Log, prep
     near = away < 0.5 / prepared.cutoff
     assert at[2][near].mean() < at[1][near].mean() < 0.5
     assert min(weight[away > 3.0 / prepared.cutoff].min() for weight in at) == 1.0
+
+
+def test_weights_for_another_error_are_those_of_a_record_made_with_it(designs, log: Log) -> None:
+    design = Design.read(designs / "seed_motor.toml")
+    record, other = (make_record(design, log, wrong=wrong) for wrong in (0.02, 0.004))
+    assert record.weighing is not None
+    weight, mask = record.weighing.weights(0.004)
+    assert (weight < record.weight).any()
+    np.testing.assert_array_equal(weight, other.weight)
+    np.testing.assert_array_equal(mask, other.mask)
