@@ -305,8 +305,7 @@ class Record:
         rigid, target, column = self.kept[key], self.target[0] * weight, load * weight
         along, shared = rigid.basis.T @ target, rigid.basis.T @ column
         own = column - rigid.basis @ shared
-        seen = own @ own > RANK_TOLERANCE**2 * (column @ column)
-        inertia = float(own @ target / (own @ own)) if seen else 0.0
+        inertia = float(own @ target / (own @ own)) if own @ own > RANK_TOLERANCE**2 * (column @ column) else 0.0
         left = float(np.linalg.norm(target - rigid.basis @ along - inertia * own) / np.linalg.norm(weight))
         rotor = float(rigid.inverse[0] @ (along - inertia * shared)) - inertia
         return left / rotor if rotor > 0.0 else math.inf
@@ -406,9 +405,10 @@ def _made(
     moving = (sure & _edges(prepared) & measured)[prepared.keep]
     level = np.hypot(*target[1:]) if len(channels) > 1 else np.zeros(0)
     voltages = [voltage_weight(design, prepared, signals, level, on_grid(log, prepared, name)) for name in channels[1:]]
-    weighing = Weighing(log, prepared, signals, kink, moving, steps, tuple(voltages))
-    weight, mask = weighing.weights(wrong)
     source = "torque" if "torque" in log else "i_q"
+    read = replace(log, channels={name: log[name] for name in ("t", "theta", source) if name in log})
+    weighing = Weighing(read, prepared, signals, kink, moving, steps, tuple(voltages))
+    weight, mask = weighing.weights(wrong)
     levels = [quantisation_error(on_grid(log, prepared, name), prepared.rate) for name in (source, *channels[1:])]
     levels[0] *= 1.0 if source == "torque" else design.K_t_assumed
     return Record(

@@ -63,7 +63,7 @@ class Weighing:
     Attributes
     ----------
     log : Log
-        As it was conditioned.
+        As it was conditioned; angle and drive signal are enough.
     prepared : Prepared
     signals : dict of str to array, shape (n,)
     kink : (float, float)
