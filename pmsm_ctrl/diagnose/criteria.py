@@ -353,7 +353,9 @@ def left_inside(share: float, p_inside: float, beyond: Refusal, policy: Policy =
     return None if share > policy.left_inside and p_inside <= policy.significance else beyond
 
 
-def determined(values: Mapping[str, tuple[float, float]], ran_out: bool) -> Refusal | None:
+def determined(
+    values: Mapping[str, tuple[float, float]], ran_out: bool, policy: Policy = POLICY
+) -> Refusal | None:  # fmt: skip
     """Check that the log determines how large an effect is.
 
     Parameters
@@ -362,10 +364,11 @@ def determined(values: Mapping[str, tuple[float, float]], ran_out: bool) -> Refu
         Of its amplitudes; none where it has no column of its own.
     ran_out : bool
         Whether its shape wants to be outside of the range that was searched: there is no optimum inside.
+    policy : Policy
     """
     if ran_out:
         return Refusal(Reason.PARAMETER_AT_BOUND)
-    if values and all(abs(value) <= stderr for value, stderr in values.values()):
+    if values and all(abs(value) <= policy.sure_errors * stderr for value, stderr in values.values()):
         name, (value, stderr) = next(iter(values.items()))
         return Refusal(Reason.NOT_DETERMINED, {"parameter": name, "value": value, "stderr": stderr})
     return None

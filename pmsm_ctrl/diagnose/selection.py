@@ -442,7 +442,7 @@ def _judge_parameters(before: Fitted, after: Fitted, trial: Trial, policy: Polic
     last = after.accepted[-1]
     own = columns[-len(trial.values) :] if after.position(len(after.accepted) - 1) is not None else ()
     amplitudes = {model.names[k]: (float(inside.values[k]), stderr[k]) for k in own}
-    refusal = criteria.determined(amplitudes, _ran_out(last)) or _judge_sampling(after, policy)
+    refusal = criteria.determined(amplitudes, _ran_out(last), policy) or _judge_sampling(after, policy)
     beyond = outside(after.plain, base)
     if refusal is not None or beyond is None:
         return refusal

@@ -207,9 +207,11 @@ def test_no_effect_makes_a_log_contradict_its_design() -> None:
 
 
 def test_the_log_has_to_determine_how_large_an_effect_is() -> None:
-    assert criteria.determined({"a_s": (0.1, 0.2), "a_c": (0.3, 0.1)}, False) is None
+    assert criteria.determined({"a_s": (0.1, 0.2), "a_c": (0.4, 0.1)}, False) is None
     assert criteria.determined({}, False) is None
     assert reason(criteria.determined({"dF_c": (2.5e4, 2.5e4)}, False)) is Reason.NOT_DETERMINED
+    saturation = {"k_s": (0.0149, 0.0060)}  # of a clean log in a held reference (920142), at p < 1e-12
+    assert reason(criteria.determined(saturation, False)) is Reason.NOT_DETERMINED
     assert reason(criteria.determined({"dF_c": (1.0, 0.1)}, True)) is Reason.PARAMETER_AT_BOUND
 
 
