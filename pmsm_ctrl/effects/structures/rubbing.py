@@ -90,8 +90,11 @@ def rubbing_shapes(log: LogView, lowest: float) -> tuple[list[dict[str, float]],
         ])  # fmt: skip
         balances.kept[SEEN] = springs, _spring_torques(balances, springs)
     springs, torques = balances.kept[SEEN]
-    columns = weight * (torques - plain[0] - springs[:, 2:] * plain[1])
-    gains = _gains(columns, rigid, weight * log.residual)
+    basis, residual = np.linalg.qr(rigid.T)[0], weight * log.residual
+    gains = np.concatenate([  # a few at a time: of a long log they are large
+        _gains(weight * (torques[some] - plain[0] - springs[some, 2:] * plain[1]), basis, residual)
+        for some in (slice(start, start + AT_ONCE) for start in range(0, len(springs), AT_ONCE))
+    ])  # fmt: skip
     best = springs[_peaks(gains.reshape(FREQUENCIES, len(RATIOS)))]
     return [dict(zip(NAMES, spring, strict=True)) for spring in best.tolist()], len(springs)
 
@@ -108,9 +111,8 @@ def _spring_torques(balances: Balances, springs: Array) -> NDArray[np.float32]:
     return np.stack(out)
 
 
-def _gains(columns: Array, rigid: Array, residual: Array) -> Array:
-    """Return by how much each column, shape (k, m), lowers the sum of squares beside a rigid axis, shape (k,)."""
-    basis = np.linalg.qr(rigid.T)[0]
+def _gains(columns: Array, basis: Array, residual: Array) -> Array:
+    """Return by how much each column, shape (k, m), lowers the sum of squares beside those of a basis, shape (k,)."""
     own = columns - (columns @ basis) @ basis.T
     along, size = own @ residual, np.sum(own**2, axis=1)
     return np.asarray(np.where(along > 0.0, along**2 / np.maximum(size, 1e-300), 0.0))
