@@ -186,6 +186,8 @@ def through(
 @inlined
 def _stop(speed: float, start: float, jerk: float) -> float:
     """Return when ``speed + start t + jerk t^2 / 2`` meets zero first, after t = 0."""
+    if speed == 0.0:
+        return -2.0 * start / jerk if start * jerk < 0.0 else np.inf
     inside = start * start - 2.0 * jerk * speed
     closing = np.sqrt(max(inside, 0.0)) - (start if speed > 0.0 else -start)
-    return 2.0 * abs(speed) / closing if speed != 0.0 and inside >= 0.0 and closing > 0.0 else np.inf
+    return 2.0 * abs(speed) / closing if inside >= 0.0 and closing > 0.0 else np.inf

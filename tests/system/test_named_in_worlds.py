@@ -31,6 +31,15 @@ def test_an_effect_that_noise_hides_in_the_usual_band_is_found_in_half_of_it(
     assert written == pytest.approx(found.errors["final"]["torque"]["relative"], rel=1e-3)
 
 
+@pytest.mark.slow
+def test_a_weak_saturation_is_named() -> None:
+    world = draw(770016)  # margin 3.6; it was a minor part of what followed reversals by substeps left
+    (step,) = diagnose(world.design, simulate_world(world, {"saturation": 0.01271}), plan=False).steps
+    assert step.effect == "torque_saturation"
+    assert step.parameters["k_s"].value == pytest.approx(0.01271, abs=3.0 * step.parameters["k_s"].stderr)
+    assert added(world.design, simulate_world(world, {"saturation": 0.01271}), "torque_saturation").supported
+
+
 def test_an_effect_that_explains_a_minor_part_is_named_where_half_the_band_shows_nothing_else() -> None:
     world = draw(790048)  # margin 5.9; too fast for half the band
     log = simulate_world(world, {"wave": 0.0155925, "wave_order": 12.0, "wave_phase": 2.549345})

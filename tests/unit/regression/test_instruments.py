@@ -69,6 +69,16 @@ def test_noise_that_moves_the_axis_makes_no_torque_early(late: int) -> None:
         assert np.mean(some) == pytest.approx(0.0, abs=0.35e-3 / np.sqrt(len(some)))
 
 
+@pytest.mark.slow
+@pytest.mark.xfail(reason="of four logs one is 0.46 ms off: the scatter of 40 logs is 0.185 ms, stated are 0.15")
+@pytest.mark.parametrize("late", [0, 1])
+def test_the_delay_of_every_such_log_is_within_a_third_of_a_sample(late: int) -> None:
+    true = late * PERIOD - 0.5 * PERIOD / FINE
+    for seed in range(1, 5):
+        fit = base_fit(believed(), make_record(believed(), pushed(seed, late, 0.01)))
+        assert fit.value(LATENESS)[0] == pytest.approx(true, abs=0.35e-3)
+
+
 def test_a_log_without_a_reference_tells_nothing_by_it() -> None:
     log = pushed(1, 0, 0.0)
     found = settled_model(believed(), make_record(believed(), Log({n: log[n] for n in ("t", "theta", "torque")})))

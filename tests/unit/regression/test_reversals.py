@@ -9,7 +9,7 @@ from pmsm_ctrl import Design
 from pmsm_ctrl.log import Log
 from pmsm_ctrl.regression.balances import make_record
 from pmsm_ctrl.regression.filters import derivative, low_pass
-from pmsm_ctrl.regression.reversals import reversals, timed_sign
+from pmsm_ctrl.regression.reversals import reversals, through, timed_sign
 from pmsm_ctrl.regression.reversals import turned as followed
 
 J = 1.0 / 200.0  # inertia over the level of friction, s^2
@@ -77,6 +77,14 @@ def test_at_rest_friction_balances_the_torque() -> None:
     friction[10] = 0.5 * (1.0 + 0.5 - 0.25 * ramp * 1e-3)  # half a sample of either
     friction[40] += 0.125 * ramp * 1e-3  # it leaves in the middle
     assert share[1:-1] == pytest.approx(friction[1:-1], abs=1e-6)
+
+
+def test_a_push_that_moves_a_resting_shaft_within_a_sample_lets_it_stop_again() -> None:
+    # 1.2 levels at first, none a sample later: it stops after a third of the sample, and friction balances the torque
+    share, moves = np.empty(2), 2.0 * 0.2 / 1200.0
+    speed, travel = through(0.0, np.array([1.2, 0.0]), 0.0, 1.0, J, 1e-3, share)
+    assert (speed, travel) == (0.0, pytest.approx(0.2 * moves**2 / 6.0 / J, rel=1e-12))
+    assert share == pytest.approx([1.0 / 3.0 + 0.7 / 6.0, 0.15], rel=1e-12)
 
 
 @pytest.mark.parametrize("missing", [0.0, 0.1])
