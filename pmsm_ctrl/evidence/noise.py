@@ -65,10 +65,13 @@ class NoiseModel:
 
     def toeplitz(self, columns: Array) -> Array:
         """Return R times columns of shape (n, m), R the autocorrelation matrix."""
+        from scipy.fft import next_fast_len
+
         n = len(columns)
-        row = np.concatenate([self.correlation[:n], [0.0], self.correlation[1:n][::-1]])
+        size = next_fast_len(2 * n, real=True)
+        row = np.concatenate([self.correlation[:n], np.zeros(size - 2 * n + 1), self.correlation[1:n][::-1]])
         spectrum = np.fft.rfft(row)[:, None]
-        return np.fft.irfft(spectrum * np.fft.rfft(columns, 2 * n, axis=0), 2 * n, axis=0)[:n]
+        return np.fft.irfft(spectrum * np.fft.rfft(columns, size, axis=0), size, axis=0)[:n]
 
 
 def stretches(mask: Mask) -> list[slice]:
@@ -162,13 +165,13 @@ def _corrected(model: NoiseModel, mask: Mask, basis: Array) -> NoiseModel:
     n, order = len(mask), model.order
     smooth = model.toeplitz(basis)  # R U
     core = basis.T @ smooth  # U'RU
+    inside = smooth * mask[:, None]  # of a pair both take part; the basis is zero where one does not
+    left = inside - basis @ core
+    counted = mask.astype(np.float64)
     seen = np.zeros(order + 1)
     for lag in range(order + 1):
-        pair = mask[: n - lag] & mask[lag:]
-        u, u_on = basis[: n - lag][pair], basis[lag:][pair]
-        s, s_on = smooth[: n - lag][pair], smooth[lag:][pair]
-        loss = np.sum(u * s_on) + np.sum(s * u_on) - np.sum((u @ core) * u_on)
-        seen[lag] = model.correlation[lag] - loss / max(int(pair.sum()), 1)
+        loss = np.vdot(basis[: n - lag], inside[lag:]) + np.vdot(left[: n - lag], basis[lag:])
+        seen[lag] = model.correlation[lag] - loss / max(float(counted[: n - lag] @ counted[lag:]), 1.0)
     bias = -solve_toeplitz(seen[:-1], seen[1:]) - model.a
     for share in CORRECTIONS:
         a = model.a - share * bias
