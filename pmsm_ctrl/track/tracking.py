@@ -199,10 +199,9 @@ def filter_samples(design: Design, settings: Settings, s: Array, samples: Sample
     out = Filtered(
         x, P, np.empty((n, slow)), np.empty((n, slow)), np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int8)
     )
-    run(
-        samples.t, samples.z, samples.torque, samples.known, s, x, P, m, out.estimates, out.variances,
-        out.covariance, out.innovations, out.events,
-    )  # fmt: skip
+    # a column of a table is not contiguous, and would have the whole filter compiled once more
+    t, z, torque, known = map(np.ascontiguousarray, (samples.t, samples.z, samples.torque, samples.known))
+    run(t, z, torque, known, s, x, P, m, out.estimates, out.variances, out.covariance, out.innovations, out.events)
     return out
 
 
