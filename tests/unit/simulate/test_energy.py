@@ -9,7 +9,7 @@ from pmsm_ctrl.design import Design
 from pmsm_ctrl.effects import CATALOGUE
 from pmsm_ctrl.effects.evaluate import column
 from pmsm_ctrl.simulate import Scenario, simulate
-from tests.unit.simulate.composed import TERMS, simulate_composed
+from tests.unit.simulate.composed import SPRUNG, TERMS, simulate_composed
 
 J = 9e-5
 SIZES = {
@@ -80,7 +80,7 @@ def test_energy_of_two_masses(ideal, checked):
     """Shaft work = two kinetic energies + spring + damper, nothing else."""
     J_load, k, d = 5e-5, 20.0, 2e-3
     design = ideal.with_effect("compliance", {"J_load": J_load, "k": k, "d": d})
-    log = simulate(design, random_motion(np.random.default_rng(3)), keep_truth=True)
+    log = simulate_composed(design, random_motion(np.random.default_rng(3)), composed=SPRUNG)
     t, w = log.t, log["omega_true"]
     twist = log["theta_true"] - log["theta_load"]
     load_speed = np.gradient(log["theta_load"], t, edge_order=2)
