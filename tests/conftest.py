@@ -48,11 +48,24 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     slow = [item for item in items if item.get_closest_marker("slow")]
     config.hook.pytest_deselected(items=slow)
     items[:] = [item for item in items if not item.get_closest_marker("slow")]
+    if hasattr(config, "workerinput"):
+        items[:] = _begun_apart(items)
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    if not config.getoption("--slow"):
-        terminalreporter.write_line("Tests marked slow are left out; --slow runs them.")
+# What compiles no kernel, and takes 20 s; one file among them does.
+NO_KERNELS = tuple(ROOT / "tests" / "unit" / name for name in (
+    "importers", "rendering", "test_design.py", "test_docstrings.py", "test_imports.py",
+))  # fmt: skip
+BUT = ROOT / "tests" / "unit" / "importers" / "test_lost.py"
+
+
+def _begun_apart(items: list[pytest.Item]) -> list[pytest.Item]:
+    """Let the second of two processes begin with what compiles nothing: both would compile the same kernels at once."""
+    plain = [any(item.path.is_relative_to(place) for place in NO_KERNELS) and item.path != BUT for item in items]
+    light = [item for item, is_plain in zip(items, plain, strict=True) if is_plain]
+    others = [item for item, is_plain in zip(items, plain, strict=True) if not is_plain]
+    half = len(items) // 2
+    return others[:half] + light + others[half:]
 
 
 def data_folder() -> Path:
