@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 LONG_ENOUGH = 200_000  # samples that tell the step of an angle
 ROUNDING = 1e-9  # share of the range below which a step is the rounding of a number
 NEGLIGIBLE = 1e-3  # share of the acceleration's scatter
+# Steps of an angle are multiples of the smallest: of those of up to so many times that, at most a share may be off by
+# more than a share of it. The advance of a shaft that never stops is no step.
+MULTIPLES, OFF, MOST_OFF = 10.0, 0.1, 0.1
 ZEROS = 8  # places of the encoder's zero between two steps over which its error is averaged
 
 
@@ -37,9 +40,20 @@ def angle_step(log: Log) -> float:
     if "theta" not in log:
         return 0.0
     theta = log["theta"][:LONG_ENOUGH]
-    steps = np.diff(np.unique(theta))
-    steps = steps[steps > ROUNDING * float(np.ptp(theta))]
-    return float(np.min(steps, initial=np.inf)) if len(steps) else 0.0
+    steps, least = np.diff(np.unique(theta)), ROUNDING * float(np.ptp(theta))
+    steps = steps[steps > least]
+    if _multiples(steps):
+        return float(np.min(steps, initial=np.inf)) if len(steps) else 0.0
+    sizes = np.diff(np.unique(steps))  # by how much the advances differ
+    sizes = sizes[sizes > least]
+    return float(np.min(sizes)) if len(sizes) and _multiples(sizes) else least
+
+
+def _multiples(values: Array) -> bool:
+    """Return whether values are multiples of the smallest, as far as those of a few times that tell."""
+    unit = float(np.min(values, initial=np.inf))
+    counts = values[values < MULTIPLES * unit] / unit
+    return len(counts) == 0 or float(np.mean(np.abs(counts - np.round(counts)) > OFF)) <= MOST_OFF
 
 
 @dataclass(frozen=True, eq=False)

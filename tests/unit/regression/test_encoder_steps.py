@@ -59,6 +59,16 @@ def test_the_step_is_that_of_the_encoder_and_not_of_rounded_numbers() -> None:
     assert angle_step(Log({"t": t, "omega": theta, "torque": t})) == 0.0
 
 
+@pytest.mark.parametrize("bits", [12, 0])
+def test_what_a_shaft_advances_in_a_sample_is_no_step(bits: int) -> None:
+    """A fan that never stops: the smallest step between two samples is its slowest advance, 0.1 rad."""
+    t = np.arange(5000) * 1e-3
+    theta = 120.0 * t - 20.0 / (2.0 * np.pi * 0.7) * np.cos(2.0 * np.pi * 0.7 * t)
+    step = 2.0 * np.pi / 2**bits
+    log = Log({"t": t, "theta": np.round(theta / step) * step if bits else theta, "torque": np.zeros_like(t)})
+    assert angle_step(log) == pytest.approx(step if bits else 0.0, rel=1e-6, abs=1e-6)
+
+
 def test_samples_count_by_their_noise() -> None:
     error = np.array([1.0, 1.0, 1.0, 3.0, 0.0])
     used = np.ones(5, dtype=bool)
